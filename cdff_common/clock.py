@@ -18,6 +18,8 @@ from typing import Protocol
 from cdff_common.errors import InputError
 
 NS_PER_S = 1_000_000_000
+#: Latest stamp, in the year 2262: stamps are stored as 64-bit integers. The earliest is its negative.
+MAX_STAMP_NS = (1 << 63) - 1
 
 
 def monotonic_s() -> float:
@@ -98,13 +100,20 @@ def parse_stamp(text: str, name: str = "t") -> int:
     Raises
     ------
     InputError
-        If the text is neither, or a time without a zone.
+        If the text is neither, a time without a zone, or does not fit 64 bits of nanoseconds.
     """
-    if _DECIMAL.match(text):
-        stamp_ns = int(text)
-        if stamp_ns % 1000:
-            raise InputError(f"{name}={text}: expected a multiple of 1000 ns (messages contain microseconds)")
-        return stamp_ns
+    stamp_ns = int(text) if _DECIMAL.match(text) else _nanoseconds(text, name)
+    if abs(stamp_ns) > MAX_STAMP_NS:
+        raise InputError(
+            f"{name}={text}: expected a stamp that fits 64 bits of nanoseconds (before the year 2262)"
+        )
+    if stamp_ns % 1000:
+        raise InputError(f"{name}={text}: expected a multiple of 1000 ns (messages contain microseconds)")
+    return stamp_ns
+
+
+def _nanoseconds(text: str, name: str) -> int:
+    """Return the nanoseconds of an RFC 3339 time; raises InputError."""
     try:
         moment = datetime.fromisoformat(text.replace("Z", "+00:00"))
     except ValueError as error:

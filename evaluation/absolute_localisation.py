@@ -48,15 +48,36 @@ MOLA_SIGMA_CELLS = 0.2
 MOLA_CELL_M = 14_822.0
 
 
-def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+#: Parts of MOLA's map that are compared with the map: name -> blur in cells, noise in metres.
+MOLA_MAPS = {
+    "copy": (0.0, 0.0),
+    "5 m noise": (0.0, 5.0),
+    "blurred": (MOLA_BLUR_CELLS, 0.0),
+    "blurred, 20 m noise": (MOLA_BLUR_CELLS, MOLA_NOISE_M),
+}
+PARTS = ("simulated", "mola", "mola_covariance")
+
+
+def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
     """Return the results on simulated and on measured topography."""
+    report: dict[str, Any] = {}
+    path = data / "planetary_rasters" / "megt90n000cb.img"
+    if "simulated" in parts:
+        report["simulated"] = simulated(progress)
+    if "mola" in parts:
+        report["mola"] = mola(path, progress)
+    if "mola_covariance" in parts:
+        report["mola_covariance"] = mola_covariance(path, progress)
+    return report
+
+
+def simulated(progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return the results on simulated drives."""
     report: dict[str, Any] = {
-        "simulated": {
-            "seeds_from": FIRST_SEED,
-            "drives_per_site": DRIVES_PER_SITE,
-            "orbital_cell_m": ORBITAL_M,
-            "false_beyond_m": FALSE_M,
-        }
+        "seeds_from": FIRST_SEED,
+        "drives_per_site": DRIVES_PER_SITE,
+        "orbital_cell_m": ORBITAL_M,
+        "false_beyond_m": FALSE_M,
     }
     kinds = (
         ("after 30 m", "right", TRIALS),
@@ -68,19 +89,18 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         for seed in range(FIRST_SEED, FIRST_SEED + trials):
             progress(f"absolute_localisation: {name}, seed {seed}")
             outputs += run_drive(seed, FIX_PATH_LENGTH_M, kind)
-        report["simulated"][name] = summarise(outputs)
+        report[name] = summarise(outputs)
     outputs = []
     for seed in range(FIRST_SEED + TRIALS, FIRST_SEED + TRIALS + TRAVERSES):
         progress(f"absolute_localisation: traverse, seed {seed}")
         outputs += run_drive(seed, TRAVERSE_PATH_LENGTH_M, "right")
     segments = {round(outcome["path_length_m"] / 30.0) for outcome in outputs}
-    report["simulated"]["traverse"] = {
+    report["traverse"] = {
         f"segment {k}": summarise(
             [outcome for outcome in outputs if round(outcome["path_length_m"] / 30.0) == k]
         )
         for k in sorted(segments)
     }
-    report["mola"] = mola(data / "planetary_rasters" / "megt90n000cb.img", progress)
     return report
 
 
@@ -172,7 +192,7 @@ def summarise(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Match pieces of MOLA's map, shifted, blurred, with noise and a height offset, with the map."""
-    globe = np.fromfile(path, dtype=">i2").reshape(720, 1440).astype(np.float64)
+    globe = read_mola(path)
     node = Registry.default().make_dfn("raster_matching")
     node.configure(
         {
@@ -205,8 +225,46 @@ def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
+def mola_covariance(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return errors and squared errors (two degrees of freedom) of the DFPC on two plain grids."""
+    globe = read_mola(path)
+    dfpc = Registry.default().make_dfpc("absolute_localisation")
+    figures: dict[str, Any] = {}
+    for name, (blur_cells, noise_m) in MOLA_MAPS.items():
+        errors, squared = [], []
+        for seed in range(SHIFTS):
+            progress(f"absolute_localisation: MOLA, {name}, shift {seed}")
+            orbital, rover, shift = shifted_piece(
+                globe, np.random.default_rng([seed, 11]), blur_cells=blur_cells, noise_m=noise_m, offset_m=0.0
+            )
+            dfpc.configure({}, DfpcContext("mana"))
+            samples = Sample("orbital", 0, 0, orbital), Sample("dem", 0, 0, rover)
+            (output,) = [output for sample in samples for output in dfpc.step(sample)]
+            if output.value is not None:
+                e = output.value.transform.matrix[:2, 3] - shift
+                errors.append(float(np.hypot(*e)))
+                squared.append(float(e @ np.linalg.solve(output.value.transform.covariance[:2, :2], e)))
+        figures[name] = {
+            "answered": interval(len(errors), SHIFTS),
+            "false": interval(sum(e > 3.0 for e in errors), SHIFTS),
+            "error_cells": error_summary(errors, 5),
+            "squared_error": {**error_summary(squared, 3), "mean": round(float(np.mean(squared)), 3)},
+        }
+    return figures
+
+
+def read_mola(path: Path) -> np.ndarray:
+    """Return the heights (720, 1440) of MOLA's map, metres."""
+    return np.fromfile(path, dtype=">i2").reshape(720, 1440).astype(np.float64)
+
+
 def shifted_piece(
-    globe: np.ndarray, rng: np.random.Generator
+    globe: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    blur_cells: float = MOLA_BLUR_CELLS,
+    noise_m: float = MOLA_NOISE_M,
+    offset_m: float = MOLA_OFFSET_M,
 ) -> tuple[ElevationMap, ElevationMap, np.ndarray]:
     """Return a window of the map, a smaller map shifted by (x, y) cells, and the shift; cell size 1.
 
@@ -220,9 +278,9 @@ def shifted_piece(
     edges = (-float(n), -float(n), float(n), float(n))
     window_grid = GridGeometry.aligned("site", 1.0, edges)
     r, c = np.indices((2 * half, 2 * half), dtype=np.float64) + margin
-    blurred = gaussian_filter(window, MOLA_BLUR_CELLS, mode="nearest")
+    blurred = gaussian_filter(window, blur_cells, mode="nearest") if blur_cells else window
     piece = map_coordinates(blurred, np.stack([r - shift[1], c + shift[0]]), order=5)
-    piece += rng.normal(0.0, MOLA_NOISE_M, piece.shape) + rng.uniform(-MOLA_OFFSET_M, MOLA_OFFSET_M)
+    piece += rng.normal(0.0, noise_m, piece.shape) + rng.uniform(-offset_m, offset_m)
     piece_grid = GridGeometry.aligned("site", 1.0, (-float(half), -float(half), float(half), float(half)))
     maps = [
         ElevationMap.from_layers(g, {"mean": (z / MOLA_CELL_M).astype(np.float32)}, t0_ns=0, t1_ns=0)
@@ -273,5 +331,14 @@ def table(figures: dict[str, Any]) -> str:
         f"MOLA, {figures['mola']['shifts']} shifts, {figures['mola']['refused_above_sigma_cells'][0]} "
         f"refused: median {cells['median']:.3f}, 95 % {cells['p95']:.3f}, maximum {cells['max']:.3f} "
         f"cells; within 0.2 cells {rate_text(figures['mola']['within_0.2_cells'])}.",
+        "",
+        "| two grids of MOLA | answered | false | error median, 95 %, maximum "
+        "| squared error mean, median (2 expected) |",
+        "|---" * 5 + "|",
     ]
+    for name, row in figures["mola_covariance"].items():
+        error, squared = row["error_cells"], row["squared_error"]
+        error_text = f"{error['median']:.4f}, {error['p95']:.4f}, {error['max']:.4f} cells"
+        cells = (name, rate_text(row["answered"]), rate_text(row["false"]), error_text)
+        lines.append(f"| {' | '.join(cells)} | {squared['mean']:.2f}, {squared['median']:.2f} |")
     return "\n".join(lines)

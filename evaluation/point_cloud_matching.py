@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from evaluation.data_sets.clouds import devon_halves, small_gicp_pair
 from evaluation.peers.environments import kiss_matcher, peer_python
 from evaluation.scenes.terrain import window_pair
 
+PARTS = ("solver_alone", "simulated_terrain", "measured_clouds")
 PROCESSES = 2
 SOLVER_TRIALS = 500
 GATE_M, GATE_DEG = 0.3, 3.0
@@ -100,10 +102,22 @@ def summary(trials: Sequence[Trial], gate_m: float, gate_deg: float) -> dict[str
     return figures
 
 
-def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
     """Return the results of the solver, on simulated and on measured clouds."""
-    progress("point_cloud_matching: solver")
-    figures: dict[str, Any] = {"solver_alone": solver_recall()}
+    figures: dict[str, Any] = {}
+    if "solver_alone" in parts:
+        progress("point_cloud_matching: solver")
+        figures["solver_alone"] = solver_recall()
+    if "simulated_terrain" in parts:
+        figures["simulated_terrain"] = evaluate_terrain(progress)
+    if "measured_clouds" in parts:
+        progress("point_cloud_matching: measured clouds")
+        figures["measured_clouds"] = evaluate_measured(data)
+    return figures
+
+
+def evaluate_terrain(progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return the results on simulated terrain."""
     results: Trials = {}
     seeds = range(max(trials for *_, trials in ROWS))
     with ProcessPoolExecutor(PROCESSES, mp_context=get_context("spawn")) as pool:
@@ -112,10 +126,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
             for name, methods in rows.items():
                 for method, trial_ in methods.items():
                     results.setdefault(name, {}).setdefault(method, []).append(trial_)
-    return figures | {
-        "simulated_terrain": summarise_terrain(results),
-        "measured_clouds": evaluate_measured(data),
-    }
+    return summarise_terrain(results)
 
 
 def run_seed(seed: int) -> dict[str, dict[str, Trial]]:
@@ -188,27 +199,51 @@ def solver_pairs(seed: int, pairs: int, wrong: float) -> tuple[FloatArray, Float
 
 
 def evaluate_measured(data: Path) -> dict[str, Any]:
-    """Return the errors on measured clouds, and the answer for two scans without overlap."""
-    dfpc = configured()
-    figures: dict[str, Any] = {}
-    for name, pair in {
+    """Return for each pair of measured clouds the answer of each method, its errors and its CPU time.
+
+    Pairs are clouds with overlap, clouds with their own copies, and clouds without overlap.
+    """
+    pairs = measured_pairs(data)
+    dfpc, peer = configured(), peer_python("kiss_matcher")
+    answers = {"cdff": [match_clouds(dfpc, source, target) for source, target, _ in pairs.values()]}
+    if peer:
+        clouds = [pair[:2] for pair in pairs.values()]
+        answers["kiss_matcher"] = [(T, cpu_s, []) for T, cpu_s in kiss_matcher(peer, clouds)]
+    return {
+        name: {method: _measured(*answers[method][i], pair[2]) for method in answers}
+        for i, (name, pair) in enumerate(pairs.items())
+    }
+
+
+def measured_pairs(data: Path) -> dict[str, tuple[FloatArray, FloatArray, FloatArray | None]]:
+    """Return source, target and T_target_source of each pair; None if the clouds share no surface."""
+    pairs: dict[str, tuple[FloatArray, FloatArray, FloatArray | None]] = {
         "small_gicp_pair": small_gicp_pair(data),
         "devon_island_halves": devon_halves(data),
-    }.items():
-        T, cpu_s, reasons = match_clouds(dfpc, *pair[:2])
-        errors = (
-            {} if T is None else dict(zip(("error_m", "error_deg"), pose_errors(T, pair[2]), strict=True))
-        )
-        figures[name] = {"answered": T is not None, "reasons": reasons, "cpu_s": round(cpu_s, 2)} | {
-            key: round(value, 5) for key, value in errors.items()
-        }
-    scans = [read_kitti_bin(data / "kitti_velodyne" / f"{i:06d}.bin").points_m for i in (0, 94)]
-    T, cpu_s, reasons = match_clouds(dfpc, *scans)
-    figures["kitti 94 and 0, no overlap"] = {
-        "answered": T is not None,
-        "reasons": reasons,
-        "cpu_s": round(cpu_s, 2),
     }
+    scan, other = (
+        np.asarray(read_kitti_bin(data / "kitti_velodyne" / f"{i:06d}.bin").points_m, dtype=np.float64)
+        for i in (0, 94)
+    )
+    road, gicp = pairs["devon_island_halves"][0], pairs["small_gicp_pair"][0]
+    clouds = {"kitti 0": scan, "kitti 94": other, "devon island": road, "small gicp": gicp}
+    rng = np.random.default_rng(0)
+    for name, cloud in clouds.items():
+        pairs[f"{name}, own copy"] = cloud, cloud, np.eye(4)
+        pairs[f"{name}, copy with 1 mm noise"] = cloud, cloud + rng.normal(0.0, 0.001, cloud.shape), np.eye(4)
+    for first, second in combinations(clouds, 2):
+        pairs[f"{first} and {second}, no overlap"] = clouds[first], clouds[second], None
+    return pairs
+
+
+def _measured(
+    T: FloatArray | None, cpu_s: float, reasons: list[str], T_true: FloatArray | None
+) -> dict[str, Any]:
+    """Return the answer for a pair of measured clouds; an answer without ``T_true`` is wrong."""
+    figures: dict[str, Any] = {"answered": T is not None, "reasons": reasons, "cpu_s": round(cpu_s, 2)}
+    if T is not None and T_true is not None:
+        error_m, error_deg = pose_errors(T, T_true)
+        figures |= {"error_m": round(error_m, 5), "error_deg": round(error_deg, 5)}
     return figures
 
 
@@ -265,14 +300,22 @@ def table(figures: dict[str, Any]) -> str:
         f"{solver['outlier_ratio']:.0%} of the correspondences random: {rate_text(solver['correct'])} correct, "
         f"median {1e3 * solver['cpu_s']['median']:.1f} ms CPU, at most {1e3 * solver['cpu_s']['max']:.1f} ms."
     )
-    lines += ["", "| measured clouds | answer | CPU s |", "|---|---|---|"]
-    for name, entry in figures["measured_clouds"].items():
-        if entry["answered"]:
-            answer = f"{1e3 * entry['error_m']:.1f} mm, {entry['error_deg']:.3f}°"
-        else:
-            answer = "FAILED: " + ", ".join(f"`{reason}`" for reason in entry["reasons"])
-        lines.append(f"| {name.replace('_', ' ')} | {answer} | {entry['cpu_s']:.1f} |")
+    measured = figures["measured_clouds"]
+    methods = list(next(iter(measured.values())))
+    head = " | ".join(f"{m.replace('_', '-')} | CPU s" for m in methods)
+    lines += ["", f"| measured clouds | {head} |", "|---" * (1 + 2 * len(methods)) + "|"]
+    for name, entries in measured.items():
+        cells = [f"{_answer_text(entries[method])} | {entries[method]['cpu_s']:.1f}" for method in methods]
+        lines.append(f"| {name.replace('_', ' ')} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _answer_text(entry: dict[str, Any]) -> str:
+    if "error_m" in entry:
+        return f"{1e3 * entry['error_m']:.1f} mm, {entry['error_deg']:.3f}°"
+    if entry["answered"]:
+        return "false accept"
+    return ", ".join(["FAILED", *(f"`{reason}`" for reason in entry["reasons"])])
 
 
 def _percent(rate: dict[str, float]) -> Bar:

@@ -65,9 +65,12 @@ class InputPort(Port):
     ----------
     ordered : bool
         Accept samples in ascending order of time only; otherwise drop only repeated ones.
+    aliases : tuple of str
+        Other names of the port on the command line.
     """
 
     ordered: bool = True
+    aliases: tuple[Identifier, ...] = ()
 
 
 class OutputPort(Port):

@@ -15,6 +15,7 @@ from typing import Any
 
 import msgpack
 
+from cdff_common.clock import MAX_STAMP_NS
 from cdff_common.errors import CdffError, CodecError, InputError, RefusedError
 from cdff_common.geometry import checked_frame
 from cdff_common.geometry.region import MAX_CORNERS
@@ -173,6 +174,8 @@ class Header:
     def __post_init__(self) -> None:
         if self.t0_ns % 1000 or self.t1_ns % 1000 or self.t0_ns > self.t1_ns:
             raise InputError(f"capture {self.t0_ns}..{self.t1_ns}: expected multiples of 1000 ns, t0 <= t1")
+        if self.t0_ns < -MAX_STAMP_NS or self.t1_ns > MAX_STAMP_NS:
+            raise InputError(f"capture {self.t0_ns}..{self.t1_ns}: expected stamps that fit 64 bits")
         checked_frame(self.frame)
         if self.child is not None:
             checked_frame(self.child, "child")

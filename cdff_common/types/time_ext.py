@@ -5,10 +5,9 @@
 from __future__ import annotations
 
 from cdff_common import types
+from cdff_common.clock import MAX_STAMP_NS, NS_PER_S
 from cdff_common.errors import InputError
 from cdff_common.types.message import Message
-
-NS_PER_S = 1_000_000_000
 
 
 class TimeExt(Message):
@@ -25,10 +24,12 @@ class TimeExt(Message):
         Raises
         ------
         InputError
-            If it is not representable in microseconds.
+            If it is not representable in microseconds, or does not fit 64 bits.
         """
         if isinstance(ns, bool) or int(ns) != ns or ns % 1000:
             raise InputError(f"stamp {ns} ns: expected a multiple of 1000 ns (messages contain microseconds)")
+        if abs(int(ns)) > MAX_STAMP_NS:
+            raise InputError(f"stamp {ns} ns: expected at most {MAX_STAMP_NS} ns, which fits 64 bits")
         return types.Time(int(ns) // 1000)
 
     @property
@@ -38,13 +39,14 @@ class TimeExt(Message):
         Raises
         ------
         InputError
-            If ``usec_per_sec`` is not positive.
+            If ``usec_per_sec`` is not positive, or the nanoseconds do not fit 64 bits.
         """
-        if self.usec_per_sec == 1_000_000:
-            return self.microseconds * 1000
         if self.usec_per_sec <= 0:
             raise InputError(f"Time.usec_per_sec={self.usec_per_sec}: expected 1000000")
-        return self.microseconds * NS_PER_S // self.usec_per_sec // 1000 * 1000
+        ns = self.microseconds * NS_PER_S // self.usec_per_sec // 1000 * 1000
+        if abs(ns) > MAX_STAMP_NS:
+            raise InputError(f"Time.microseconds={self.microseconds}: its nanoseconds do not fit 64 bits")
+        return ns
 
     @property
     def stamp_ns(self) -> int:

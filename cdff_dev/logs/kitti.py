@@ -24,8 +24,15 @@ from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams, recorded
 
 ROBOT = "kitti"
 PAIR, TRUTH = f"/{ROBOT}/navcam.pair", f"/{ROBOT}/truth.pose"
-#: Left and right image folders: the benchmark's own, and those of extracts.
-_IMAGE_FOLDERS = (("image_0", "image_1"), ("image_l_kitti", "image_r_kitti"))
+#: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
+_IMAGE_FOLDERS = (
+    ("image_0", "image_1"),
+    ("image_2", "image_3"),
+    ("image_l", "image_r"),
+    ("image_l_kitti", "image_r_kitti"),
+)
+#: Rows of the projections of the colour cameras, if the calibration has them.
+_COLOUR_CAMERAS = ("P2", "P3")
 #: Calibration files, in order of precedence: next to that of an extract, ``calib.txt`` may belong to another
 #: camera.
 _CALIBRATIONS = ("calib_kitti.txt", "calib.txt")
@@ -42,14 +49,14 @@ def is_kitti(folder: Path) -> bool:
 class KittiLog:
     """A KITTI sequence as a ``LogSource``; raises InputError if its files are inconsistent.
 
-    Streams are ``/kitti/navcam.pair`` (FramePair) and, if ``poses.txt`` exists, ``/kitti/truth.pose``: the
-    pose of the left camera (``kitti/navcam_left``) in its first pose (``kitti/vo``). Stamps are those of
-    ``times.txt``; without it they are multiples of 100 ms from 0.
+    Streams are ``/kitti/navcam.pair`` (FramePair) and, if ``poses.txt`` or ``poses/NN.txt`` exists,
+    ``/kitti/truth.pose``: the pose of the left camera (``kitti/navcam_left``) in its first pose
+    (``kitti/vo``). Stamps are those of ``times.txt``; without it they are multiples of 100 ms from 0.
     """
 
     def __init__(self, folder: Path) -> None:
         self._left, self._right = _images(folder)
-        self.camera_matrix, self.baseline_m = _calibration(folder)
+        self.camera_matrix, self.baseline_m = _calibration(folder, self._left[0])
         n = len(self._left)
         self._stamps_ns = _stamps(folder, n)
         self._truth = _truth(folder, n)
@@ -153,17 +160,35 @@ def _rows(path: Path, columns: int) -> FloatArray:
     return np.array(rows)
 
 
-def _calibration(folder: Path) -> tuple[FloatArray, float]:
-    """Return the camera matrix ``(3, 3)`` of the left camera, and the baseline, metres."""
+def _calibration(folder: Path, image: Path) -> tuple[FloatArray, float]:
+    """Return the camera matrix ``(3, 3)`` of the left camera, and the baseline, metres.
+
+    They are of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras. Raises
+    InputError if the principal point lies outside the image: then the calibration is of another camera.
+    """
     path = next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
     if path is None:
         raise InputError(f"{folder}: expected {' or '.join(_CALIBRATIONS)}")
-    calibration = read_stereo(path)
+    is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
+    calibration = read_stereo(path, *_COLOUR_CAMERAS) if is_colour else read_stereo(path)
     if not calibration.is_rectified:
         raise InputError(
             f"{path}: expected a rectified pair with the right camera to the right of the left camera"
         )
-    return calibration.left.matrix, calibration.baseline_m
+    matrix = calibration.left.matrix
+    rows, cols = _read_grey(image).shape
+    if not (0.0 < matrix[0, 2] < cols and 0.0 < matrix[1, 2] < rows):
+        raise InputError(
+            f"{path}: principal point {matrix[0, 2]:.1f}, {matrix[1, 2]:.1f} outside the images of "
+            f"{cols} x {rows} pixels; the calibration is of another camera"
+        )
+    return matrix, calibration.baseline_m
+
+
+def _has_rows(path: Path, names: Collection[str]) -> bool:
+    """Return whether a calibration file has rows of all names."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return set(names) <= {line.partition(":")[0].strip() for line in lines}
 
 
 def _stamps(folder: Path, n: int) -> np.ndarray:
@@ -176,9 +201,18 @@ def _stamps(folder: Path, n: int) -> np.ndarray:
     return np.round(times_s[:n] * 1e6).astype(np.int64) * 1000
 
 
+def _poses_file(folder: Path) -> Path | None:
+    """Return ``poses.txt``, else ``poses/NN.txt`` in the folder, or in that of ``sequences/NN``."""
+    name = f"{folder.resolve().name}.txt"
+    own = sorted((folder / "poses").glob("[0-9][0-9].txt"))
+    benchmark = folder.resolve().parents[1] / "poses" / name if len(folder.resolve().parents) > 1 else folder
+    candidates = [folder / "poses.txt", folder / "poses" / name, *(own if len(own) == 1 else []), benchmark]
+    return next((path for path in candidates if path.is_file()), None)
+
+
 def _truth(folder: Path, n: int) -> FloatArray | None:
-    path = folder / "poses.txt"
-    if not path.is_file():
+    path = _poses_file(folder)
+    if path is None:
         return None
     rows = _rows(path, 12).reshape(-1, 3, 4)
     if len(rows) < n:

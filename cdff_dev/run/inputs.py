@@ -69,11 +69,13 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, An
     InputError
         If a port is unknown or missing, or a file does not have the type of its port.
     """
-    port_by_name = {name: p for p in ports for name in (p.name, p.attribute)}
+    port_by_name = {name: p for p in ports for name in (p.name, p.attribute, *getattr(p, "aliases", ()))}
     unknown = next((name for name in files if name not in port_by_name), None)
     if unknown is not None:
         raise InputError(f"no input port {unknown!r}; there are {', '.join(p.attribute for p in ports)}")
     given = {port_by_name[name].attribute: (port_by_name[name], text) for name, text in files.items()}
+    if len(given) < len(files):
+        raise InputError(f"inputs {', '.join(files)}: a port is given by two of its names")
     missing = next((p for p in ports if not p.optional and p.attribute not in given), None)
     if missing is not None:
         raise InputError(

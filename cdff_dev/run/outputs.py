@@ -54,6 +54,9 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             for index, output in enumerate([] if failed else values):
                 stem = port.attribute if index == len(values) - 1 else f"{port.attribute}.{index}"
                 entry |= _write(port, output, folder, stem)
+                shift = [result.quality.metrics.get(f"shift_{axis}") for axis in ("columns", "rows")]
+                if port.type_name == "TransformWithCovariance" and None not in shift:
+                    entry["value"]["shift_cells"] = shift
                 if port.type_name in ("PoseGraph", "BundleProblem"):
                     entry["value"] = dict(result.quality.metrics)
             if len(values) > 1 and not failed:

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from cdff_common.cli import main
 from cdff_common.codecs import encode
 from cdff_common.codecs.size_variants import wire_type
+from cdff_common.formats.geotiff import write_bands
 from cdff_common.formats.payload import to_file
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.product import Header, product_id
@@ -52,6 +54,34 @@ def test_geotiffs_of_an_orbital_model_and_a_rover_map_give_the_position_of_the_r
     assert document["child"].endswith("/map")
     assert np.hypot(*(T_corrected - T_true)[:2, 3]) < 1.5  # odometry drift deforms the rover map
     assert abs(T_corrected[2, 3] - T_true[2, 3] - DATUM_M) < 0.5
+
+
+@pytest.mark.parametrize("cell_m", [0.5, 30.0])
+def test_plain_geotiffs_of_one_band_are_localised_by_the_names_of_the_contract(
+    tmp_path: Path, cell_m: float
+) -> None:
+    rng = np.random.default_rng(0)
+    z = cell_m * gaussian_filter(rng.normal(0.0, 20.0, (120, 120)), 4.0)
+    band = {"height": z.astype(np.float32)}
+    corner = (round(5.13e5 / cell_m) * cell_m, round(5.4e6 / cell_m) * cell_m)
+    whole = GridGeometry("site", cell_m, *corner, 120, 120)
+    (tmp_path / "orbital.tif").write_bytes(write_bands(band, whole))
+    part = {"height": band["height"][30:80, 40:90]}
+    # The rover map lies 3 columns and 5 rows off its true place.
+    wrong = GridGeometry("site", cell_m, corner[0] + 37 * cell_m, corner[1] - 25 * cell_m, 50, 50)
+    (tmp_path / "rover.tif").write_bytes(write_bands(part, wrong))
+    inputs = [f"orbital_map={tmp_path}/orbital.tif", f"rover_map={tmp_path}/rover.tif"]
+    assert main(["run", "absolute_localisation", *inputs, "--out", str(tmp_path / "out")]) == 0
+    pose = json.loads((tmp_path / "out" / "outputs.json").read_text(encoding="utf-8"))["outputs"]["pose"]
+    np.testing.assert_allclose(pose["value"]["shift_cells"], [40.0, 30.0], atol=0.02)
+    T = np.array(pose["value"]["T"])
+    centre = np.array([corner[0] + 62 * cell_m, corner[1] - 50 * cell_m, 0.0, 1.0])
+    np.testing.assert_allclose((T @ centre - centre)[:2] / cell_m, [3.0, -5.0], atol=0.02)
+
+
+def test_a_port_given_by_two_of_its_names_is_refused(tmp_path: Path) -> None:
+    inputs = ["dem=a.tif", "rover_map=b.tif", "orbital=c.tif"]
+    assert main(["run", "absolute_localisation", *inputs, "--out", str(tmp_path / "out")]) == 1
 
 
 def test_an_orbital_model_stored_in_tiles_gives_the_same_fix(

@@ -90,6 +90,15 @@ def test_disjoint_halves_of_devon_island_are_matched_without_a_guess(real_data: 
     assert error_deg <= 0.1
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.001])
+def test_a_scan_is_matched_with_its_own_copy(real_data: RealData, noise_m: float) -> None:
+    scan = np.asarray(read_kitti_bin(real_data("kitti_velodyne") / "000000.bin").points_m, dtype=np.float64)
+    copy = scan + np.random.default_rng(0).normal(0.0, noise_m, scan.shape)
+    error_m, error_deg = errors(run_dfpc("point_cloud_matching", target=scan, source=copy), np.eye(4))
+    assert error_m <= 0.01
+    assert error_deg <= 0.01
+
+
 @pytest.mark.req("CDFF-CORE-082")
 def test_clouds_of_two_separate_drives_have_no_overlap(real_data: RealData) -> None:
     folder = real_data("kitti_velodyne")

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import CellStatistics, GridGeometry
@@ -20,6 +20,7 @@ from cdff_common.raster.auxiliary_layers import (
     AuxiliaryLayers,
 )
 from cdff_common.types import ElevationMap
+from cdff_core.dfns.dem_rasterisation._overhangs import find_overhangs
 from cdff_core.dfns.dem_rasterisation.interface import Inputs, Interface, Outputs
 
 
@@ -32,7 +33,8 @@ class CellStatisticsRasterConfig(DfnConfig):
         None,
         gt=0,
         description=(
-            "Smallest vertical gap between the ground and an overhang; absent: overhangs are not separated"
+            "Smallest vertical gap between the ground and an overhang, at least half of the edge of a cell; "
+            "absent: overhangs are not separated"
         ),
     )
 
@@ -44,9 +46,9 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     if given. It is the variance of a mixture, so that pooling two cells gives the variance of all their
     points.
 
-    With ``overhang_gap_m``, heights above the lowest gap of that size are excluded from the statistics of a
-    cell. If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the
-    overhang was observed in a cell, it is treated as ground.
+    With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics. If
+    there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
+    observed in a cell, it is treated as ground.
     """
 
     def setup(self) -> None:
@@ -87,7 +89,7 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
             cell = _cell_indices(grid, points)
             auxiliary = AuxiliaryLayers.empty(grid)
             if self.config.overhang_gap_m is not None:
-                is_overhang = find_overhangs(cell, points[:, 2], self.config.overhang_gap_m)
+                is_overhang = find_overhangs(cell, points, self.config.overhang_gap_m, resolution_m)
                 # A single point above the gap is noise: neither ground nor overhang.
                 is_mapped_overhang = (
                     is_overhang & (np.bincount(cell[is_overhang], minlength=grid.rows * grid.cols) > 1)[cell]
@@ -113,30 +115,6 @@ def _cell_indices(grid: GridGeometry, points: FloatArray) -> IntArray:
     finite = np.isfinite(points).all(axis=1)
     row, col, inside = grid.cells_of(*np.where(finite, points[:, :2].T, 0.0))
     return np.where(finite & inside, row * grid.cols + col, -1).astype(np.int64)
-
-
-def find_overhangs(cell: IntArray, z_m: FloatArray, gap_m: float) -> BoolArray:
-    """Return which points ``(n,)`` lie above the lowest gap of ``gap_m`` in their cell.
-
-    Points of cell -1 are ignored.
-    """
-    cells = int(cell.max(initial=0)) + 1
-    lowest_m, highest_m = np.full(cells, np.inf), np.full(cells, -np.inf)
-    has_cell = cell >= 0
-    np.minimum.at(lowest_m, cell[has_cell], z_m[has_cell])
-    np.maximum.at(highest_m, cell[has_cell], z_m[has_cell])
-    candidates = np.flatnonzero(has_cell & ((highest_m - lowest_m)[cell] >= gap_m))
-    is_overhang = np.zeros(len(cell), dtype=np.bool_)
-    if not len(candidates):
-        return is_overhang
-    order = candidates[np.lexsort((z_m[candidates], cell[candidates]))]
-    sorted_cell, sorted_z_m = cell[order], z_m[order]
-    starts_cell = np.r_[True, sorted_cell[1:] != sorted_cell[:-1]]
-    follows_gap = np.r_[False, (np.diff(sorted_z_m) >= gap_m) & ~starts_cell[1:]]
-    gaps = np.cumsum(follows_gap)
-    cell_start = np.maximum.accumulate(np.where(starts_cell, np.arange(len(order)), 0))
-    is_overhang[order] = gaps > gaps[cell_start]
-    return is_overhang
 
 
 def _sum_variances(first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:

@@ -15,7 +15,7 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points
 from cdff_common.geometry.robust import graduated_fit, rigid_fit
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.global_registration_3d._clique import consistency_graph, maximum_clique
+from cdff_core.dfns.global_registration_3d._clique import Bits, consistency_graph, maximum_clique
 from cdff_core.dfns.global_registration_3d.interface import Inputs, Interface, Outputs
 
 _MAX_REFITS = 10
@@ -24,6 +24,11 @@ _MIN_DISTANCE_NOISES = 2.0
 #: Minimum of the second largest standard deviation of the inliers, in units of the noise; below it they are
 #: collinear.
 _MIN_SPREAD_NOISES = 2.0
+#: A wrong pair that is a neighbour of a correct one, in units of the noise, is consistent with most correct
+#: pairs.
+_NEIGHBOUR_NOISES = 3.0
+#: Minimum number of pairs from whose distances the density of consistent pairs is computed (435 distances).
+_MIN_PAIRS = 30
 #: Maximum number of vertices coloured by the clique search; beyond it the best clique found is used.
 _MAX_WORK = 1_000_000
 
@@ -60,7 +65,7 @@ class CliqueGnc(Interface[CliqueGncConfig]):
         source = checked_points(inputs.source, "source", 0)
         target = checked_points(inputs.target, "target", 0)
         noise_m = cfg.noise_m if inputs.noise_m is None else inputs.noise_m
-        clique, edge_ratio = self._maximum_clique(source, target, noise_m)
+        clique = self._maximum_clique(source, target, noise_m)
         self._refuse_few(len(clique), len(source), noise_m)
         T, _ = graduated_fit(source[clique], target[clique], noise_m)
         T, inliers = _refit(T, source, target, noise_m)
@@ -72,11 +77,12 @@ class CliqueGnc(Interface[CliqueGncConfig]):
                 "about it is unobservable",
                 ["collinear"],
             )
+        ratio = _edge_ratio_by_chance(T, source, target, noise_m)
         return Outputs(
             transform=T,
             inliers=inliers,
             clique_size=len(clique),
-            expected_by_chance=float(_expected_cliques(len(source), len(clique), edge_ratio)),
+            expected_by_chance=float(_expected_cliques(len(source), len(clique), ratio)),
         )
 
     def _refuse_few(self, count: int, total: int, noise_m: float) -> None:
@@ -85,19 +91,40 @@ class CliqueGnc(Interface[CliqueGncConfig]):
             text = f"{count} of {total} pairs agree within {noise_m:.3g} m, expected at least {least}"
             raise RefusedError(text, [f"too_few_consistent:{count}<{least}"])
 
-    def _maximum_clique(
-        self, source: FloatArray, target: FloatArray, noise_m: float
-    ) -> tuple[IntArray, float]:
-        """Return the rows of the maximum clique, and the ratio of the edges of the graph to all possible
-        ones.
-        """
-        n = len(source)
-        if n < 2:
-            return np.zeros(0, np.int64), 0.0
-        # Both ends of a distance have an error of up to the noise.
-        bits, degree = consistency_graph(source, target, 2.0 * noise_m, _MIN_DISTANCE_NOISES * noise_m)
+    def _maximum_clique(self, source: FloatArray, target: FloatArray, noise_m: float) -> IntArray:
+        """Return the rows of the maximum clique."""
+        if len(source) < 2:
+            return np.zeros(0, np.int64)
+        bits, degree = _consistency(source, target, noise_m)
         clique, _ = maximum_clique(bits, degree, _MAX_WORK)
-        return clique, float(degree.sum()) / (n * (n - 1.0))
+        return clique
+
+
+def _consistency(source: FloatArray, target: FloatArray, noise_m: float) -> tuple[Bits, IntArray]:
+    """Return adjacency and degrees of the graph; both ends of a distance have an error of up to the noise."""
+    return consistency_graph(source, target, 2.0 * noise_m, _MIN_DISTANCE_NOISES * noise_m)
+
+
+def _edge_ratio(source: FloatArray, target: FloatArray, noise_m: float) -> float:
+    """Return the ratio of consistent pairs of pairs to all pairs of pairs."""
+    _, degree = _consistency(source, target, noise_m)
+    return float(degree.sum()) / (len(source) * (len(source) - 1.0))
+
+
+def _edge_ratio_by_chance(T: FloatArray, source: FloatArray, target: FloatArray, noise_m: float) -> float:
+    """Return the ratio of edges that the graph would have without a common transform.
+
+    Correct pairs are consistent with each other, so that the ratio of the whole graph approaches 1 if most
+    pairs are correct. The ratio is therefore that of the pairs that the transform does not explain, and at
+    least that of the same points, paired at random.
+    """
+    shuffled = target[np.random.default_rng(0).permutation(len(target))]
+    ratio = _edge_ratio(source, shuffled, noise_m)
+    error_m = np.linalg.norm(se3.transform_points(T, source) - target, axis=1)
+    others = error_m > _NEIGHBOUR_NOISES * noise_m
+    if np.count_nonzero(others) < _MIN_PAIRS:
+        return ratio
+    return max(ratio, _edge_ratio(source[others], target[others], noise_m))
 
 
 def _refit(

@@ -7,17 +7,23 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field, model_validator
 
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import InputError
 from cdff_common.geometry.points import checked_points
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.point_cloud_filtering.interface import Inputs, Interface, Outputs
+
+#: Points that are farther than this from the median point are no measurements.
+_LARGEST_EXTENT_M = 1e6
 
 
 class RangeFilterConfig(DfnConfig):
     """Parameters of RangeFilter."""
 
     min_range_m: float = Field(0.0, ge=0, description="Minimum range of the remaining points")
-    max_range_m: float = Field(1e6, gt=0, description="Maximum range of the remaining points")
+    max_range_m: float | None = Field(
+        None, gt=0, description="Maximum range of the remaining points; absent: 1000 km from the median point"
+    )
     self_mask_m: tuple[float, float, float, float, float, float] | None = Field(
         None,
         description=(
@@ -28,7 +34,7 @@ class RangeFilterConfig(DfnConfig):
 
     @model_validator(mode="after")
     def _in_order(self) -> RangeFilterConfig:
-        if self.min_range_m >= self.max_range_m:
+        if self.max_range_m is not None and self.min_range_m >= self.max_range_m:
             raise ValueError(f"min_range_m {self.min_range_m}: expected below max_range_m {self.max_range_m}")
         box = self.self_mask_m
         if box is not None and any(low >= high for low, high in zip(box[:3], box[3:], strict=True)):
@@ -46,7 +52,8 @@ class RangeFilter(Interface[RangeFilterConfig]):
         p = checked_points(inputs.points, finite=False)
         with np.errstate(invalid="ignore", over="ignore"):
             range_m = np.sqrt(np.einsum("ij,ij->i", p, p))
-            is_valid = (range_m >= self.config.min_range_m) & (range_m <= self.config.max_range_m)
+            is_valid = (range_m >= self.config.min_range_m) & np.isfinite(range_m)
+            is_valid &= self._is_near(p, range_m)
             if self.config.self_mask_m is not None:
                 low, high = np.array(self.config.self_mask_m[:3]), np.array(self.config.self_mask_m[3:])
                 is_valid &= ~np.all((p >= low) & (p <= high), axis=1)
@@ -55,3 +62,15 @@ class RangeFilter(Interface[RangeFilterConfig]):
             raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
         points = p if len(kept) == len(p) else p[kept]
         return Outputs(filtered_points=points, kept=kept.astype(np.int64, copy=False))
+
+    def _is_near(self, points_m: FloatArray, range_m: FloatArray) -> BoolArray:
+        """Return which points are within the largest range, without one within the extent of a real cloud.
+
+        The origin of a cloud may be far away, as in map projections; wrong points are far from the others.
+        """
+        if self.config.max_range_m is not None:
+            return np.asarray(range_m <= self.config.max_range_m)
+        if not np.any(range_m > _LARGEST_EXTENT_M):
+            return np.ones(len(range_m), np.bool_)
+        median_m = np.median(points_m[np.isfinite(range_m)], axis=0)
+        return np.asarray(np.linalg.norm(points_m - median_m, axis=1) <= _LARGEST_EXTENT_M)

@@ -49,7 +49,10 @@ class MaskedGradientCorrelationConfig(DfnConfig):
     )
     covariance_inflation: float = Field(1.0, gt=0, le=1000, description="Calibrated factor on the covariance")
     floor_cells: float = Field(
-        0.02, ge=0, le=10, description="Lower bound of the standard deviation of the translation, cells"
+        0.001,
+        ge=0,
+        le=10,
+        description="Standard deviation of the translation due to interpolation, added to that of the fit",
     )
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from cdff_core.dfpcs.absolute_localisation.frame_jumps import FrameJumpDetector
 from cdff_core.dfpcs.absolute_localisation.hypotheses import Hypothesis, fuse
 from cdff_core.dfpcs.absolute_localisation.interface import AbsoluteLocalisationInterface
 from cdff_core.dfpcs.absolute_localisation.quality import assess
-from cdff_core.dfpcs.absolute_localisation.segment import Segment, centre
+from cdff_core.dfpcs.absolute_localisation.segment import Segment, centre, shift_cells
 
 #: Rows of x, y, z and yaw in the covariance of a pose.
 _XYZ_YAW = np.array([0, 1, 2, 5])
@@ -30,6 +31,10 @@ _SEARCH_SIGMAS = 3.0
 _TILT_DEG = 1.0
 #: A pose older than the newest one by more than this belongs to another run.
 _CLOCK_BACK_NS = 10_000_000_000
+#: Defaults in cells of the orbital model, and at least in metres: standard deviation of the first position,
+#: and largest searched translation.
+_PRIOR_CELLS, _PRIOR_M = 10.0, 10.0
+_MAX_SEARCH_CELLS, _MAX_SEARCH_M = 60.0, 60.0
 #: Candidates closer than this, in cells of the orbital model, count as one position.
 _SEPARATION_CELLS = 3.0
 
@@ -96,6 +101,15 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
             return [self._output(None, Quality.failed(f"bad_patch:{error}"), sample)]
         return self._match_segment()
 
+    def finish(self) -> Iterable[Output]:
+        """Match a map that was given without poses and is shorter than a segment."""
+        segment, orbital = self._segment, self._orbital
+        if self._pose is not None or orbital is None or segment.map is None or segment.patch is None:
+            return ()
+        output = self._locate(segment.patch, orbital.value, segment.map)
+        self._start_segment()
+        return [output]
+
     def get_correction(self) -> TransformWithCovariance:
         """Return ``T_orbital_map``; raises ProductNotFoundError before the first match and after a jump."""
         if self._correction is None:
@@ -143,7 +157,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
     def _locate(self, sample: Sample, orbital: ElevationMap, segment: ElevationMap) -> Output:
         """Predict the hypotheses, match the segment, fuse, assess; return the pose of the best hypothesis."""
         cell_m = float(orbital.geometry.resolution_m)
-        prior = self._predict(centre(segment))
+        prior = self._predict(centre(segment), cell_m)
         try:
             candidates = self._match.process(
                 RasterMatchingInputs(
@@ -163,15 +177,20 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         quality, best = assess(self._hypotheses, cell_m, metrics, kind), self._hypotheses[0]
         if best.matches and not best.explained:
             self._hypotheses = ()  # earlier matches are contradicted: the next prior is the robot's pose
-        return self._output(None if quality.status is Status.FAILED else best, quality, sample)
+        if quality.status is Status.FAILED:
+            return self._output(None, quality, sample)
+        columns, rows = shift_cells(best.transform, sample.value.geometry, orbital.geometry, centre(segment))
+        metrics = {**quality.metrics, "shift_columns": columns, "shift_rows": rows}
+        return self._output(best, replace(quality, metrics=metrics), sample)
 
-    def _predict(self, point: FloatArray) -> tuple[Hypothesis, ...]:
+    def _predict(self, point: FloatArray, cell_m: float) -> tuple[Hypothesis, ...]:
         """Return the hypotheses at a point of the segment; without any, one from the robot's own pose."""
         c = self.config
         if self._hypotheses:
             path_m = max(self._path_length_m - 0.5 * self._segment.length_m - self._matched_m, 0.0)
             return tuple(h.at(point, self._drift(path_m)) for h in self._hypotheses)
-        covariance = np.diag([c.prior_m**2, c.prior_m**2, 0.0, np.radians(c.prior_deg) ** 2])
+        prior_m = c.prior_m or max(_PRIOR_CELLS * cell_m, _PRIOR_M)
+        covariance = np.diag([prior_m**2, prior_m**2, 0.0, np.radians(c.prior_deg) ** 2])
         covariance_point = point
         if self._pose is not None and self._pose.value.transform.covariance is not None:
             covariance = self._pose.value.transform.covariance[np.ix_(_XYZ_YAW, _XYZ_YAW)].copy()
@@ -184,8 +203,9 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         c, best = self.config, prior[0]
         spacing_m = max(float(np.hypot(*(h.position - best.position)[:2])) for h in prior)
         range_m = _SEARCH_SIGMAS * best.sigma_m + spacing_m + _SEPARATION_CELLS * cell_m
+        max_search_m = c.max_search_m or max(_MAX_SEARCH_CELLS * cell_m, _MAX_SEARCH_M)
         range_rad = _SEARCH_SIGMAS * float(np.sqrt(best.covariance[3, 3]))
-        return np.array([min(range_m, c.max_search_m), min(range_rad, np.radians(c.max_search_deg))])
+        return np.array([min(range_m, max_search_m), min(range_rad, np.radians(c.max_search_deg))])
 
     def _drift(self, path_m: float) -> FloatArray:
         """Return the variances (4,) of x, y, z and yaw of a random walk over a path."""

@@ -14,12 +14,20 @@ class AbsoluteLocalisationConfig(DfpcConfig):
 
     segment_m: float = Field(30.0, gt=0.0, le=10_000.0, description="Path length of a segment, metres")
     map_m: float = Field(80.0, gt=0.0, le=10_000.0, description="Edge of the square map of a segment, metres")
-    max_search_m: float = Field(
-        60.0, gt=0.0, le=100_000.0, description="Largest searched translation, metres"
+    max_search_m: float | None = Field(
+        None,
+        gt=0.0,
+        le=1e7,
+        description="Largest searched translation, metres; absent: 60 cells of the orbital model, at least 60 m",
     )
     max_search_deg: float = Field(20.0, gt=0.0, le=180.0, description="Largest searched rotation, degrees")
-    prior_m: float = Field(
-        10.0, gt=0.0, description="Standard deviation of the first position without poses, metres"
+    prior_m: float | None = Field(
+        None,
+        gt=0.0,
+        description=(
+            "Standard deviation of the first position without poses, metres; absent: 10 cells of the orbital "
+            "model, at least 10 m"
+        ),
     )
     prior_deg: float = Field(
         3.0, gt=0.0, le=180.0, description="Standard deviation of the first yaw without poses, degrees"

@@ -41,7 +41,8 @@ class AbsoluteLocalisationInterface(Dfpc):
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type ElevationMap. Elevation patches in the frame of the robot's own
-        poses; each measurement is in one patch only.
+        poses; each measurement is in one patch only. Of a map with the layer mean only, each cell
+        counts as one measurement.
         """
 
     @abstractmethod

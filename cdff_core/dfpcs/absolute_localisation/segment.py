@@ -11,6 +11,7 @@ import numpy as np
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
+from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
 from cdff_common.types import ElevationMap
 from cdff_core.dfns.dem_fusion.interface import DemFusionInputs
 
@@ -34,7 +35,10 @@ class Segment:
 
         Without ``path_length_m`` the length of the segment is the extent of its map.
         """
-        self.map = self._fusion.process(DemFusionInputs(patch=sample.value)).map
+        patch = with_statistics(sample.value)
+        self.map = self._fusion.process(DemFusionInputs(patch=patch)).map
+        if path_length_m is None and extent_m(patch) > extent_m(self.map):
+            self.map = patch  # a whole map, larger than the window of a segment
         self.patch = sample
         self.inputs = (*self.inputs, sample.id)[-_MAX_INPUTS:] if sample.id else self.inputs
         self.t0_ns = min(self.t0_ns or sample.value.t0_ns, sample.value.t0_ns)
@@ -42,6 +46,34 @@ class Segment:
             self.length_m = max(self.length_m, extent_m(self.map))
         else:
             self.length_m = path_length_m - self._start_m
+
+
+def with_statistics(elevation: ElevationMap) -> ElevationMap:
+    """Return the map with the layers of cell statistics; without them each cell is one measurement."""
+    if set(ELEVATION_LAYERS) <= set(elevation.layer_names):
+        return elevation
+    z = elevation.layer("mean").astype(np.float32)
+    one, none = (np.where(np.isfinite(z), value, np.nan) for value in (1.0, 0.0))
+    layers = {"mean": z, "variance": none, "min": z, "max": z, "count": one, "age_s": none}
+    return ElevationMap.from_layers(
+        elevation.geometry,
+        {name: layer.astype(np.float32) for name, layer in layers.items()},
+        t0_ns=elevation.t0_ns,
+        t1_ns=elevation.t1_ns,
+    )
+
+
+def shift_cells(
+    T_orbital_map: FloatArray, rover: GridGeometry, orbital: GridGeometry, point: FloatArray
+) -> tuple[float, float]:
+    """Return columns and rows to add to the indices of the rover map's cells to reach the orbital map's.
+
+    With rotation or different cell sizes they are those of the cell at ``point`` (3,) of the rover map.
+    """
+    at = T_orbital_map[:3, :3] @ point + T_orbital_map[:3, 3]
+    columns = (at[0] - orbital.xmin_m) / orbital.resolution_m - (point[0] - rover.xmin_m) / rover.resolution_m
+    rows = (orbital.ymax_m - at[1]) / orbital.resolution_m - (rover.ymax_m - point[1]) / rover.resolution_m
+    return float(columns), float(rows)
 
 
 def centre(elevation: ElevationMap) -> FloatArray:

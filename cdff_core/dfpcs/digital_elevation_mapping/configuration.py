@@ -41,7 +41,12 @@ class DigitalElevationMappingConfig(DfpcConfig):
     )
     align: bool = Field(True, description="Align sweeps and clouds with the local map")
     overhang_gap_m: float | None = Field(
-        1.0, gt=0.0, description="Empty height in a cell below an overhang, metres; absent: no overhangs"
+        1.0,
+        gt=0.0,
+        description=(
+            "Empty height in a cell below an overhang, metres, at least half of the edge of a cell; absent: no "
+            "overhangs"
+        ),
     )
     max_rays: int = Field(
         20_000,

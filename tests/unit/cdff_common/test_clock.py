@@ -41,3 +41,15 @@ def test_mission_time_is_extrapolated_between_ticks_and_falls_back_after_the_las
     assert mission.now_ns() == 6_000_000_000
     now[0] += 10.0
     assert abs(mission.now_ns() - clock.wall_ns()) < 10**9
+
+
+@pytest.mark.parametrize(
+    "text", ["9223372036854776000", "9990000000000000000", "-9990000000000000000", "2300-01-01T00:00:00Z"]
+)
+def test_a_stamp_that_does_not_fit_64_bits_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="64 bits"):
+        clock.parse_stamp(text)
+
+
+def test_the_latest_stamp_of_64_bits_is_accepted() -> None:
+    assert clock.parse_stamp("9223372036854775000") == 9223372036854775000

@@ -85,6 +85,11 @@ def test_stamps_are_whole_microseconds() -> None:
         types.Time.from_ns(5001)
     with pytest.raises(InputError, match="usec_per_sec=0"):
         _ = types.Time(5, 0).ns
+    for microseconds in (9_300_000_000_000_000, -9_300_000_000_000_000):
+        with pytest.raises(InputError, match="64 bits"):
+            _ = types.Time(microseconds).ns
+        with pytest.raises(InputError, match="64 bits"):
+            types.Time.from_ns(microseconds * 1000)
 
 
 def test_a_cloud_has_its_frame_time_extent_and_sensor_pose(T_site_base: UncertainTransform) -> None:

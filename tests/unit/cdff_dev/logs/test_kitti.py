@@ -16,8 +16,8 @@ from cdff_common.geometry import se3
 from cdff_dev.logs import open_log
 from cdff_dev.logs.kitti import PAIR, TRUTH, KittiLog, is_kitti
 
-P0 = "7.0e+02 0 6.0e+02 0 0 7.0e+02 1.8e+02 0 0 0 1 0"
-P1 = "7.0e+02 0 6.0e+02 -3.5e+02 0 7.0e+02 1.8e+02 0 0 0 1 0"
+P0 = "7.0e+02 0 4.5 0 0 7.0e+02 2.8 0 0 0 1 0"
+P1 = "7.0e+02 0 4.5 -3.5e+02 0 7.0e+02 2.8 0 0 0 1 0"
 
 
 def sequence(folder: Path, left: str = "image_0", right: str = "image_1", n: int = 3) -> Path:
@@ -37,7 +37,7 @@ def test_pairs_carry_images_calibration_and_stamps(tmp_path: Path) -> None:
     pair = samples[2].value
     assert (pair.left.image[0, 0], pair.right.image[0, 0]) == (20, 21)
     assert pair.baseline == pytest.approx(0.5)
-    np.testing.assert_allclose(pair.left.camera_matrix, [[700, 0, 600], [0, 700, 180], [0, 0, 1]])
+    np.testing.assert_allclose(pair.left.camera_matrix, [[700, 0, 4.5], [0, 700, 2.8], [0, 0, 1]])
     assert samples[1].header is not None
     assert samples[1].header.frame == "kitti/navcam_left"
 
@@ -60,6 +60,32 @@ def test_the_calibration_of_an_extract_precedes_that_of_its_parent_folder(tmp_pa
     folder = sequence(tmp_path / "x", "image_l_kitti", "image_r_kitti")
     (folder / "calib_kitti.txt").write_text(f"{P0}\n{P1.replace('-3.5', '-1.4')}\n", encoding="utf-8")
     assert KittiLog(folder).baseline_m == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("left", "right"), [("image_2", "image_3"), ("image_l", "image_r")])
+def test_colour_cameras_and_extracts_are_read(tmp_path: Path, left: str, right: str) -> None:
+    folder = sequence(tmp_path / "06", left, right)
+    assert KittiLog(folder).baseline_m == pytest.approx(0.5)
+    lines = [f"P0: {P0}", f"P1: {P1}", f"P2: {P0}", f"P3: {P1.replace('-3.5', '-2.1')}"]
+    (folder / "calib.txt").write_text("\n".join(lines), encoding="utf-8")
+    assert KittiLog(folder).baseline_m == pytest.approx(0.3 if left == "image_2" else 0.5)
+
+
+@pytest.mark.parametrize("place", ["sequences/06/poses/06.txt", "poses/06.txt"])
+def test_poses_of_the_benchmark_are_found_by_the_number_of_the_sequence(tmp_path: Path, place: str) -> None:
+    folder = sequence(tmp_path / "sequences" / "06")
+    path = tmp_path / place
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3, encoding="utf-8")
+    assert KittiLog(folder).streams[TRUTH].count == 3
+
+
+def test_a_calibration_that_does_not_fit_the_images_is_refused(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    text = (folder / "calib.txt").read_text(encoding="utf-8").replace(" 4.5 ", " 600 ")
+    (folder / "calib.txt").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="outside the images of 8 x 6"):
+        KittiLog(folder)
 
 
 def test_open_log_recognises_a_kitti_folder(tmp_path: Path) -> None:

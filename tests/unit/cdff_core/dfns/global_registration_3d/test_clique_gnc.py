@@ -69,6 +69,29 @@ def test_inliers_are_returned_and_chance_agreement_is_excluded() -> None:
     assert out.expected_by_chance < 1e-20
 
 
+@pytest.mark.parametrize("wrong", [0.0, 0.01, 0.5])
+def test_pairs_that_are_mostly_correct_are_not_attributed_to_chance(wrong: float) -> None:
+    source, target, _ = pairs(6, wrong)
+    assert solve(source, target).expected_by_chance < 1e-20
+
+
+def test_neighbours_of_correct_points_are_not_attributed_to_chance(rng: np.random.Generator) -> None:
+    source, target, _ = pairs(7, 0.0, 300)
+    half = len(source) // 2
+    # Wrong by 2 noises: no inliers, but their distances to most correct pairs are consistent.
+    target[:half] += 2.0 * NOISE_M * np.sign(rng.normal(size=(half, 3))) / np.sqrt(3.0)
+    out = solve(source, target)
+    assert np.count_nonzero(out.inliers) < 0.6 * len(source)
+    assert out.expected_by_chance < 1e-20
+
+
+def test_few_agreeing_pairs_among_many_are_attributed_to_chance() -> None:
+    source, target, _ = pairs(8, 0.96, 100)
+    out = solve(source, target, least_inliers=3)
+    assert out.clique_size == 4
+    assert out.expected_by_chance > 1e-3
+
+
 def test_mostly_correct_pairs_give_the_least_squares_solution() -> None:
     source, target, T = pairs(2, 0.1)
     error = se3.log_se3(se3.inverse(T) @ solve(source, target).transform)

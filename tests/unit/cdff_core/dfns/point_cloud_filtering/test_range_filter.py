@@ -51,3 +51,16 @@ def test_limits_in_the_wrong_order_are_refused(config: dict[str, object]) -> Non
 def test_an_array_of_another_shape_is_refused() -> None:
     with pytest.raises(InputError, match=r"points \(4, 2\): expected float64\[n,3\]"):
         make_node().process(PointCloudFilteringInputs(points=np.zeros((4, 2))))
+
+
+def test_clouds_in_a_map_projection_are_kept(rng: np.random.Generator) -> None:
+    points = rng.uniform(0.0, 300.0, (50, 3)) + np.array([5.13e5, 5.403e6, 300.0])
+    assert len(make_node().process(PointCloudFilteringInputs(points=points)).kept) == 50
+
+
+def test_without_a_largest_range_points_far_from_all_others_are_removed(rng: np.random.Generator) -> None:
+    points = rng.uniform(0.0, 300.0, (50, 3)) + np.array([5.13e5, 5.403e6, 300.0])
+    points[7] = [1e9, 0.0, 0.0]
+    points[9] = [np.inf, 0.0, 0.0]
+    kept = make_node().process(PointCloudFilteringInputs(points=points)).kept
+    assert np.array_equal(np.setdiff1d(np.arange(50), kept), [7, 9])

@@ -79,6 +79,16 @@ def test_the_same_clouds_give_the_same_transform_bit_for_bit(rng: np.random.Gene
     assert np.array_equal(first.covariance, second.covariance)
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.001])
+def test_a_cloud_is_registered_with_its_own_copy(rng: np.random.Generator, noise_m: float) -> None:
+    points = surfaces.terrain(rng)
+    copy = points + rng.normal(0.0, noise_m, points.shape)
+    output = run_matching(make_configured_dfpc(), cloud("target", points), cloud("source", copy))
+    assert output.quality.status is Status.OK, output.quality.reasons
+    assert np.linalg.norm(se3.log_se3(output.value.transform.matrix)) < 0.002
+    assert output.quality.metrics["expected_by_chance"] < 1e-20
+
+
 def test_unrelated_clouds_fail_with_no_overlap(rng: np.random.Generator) -> None:
     unrelated = surfaces.terrain(rng)[:, [1, 0, 2]] * [1, 1, -2] + [0, 0, 3]
     output = run_matching(
