@@ -13,6 +13,7 @@ from cdff_common import types
 from cdff_common.errors import InputError
 from cdff_common.types.message import Message
 from cdff_common.types.rows import check_columns
+from cdff_common.types.validation import read_only
 
 
 def _rows(values: ArrayLike, columns: int) -> NDArray[np.float64]:
@@ -41,6 +42,17 @@ def _descriptor_rows(where: str, descriptors: ArrayLike | None, rows: int) -> ND
     return array
 
 
+def _checked_pair(
+    pair: Any, source: NDArray[np.float64], sink: NDArray[np.float64], probability: float
+) -> Any:
+    """Return a pair of finite, read-only points without the validation of each field, which takes longer."""
+    item = object.__new__(pair)
+    object.__setattr__(item, "source", source)
+    object.__setattr__(item, "sink", sink)
+    object.__setattr__(item, "probability", probability)
+    return item
+
+
 class _CorrespondenceMapExt(Message):
     """Pairs of points; the dimension is that of the subclass."""
 
@@ -58,7 +70,10 @@ class _CorrespondenceMapExt(Message):
             else np.asarray(probabilities, dtype=np.float64).reshape(-1)
         )
         check_columns(cls.__name__, len(a), {"sinks": b, "probabilities": p})
-        return cls(tuple(pair(a[i], b[i], p[i]) for i in range(len(a))))  # type: ignore[call-arg]
+        if not (np.isfinite(a).all() and np.isfinite(b).all() and np.isfinite(p).all()):
+            return cls(tuple(pair(a[i], b[i], p[i]) for i in range(len(a))))  # type: ignore[call-arg]
+        rows = zip(read_only(a), read_only(b), p.tolist(), strict=True)
+        return cls(tuple(_checked_pair(pair, *row) for row in rows))  # type: ignore[call-arg]
 
     @property
     def probabilities(self) -> NDArray[np.float64]:

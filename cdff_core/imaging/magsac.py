@@ -18,7 +18,7 @@ from pydantic import Field
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.imaging.two_view import Fit, log10_false_alarms
+from cdff_core.imaging.two_view import Fit, LensErrors, log10_false_alarms
 
 
 class InlierConfig(DfnConfig):
@@ -30,6 +30,25 @@ class InlierConfig(DfnConfig):
     gate_sigmas: float = Field(
         3.0, ge=1, le=10, description="Least residual of an outlier, in standard deviations"
     )
+
+
+class CalibrationConfig(DfnConfig):
+    """Standard deviations of the errors of camera models; 0 for exact ones."""
+
+    principal_point_ratio: float = Field(
+        0.003, ge=0, le=1, description="Error of the principal point, relative to the focal length"
+    )
+    lens_edge_px: float = Field(
+        1.0,
+        ge=0,
+        le=100,
+        description="Displacement at the edge of the image by the error of each other parameter of a camera",
+    )
+
+    @property
+    def lenses(self) -> LensErrors:
+        """Errors of both cameras."""
+        return LensErrors(self.principal_point_ratio, self.lens_edge_px)
 
 
 class MagsacConfig(InlierConfig):

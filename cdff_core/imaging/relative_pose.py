@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike
 
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import InputError
-from cdff_core.imaging.two_view import Fit, fit_essential, homogeneous
+from cdff_core.imaging.two_view import Fit, LensErrors, fit_essential, homogeneous
+
+#: Smallest fraction of the pairs with parallax in front of both cameras; a wrong pose has about half.
+MIN_IN_FRONT = 0.75
 
 
 def checked_cameras(source: ArrayLike, sink: ArrayLike | None) -> tuple[FloatArray, FloatArray]:
@@ -74,13 +77,14 @@ def fit_in_front(
     sink: FloatArray,
     gate_sigmas: float,
     floor_px: float,
+    lenses: LensErrors | None = None,
 ) -> tuple[Fit, FloatArray, FloatArray]:
     """Refine with ``fit_essential`` over the pairs whose rays do not intersect behind a camera.
 
     Half of the outliers do. The sign of the depth is unknown for rays that are parallel within three standard
     deviations: these pairs are used.
     """
-    fit, R, t = fit_essential(R, t, K, source, sink, gate_sigmas, floor_px)
+    fit, R, t = fit_essential(R, t, K, source, sink, gate_sigmas, floor_px, lenses)
     a, b = rays(source, K[0]), rays(sink, K[1])
     depth_source, depth_sink = depths(R, t, a, b)
     sigma_rad = fit.sigma_px * np.sqrt(1.0 / (K[0][0, 0] * K[0][1, 1]) + 1.0 / (K[1][0, 0] * K[1][1, 1]))
@@ -88,7 +92,7 @@ def fit_in_front(
     in_front = ~behind
     if not (behind & fit.inliers).any() or in_front.sum() < 5:
         return fit, R, t
-    refined, R, t = fit_essential(R, t, K, source[in_front], sink[in_front], gate_sigmas, floor_px)
+    refined, R, t = fit_essential(R, t, K, source[in_front], sink[in_front], gate_sigmas, floor_px, lenses)
     inliers, residuals = fit.inliers & in_front, fit.residuals.copy()
     inliers[in_front], residuals[in_front] = refined.inliers, refined.residuals
     return replace(refined, inliers=inliers, residuals=residuals), R, t

@@ -17,17 +17,19 @@ References
    doi:10.1080/00401706.1977.10489493
 .. [5] J. G. MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with
    improved finite sample properties, Journal of Econometrics 29(3), 1985, doi:10.1016/0304-4076(85)90158-7
+.. [6] K.-Y. Liang, S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73(1),
+   1986, doi:10.1093/biomet/73.1.13
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammaln
 
-from cdff_common.arrays import BoolArray, FloatArray
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry import se3
 
 Function = Callable[[FloatArray], FloatArray]
@@ -35,6 +37,8 @@ Function = Callable[[FloatArray], FloatArray]
 _MAD = 1.4826
 #: Maximum number of Gauss-Newton steps.
 _STEPS = 20
+#: Generators of the rotations about x, y and z, (3, 3, 3).
+_GENERATORS = se3.skew(np.eye(3))
 #: Relative excess of squared errors over the sandwich covariance due to outliers within the gate, times the
 #: number of inliers; calibrated on simulated views of 60 to 900 pairs with 30 % outliers.
 _WRONG_PAIRS = 25.0
@@ -66,6 +70,38 @@ class Fit:
     parameters: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class LensErrors:
+    """Standard deviations of the errors of a camera model.
+
+    Attributes
+    ----------
+    centre_ratio : float
+        Of the principal point, in focal lengths. A calibration hardly separates it from a rotation of the
+        camera, so it is larger than the residuals of the calibration.
+    edge_px : float
+        Of the displacement at the edge by each of focal lengths, skew, radial distortion and tilt of the
+        image plane, pixels.
+    """
+
+    centre_ratio: float
+    edge_px: float
+
+    def displacements(self, points: FloatArray, K: FloatArray) -> FloatArray:
+        """Return the displacements ``(n, 2, 8)`` of pixels by errors of one sigma of eight parameters.
+
+        Principal point (2), focal lengths (2), skew (1), radial distortion (1), tilt (2).
+        """
+        offset = points - K[:2, 2]
+        u, v = (offset / max(float(np.linalg.norm(offset, axis=1).max()), 1e-9)).T
+        r2, zero, centre = u**2 + v**2, np.zeros(len(u)), np.full(len(u), self.centre_ratio)
+        columns = [centre * K[0, 0], zero, u, zero, 0.5 * v, u * r2, u**2, u * v]
+        rows = [zero, centre * K[1, 1], zero, v, 0.5 * u, v * r2, u * v, v**2]
+        result = np.stack([np.stack(columns, axis=1), np.stack(rows, axis=1)], axis=1)
+        result[:, :, 2:] *= self.edge_px
+        return result
+
+
 def homogeneous(points: FloatArray) -> FloatArray:
     """Return homogeneous points ``(n, 3)`` of points ``(n, 2)``."""
     return np.column_stack([points, np.ones(len(points))])
@@ -77,6 +113,18 @@ def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
     Fx, Fy = x @ F.T, y @ F
     norm = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
     return np.asarray(np.einsum("ij,ij->i", y, Fx) / np.maximum(norm, 1e-300))
+
+
+def sampson_derivative(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
+    """Return the derivative ``(n, 1, 9)`` of the Sampson distances by the row-major entries of F."""
+    x, y = homogeneous(source), homogeneous(sink)
+    Fx, Fy = x @ F.T, y @ F
+    Fx[:, 2], Fy[:, 2] = 0.0, 0.0  # only the first two coefficients of a line are in the norm
+    norm = np.maximum(np.sqrt((Fx**2).sum(axis=1) + (Fy**2).sum(axis=1)), 1e-300)
+    r = sampson(F, source, sink) / norm
+    along_source, along_sink = (y - r[:, None] * Fx) / norm[:, None], (-r / norm)[:, None] * y
+    derivative = along_source[:, :, None] * x[:, None, :] + along_sink[:, :, None] * Fy[:, None, :]
+    return np.asarray(derivative.reshape(len(x), 1, 9))
 
 
 def transfer(H: FloatArray, points: FloatArray) -> FloatArray:
@@ -91,6 +139,18 @@ def homography_residuals(H: FloatArray, source: FloatArray, sink: FloatArray) ->
     with np.errstate(invalid="ignore"):
         error = (transfer(H, source) - sink) / np.sqrt(2.0)
     return np.where(np.isfinite(error), error, 1e6)
+
+
+def _homography_derivative(H: FloatArray, source: FloatArray) -> FloatArray:
+    """Return the derivative ``(n, 2, 9)`` of ``homography_residuals`` by the row-major entries of H."""
+    x = homogeneous(source)
+    moved = x @ H.T
+    J = np.zeros((len(x), 2, 9))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = x / (np.sqrt(2.0) * moved[:, 2:])
+        J[:, 0, 0:3], J[:, 1, 3:6] = scaled, scaled
+        J[:, :, 6:9] = -(moved[:, :2] / moved[:, 2:])[:, :, None] * scaled[:, None, :]
+    return np.where(np.isfinite(J), J, 0.0)
 
 
 def fit_fundamental(
@@ -111,7 +171,23 @@ def fit_fundamental(
         state[0], state[2] = state[0] @ se3.exp_so3(d[:3]), state[2] @ se3.exp_so3(d[3:6])
         state[1] += float(d[6])
 
-    return _fit(matrix_at, accept, lambda M: sampson(M, source, sink)[:, None], 7, gate_sigmas, floor_px)
+    def matrix_derivative() -> FloatArray:
+        D = np.diag([np.cos(state[1]), np.sin(state[1]), 0.0])
+        by_angle = np.diag([-np.sin(state[1]), np.cos(state[1]), 0.0])
+        derivatives = np.concatenate([_GENERATORS @ D, D @ _GENERATORS.transpose(0, 2, 1), by_angle[None]])
+        left, right = second.T @ state[0], state[2].T @ first
+        return _derivative_of_unit_matrix(left @ D @ right, left @ derivatives @ right)
+
+    model = _Model(
+        matrix_at=matrix_at,
+        accept=accept,
+        residuals=lambda M: sampson(M, source, sink)[:, None],
+        residual_derivative=lambda M: sampson_derivative(M, source, sink),
+        matrix_derivative=matrix_derivative,
+        dimension=7,
+        cells=image_cells(source),
+    )
+    return _fit(model, gate_sigmas, floor_px)
 
 
 def fit_essential(
@@ -122,17 +198,20 @@ def fit_essential(
     sink: FloatArray,
     gate_sigmas: float,
     floor_px: float,
+    lenses: LensErrors | None = None,
 ) -> tuple[Fit, FloatArray, FloatArray]:
     """Refine the relative pose; return the fit, R and unit t of ``x_sink = R x_source + t``.
 
     The matrix of the fit is E, its residuals are pixels. The five ``parameters`` are three of the rotation
-    (perturbation on the left) and two of t along the columns of ``tangents(t)``.
+    (perturbation on the left) and two of t along the columns of ``tangents(t)``. The covariance contains the
+    errors ``lenses`` of the camera models, independent in both cameras.
     """
     state = [np.array(R), np.array(t) / np.linalg.norm(t)]
+    bases = [tangents(state[1])]
     inverse = np.linalg.inv(K[0]), np.linalg.inv(K[1])
 
     def pose(d: FloatArray) -> tuple[FloatArray, FloatArray]:
-        direction = state[1] + tangents(state[1]) @ d[3:5]
+        direction = state[1] + bases[0] @ d[3:5]
         return se3.exp_so3(d[:3]) @ state[0], direction / np.linalg.norm(direction)
 
     def matrix_at(d: FloatArray) -> FloatArray:
@@ -141,12 +220,55 @@ def fit_essential(
 
     def accept(d: FloatArray) -> None:
         state[0], state[1] = pose(d)
+        bases[0] = tangents(state[1])
 
     def residuals(E: FloatArray) -> FloatArray:
         return sampson(inverse[1].T @ E @ inverse[0], source, sink)[:, None]
 
-    fit = _fit(matrix_at, accept, residuals, 5, gate_sigmas, floor_px)
+    def residual_derivative(E: FloatArray) -> FloatArray:
+        by_F = sampson_derivative(inverse[1].T @ E @ inverse[0], source, sink)
+        return np.asarray(by_F @ np.kron(inverse[1].T, inverse[0].T))
+
+    def matrix_derivative() -> FloatArray:
+        by_rotation = se3.skew(state[1]) @ _GENERATORS @ state[0]
+        by_direction = se3.skew(bases[0].T) @ state[0]
+        return np.concatenate([by_rotation, by_direction]).reshape(5, 9).T
+
+    model = _Model(
+        matrix_at=matrix_at,
+        accept=accept,
+        residuals=residuals,
+        residual_derivative=residual_derivative,
+        matrix_derivative=matrix_derivative,
+        dimension=5,
+        cells=image_cells(source),
+    )
+    fit = _fit(model, gate_sigmas, floor_px)
+    if lenses is not None and np.isfinite(fit.parameters).all():
+        D, inliers = matrix_derivative(), fit.inliers
+        J = (residual_derivative(fit.matrix) @ D)[inliers, 0]
+        F = inverse[1].T @ fit.matrix @ inverse[0]
+        by_lenses = _sampson_by_lenses(F, K, source[inliers], sink[inliers], lenses)
+        parameters_by_lenses = np.linalg.lstsq(J, by_lenses, rcond=None)[0]
+        parameters = fit.parameters + parameters_by_lenses @ parameters_by_lenses.T
+        fit = replace(fit, covariance=D @ parameters @ D.T, parameters=parameters)
     return fit, se3.normalise_rotation(state[0]), state[1]
+
+
+def _sampson_by_lenses(
+    F: FloatArray,
+    K: tuple[FloatArray, FloatArray],
+    source: FloatArray,
+    sink: FloatArray,
+    lenses: LensErrors,
+) -> FloatArray:
+    """Return the changes ``(n, 16)`` of the Sampson distances by errors of one sigma of each parameter."""
+    x, y = homogeneous(source), homogeneous(sink)
+    Fx, Fy = x @ F.T, y @ F
+    norm = np.sqrt((Fx[:, :2] ** 2).sum(axis=1) + (Fy[:, :2] ** 2).sum(axis=1))[:, None]
+    by_source = np.einsum("ni,nij->nj", Fy[:, :2] / norm, lenses.displacements(source, K[0]))
+    by_sink = np.einsum("ni,nij->nj", Fx[:, :2] / norm, lenses.displacements(sink, K[1]))
+    return np.hstack([by_source, by_sink])
 
 
 def fit_homography(
@@ -154,21 +276,36 @@ def fit_homography(
 ) -> Fit:
     """Refine a homography of unit norm along the eight directions that change it."""
     first, second = _conditioning(source), _conditioning(sink)
-    state = [second @ H @ np.linalg.inv(first)]
-    state[0] /= np.linalg.norm(state[0])
+    inverse = np.linalg.inv(second)
+    conditioned = second @ H @ np.linalg.inv(first)
+    state = [conditioned / np.linalg.norm(conditioned)]
+    bases = [tangents(state[0].reshape(9))]
 
     def perturbed(d: FloatArray) -> FloatArray:
-        basis = np.linalg.svd(state[0].reshape(1, 9))[2][1:].T
-        return np.asarray(state[0] + (basis @ d).reshape(3, 3))
+        return np.asarray(state[0] + (bases[0] @ d).reshape(3, 3))
 
     def matrix_at(d: FloatArray) -> FloatArray:
-        M = np.linalg.inv(second) @ perturbed(d) @ first
+        M = inverse @ perturbed(d) @ first
         return np.asarray(M / np.linalg.norm(M))
 
     def accept(d: FloatArray) -> None:
         state[0] = perturbed(d) / np.linalg.norm(perturbed(d))
+        bases[0] = tangents(state[0].reshape(9))
 
-    return _fit(matrix_at, accept, lambda M: homography_residuals(M, source, sink), 8, gate_sigmas, floor_px)
+    def matrix_derivative() -> FloatArray:
+        derivatives = bases[0].T.reshape(-1, 3, 3)
+        return _derivative_of_unit_matrix(inverse @ state[0] @ first, inverse @ derivatives @ first)
+
+    model = _Model(
+        matrix_at=matrix_at,
+        accept=accept,
+        residuals=lambda M: homography_residuals(M, source, sink),
+        residual_derivative=lambda M: _homography_derivative(M, source),
+        matrix_derivative=matrix_derivative,
+        dimension=8,
+        cells=image_cells(source),
+    )
+    return _fit(model, gate_sigmas, floor_px)
 
 
 def _conditioning(points: FloatArray) -> FloatArray:
@@ -178,37 +315,67 @@ def _conditioning(points: FloatArray) -> FloatArray:
     return np.array([[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]])
 
 
+def image_cells(points: FloatArray) -> IntArray:
+    """Return the cell ``(n,)`` of each pixel, of 8 x 8 that cover all of them."""
+    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    column, row = np.minimum((8.0 * (points - low) / size).astype(np.int64), 7).T
+    return np.asarray(8 * row + column)
+
+
 def tangents(direction: FloatArray) -> FloatArray:
-    """Return two orthonormal columns ``(3, 2)`` perpendicular to a unit vector."""
+    """Return orthonormal columns ``(n, n - 1)`` perpendicular to a unit vector ``(n,)``."""
     return np.asarray(np.linalg.svd(direction[None])[2][1:].T)
 
 
-def _fit(
-    matrix_at: Function,
-    accept: Callable[[FloatArray], None],
-    residuals: Function,
-    dimension: int,
-    gate: float,
-    floor_px: float,
-) -> Fit:
+@dataclass(frozen=True, slots=True)
+class _Model:
+    """A matrix with d parameters, and the residuals of the n pairs.
+
+    Attributes
+    ----------
+    matrix_at : callable
+        Returns the matrix after a small change ``(d,)`` of the parameters.
+    accept : callable
+        Applies a change ``(d,)`` of the parameters.
+    residuals : callable
+        Returns the residuals ``(n, k)`` of a matrix.
+    residual_derivative : callable
+        Returns the derivative ``(n, k, 9)`` of the residuals by the row-major entries of a matrix.
+    matrix_derivative : callable
+        Returns the derivative ``(9, d)`` of the matrix by the parameters.
+    dimension : int
+        Number of parameters d.
+    cells : ndarray of int, shape (n,)
+        Cell of the first image that contains the point of each pair.
+    """
+
+    matrix_at: Function
+    accept: Callable[[FloatArray], None]
+    residuals: Function
+    residual_derivative: Function
+    matrix_derivative: Callable[[], FloatArray]
+    dimension: int
+    cells: IntArray
+
+
+def _derivative_of_unit_matrix(M: FloatArray, derivatives: FloatArray) -> FloatArray:
+    """Return the derivative ``(9, d)`` of ``M / |M|``, given the derivatives ``(d, 3, 3)`` of M."""
+    unit, rows = M.reshape(9) / np.linalg.norm(M), derivatives.reshape(-1, 9) / np.linalg.norm(M)
+    return np.asarray((rows - np.outer(rows @ unit, unit)).T)
+
+
+def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
     """Minimise by Gauss-Newton; each step selects the inliers by ``gate`` standard deviations.
 
     A pair is tested by its distance from the model of the other inliers, since an outlier with large leverage
-    attracts the model, so that its own residual is small ([4]_). ``matrix_at`` returns the matrix after a
-    small change ``(d,)`` of the parameters, ``accept`` applies this change, and ``residuals`` returns those
-    ``(n, k)`` of a matrix.
+    attracts the model, so that its own residual is small ([4]_).
     """
-    zero, steps = np.zeros(dimension), 1e-6 * np.eye(dimension)
-
-    def derivative(of: Function) -> FloatArray:
-        return np.stack([(of(d) - of(-d)) / 2e-6 for d in steps], axis=-1)
-
-    def distances(d: FloatArray) -> FloatArray:
-        return residuals(matrix_at(d))
-
+    dimension = model.dimension
+    zero = np.zeros(dimension)
     inliers, sigma, leverage = np.zeros(0, bool), floor_px, np.zeros(0)
     for iteration in range(_STEPS):
-        r = distances(zero)
+        matrix = model.matrix_at(zero)
+        r = model.residuals(matrix)
         size = _size(r)
         core = size < 4.0 * sigma if iteration else size < np.inf
         near = size[core][size[core] < 8.0 * floor_px]
@@ -217,17 +384,18 @@ def _fit(
         inliers = size / (1.0 - leverage) < gate * sigma
         if inliers.sum() * r.shape[1] <= dimension:
             break
-        J = derivative(distances)
+        J = model.residual_derivative(matrix) @ model.matrix_derivative()
         A = J[inliers].reshape(-1, dimension)
         leverage = np.where(inliers, _leverage(J, A), 0.0)
         normal = A.T @ A
         step = np.asarray(-np.linalg.lstsq(normal, A.T @ r[inliers].reshape(-1), rcond=1e-14)[0], np.float64)
-        accept(step)
-        if float(step @ normal @ step) < 1e-8 * sigma**2:
+        model.accept(step)
+        if float(step @ normal @ step) < 1e-6 * sigma**2:
             break
-    r = distances(zero)
+    matrix = model.matrix_at(zero)
+    r, D = model.residuals(matrix), model.matrix_derivative()
     inliers = _size(r) / (1.0 - leverage) < gate * sigma
-    return _with_covariance(matrix_at(zero), derivative(matrix_at), derivative(distances), r, inliers, sigma)
+    return _with_covariance(matrix, D, model.residual_derivative(matrix) @ D, r, inliers, sigma, model.cells)
 
 
 def _size(r: FloatArray) -> FloatArray:
@@ -243,17 +411,19 @@ def _leverage(J: FloatArray, A: FloatArray) -> FloatArray:
 
 def _with_covariance(
     matrix: FloatArray,
-    slope: FloatArray,
+    D: FloatArray,
     J: FloatArray,
     r: FloatArray,
     inliers: BoolArray,
     sigma: float,
+    cells: IntArray,
 ) -> Fit:
     """Return the fit with its covariance from leave-one-out residuals.
 
     It is ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair and its leverage h ([5]_),
-    which is consistent for pairs of different noise. It is enlarged for outliers within the gate of a line,
-    and propagated to the nine matrix entries; ``slope`` (3, 3, d) are the derivatives of the matrix.
+    which is consistent for pairs of different noise, and for errors that are equal within a cell of the image
+    (``cells`` ``(n,)``). It is enlarged for outliers within the gate of a line, and propagated to the nine
+    matrix entries; ``D`` (9, d) is the derivative of the matrix by the parameters.
     """
     dimension = J.shape[-1]
     size = _size(r)
@@ -267,9 +437,30 @@ def _with_covariance(
     scores = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], A))[:, None]
     # Many outliers are within the gate of a line, few within that of a point.
     excess = _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0
-    parameters = (1.0 + excess) * inverse @ (scores.T @ scores) @ inverse
-    D = slope.reshape(9, dimension)
+    score_products = _with_correlation(scores, cells[inliers])
+    parameters = (1.0 + excess) * inverse @ score_products @ inverse
     return Fit(matrix, D @ parameters @ D.T, inliers, size, float(np.sqrt(variance)), parameters)
+
+
+def _with_correlation(scores: FloatArray, cells: IntArray) -> FloatArray:
+    """Return ``sum(s s')`` ``(d, d)`` of scores ``(n, d)``, enlarged where those of one cell are correlated.
+
+    Cluster-robust covariance ([6]_): neighbouring pairs have the same error of the lens or of a moving object.
+    Sums over few cells are uncertain, so the result is never smaller than without correlation.
+    """
+    products = np.asarray(scores.T @ scores)
+    sums = np.zeros((int(cells.max()) + 1, scores.shape[1]))
+    np.add.at(sums, cells, scores)
+    occupied = len(np.unique(cells))
+    if occupied <= scores.shape[1]:
+        return products
+    values, vectors = np.linalg.eigh(products)
+    root = vectors * np.sqrt(np.maximum(values, 1e-300))
+    whitening = np.linalg.pinv(root)
+    correlated = whitening @ (sums.T @ sums) @ whitening.T * (occupied / (occupied - 1.0))
+    ratios, axes = np.linalg.eigh(correlated)
+    scaled_axes = root @ axes
+    return np.asarray(scaled_axes * np.maximum(ratios, 1.0) @ scaled_axes.T)
 
 
 def log10_false_alarms(pairs: int, inliers: int, chance: float, minimal: int) -> float:

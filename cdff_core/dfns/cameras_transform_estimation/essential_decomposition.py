@@ -7,20 +7,29 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import FloatArray
-from cdff_common.errors import DegenerateGeometryError
+from cdff_common.arrays import BoolArray, FloatArray
+from cdff_common.errors import DegenerateGeometryError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_core.dfns.cameras_transform_estimation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.magsac import InlierConfig, pairs, refuse_few_inliers
-from cdff_core.imaging.relative_pose import angles, checked_cameras, decomposed, depths, fit_in_front, rays
+from cdff_core.imaging.magsac import CalibrationConfig, InlierConfig, pairs, refuse_few_inliers
+from cdff_core.imaging.relative_pose import (
+    MIN_IN_FRONT,
+    angles,
+    checked_cameras,
+    decomposed,
+    depths,
+    fit_in_front,
+    rays,
+)
+from cdff_core.imaging.relative_pose_search import best_rotation
 from cdff_core.imaging.two_view import tangents
 
 #: Median residual of the best pure rotation, in standard deviations, below which translation is unobservable.
 _MIN_PARALLAX_SIGMAS = 3.0
 
 
-class EssentialDecompositionConfig(InlierConfig):
+class EssentialDecompositionConfig(InlierConfig, CalibrationConfig):
     """Parameters of EssentialDecomposition."""
 
     min_inliers: int = Field(12, ge=6, description="Minimum number of inliers; fewer are refused")
@@ -39,7 +48,8 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the relative pose.
 
-        Raises RefusedError if too few pairs are inliers, DegenerateGeometryError for a pure rotation.
+        Raises RefusedError if too few pairs are inliers or too many intersect behind a camera, and
+        DegenerateGeometryError for a pure rotation.
         """
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
@@ -47,11 +57,15 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
         source_rays, sink_rays = rays(source, K[0]), rays(sink, K[1])
         R, t, _ = decomposed(E, source_rays, sink_rays)
-        fit, R, t = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
+        fit, R, t = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px, cfg.lenses)
         sigma_rad = fit.sigma_px / float(np.sqrt(K[1][0, 0] * K[1][1, 1]))
         self._refuse_rotation(source_rays[fit.inliers], sink_rays[fit.inliers], sigma_rad)
         source_depths, sink_depths = depths(R, t, source_rays, sink_rays)
-        inliers = fit.inliers & (source_depths > 0.0) & (sink_depths > 0.0)
+        is_in_front = (source_depths > 0.0) & (sink_depths > 0.0)
+        has_parallax = angles(source_rays @ R.T, sink_rays) > _MIN_PARALLAX_SIGMAS * np.sqrt(2.0) * sigma_rad
+        agrees = fit.residuals < cfg.gate_sigmas * fit.sigma_px
+        self._refuse_points_behind(is_in_front, has_parallax & agrees)
+        inliers = fit.inliers & is_in_front
         refuse_few_inliers(inliers, cfg.min_inliers)
         parallax = float(np.median(angles(source_rays[inliers] @ R.T, sink_rays[inliers])))
         # Derivative of the pose perturbation by the five parameters: rotation, direction of translation.
@@ -66,16 +80,18 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
             parallax_deg=float(np.degrees(parallax)),
         )
 
+    def _refuse_points_behind(self, is_in_front: BoolArray, has_parallax: BoolArray) -> None:
+        """Raise RefusedError if too many of the pairs with parallax intersect behind a camera."""
+        if has_parallax.any() and (ratio := float(is_in_front[has_parallax].mean())) < MIN_IN_FRONT:
+            text = f"{ratio:.2f} of the pairs are in front of both cameras, expected {MIN_IN_FRONT}"
+            raise RefusedError(text, [f"behind_camera:{ratio:.2f}<{MIN_IN_FRONT:g}"])
+
     def _refuse_rotation(self, source_rays: FloatArray, sink_rays: FloatArray, sigma_rad: float) -> None:
-        """Raise DegenerateGeometryError if the best pure rotation (Kabsch 1976) explains the pairs."""
+        """Raise DegenerateGeometryError if the best pure rotation explains the pairs."""
         if len(source_rays) < 3:
             return
-        unit_rays = [
-            vectors / np.linalg.norm(vectors, axis=1, keepdims=True) for vectors in (source_rays, sink_rays)
-        ]
-        U, _, Vt = np.linalg.svd(unit_rays[1].T @ unit_rays[0])
-        rotation = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        residual_rad = float(np.median(angles(unit_rays[0] @ rotation.T, unit_rays[1])))
+        rotation = best_rotation(source_rays, sink_rays)
+        residual_rad = float(np.median(angles(source_rays @ rotation.T, sink_rays)))
         if residual_rad < _MIN_PARALLAX_SIGMAS * sigma_rad:
             residual_deg, sigma_deg = np.degrees(residual_rad), np.degrees(sigma_rad)
             raise DegenerateGeometryError(

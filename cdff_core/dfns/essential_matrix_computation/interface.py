@@ -59,14 +59,18 @@ class EssentialMatrixComputationOutputs:
     essential_matrix : ndarray of float64, shape (3,3)
         E = [t]x R with t of length 1, x_sink = R x_source + t.
     covariance : ndarray of float64, shape (9,9)
-        Covariance of the matrix read row by row, calibrated: sandwich estimator over the inliers with their
-        leverage, enlarged for outliers within the gate; its rank is the number of parameters, 5.
+        Covariance of the matrix read row by row, formal: sandwich estimator over the inliers with their
+        leverage, enlarged for outliers within the gate, and errors of the cameras; its rank is the number
+        of parameters, 5.
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the model.
     residuals : ndarray of float64, shape (n)
         Sampson distance of each pair, signed, pixels.
     sigma_px : float
         Standard deviation of an inlier's residual in one direction, pixels.
+    ambiguity : float
+        Squared error divided by that of the next best, different pose with the points in front; 0 without
+        one, 1 if both are equally good.
     log_false_alarms : float
         Log10 of the expected number of models that random pairs support as well as this one.
     """
@@ -76,6 +80,7 @@ class EssentialMatrixComputationOutputs:
     inliers: NDArray[np.bool_]
     residuals: NDArray[np.float64]
     sigma_px: float
+    ambiguity: float
     log_false_alarms: float
 
 

@@ -7,12 +7,27 @@ from __future__ import annotations
 import cv2
 
 from cdff_core.dfns.essential_matrix_computation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.magsac import MagsacConfig, checked_matrix, outputs_of, pairs, parameters
-from cdff_core.imaging.relative_pose import checked_cameras, decomposed, fit_in_front, rays
+from cdff_core.imaging.magsac import (
+    CalibrationConfig,
+    MagsacConfig,
+    checked_matrix,
+    outputs_of,
+    pairs,
+    parameters,
+)
+from cdff_core.imaging.relative_pose import MIN_IN_FRONT, checked_cameras, fit_in_front
+from cdff_core.imaging.relative_pose_search import ambiguity, find_minima
 
 
-class Magsac(Interface[MagsacConfig]):
-    """OpenCV's MAGSAC++ (Barath et al. 2020); the five parameters are refined by the Sampson distance."""
+class EssentialMagsacConfig(MagsacConfig, CalibrationConfig):
+    """Parameters of Magsac."""
+
+
+class Magsac(Interface[EssentialMagsacConfig]):
+    """OpenCV's MAGSAC++ (Barath et al. 2020); the five parameters are refined by the Sampson distance.
+
+    The best of several local minima is returned, since MAGSAC++ may end in any of them.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the essential matrix; raises RefusedError if too few pairs agree on one."""
@@ -21,6 +36,11 @@ class Magsac(Interface[MagsacConfig]):
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
         initial, _ = cv2.findEssentialMat(source, sink, K[0], K[1], None, None, parameters(cfg))
         E = checked_matrix(initial, len(source))
-        R, t, _ = decomposed(E, rays(source, K[0]), rays(sink, K[1]))
-        fit, *_ = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
-        return Outputs(essential_matrix=fit.matrix, **outputs_of(fit, cfg, sink, 5))
+        minima = find_minima(E, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
+        R, t = minima[0].R, minima[0].t
+        fit, *_ = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px, cfg.lenses)
+        return Outputs(
+            essential_matrix=fit.matrix,
+            ambiguity=ambiguity(minima, MIN_IN_FRONT),
+            **outputs_of(fit, cfg, sink, 5),
+        )

@@ -9,16 +9,20 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import BoolArray, ByteArray, Float32Array
+from cdff_common.arrays import ByteArray, Float32Array, IntArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.features_matching_2d._kernels import (
+    EXCLUDED,
+    Neighbours,
+    search_along_lines,
+    update_nearest,
+)
 from cdff_core.dfns.features_matching_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.two_view import homogeneous
 
-#: Rows of the source that are compared with the epipolar lines at a time, to limit memory.
+#: Rows of the matrix of distances that are computed at a time, so that they fit in the cache.
 _BLOCK_ROWS = 1024
-#: Distance of excluded pairs.
-_EXCLUDED = np.float32(1e12)
 
 
 class MutualRatioConfig(DfnConfig):
@@ -55,66 +59,110 @@ class MutualRatio(Interface[MutualRatioConfig]):
        doi:10.1023/B:VISI.0000029664.99615.94
     """
 
+    def setup(self) -> None:
+        """Compile the kernels."""
+        for width in (32, 128):
+            one = np.zeros((1, width), np.uint8)
+            self._find_nearest(Inputs(source=one, sink=one))
+            self._find_nearest(
+                Inputs(
+                    source=one,
+                    sink=one,
+                    source_features=np.zeros((1, 2)),
+                    sink_features=np.zeros((1, 2)),
+                    fundamental_matrix=np.eye(3),
+                )
+            )
+
     def process(self, inputs: Inputs) -> Outputs:
         """Return the matches; raises InputError for a fundamental matrix without points."""
         cfg = self.config
-        source, sink = np.asarray(inputs.source), np.asarray(inputs.sink)
-        if not (len(source) and len(sink)):
+        if not (len(inputs.source) and len(inputs.sink)):
             return Outputs(matches=np.zeros((0, 2), np.int64), distances=np.zeros(0), ratios=np.zeros(0))
-        distances2 = self._distances(source, sink)
-        if inputs.fundamental_matrix is not None:
-            distances2[~self._is_near_epipolar_line(inputs, len(source), len(sink))] = _EXCLUDED
-        nearest_sink, nearest_source = distances2.argmin(axis=1), distances2.argmin(axis=0)
-        rows = np.arange(len(source))
-        nearest2 = distances2[rows, nearest_sink].astype(np.float64)
-        distances2[rows, nearest_sink] = _EXCLUDED
-        second2 = distances2.min(axis=1).astype(np.float64)
+        nearest_sink, distances2, nearest_source = self._find_nearest(inputs)
+        rows = np.arange(len(nearest_sink))
+        nearest2, second2 = distances2.astype(np.float64).T
         with np.errstate(divide="ignore", invalid="ignore"):
             ratios = np.where(second2 > 0.0, np.sqrt(nearest2 / second2), 1.0)
-            if self._is_hamming(source):
+            if self._is_hamming(inputs.source):
                 ratios = ratios**2  # Hamming distances are not squared
-        is_match = (nearest2 < _EXCLUDED) & (ratios <= cfg.max_ratio)
+        is_match = (nearest2 < EXCLUDED) & (ratios <= cfg.max_ratio)
         if cfg.mutual:
             is_match &= nearest_source[nearest_sink] == rows
         selected = np.flatnonzero(is_match)
         selected = selected[np.argsort(ratios[selected], kind="stable")[: cfg.max_matches]]
-        distances = nearest2 if self._is_hamming(source) else np.sqrt(nearest2)
+        distances = nearest2 if self._is_hamming(inputs.source) else np.sqrt(nearest2)
         return Outputs(
             matches=np.column_stack([selected, nearest_sink[selected]]).astype(np.int64),
             distances=distances[selected],
             ratios=ratios[selected],
         )
 
+    def _find_nearest(self, inputs: Inputs) -> tuple[IntArray, Float32Array, IntArray]:
+        """Return the nearest neighbours of both images.
+
+        The nearest sink of each source ``(n,)``, the squared (or Hamming) distances of the nearest and second
+        nearest sink ``(n, 2)``, and the nearest source of each sink ``(m,)``.
+        """
+        source, sink = np.ascontiguousarray(inputs.source), np.ascontiguousarray(inputs.sink)
+        is_hamming = self._is_hamming(source)
+        neighbours = Neighbours(
+            sink=np.zeros(len(source), np.int64),
+            sink_distances2=np.full((len(source), 2), EXCLUDED),
+            source=np.zeros(len(sink), np.int64),
+            source_distances2=np.full(len(sink), EXCLUDED),
+        )
+        if inputs.fundamental_matrix is not None:
+            lines, points = _epipolar_lines(inputs)
+            search_along_lines(source, sink, lines, points, self.config.band_px, is_hamming, neighbours)
+        else:
+            self._search_all(_vectors(source, is_hamming), _vectors(sink, is_hamming), is_hamming, neighbours)
+        return neighbours.sink, neighbours.sink_distances2, neighbours.source
+
+    def _search_all(
+        self, source: Float32Array, sink: Float32Array, is_hamming: bool, neighbours: Neighbours
+    ) -> None:
+        """Update the nearest neighbours by all pairs of the vectors ``(n, d)`` and ``(m, d)``."""
+        source_norms2, sink_norms2 = (np.einsum("ij,ij->i", v, v) for v in (source, sink))
+        scale = np.float32(0.25 if is_hamming else 1.0)  # vectors of signs: each differing bit adds 4
+        for start in range(0, len(source), _BLOCK_ROWS):
+            rows = slice(start, start + _BLOCK_ROWS)
+            block = source[rows] @ sink.T
+            block *= np.float32(-2.0)
+            block += source_norms2[rows, None]
+            block += sink_norms2
+            block *= scale
+            np.maximum(block, np.float32(0.0), out=block)
+            update_nearest(block, start, neighbours)
+
     def _is_hamming(self, descriptors: ByteArray) -> bool:
         """Return whether descriptors are compared by the Hamming distance."""
         norm = self.config.norm
         return norm == "hamming" or (norm == "auto" and descriptors.shape[1] == 32)
 
-    def _distances(self, source: ByteArray, sink: ByteArray) -> Float32Array:
-        """Return the Hamming distances, or the squared Euclidean distances, ``(n, m)``."""
-        if self._is_hamming(source):
-            bits = 8 * source.shape[1]
-            a, b = (np.float32(2.0) * np.unpackbits(d, axis=1) - np.float32(1.0) for d in (source, sink))
-            return np.asarray((np.float32(bits) - a @ b.T) / np.float32(2.0))
-        a, b = source.astype(np.float32), sink.astype(np.float32)
-        distances2 = a @ b.T
-        distances2 *= np.float32(-2.0)
-        distances2 += np.einsum("ij,ij->i", a, a)[:, None]
-        distances2 += np.einsum("ij,ij->i", b, b)
-        return np.maximum(distances2, np.float32(0.0), out=distances2)
 
-    def _is_near_epipolar_line(self, inputs: Inputs, source_count: int, sink_count: int) -> BoolArray:
-        """Return which pairs ``(n, m)`` have a Sampson distance of at most ``band_px``."""
-        F = np.asarray(inputs.fundamental_matrix, np.float64)
-        if inputs.source_features is None or inputs.sink_features is None:
-            raise InputError("fundamentalMatrix without sourceFeatures and sinkFeatures: expected all three")
-        source_points = homogeneous(np.asarray(inputs.source_features, np.float64))
-        sink_points = homogeneous(np.asarray(inputs.sink_features, np.float64))
-        sink_lines, source_lines = source_points @ F.T, sink_points @ F
-        is_near = np.empty((source_count, sink_count), bool)
-        for start in range(0, source_count, _BLOCK_ROWS):
-            block = sink_lines[start : start + _BLOCK_ROWS]
-            gradient2 = (block[:, :2] ** 2).sum(axis=1)[:, None] + (source_lines[:, :2] ** 2).sum(axis=1)
-            algebraic_error = block @ sink_points.T
-            is_near[start : start + len(block)] = algebraic_error**2 <= self.config.band_px**2 * gradient2
-        return is_near
+def _vectors(descriptors: ByteArray, is_hamming: bool) -> Float32Array:
+    """Return the descriptors as numbers, or their bits as signs ``(n, bits)``."""
+    if is_hamming:
+        return np.float32(2.0) * np.unpackbits(descriptors, axis=1) - np.float32(1.0)
+    return descriptors.astype(np.float32)
+
+
+def _epipolar_lines(inputs: Inputs) -> tuple[Float32Array, Float32Array]:
+    """Return the arguments ``lines`` and ``points`` of ``search_along_lines``; raises InputError without
+    points.
+    """
+    if inputs.source_features is None or inputs.sink_features is None:
+        raise InputError("fundamentalMatrix without sourceFeatures and sinkFeatures: expected all three")
+    F = np.asarray(inputs.fundamental_matrix, np.float64)
+    points = np.asarray(inputs.sink_features, np.float64)
+    sink_lines = homogeneous(np.asarray(inputs.source_features, np.float64)) @ F.T
+    source_lines = homogeneous(points) @ F
+    scale = 1.0 / max(float(np.abs(np.vstack([sink_lines, source_lines])[:, :2]).max()), 1e-30)
+    sink_gradients2, source_gradients2 = (
+        ((scale * lines[:, :2]) ** 2).sum(axis=1) for lines in (sink_lines, source_lines)
+    )
+    return (
+        np.column_stack([scale * sink_lines, sink_gradients2]).astype(np.float32),
+        np.ascontiguousarray(np.column_stack([points, source_gradients2]).T, np.float32),
+    )

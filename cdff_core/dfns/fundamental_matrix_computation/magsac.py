@@ -22,6 +22,9 @@ class Magsac(Interface[MagsacConfig]):
         """Return the fundamental matrix; raises RefusedError if too few pairs agree on one."""
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
-        F = checked_matrix(cv2.findFundamentalMat(source, sink, parameters(cfg))[0], len(source))
+        if inputs.guess is None:
+            F = checked_matrix(cv2.findFundamentalMat(source, sink, parameters(cfg))[0], len(source))
+        else:
+            F = checked_matrix(inputs.guess, len(source))
         fit = fit_fundamental(F, source, sink, cfg.gate_sigmas, cfg.threshold_px)
         return Outputs(fundamental_matrix=fit.matrix, **outputs_of(fit, cfg, sink, 7))

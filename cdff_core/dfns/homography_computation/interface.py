@@ -13,7 +13,11 @@ from numpy.typing import NDArray
 from cdff_common.interfaces.array_ports import ArrayPorts
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 
-_ARRAYS = ArrayPorts({"source": "float64[n,2]", "sink": "float64[n,2]"}, finite=["source", "sink"])
+_ARRAYS = ArrayPorts(
+    {"source": "float64[n,2]", "sink": "float64[n,2]", "guess": "float64[3,3]"},
+    finite=["source", "sink", "guess"],
+    optional=["guess"],
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -26,10 +30,13 @@ class HomographyComputationInputs:
         Points of the first image, column and row, pixels, without distortion.
     sink : ndarray of float64, shape (n,2)
         Matching points of the second image, pixels, without distortion; some pairs are outliers.
+    guess : ndarray of float64, shape (3,3), optional
+        H near the solution, from which the least squares start; without it, random samples are drawn.
     """
 
     source: NDArray[np.float64]
     sink: NDArray[np.float64]
+    guess: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         _ARRAYS.check(self)
@@ -44,7 +51,7 @@ class HomographyComputationOutputs:
     homography : ndarray of float64, shape (3,3)
         H of unit norm: sink ~ H source.
     covariance : ndarray of float64, shape (9,9)
-        Covariance of the matrix read row by row, calibrated: sandwich estimator over the inliers with their
+        Covariance of the matrix read row by row, formal: sandwich estimator over the inliers with their
         leverage; its rank is the number of parameters, 8.
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the model.

@@ -18,6 +18,9 @@ class Magsac(Interface[MagsacConfig]):
         """Return the homography; raises RefusedError if too few pairs agree on one."""
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
-        H = checked_matrix(cv2.findHomography(source, sink, parameters(cfg))[0], len(source))
+        if inputs.guess is None:
+            H = checked_matrix(cv2.findHomography(source, sink, parameters(cfg))[0], len(source))
+        else:
+            H = checked_matrix(inputs.guess, len(source))
         fit = fit_homography(H, source, sink, cfg.gate_sigmas, cfg.threshold_px)
         return Outputs(homography=fit.matrix, **outputs_of(fit, cfg, sink, 4, is_line=False))

@@ -25,7 +25,13 @@ from cdff_core.dfns.cameras_transform_estimation.interface import CamerasTransfo
 from cdff_core.dfns.essential_matrix_computation.interface import EssentialMatrixComputationInputs
 from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation.interface import HomographyComputationInputs
-from cdff_core.dfpcs.feature_matching.features import FeatureMatcher, FeatureView, FloatArray, PointPairs
+from cdff_core.dfpcs.feature_matching.features import (
+    SEARCHED_POINTS,
+    FeatureMatcher,
+    FeatureView,
+    FloatArray,
+    PointPairs,
+)
 from cdff_core.dfpcs.feature_matching.interface import FeatureMatchingInterface
 from cdff_core.dfpcs.feature_matching.two_view_models import VerifiedPairs, is_planar
 from cdff_core.imaging.two_view import inlier_probabilities
@@ -34,6 +40,10 @@ from cdff_core.imaging.two_view import inlier_probabilities
 _GOOD_INLIERS = 30
 #: Ratio of inliers on one plane above which the transform is DEGRADED.
 _MAX_PLANAR_RATIO = 0.95
+#: Squared error divided by that of the next best pose, above which the transform is DEGRADED.
+_MAX_AMBIGUITY = 0.8
+#: Standard deviation of the direction of the translation above which the transform is DEGRADED.
+_MAX_DIRECTION_SIGMA_DEG = 10.0
 #: Models and the store items of their matrices.
 _MATRIX_ITEMS = {
     "fundamental": "fundamental_matrix",
@@ -94,28 +104,40 @@ class FeatureMatching(FeatureMatchingInterface):
 
     def _match(self, left: FeatureView, right: FeatureView) -> VerifiedPairs:
         """Return the pairs verified by their common geometry; raises RefusedError if there is none."""
-        verified = self._verify(self._matcher.match(left, right))
+        try:
+            verified = self._verify(self._matcher.match(left, right))
+        except RefusedError:
+            if max(len(left.points), len(right.points)) <= SEARCHED_POINTS:
+                raise
+            verified = self._verify(self._matcher.match(left, right, limit=None))
         guided = self._matcher.match_along_lines(left, right, verified.fundamental_matrix)
         if guided is None or len(guided) <= verified.count:
             return verified
-        verified_guided = self._verify(guided, verified.planar)
+        verified_guided = self._verify(guided, verified)
         return verified_guided if verified_guided.count > verified.count else verified
 
-    def _verify(self, pairs: PointPairs, planar: bool | None = None) -> VerifiedPairs:
-        """Fit fundamental matrix and homography, and verify the pairs by the homography if ``planar``."""
+    def _verify(self, pairs: PointPairs, previous: VerifiedPairs | None = None) -> VerifiedPairs:
+        """Fit fundamental matrix and homography, and verify the pairs by one of them.
+
+        With ``previous``, the fits start at its models, and the same kind of model verifies the pairs.
+        """
+        guesses = (previous.fundamental_matrix, previous.homography) if previous else (None, None)
         lines = self._fundamental.process(
-            FundamentalMatrixComputationInputs(source=pairs.left, sink=pairs.right)
+            FundamentalMatrixComputationInputs(source=pairs.left, sink=pairs.right, guess=guesses[0])
         )
         self._store_model("fundamental", lines.fundamental_matrix, lines.covariance)
+        if previous and not previous.planar:
+            return VerifiedPairs.from_lines(pairs, lines, previous.homography)
         try:
-            plane = self._homography.process(HomographyComputationInputs(source=pairs.left, sink=pairs.right))
+            plane = self._homography.process(
+                HomographyComputationInputs(source=pairs.left, sink=pairs.right, guess=guesses[1])
+            )
         except RefusedError:
-            return VerifiedPairs.from_model(pairs, lines, lines.fundamental_matrix, 0.0)
+            return VerifiedPairs.from_lines(pairs, lines)
         self._store_model("homography", plane.homography, plane.covariance)
-        if planar is None:
-            planar = is_planar(pairs, lines, plane)
-        ratio = 1.0 if planar else float((plane.inliers & lines.inliers).sum() / lines.inliers.sum())
-        return VerifiedPairs.from_model(pairs, plane if planar else lines, lines.fundamental_matrix, ratio)
+        if previous or is_planar(pairs, lines, plane):
+            return VerifiedPairs.from_plane(pairs, lines, plane)
+        return VerifiedPairs.from_lines(pairs, lines, plane.homography)
 
     def _matches(self, sample: Sample, input_ids: tuple[str, ...], v: VerifiedPairs) -> Output:
         inliers, span = v.inliers, float(np.hypot(*np.ptp(v.pairs.right, axis=0)))
@@ -158,9 +180,19 @@ class FeatureMatching(FeatureMatchingInterface):
             )
         except RefusedError as refusal:
             return [self._output("transform", right.sample, input_ids, None, Quality.from_error(refusal))]
-        has_plane = v.planar_ratio > _MAX_PLANAR_RATIO
-        planar = (f"planar:{v.planar_ratio:.3f}>{_MAX_PLANAR_RATIO:g}",) if has_plane else ()
-        metrics = {"inliers": float(pose.inliers.sum()), "parallax_deg": pose.parallax_deg}
+        sigma_deg = float(np.degrees(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1])))
+        limits = (
+            ("planar", v.planar_ratio, _MAX_PLANAR_RATIO),
+            ("ambiguous", model.ambiguity, _MAX_AMBIGUITY),
+            ("small_baseline_sigma_deg", sigma_deg, _MAX_DIRECTION_SIGMA_DEG),
+        )
+        reasons = [f"{name}:{value:.3g}>{limit:g}" for name, value, limit in limits if value > limit]
+        metrics = {
+            "inliers": float(pose.inliers.sum()),
+            "parallax_deg": pose.parallax_deg,
+            "direction_sigma_deg": sigma_deg,
+            "ambiguity": model.ambiguity,
+        }
         value = TransformWithCovariance.from_transform(
             UncertainTransform(pose.transform, pose.covariance),
             parent=self._frame(left.sample, "left"),
@@ -168,8 +200,8 @@ class FeatureMatching(FeatureMatchingInterface):
             stamp_ns=right.sample.stamp_ns,
             producer=self.name,
         )
-        status = Status.DEGRADED if has_plane else Status.OK
-        quality = Quality(status, ("scale_unknown", *planar), CovarianceKind.CALIBRATED, metrics)
+        status = Status.DEGRADED if reasons else Status.OK
+        quality = Quality(status, ("scale_unknown", *reasons), CovarianceKind.FORMAL, metrics)
         return [self._output("transform", right.sample, input_ids, value, quality)]
 
     def _output(

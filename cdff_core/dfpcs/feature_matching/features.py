@@ -19,11 +19,16 @@ from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
+#: Points of each image that the first search compares; the search along epipolar lines uses all of them.
+SEARCHED_POINTS = 3000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureView:
-    """Image with its points ``(n, 2)`` and their descriptors ``(n, d)``; d is 0 if points are tracked."""
+    """Image with its points ``(n, 2)`` and their descriptors ``(n, d)``; d is 0 if points are tracked.
+
+    Blobs come before corners, each sorted by decreasing score.
+    """
 
     sample: Sample
     image: NDArray[np.uint8]
@@ -75,19 +80,23 @@ class FeatureMatcher:
                     image=image, features=detected.features, sizes=detected.sizes, angles=detected.angles
                 )
             )
-            points.append(detected.features[described.valid])
-            descriptors.append(described.descriptors[described.valid])
+            order = np.argsort(-detected.scores, kind="stable")
+            order = order[described.valid[order]]
+            points.append(detected.features[order])
+            descriptors.append(described.descriptors[order])
         return FeatureView(sample, image, np.concatenate(points), np.concatenate(descriptors))
 
-    def match(self, left: FeatureView, right: FeatureView) -> PointPairs:
-        """Return the pairs with similar descriptors, or the tracked points."""
+    def match(self, left: FeatureView, right: FeatureView, limit: int | None = SEARCHED_POINTS) -> PointPairs:
+        """Return the pairs with similar descriptors among the first ``limit`` points of each image (None: all),
+        or the tracked points.
+        """
         if "track" in self._slots:
             tracked = self._slots["track"].process(
                 FeaturesTracking2DInputs(reference=left.image, image=right.image, features=left.points)
             )
             return PointPairs(left.points, tracked.matches)[tracked.valid]
         matched = self._slots["match"].process(
-            FeaturesMatching2DInputs(source=left.descriptors, sink=right.descriptors)
+            FeaturesMatching2DInputs(source=left.descriptors[:limit], sink=right.descriptors[:limit])
         )
         return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])
 

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationOutputs
 from cdff_core.dfns.homography_computation.interface import HomographyComputationOutputs
 from cdff_core.dfpcs.feature_matching.features import FloatArray, PointPairs
-from cdff_core.imaging.two_view import log10_false_alarms
+from cdff_core.imaging.two_view import homography_residuals, log10_false_alarms
 
 #: Distance of an outlier from the plane in standard deviations, beyond the tails of correct pairs.
 _OUTLIER_SIGMAS = 8.0
+#: Distance of an inlier from the plane in standard deviations, and smallest standard deviation used, pixels.
+_INLIER_SIGMAS, _MIN_SIGMA_PX = 3.0, 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,14 +32,43 @@ class VerifiedPairs:
     planar: bool  # true if the model is a homography
     planar_ratio: float  # ratio of the pairs on epipolar lines that one plane explains
     fundamental_matrix: FloatArray  # (3, 3)
+    homography: FloatArray | None  # (3, 3); None if no plane was found
 
     @classmethod
-    def from_model(
+    def from_lines(
+        cls,
+        pairs: PointPairs,
+        lines: FundamentalMatrixComputationOutputs,
+        homography: FloatArray | None = None,
+    ) -> VerifiedPairs:
+        """Return the pairs with the inliers and residuals of the fundamental matrix.
+
+        ``homography`` is that of the plane with the most points; without it the planar ratio is 0.
+        """
+        ratio = 0.0
+        if homography is not None:
+            errors = homography_residuals(homography, pairs.left, pairs.right)
+            ratio = planar_ratio(lines, np.linalg.norm(errors, axis=1) / np.sqrt(2.0))
+        return cls._from_model(pairs, lines, lines, homography, ratio)
+
+    @classmethod
+    def from_plane(
+        cls,
+        pairs: PointPairs,
+        lines: FundamentalMatrixComputationOutputs,
+        plane: HomographyComputationOutputs,
+    ) -> VerifiedPairs:
+        """Return the pairs with the inliers and residuals of the homography."""
+        return cls._from_model(pairs, plane, lines, plane.homography, 1.0)
+
+    @classmethod
+    def _from_model(
         cls,
         pairs: PointPairs,
         model: FundamentalMatrixComputationOutputs | HomographyComputationOutputs,
-        fundamental_matrix: FloatArray,
-        planar_ratio: float,
+        lines: FundamentalMatrixComputationOutputs,
+        homography: FloatArray | None,
+        ratio: float,
     ) -> VerifiedPairs:
         """Return the pairs with the inliers and residuals of a fundamental matrix or homography."""
         return cls(
@@ -46,9 +77,10 @@ class VerifiedPairs:
             residuals=model.residuals,
             sigma_px=model.sigma_px,
             log_false_alarms=model.log_false_alarms,
-            planar=isinstance(model, HomographyComputationOutputs),
-            planar_ratio=planar_ratio,
-            fundamental_matrix=fundamental_matrix,
+            planar=model is not lines,
+            planar_ratio=ratio,
+            fundamental_matrix=lines.fundamental_matrix,
+            homography=homography,
         )
 
     @property
@@ -62,6 +94,17 @@ class VerifiedPairs:
         return int(self.agrees.sum())
 
 
+def planar_ratio(lines: FundamentalMatrixComputationOutputs, plane_residuals: FloatArray) -> float:
+    """Return the ratio of the pairs on epipolar lines that the plane explains with the same noise.
+
+    The noise is that of the distances from epipolar lines. With a small baseline the residuals of the plane
+    are larger than the noise, because they contain the parallax of the scene.
+    """
+    sigma_px = max(lines.sigma_px, _MIN_SIGMA_PX)
+    on_plane = plane_residuals < _INLIER_SIGMAS * sigma_px
+    return float((on_plane & lines.inliers).sum() / lines.inliers.sum())
+
+
 def is_planar(
     pairs: PointPairs, lines: FundamentalMatrixComputationOutputs, plane: HomographyComputationOutputs
 ) -> bool:
@@ -72,7 +115,7 @@ def is_planar(
     determine the epipolar geometry that the plane leaves undetermined, so only further ones count (a
     contrario, as in two_view).
     """
-    off_plane = plane.residuals > _OUTLIER_SIGMAS * plane.sigma_px
+    off_plane = plane.residuals > _OUTLIER_SIGMAS * max(lines.sigma_px, _MIN_SIGMA_PX)
     if not off_plane.any():
         return True
     on_lines = int((lines.inliers & off_plane).sum())

@@ -18,7 +18,8 @@ from cdff_core.dfns.fundamental_matrix_computation import magsac as fundamental
 from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation import magsac as homography
 from cdff_core.dfns.homography_computation.interface import HomographyComputationInputs
-from cdff_core.imaging.two_view import log10_false_alarms, transfer
+from cdff_core.imaging.relative_pose_search import find_minima
+from cdff_core.imaging.two_view import LensErrors, image_cells, log10_false_alarms, tangents, transfer
 from evaluation.feature_matching_models import model_consistency, two_views
 
 
@@ -80,6 +81,88 @@ def test_the_transform_between_cameras_has_unit_length() -> None:
         assert np.linalg.norm(t) == pytest.approx(1.0)
         assert t @ out.covariance[:3, :3] @ t < 1e-6 * np.trace(out.covariance[:3, :3])
         assert np.linalg.norm(cov.pose_error(se3.inverse(v["T"]), out.transform)) < 0.1
+
+
+def test_the_search_rejects_a_wrong_minimum_and_prefers_points_in_front_of_the_cameras() -> None:
+    for seed in range(4):
+        v = two_views(seed, wrong=0.0)
+        true = v["T"]
+        wrong_direction = tangents(true[:3, 3])[:, 0]
+        E = se3.skew(wrong_direction) @ true[:3, :3]
+        best = find_minima(E, (v["K"], v["K"]), v["source"], v["sink"], 3.0, 1.0)[0]
+        assert np.degrees(np.arccos(best.t @ true[:3, 3])) < 3.0
+        assert best.in_front > 0.95
+
+
+def test_a_pose_with_half_of_the_points_behind_the_cameras_is_refused() -> None:
+    rng = np.random.default_rng(4)
+    K = np.array([[700.0, 0, 320], [0, 700.0, 240], [0, 0, 1]])
+    T = se3.transform(se3.exp_so3([0.02, -0.05, 0.03]), [1.0, 0.0, 0.0])
+    source = rng.uniform(20, 600, (200, 2))
+    depth = rng.uniform(4.0, 20.0, 200) * np.where(rng.random(200) < 0.5, 1.0, -1.0)
+    points = np.column_stack([source, np.ones(200)]) @ np.linalg.inv(K).T * depth[:, None]
+    image = se3.transform_points(T, points) @ K.T
+    sink = image[:, :2] / image[:, 2:] + rng.normal(0, 0.2, (200, 2))
+    with pytest.raises(RefusedError) as refusal:
+        make_node(EssentialDecomposition).process(
+            CamerasTransformEstimationInputs(
+                essential_matrix=se3.skew(T[:3, 3]) @ T[:3, :3], source=source, sink=sink, source_camera=K
+            )
+        )
+    assert refusal.value.reasons[0].startswith("behind_camera:")
+
+
+def test_the_covariance_of_the_transform_contains_the_errors_of_the_cameras() -> None:
+    rng, lenses, ratios = np.random.default_rng(5), LensErrors(0.003, 1.0), []
+    for seed in range(30):
+        v = two_views(seed, wrong=0.0, sigma_px=0.1)
+        source, sink = (
+            points + lenses.displacements(points, v["K"]) @ rng.normal(size=8) for points in v["exact"]
+        )
+        E = se3.skew(v["T"][:3, 3]) @ v["T"][:3, :3]
+        out = make_node(EssentialDecomposition, threshold_px=3.0).process(
+            CamerasTransformEstimationInputs(
+                essential_matrix=E, source=source, sink=sink, source_camera=v["K"]
+            )
+        )
+        error = cov.pose_error(se3.inverse(v["T"]), out.transform)
+        ratios.append(error @ np.linalg.pinv(out.covariance, rcond=1e-9, hermitian=True) @ error / 5.0)
+    assert 0.4 < np.mean(ratios) < 2.0
+
+
+def test_errors_that_are_equal_within_a_cell_of_the_image_enlarge_the_covariance() -> None:
+    v = two_views(6, pairs=900, wrong=0.0)
+    source, sink = v["exact"]
+    independent = np.random.default_rng(6).normal(0, 0.3, sink.shape)
+    of_cells = np.random.default_rng(7).normal(0, 0.3, (64, 2))[image_cells(source)]
+    E = se3.skew(v["T"][:3, 3]) @ v["T"][:3, :3]
+    rotations = [
+        make_node(EssentialDecomposition, lens_edge_px=0.0, principal_point_ratio=0.0)
+        .process(
+            CamerasTransformEstimationInputs(
+                essential_matrix=E, source=source, sink=sink + noise, source_camera=v["K"]
+            )
+        )
+        .covariance[3:, 3:]
+        for noise in (independent, of_cells)
+    ]
+    assert np.linalg.eigvals(np.linalg.solve(*rotations)).real.max() > 4.0
+
+
+def test_a_guess_replaces_the_random_samples() -> None:
+    v = two_views(1)
+    dfn = make_node(fundamental.Magsac)
+    sampled = dfn.process(FundamentalMatrixComputationInputs(source=v["source"], sink=v["sink"]))
+    started = dfn.process(
+        FundamentalMatrixComputationInputs(
+            source=v["source"], sink=v["sink"], guess=sampled.fundamental_matrix
+        )
+    )
+    assert started.inliers.sum() == sampled.inliers.sum()
+    with pytest.raises(RefusedError, match="no model"):
+        dfn.process(
+            FundamentalMatrixComputationInputs(source=v["source"], sink=v["sink"], guess=np.zeros((3, 3)))
+        )
 
 
 def test_a_plane_gives_a_homography_despite_outliers() -> None:

@@ -59,19 +59,16 @@ def test_every_implementation_matches_two_views_and_estimates_the_transform(vari
     distances = np.abs(sampson(F, matches.value.sources_px, matches.value.sinks_px))
     assert np.mean(distances < 1.5) > 0.9
     assert ((matches.value.probabilities > 0.0) & (matches.value.probabilities <= 1.0)).all()
-    if variant == "Orb":
-        # Its noise of several pixels exceeds the parallax of 2 px: indistinguishable from a pure rotation.
-        assert transform.value is None
-        assert transform.quality.reasons == ("degenerate:translation",)
-        return
     assert transform.quality.status is not Status.FAILED
-    assert transform.quality.covariance_kind is CovarianceKind.CALIBRATED
+    assert transform.quality.covariance_kind is CovarianceKind.FORMAL
     assert "scale_unknown" in transform.quality.reasons
     T_true = se3.inverse(T_WORLD_LEFT) @ T_WORLD_RIGHT
     T_true[:3, 3] /= np.linalg.norm(T_true[:3, 3])
     error = cov.pose_error(T_true, transform.value.transform.matrix)
-    assert np.degrees(np.linalg.norm(error[3:])) < (0.5 if variant == "FastGrid" else 0.1)
-    assert np.linalg.norm(error[:3]) < 0.06
+    # ORB corners have a noise of a pixel, and the parallax is 2 px.
+    max_rotation_deg, max_direction = {"FastGrid": (0.5, 0.06), "Orb": (0.5, 0.3)}.get(variant, (0.1, 0.06))
+    assert np.degrees(np.linalg.norm(error[3:])) < max_rotation_deg
+    assert np.linalg.norm(error[:3]) < max_direction
     # 99.9 % quantile of χ² with five degrees of freedom: the length of the translation is unknown.
     information = np.linalg.pinv(transform.value.transform.covariance, rcond=1e-9, hermitian=True)
     assert error @ information @ error < 20.5

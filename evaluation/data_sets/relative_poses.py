@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Real image pairs of calibrated cameras with a known relative pose: stereo rigs, and one moving camera."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from evaluation.data_sets import kitti, minnie
+from evaluation.data_sets.image_pairs import Image
+
+Float = NDArray[np.float64]
+
+_KITCHEN_CAMERA = np.array([[525.0, 0.0, 320.0], [0.0, 525.0, 240.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedPair:
+    """Two images without lens distortion, and the true relative pose of their cameras.
+
+    Attributes
+    ----------
+    set_name : str
+    left, right : ndarray of uint8, shapes (rows, columns)
+    K_left, K_right : ndarray, shape (3, 3)
+        Camera matrices, pixels.
+    T_left_right : ndarray, shape (4, 4)
+        True pose, translation in metres.
+    is_stereo : bool
+        True for a stereo rig, whose calibration is more accurate than the pose of a moving camera.
+    """
+
+    set_name: str
+    left: Image
+    right: Image
+    K_left: Float
+    K_right: Float
+    T_left_right: Float
+    is_stereo: bool
+
+
+def posed_pairs(data: Path, stride: int = 1) -> Iterator[PosedPair]:
+    """Yield every ``stride``-th pair of each set."""
+    yield from _kitti(data, stride)
+    yield from _minnie(data)
+    yield from _euroc(data, stride)
+    yield from _kitchen(data, stride)
+
+
+def _kitti(data: Path, stride: int) -> Iterator[PosedPair]:
+    """Yield stereo pairs, and pairs of the left camera of 1 and 3 frames apart (about 1.2 m and 3.6 m)."""
+    pairs, poses = kitti.read(data / kitti.SEQUENCE)
+    K = np.array(pairs[0].camera_matrix)
+    rig = se3.transform(np.eye(3), np.array([pairs[0].baseline, 0.0, 0.0]))
+    start = kitti.measured_from(poses)
+    for i in range(0, len(pairs), stride):
+        left = np.array(pairs[i].left.image)
+        yield PosedPair("kitti_stereo", left, np.array(pairs[i].right.image), K, K, rig, True)
+        for gap in (1, 3):
+            if i >= start and i + gap < len(pairs):
+                T = se3.inverse(poses[i]) @ poses[i + gap]
+                right = np.array(pairs[i + gap].left.image)
+                yield PosedPair(f"kitti_{gap}_frames", left, right, K, K, T, False)
+
+
+def _minnie(data: Path) -> Iterator[PosedPair]:
+    """Yield both stereo pairs at half size (the rover's step has no accurate reference)."""
+    for pair in minnie.pairs(data / minnie.FOLDER, scale=0.5):
+        images = (cv2.cvtColor(np.array(f.image), cv2.COLOR_BGR2GRAY) for f in (pair.left, pair.right))
+        K = np.array(pair.camera_matrix)
+        rig = se3.transform(np.eye(3), np.array([pair.baseline, 0.0, 0.0]))
+        yield PosedPair("minnie_stereo", *(np.asarray(i, np.uint8) for i in images), K, K, rig, True)
+
+
+def _euroc(data: Path, stride: int) -> Iterator[PosedPair]:
+    """Yield stereo pairs; the lens distortion is removed with the calibration of the set."""
+    folder = data / "euroc_v101_pairs"
+    text = (folder / "calibration.yaml").read_text(encoding="utf-8").partition("\n")[2]
+    cameras = [yaml.safe_load(text)[name] for name in ("cam0", "cam1")]
+    T_imu = [np.array(camera["T_imu_cam"], np.float64) for camera in cameras]
+    T_left_right = se3.inverse(T_imu[0]) @ T_imu[1]
+    T_left_right[:3, :3] = se3.normalise_rotation(T_left_right[:3, :3])
+    matrices, maps = [], []
+    for camera in cameras:
+        fx, fy, cx, cy = camera["intrinsics"]
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        lens = np.array(camera["distortion_coeffs"], np.float64)
+        matrices.append(K)
+        maps.append(cv2.initUndistortRectifyMap(K, lens, np.eye(3), K, (752, 480), cv2.CV_32FC1))
+    for path in sorted(folder.glob("*/*_0.jpg"))[::stride]:
+        files = (path, path.with_name(path.name.replace("_0.jpg", "_1.jpg")))
+        images = [
+            np.asarray(cv2.remap(_jpeg(f), *m, cv2.INTER_CUBIC), np.uint8)
+            for f, m in zip(files, maps, strict=True)
+        ]
+        yield PosedPair("euroc_stereo", *images, *matrices, T_left_right, True)
+
+
+def _kitchen(data: Path, stride: int) -> Iterator[PosedPair]:
+    """Yield pairs of a hand-held camera, 3, 9 and 18 frames apart (about 1 cm, 3 cm and 6 cm).
+
+    The poses are those of the depth camera, 2.5 cm from the colour camera: the baseline is approximate,
+    so pairs are within about 1 cm for a rotation of 20 degrees.
+    """
+    folder = data / "seven_scenes_redkitchen"
+    with (folder / "truth.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))[1:]
+    poses = {}
+    for row in rows:
+        T = np.eye(4)
+        T[:3] = np.array(row[1:], np.float64).reshape(3, 4)
+        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
+        poses[int(row[0])] = T
+    for i in sorted(poses)[::stride]:
+        for gap in (3, 9, 18):
+            if i + gap in poses:
+                left, right = (_jpeg(folder / "frames" / f"{k:06d}.color.jpg") for k in (i, i + gap))
+                T = se3.inverse(poses[i]) @ poses[i + gap]
+                yield PosedPair(
+                    f"kitchen_{gap}_frames", left, right, _KITCHEN_CAMERA, _KITCHEN_CAMERA, T, False
+                )
+
+
+def _jpeg(path: Path) -> Image:
+    """Read a JPEG file as 8-bit grey values; raises InputError if it is not readable."""
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise InputError(f"{path}: expected a readable JPEG image")
+    return np.asarray(image, np.uint8)
