@@ -68,5 +68,5 @@ def test_too_small_or_unequal_images_are_refused() -> None:
     node = StereoAreaAverage()
     node.configure()
     left, right = (Frame.from_image(np.zeros((10, cols), np.uint8), stamp_ns=0) for cols in (10, 12))
-    with pytest.raises(InputError, match="one size"):
+    with pytest.raises(InputError, match="same size"):
         node.process(StereoDegradationInputs(pair=FramePair(baseline=0.1, left=left, right=right)))
