@@ -141,7 +141,7 @@ def format_parameters(parameters: Mapping[str, object]) -> str:
 
 
 def parameters_of_malformed(text: str) -> dict[str, str]:
-    """Return the parameters of a text that may be malformed, for an error body, without checks."""
+    """Return the parameters of a possibly malformed text without checking them, to repeat them in an error body."""
     pairs = (part.partition("=") for part in text.split(";")[:_MAX_PARAMETERS] if part)
     return {name: unquote_to_bytes(value).decode("utf-8", "replace") for name, _, value in pairs}
 

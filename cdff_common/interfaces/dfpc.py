@@ -149,7 +149,7 @@ class LocalStore:
         self._items: dict[str, Callable[[], Any]] = {}
 
     def offer(self, item: str, value: Callable[[], Any]) -> None:
-        """Add an item; ``value`` returns a ``cdff_common.types`` object or None."""
+        """Add an item to the store; ``value()`` returns its current ``cdff_common.types`` object, or None if it is empty."""
         self._items[item] = value
 
     @property

@@ -292,7 +292,10 @@ def _plan(world: World) -> tuple[list[Entry], list[tuple[str, str, int]]]:
 def _with_values(
     scenario: Scenario, entries: list[Entry], rendered: Iterator[Any], total: int, progress: Progress | None
 ) -> Iterator[tuple[Entry, Any]]:
-    """Yield the entries with their values; ``rendered`` are the results of the ``total`` rendering tasks."""
+    """Yield each entry of the log with its value.
+
+    ``rendered`` yields the results of the ``total`` rendering tasks, in the order of the entries that need one.
+    """
     done = 0
     for entry in entries:
         value = _value(scenario, entry, next(rendered) if entry.render is not None else None)

@@ -190,7 +190,7 @@ class System:
 
     @staticmethod
     def initial_estimate(problem: BundleProblem) -> Estimate:
-        """Return the initial estimate of a problem."""
+        """Return the cameras, lenses and points of a problem as the estimate before the first iteration."""
         T = problem.cameras.matrices
         return Estimate(
             np.ascontiguousarray(np.swapaxes(T[:, :3, :3], 1, 2)),

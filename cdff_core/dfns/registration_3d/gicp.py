@@ -48,8 +48,8 @@ class Gicp(Interface[GicpConfig]):
             cfg.gate_spacings * spacing_m, _surface.INITIAL_GATE_MEDIANS * float(np.median(distance_m))
         )
         tolerance_m = cfg.tolerance_m or 1e-3 * spacing_m
-        # The Hessian of small_gicp has absolute coordinates, so that rotations far from the origin lose
-        # digits: both clouds are shifted to the target's centre.
+        # small_gicp computes the Hessian of the rotation about the origin of the coordinates. Far from the origin
+        # it loses digits; both clouds are therefore shifted to the centre of the target.
         centre = target.mean(axis=0)
         clouds = [
             small_gicp.PointCloud(target - centre),

@@ -83,7 +83,7 @@ class Estimate:
         return se3.inverse(clone) @ self.pose, H
 
     def with_correction(self, correction: FloatArray) -> Estimate:
-        """Return the state with a correction (n,) added; covariances are unchanged."""
+        """Return the state after adding a correction (n,) to it; the covariances do not change."""
         errors = np.concatenate([correction[POSE], correction[CORE_SIZE:]]).reshape(-1, 6)
         poses = np.array([self.pose, *(clone.pose for clone in self.clones.values())])
         poses[:, :3, :3] = se3.exp_so3(errors[:, 3:]) @ poses[:, :3, :3]

@@ -1,9 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Products as STAC 1.1 items: geometry in degrees of the body, ``proj:`` in metres of the product's frame.
+"""Conversion of products to STAC 1.1 items.
 
-If the site is not anchored, an item has neither geometry nor bbox, as STAC requires for items without a
-location; ``proj:geometry`` and ``proj:bbox`` locate it in an engineering CRS named after the frame.
+``geometry`` and ``bbox`` are longitudes and latitudes on the body in degrees; ``proj:geometry`` and
+``proj:bbox`` are metres in the frame of the product. If the site is not anchored on a body, an item has no
+``geometry`` and no ``bbox``, as STAC requires for items without a location; the ``proj:`` fields then refer to an
+engineering CRS named after the frame.
 """
 
 from __future__ import annotations

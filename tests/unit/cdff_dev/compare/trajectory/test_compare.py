@@ -20,7 +20,7 @@ SECOND_NS = 1_000_000_000
 
 
 def bend(n: int = 200, step_m: float = 1.0) -> np.ndarray:
-    """Return poses along a winding path, ``step_m`` apart."""
+    """Return ``n`` poses (n, 4, 4) along a winding path; consecutive poses are ``step_m`` apart."""
     motions = np.zeros((n - 1, 6))
     motions[:, 0] = step_m
     motions[:, 5] = 0.05 * np.cos(0.1 * np.arange(n - 1))
