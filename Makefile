@@ -9,7 +9,7 @@ export PYTHON
 # Imports are kept as bytecode in .venv and __pycache__: every process of the system starts in half the time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup shell demo test ci lint format generate docs site peers evaluate bench warm lock wheel clean
+.PHONY: help setup shell demo test ci lint format generate docs site peers evaluate soak bench warm lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -62,6 +62,9 @@ peers:  ## install the foreign programs that some slow tests use
 evaluate:  ## every accuracy figure again, into docs/evaluation/*.json (long)
 	@scripts/setup evaluate
 	@$(PY) -m evaluation $(ARGS)
+
+soak: setup  ## the tests that take many minutes each (long)
+	@$(PY) scripts/run_tests.py --soak $(ARGS)
 
 bench:  ## every benchmark, into build/benchmarks/*.json
 	@scripts/setup evaluate

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Run the tests: first those that only compute, in parallel, then those that start processes, one by one.
 
-``run_tests.py`` runs the tests that are not marked slow, ``run_tests.py --slow`` everything; further
-arguments go to pytest.
+``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
+``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -27,15 +27,24 @@ def main() -> int:
     """Run both parts and print a summary; return 0 only if both passed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--slow", action="store_true", help="also the tests marked slow")
+    parser.add_argument("--soak", action="store_true", help="only the tests marked soak")
     parser.add_argument("--workers", default="2", help="processes for the computing part")
     args, rest = parser.parse_known_args()
     BUILD.mkdir(exist_ok=True)
     (BUILD / "traceability.json").unlink(missing_ok=True)
-    fast = "" if args.slow else " and not slow"
+    selected = "soak" if args.soak else "not soak" if args.slow else "not soak and not slow"
     started = time.monotonic()
     parts = {
-        "compute": ["-m", f"not ({PROCESSES}){fast}", "-n", args.workers, "--dist", "loadfile", *rest],
-        "processes": ["-m", f"({PROCESSES}){fast}", "-p", "no:xdist", *rest],
+        "compute": [
+            "-m",
+            f"not ({PROCESSES}) and {selected}",
+            "-n",
+            args.workers,
+            "--dist",
+            "loadfile",
+            *rest,
+        ],
+        "processes": ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *rest],
     }
     codes = {name: _pytest(name, arguments) for name, arguments in parts.items()}
     counts = _counts(BUILD / f"junit-{name}.xml" for name in parts)

@@ -27,7 +27,7 @@ settings.load_profile("cdff")
 _OUTCOMES = pytest.StashKey[dict[str, dict[str, object]]]()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def real_data() -> Callable[[str], Path]:
     """``real_data("kitti_stereo/KITTI_sequence_1") -> Path``; skips the test if the data set is absent."""
     root = Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")

@@ -7,6 +7,7 @@ It holds no host values: endpoints, keys and folders are process settings (``CDF
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -168,6 +169,19 @@ class Sensor(StrictModel):
         if mode in self.transitions:
             return dict(self.transitions[mode])
         return {m: self.switch_s for m in self.modes if m != mode}
+
+    @cached_property
+    def switch_durations_s(self) -> dict[str, dict[str, float]]:
+        """Duration of the fastest switch from each mode to each mode that can be reached from it, seconds."""
+        paths = {start: {mode: self.mode_path(start, mode) for mode in self.modes} for start in self.modes}
+        return {
+            start: {
+                mode: sum(duration_s for _, duration_s in path)
+                for mode, path in to.items()
+                if path is not None
+            }
+            for start, to in paths.items()
+        }
 
     def mode_path(self, start: str, target: str) -> tuple[tuple[str, float], ...] | None:
         """Return the fastest path between two modes, as modes and seconds; None if there is none."""

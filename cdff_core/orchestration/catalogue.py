@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 from cdff_common.contract.wiring import Wiring, mode_names
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
-from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, Sensor
+from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconciliation import ObservedState
 from cdff_core.orchestration.world import (
@@ -221,7 +222,7 @@ def world_of(
                 shared_modes=leases.serving_modes(sensor_id),
                 refused=refused.get(sensor_id, frozenset()),
                 lost=observed.lost.get(sensor_id, ""),
-                switch_s=_switch_durations_s(sensor, current),
+                switch_s=sensor.switch_durations_s.get(current, {}),
             )
     reserved = frozenset(leases.wanted | observed.active) & providers.keys()
     return World(
@@ -231,16 +232,6 @@ def world_of(
         cpu_free=_remaining(profile, "cpu_cores", {p: providers[p].cpu for p in reserved}),
         reserved=reserved,
     )
-
-
-def _switch_durations_s(sensor: Sensor, current: str) -> dict[str, float]:
-    """Return the duration of the switch to each mode that can be reached; empty for an unknown mode."""
-    if current not in sensor.modes:
-        return {}
-    paths = {mode: sensor.mode_path(current, mode) for mode in sensor.modes}
-    return {
-        mode: sum(duration_s for _, duration_s in path) for mode, path in paths.items() if path is not None
-    }
 
 
 def _remaining(profile: Profile, limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
@@ -325,6 +316,7 @@ def sensors_used(world: World) -> dict[ProviderId, frozenset[SensorId]]:
     }
 
 
+@lru_cache(maxsize=4096)
 def _sources(robot: str, wiring: str) -> tuple[InputSource, ...]:
     """Return the sources in a wiring of ``DfpcEntry.inputs``; alternatives are ``|``-separated."""
     sources = Wiring.parse(wiring).sources if wiring else ()

@@ -106,6 +106,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
+    from cdff_dev.compilation import compilation_notice
     from cdff_dev.replay.engine import paced, replay, samples_of
     from cdff_dev.replay.wiring import robot_of, wire
 
@@ -125,7 +126,8 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
         context = dataclasses.replace(context, seed=args.seed)
     if args.config:
         parameters.update(read_mapping(Path(args.config)))
-    dfpc.configure(parameters, context, implementation)
+    with compilation_notice(dfpc.name):
+        dfpc.configure(parameters, context, implementation)
     wired = wire(dfpc.description, streams, robot, mapping, entry)
     total = sum(log.streams[s].count for s in wired.values())
     sample_number = itertools.count(1)

@@ -16,6 +16,7 @@ from cdff_common.interfaces.description import OutputPort, Port
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status, worst
 from cdff_common.interfaces.registry import Registry
+from cdff_dev.compilation import compilation_notice
 from cdff_dev.run.inputs import ROBOT, read_inputs
 
 
@@ -80,7 +81,8 @@ def _run_dfn(
     registry = Registry.default()
     description = registry.dfn(folder)
     node = registry.make_dfn(folder, implementation)
-    node.configure(config)
+    with compilation_notice(folder):
+        node.configure(config)
     interface = importlib.import_module(f"{registry.dfns[folder].package}.{folder}.interface")
     inputs = getattr(interface, f"{description.name}Inputs")(**read_inputs(description.input_ports, files))
     result = Result(folder, description.output_ports)
@@ -100,7 +102,8 @@ def _run_dfpc(
     folder: str, files: Mapping[str, str], config: dict[str, Any], implementation: str | None
 ) -> Result:
     dfpc = Registry.default().make_dfpc(folder)
-    dfpc.configure(config, DfpcContext(robot=ROBOT), implementation)
+    with compilation_notice(folder):
+        dfpc.configure(config, DfpcContext(robot=ROBOT), implementation)
     values = read_inputs(dfpc.description.input_ports, files)
     stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for v in values.values()), default=0)
     result = Result(folder, dfpc.description.output_ports)

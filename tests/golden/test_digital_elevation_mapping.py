@@ -27,12 +27,12 @@ def ground_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return 0.3 * np.sin(0.7 * x) * np.cos(0.5 * y)
 
 
-def T_site_base(t_ns: int) -> np.ndarray:
-    """Return the true pose: 0.5 m/s along x, 1 m above the mean ground, with a small roll and a slow yaw."""
-    t_s = t_ns * 1e-9
-    return se3.transform(
-        se3.exp_so3(np.array([0.03 * np.sin(t_s), 0.0, 0.05 * t_s])), np.array([0.5 * t_s, 0.0, 1.0])
-    )
+def T_site_base(t_ns: np.ndarray | int) -> np.ndarray:
+    """Return the true poses: 0.5 m/s along x, 1 m above the mean ground, with a small roll and a slow yaw."""
+    t_s = np.asarray(t_ns) * 1e-9
+    zero = np.zeros_like(t_s)
+    rotation = se3.exp_so3(np.stack([0.03 * np.sin(t_s), zero, 0.05 * t_s], axis=-1))
+    return se3.transform(rotation, np.stack([0.5 * t_s, zero, zero + 1.0], axis=-1))
 
 
 def sweep(rng: np.random.Generator, t1_ns: int) -> LidarScan:
@@ -41,8 +41,8 @@ def sweep(rng: np.random.Generator, t1_ns: int) -> LidarScan:
     xy = rng.uniform(-8.0, 8.0, (6000, 2)) + T_site_base(t1_ns)[:2, 3]
     points = np.column_stack([xy, ground_m(*xy.T) + rng.normal(0.0, 0.01, 6000)])
     t0_ns = t1_ns - 400 * MS
-    T_base_site = [se3.inverse(T_site_base(t0_ns + int(us) * 1000)) for us in offset_us]
-    points_base = np.array([T[:3, :3] @ p + T[:3, 3] for T, p in zip(T_base_site, points, strict=True)])
+    T_base_site = se3.inverse(T_site_base(t0_ns + offset_us.astype(np.int64) * 1000))
+    points_base = np.einsum("nij,nj->ni", T_base_site[:, :3, :3], points) + T_base_site[:, :3, 3]
     return LidarScan.from_arrays(
         points_base.astype(np.float32), offset_us, frame="mana/base", t0_ns=t0_ns, t1_ns=t1_ns
     )

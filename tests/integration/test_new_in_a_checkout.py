@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-_NOT_COPIED = shutil.ignore_patterns(
-    ".*", "build", "dist", "*.egg-info", "__pycache__", "*.svg", "*.jpg", "images"
-)
+#: Compiled kernels in ``__pycache__`` are copied, because their compilation takes minutes.
+_NOT_COPIED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info", "*.svg", "*.jpg", "images")
 #: All tests are copied, because the checks read requirement ids from the text of the tests.
 _COPIED = (
     "cdff_common",
@@ -32,7 +31,8 @@ _COPIED = (
 
 
 def _run(root: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # each command would compile every module
     return subprocess.run(
         [sys.executable, "-m", *command],
         cwd=root,
