@@ -28,6 +28,7 @@ from cdff_core.dfns.raster_matching.interface import RasterMatchingInputs
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import interval, nees_band, rate_text
 from evaluation.chart import Panel, chart
+from evaluation.record import squared_error
 from evaluation.scenes.orbital import ORBITAL_M, Ground, PatchRun
 
 TRIALS, OTHER_TRIALS, FLAT_TRIALS, TRAVERSES, SHIFTS = 500, 500, 60, 40, 100
@@ -67,7 +68,12 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
     if "mola" in parts:
         report["mola"] = mola(path, progress)
     if "mola_covariance" in parts:
-        report["mola_covariance"] = mola_covariance(path, progress)
+        report["mola_covariance"], squared = mola_covariance(path, progress)
+        report["real"] = {
+            "GradientCorrelation": {
+                f"MOLA, {name}": squared_error(values, 2) for name, values in squared.items()
+            }
+        }
     return report
 
 
@@ -225,13 +231,17 @@ def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     }
 
 
-def mola_covariance(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors and squared errors (two degrees of freedom) of the DFPC on two plain grids."""
+def mola_covariance(
+    path: Path, progress: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[str, list[float]]]:
+    """Return a summary and the squared errors (two degrees of freedom) of the DFPC on two plain grids."""
     globe = read_mola(path)
     dfpc = Registry.default().make_dfpc("absolute_localisation")
     figures: dict[str, Any] = {}
+    all_squared: dict[str, list[float]] = {}
     for name, (blur_cells, noise_m) in MOLA_MAPS.items():
-        errors, squared = [], []
+        errors: list[float] = []
+        squared = all_squared[name] = []
         for seed in range(SHIFTS):
             progress(f"absolute_localisation: MOLA, {name}, shift {seed}")
             orbital, rover, shift = shifted_piece(
@@ -250,7 +260,7 @@ def mola_covariance(path: Path, progress: Callable[[str], None]) -> dict[str, An
             "error_cells": error_summary(errors, 5),
             "squared_error": {**error_summary(squared, 3), "mean": round(float(np.mean(squared)), 3)},
         }
-    return figures
+    return figures, all_squared
 
 
 def read_mola(path: Path) -> np.ndarray:

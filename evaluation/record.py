@@ -9,7 +9,9 @@ import json
 import os
 import platform
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from cdff_common.clock import format_stamp, wall_ns
@@ -42,6 +44,18 @@ def write(root: Path, name: str, figures: dict[str, Any], part: str = "") -> Pat
         results["provenance"].setdefault("parts", {})[part] = part_results["provenance"]
     path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return path
+
+
+def squared_error(values: Sequence[float], degrees_of_freedom: int) -> dict[str, Any]:
+    """Return the entry of ``figures.real.{implementation}.{data set}`` for squared errors e' P^-1 e.
+
+    ``cdff check`` refuses a covariance called calibrated without such entries.
+    """
+    return {
+        "squared_error": round(fmean(values), 3),
+        "degrees_of_freedom": degrees_of_freedom,
+        "trials": len(values),
+    }
 
 
 def _git(root: Path, *arguments: str) -> str:

@@ -207,7 +207,14 @@ class ManagedItem(StrictModel):
 
 
 class DfpcDescription(StrictModel):
-    """Content of ``dfpc.yaml``."""
+    """Content of ``dfpc.yaml``.
+
+    Attributes
+    ----------
+    calibrated : mapping of str to str
+        Implementations whose covariance agrees with ground truth on real data, with the record of
+        ``docs/evaluation`` that shows it; the covariance of all others is ``formal``.
+    """
 
     name: Identifier
     doc: str
@@ -223,6 +230,7 @@ class DfpcDescription(StrictModel):
     cost: dict[str, Cost] = {}
     performance: dict[str, Performance] = {}
     accuracy: str = ""
+    calibrated: dict[str, Identifier] = {}
     tests: tuple[str, ...] = ()
 
     @property
@@ -261,7 +269,7 @@ def read_dfpc_description(path: Path) -> DfpcDescription:
         _check_unique(path, "port", [p.attribute for p in group])
     _check_unique(path, "implementation", [i.name for i in description.implementations])
     names = {i.name for i in description.implementations}
-    for table in (description.cost, description.performance):
+    for table in (description.cost, description.performance, description.calibrated):
         for name in sorted(table.keys() - names):
             raise ConfigurationError(
                 f"{path}: {name!r} is not an implementation; expected one of {', '.join(sorted(names))}"

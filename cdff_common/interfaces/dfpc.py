@@ -17,7 +17,7 @@ from cdff_common.errors import ConfigurationError, InputError, ProductNotFoundEr
 from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.dfn import Dfn, StrictModel, validated
-from cdff_common.interfaces.product import Quality, Status
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import TransformWithCovariance
 
@@ -241,6 +241,12 @@ class Dfpc(ABC):
         node = Registry.default().make_dfn(slot.name, slot.implementation)
         node.configure({**defaults, **slot.parameters, **self.slot_parameters(dfn_id)})
         return node
+
+    @property
+    def covariance_kind(self) -> CovarianceKind:
+        """Kind of the covariances: calibrated only if the description names a record on real data."""
+        is_calibrated = self.implementation in self.description.calibrated
+        return CovarianceKind.CALIBRATED if is_calibrated else CovarianceKind.FORMAL
 
     @property
     def config_hash(self) -> str:

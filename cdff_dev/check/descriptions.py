@@ -14,6 +14,7 @@ from cdff_common.contract.products import product_type
 from cdff_common.errors import CdffError
 from cdff_common.interfaces.description import DfnDescription, DfpcDescription, Port
 from cdff_common.interfaces.registry import Registry
+from cdff_dev.check.calibration import calibration_faults
 from cdff_dev.generate.python_source import OPERATION_TYPES
 
 
@@ -74,6 +75,7 @@ def dfpc_faults(root: Path, dfpc: DfpcDescription, registry: Registry) -> list[s
     ]
     found_faults += _file_faults(root, dfpc)
     found_faults += _product_faults(dfpc)
+    found_faults += calibration_faults(root, dfpc)
     for variant in dfpc.implementations:
         for slot in variant.dfns:
             with _recording_error(found_faults, f"{variant.name}.{slot.dfn_id}"):

@@ -173,7 +173,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         self._matched_m = self._path_length_m - 0.5 * self._segment.length_m
         metrics = {**self._match.metrics, "path_length_m": self._path_length_m}
         # Only the shipped parameters of the match are calibrated.
-        kind = CovarianceKind.FORMAL if self.slot_parameters("match") else CovarianceKind.CALIBRATED
+        kind = CovarianceKind.FORMAL if self.slot_parameters("match") else self.covariance_kind
         quality, best = assess(self._hypotheses, cell_m, metrics, kind), self._hypotheses[0]
         if best.matches and not best.explained:
             self._hypotheses = ()  # earlier matches are contradicted: the next prior is the robot's pose

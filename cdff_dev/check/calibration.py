@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Check that each covariance that is called calibrated has a record of its errors on real data."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.description import DfpcDescription
+
+#: Fewer trials do not show whether a covariance is too small.
+_LEAST_TRIALS = 6
+#: Largest mean squared error by covariance, per degree of freedom; 1 is expected.
+_LARGEST_RATIO = 2.5
+
+
+def calibration_faults(root: Path, dfpc: DfpcDescription) -> list[str]:
+    """Return a fault for each implementation called calibrated without agreement on real data.
+
+    The record ``docs/evaluation/{name}.json`` holds under ``figures.real`` for each implementation and data
+    set ``squared_error`` (mean of e' P^-1 e), ``degrees_of_freedom`` and ``trials``.
+    """
+    found_faults = []
+    for implementation, name in dfpc.calibrated.items():
+        try:
+            data_sets = _real_data_sets(root / "docs" / "evaluation" / f"{name}.json", implementation)
+            found_faults += [
+                f"{implementation} is called calibrated, but on {data_set} {fault}"
+                for data_set, figures in data_sets.items()
+                if (fault := _fault(figures))
+            ]
+        except InputError as error:
+            found_faults.append(f"{implementation} is called calibrated: {error}")
+    return found_faults
+
+
+def _real_data_sets(path: Path, implementation: str) -> dict[str, dict[str, Any]]:
+    """Return the figures of an implementation on each real data set; raises InputError."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"record {path.stem!r}: {error}") from error
+    data_sets: dict[str, dict[str, Any]] = record.get("figures", {}).get("real", {}).get(implementation, {})
+    if not data_sets:
+        raise InputError(
+            f"record {path.stem!r} has no figures.real.{implementation}: expected real data sets, or no "
+            "entry in calibrated of the dfpc.yaml"
+        )
+    return data_sets
+
+
+def _fault(figures: dict[str, Any]) -> str:
+    """Return why the figures on a data set do not show a calibrated covariance, or an empty string."""
+    missing = {"squared_error", "degrees_of_freedom", "trials"} - figures.keys()
+    if missing:
+        return f"{', '.join(sorted(missing))} is missing"
+    if figures["trials"] < _LEAST_TRIALS:
+        return f"it was tried {figures['trials']} times: expected at least {_LEAST_TRIALS}"
+    largest = _LARGEST_RATIO * figures["degrees_of_freedom"]
+    if not figures["squared_error"] <= largest:
+        return f"the squared error by covariance is {figures['squared_error']}: expected at most {largest:g}"
+    return ""
