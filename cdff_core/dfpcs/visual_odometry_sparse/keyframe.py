@@ -45,11 +45,14 @@ class KeyframeBuilder:
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
         """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
-        detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
+        detected = self._extraction.process(
+            FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
+        ).features
         matched = self._stereo_matching.process(
             StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
         )
-        valid = matched.valid
+        on_scene = view.is_on_scene(detected, matched.disparities)
+        valid = matched.valid & on_scene
         features, disparities = detected[valid], matched.disparities[valid]
         reasons = quality.stereo_reasons(disparities, len(detected))
         field = self._refinement.process(
