@@ -26,7 +26,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySpars
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
-from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images
+from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images, rectification_reasons
 from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
@@ -161,6 +161,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             self._bridge_gap(view, sharpness)
             raise
         reasons += blur_reasons(sharpness, keyframe.sharpness)
+        reasons += rectification_reasons(keyframe.row_offset_px)
         reasons += ["gap"] if self._gap_open else []
         motion = ConsiderState.from_motion(refined)
         change = refined.calibration - self._calibration.mean_px
@@ -181,6 +182,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
         metrics |= {"sharpness": sharpness, "gaps": self._gaps, "motion_prior": bounds is not None}
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
+        metrics["row_offset_px"] = keyframe.row_offset_px
         inputs = (keyframe.view.sample_id, view.sample_id)
         return self._output(view.stamp_ns, inputs, pose, self._quality(reasons, metrics))
 

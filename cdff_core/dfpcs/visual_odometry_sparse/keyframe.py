@@ -33,6 +33,7 @@ class Keyframe:
     basis: FloatArray  # (n, k), undetermined disparity field at the points
     points: FloatArray  # (n, 3), metres, in the left camera
     sharpness: float
+    row_offset_px: float  # of the right image in the centre, by all keyframes
 
 
 class KeyframeBuilder:
@@ -84,8 +85,9 @@ class KeyframeBuilder:
             basis=field.basis[usable],
             points=triangulated.points,
             sharpness=sharpness,
+            row_offset_px=float(field.coefficients[0]),
         )
-        return keyframe, reasons
+        return keyframe, reasons + quality.rectification_reasons(keyframe.row_offset_px)
 
 
 class KeyframeWindow:

@@ -78,8 +78,8 @@ class SelectedMotion:
     def selection_covariance(self) -> FloatArray:
         """Return the covariance (6, 6) of ``T_keyframe_current`` due to an uncertain selection.
 
-        It is the second moment of the competing motion about the selected one, with its share of the
-        coverage as probability; zero if the selection is certain.
+        It is the second moment of the competing motion about the selected one, with its fraction of
+        the coverage as probability; zero if the selection is certain.
         """
         if not self.is_ambiguous:
             return np.zeros((6, 6))
