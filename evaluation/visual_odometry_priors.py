@@ -16,7 +16,7 @@ import numpy as np
 
 from cdff_common.geometry import se3
 from cdff_dev.compare.error_summary import error_summary
-from evaluation.runs.traverse import TraverseRun, normalised_error, run, traverse_runs
+from evaluation.runs.traverse import SIMULATED_CAMERA, TraverseRun, normalised_error, run, traverse_runs
 from evaluation.runs.visual_traverses import SCENARIOS
 
 #: Page that contains the table of this evaluation.
@@ -62,7 +62,7 @@ def track_drive(drive: TraverseRun, streams: dict[str, str], parameters: dict[st
     """Return pair counts by status, the fractions of tracked points and the end error of one drive."""
     images = drive.samples({"navcam.pair": "stereo"})[::EVERY]
     samples = images + (drive.samples(streams) if streams else [])
-    result = run("visual_odometry_sparse", drive.context, samples, parameters=parameters)
+    result = run("visual_odometry_sparse", drive.context, samples, parameters=SIMULATED_CAMERA | parameters)
     T_base_left = drive.context.frames.lookup(f"{drive.robot}/base", f"{drive.robot}/navcam_left", 0).matrix
     T_site_first, T_site_last = (
         drive.true_pose(p.header.t1_ns) @ T_base_left for p in (result[0], result[-1])

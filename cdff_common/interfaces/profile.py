@@ -7,6 +7,7 @@ It holds no host values: endpoints, keys and folders are process settings (``CDF
 
 from __future__ import annotations
 
+import base64
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -70,6 +71,8 @@ class FrameEdge(StrictModel):
         return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
 
 
+#: Value of ``mask`` for the shapes of the robot's URDF.
+URDF_MASK = "urdf"
 Exposure = Literal["short", "normal", "long", "auto"]
 
 
@@ -140,6 +143,10 @@ class Sensor(StrictModel):
         Modes that the sensor refuses at present.
     range_m : float or None
         Range, metres; None if unknown.
+    mask, mask_right : str
+        Pixels of a camera, or of the left and the right camera of a stereo camera, that always show the
+        robot: an image file relative to the profile in which they are black (0), or ``urdf`` for the shapes
+        of the robot's URDF, projected into both cameras. Once loaded, it holds the file in base64.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -152,6 +159,18 @@ class Sensor(StrictModel):
     refuses: tuple[Name, ...] = ()
     range_m: PositiveFloat | None = None
     calibration: dict[str, Any] = {}
+    mask: str = ""
+    mask_right: str = ""
+
+    @model_validator(mode="after")
+    def _masks_are_of_cameras(self) -> Sensor:
+        if self.mask and self.kind not in ("stereo_camera", "camera"):
+            raise ValueError(f"mask of a sensor of kind {self.kind}: expected a camera")
+        if self.mask_right and (self.kind != "stereo_camera" or self.mask == URDF_MASK):
+            raise ValueError(
+                "mask_right: expected a stereo camera, whose mask is not projected from the URDF"
+            )
+        return self
 
     @model_validator(mode="after")
     def _modes_exist(self) -> Sensor:
@@ -498,10 +517,34 @@ class Profile(StrictModel):
         return groups
 
 
-def _with_urdf(profile: Profile, path: Path) -> Profile:
-    """Return the profile with its URDF documents loaded; raises ConfigurationError."""
+def read_mask(path: Path) -> str:
+    """Return an image file in base64 (``Sensor.mask``); raises ConfigurationError if it cannot be read."""
+    try:
+        return base64.b64encode(path.read_bytes()).decode("ascii")
+    except OSError as error:
+        raise ConfigurationError(f"mask {path}: {error}") from error
+
+
+def _with_mask_images(robot: Robot, folder: Path) -> Robot:
+    """Return a robot with the images of its masks loaded; raises ConfigurationError."""
+    sensors = {}
+    for name, sensor in robot.sensors.items():
+        if sensor.mask == URDF_MASK and not robot.urdf:
+            raise ConfigurationError(f"{robot.id}.{name}: mask {URDF_MASK!r}, but the robot has no URDF")
+        loaded = {
+            field: read_mask(folder / value)
+            for field, value in (("mask", sensor.mask), ("mask_right", sensor.mask_right))
+            if value and value != URDF_MASK
+        }
+        sensors[name] = sensor.model_copy(update=loaded)
+    return robot.model_copy(update={"sensors": sensors})
+
+
+def _with_files(profile: Profile, path: Path) -> Profile:
+    """Return the profile with its URDF documents and masks loaded; raises ConfigurationError."""
     robots = []
     for robot in profile.robots:
+        robot = _with_mask_images(robot, path.parent)
         if robot.urdf:
             try:
                 text = (path.parent / robot.urdf).read_text(encoding="utf-8")
@@ -522,7 +565,7 @@ def load_profile(path: str | Path) -> Profile:
         With the file, the key, the value and the expectation.
     """
     path = resolve("profiles", path)
-    profile = _with_urdf(validated(Profile, read_mapping(path), f"profile {path}"), path)
+    profile = _with_files(validated(Profile, read_mapping(path), f"profile {path}"), path)
     registry = Registry.default()
     for robot in profile.robots:
         for entry in robot.dfpcs:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cdff_common.arrays import ByteArray
+from cdff_common.arrays import BoolArray, ByteArray
 from cdff_common.errors import InputError
 from cdff_common.types import Frame, FrameModeT
 
@@ -48,3 +48,8 @@ def checked_image(image: ByteArray) -> ByteArray:
     if image.ndim != 2 or image.dtype != np.uint8 or min(image.shape) < 32:
         raise InputError(f"image {image.shape} {image.dtype}: expected (rows, cols) uint8, at least 32 x 32")
     return np.ascontiguousarray(image)
+
+
+def byte_mask(mask: BoolArray | None) -> ByteArray | None:
+    """Return a mask of pixels in the form of OpenCV's detectors: uint8, not 0 where points may be."""
+    return None if mask is None else np.ascontiguousarray(mask, np.uint8)

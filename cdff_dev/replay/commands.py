@@ -42,6 +42,13 @@ def register(nouns: Any) -> None:
         metavar="PORT=STREAM",
         help="wire a stream of the log to a port of the DFPC; may be repeated",
     )
+    parser.add_argument(
+        "--mask",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="image whose black pixels show the robot, for the left camera; a second --mask is for the right",
+    )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
     parser.add_argument("--seed", type=int, default=None, help="seed of the random numbers of the DFPC")
     parser.add_argument("--out", metavar="DIR", help="folder for outputs.msg, summary.json and <port>.tum")
@@ -71,11 +78,11 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
     of_one_dfpc = [
         f"--{n}" for n in ("implementation", "config", "robot", "seed") if getattr(args, n) is not None
     ]
-    if missing or of_one_dfpc or args.map or args.speed != "max":
+    if missing or of_one_dfpc or args.map or args.mask or args.speed != "max":
         wrong = (
             f"{missing[0]} is missing"
             if missing
-            else f"{[*of_one_dfpc, '--map or --speed'][0]} is for --dfpc"
+            else f"{[*of_one_dfpc, '--map, --mask or --speed'][0]} is for --dfpc"
         )
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
@@ -108,7 +115,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.yaml_file import read_mapping
     from cdff_dev.compilation import compilation_notice
     from cdff_dev.replay.engine import paced, replay, samples_of
-    from cdff_dev.replay.wiring import robot_of, wire
+    from cdff_dev.replay.wiring import robot_of, wire, with_masks
 
     speed = _speed(args.speed)
     mapping = key_values(args.map, "--map", "PORT=STREAM")
@@ -124,6 +131,8 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
         implementation = implementation or entry.implementation
     if args.seed is not None:
         context = dataclasses.replace(context, seed=args.seed)
+    if args.mask:
+        context = with_masks(context, args.mask)
     if args.config:
         parameters.update(read_mapping(Path(args.config)))
     with compilation_notice(dfpc.name):

@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
-from cdff_common.interfaces.profile import DfpcEntry
+from cdff_common.interfaces.dfpc import DfpcContext
+from cdff_common.interfaces.profile import DfpcEntry, read_mask
 
 
 def stream_of_wiring(robot: str, wiring: str) -> str:
@@ -111,3 +114,26 @@ def wire(
             f"has {available}"
         )
     return wired
+
+
+def with_masks(context: DfpcContext, files: Sequence[str]) -> DfpcContext:
+    """Return the context with mask images of its stereo camera, the left and the right one.
+
+    Without a stereo camera in the context, one is added.
+
+    Raises
+    ------
+    InputError
+        If there are more than two files, or several stereo cameras.
+    ConfigurationError
+        If a file cannot be read.
+    """
+    stereo = [name for name, entry in context.sensors.items() if entry["kind"] == "stereo_camera"]
+    if len(files) > 2 or len(stereo) > 1:
+        raise InputError(
+            f"--mask: {len(files)} files for stereo cameras {stereo}: expected at most 2 files, 1 camera"
+        )
+    masks = dict(zip(("mask", "mask_right"), (read_mask(Path(name)) for name in files), strict=False))
+    name = stereo[0] if stereo else "camera"
+    entry = {"kind": "stereo_camera", "frame": "", **context.sensors.get(name, {}), **masks}
+    return dataclasses.replace(context, sensors={**context.sensors, name: entry})

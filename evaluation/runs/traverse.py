@@ -24,6 +24,19 @@ from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import SIDECAR, simulated_log
 
 SCENARIO = "rover_traverse"
+#: Parameters of visual odometry for simulated images, whose calibration is exact.
+SIMULATED_CAMERA: dict[str, Any] = {
+    "motion": {
+        "sigma_common_px": 0.003,
+        "calibration": {
+            "focal_length_ratio": 0.0,
+            "baseline_ratio": 0.0,
+            "principal_point_px": 0.0,
+            "rotation_deg": 0.0,
+            "distortion_px": 0.0,
+        },
+    }
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +112,8 @@ def run(
 def visual_odometry(drive: TraverseRun, seed: int) -> list[Product]:
     """Return the poses ``T_vo_left`` of visual odometry on the image pairs of a drive."""
     context = replace(drive.context, seed=seed)
-    return run("visual_odometry_sparse", context, drive.samples({"navcam.pair": "stereo"}))
+    pairs = drive.samples({"navcam.pair": "stereo"})
+    return run("visual_odometry_sparse", context, pairs, parameters=SIMULATED_CAMERA)
 
 
 def lidar_slam(drive: TraverseRun, port: str) -> list[Product]:

@@ -14,7 +14,14 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.product import Product
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import nees_band
-from evaluation.runs.traverse import TraverseRun, normalised_error, run, traverse_runs, visual_odometry
+from evaluation.runs.traverse import (
+    SIMULATED_CAMERA,
+    TraverseRun,
+    normalised_error,
+    run,
+    traverse_runs,
+    visual_odometry,
+)
 
 SCENARIOS = ("visual_rocks", "visual_sand", "visual_low_sun")
 #: The default seed of the scenarios, and two seeds that were not used to fit the noise model (seed 101 was).
@@ -52,6 +59,7 @@ def score_drive(drive: TraverseRun) -> dict[str, float]:
         "visual_odometry_sparse",
         drive.context,
         [s for s in images if s.stamp_ns >= products[middle].header.t1_ns],
+        parameters=SIMULATED_CAMERA,
     )
     error_m, nees = path_error(drive, products)
     return {

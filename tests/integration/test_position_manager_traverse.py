@@ -23,6 +23,7 @@ from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.store import SIDECAR, describe, simulated_log
 from cdff_dev.simulate.traverse import levelled, proprioceptive_entries
 from cdff_dev.simulate.world import World, make_world
+from evaluation.runs.traverse import SIMULATED_CAMERA
 
 ROBOTS = ("mana", "minnie")
 
@@ -117,7 +118,7 @@ def test_with_visual_odometry_the_error_is_below_half_a_percent(robot: str) -> N
 
 def visual_odometry(dfpc_context: DfpcContext, pairs: object) -> list[Sample]:
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
-    dfpc.configure(None, dfpc_context)
+    dfpc.configure(SIMULATED_CAMERA, dfpc_context)
     runner = Runner(dfpc)
     results: list[Sample] = []
     for pair in pairs:  # type: ignore[attr-defined]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import Float32Array, FloatArray
+from cdff_common.arrays import BoolArray, Float32Array, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 
 #: Maximum number of points in a cell. The size of a cell follows from it and the desired number of points.
@@ -24,7 +24,7 @@ class GridConfig(DfnConfig):
 
 
 def select_strongest_per_cell(
-    response: Float32Array, threshold: float, config: GridConfig
+    response: Float32Array, threshold: float, config: GridConfig, mask: BoolArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Return the local maxima of a response, in each cell at most the 8 strongest.
 
@@ -34,6 +34,8 @@ def select_strongest_per_cell(
     threshold : float
         Features have a response above this.
     config : GridConfig
+    mask : BoolArray, shape (rows, cols), optional
+        Pixels at which features may be; local maxima at other pixels suppress no feature.
 
     Returns
     -------
@@ -42,6 +44,8 @@ def select_strongest_per_cell(
     scores : FloatArray, shape (n,)
     """
     rows, columns = response.shape
+    if mask is not None:
+        response = np.where(mask, response, np.float32(-np.inf))
     mean_spacing_px = np.sqrt(rows * columns / config.features)
     # Maxima are more than a quarter of the mean spacing apart.
     window_px = 2 * max(1, int(mean_spacing_px / 4.0)) + 1

@@ -12,7 +12,7 @@ from cdff_common.arrays import BoolArray, ByteArray, FloatArray, IntArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_extraction_2d._kernels import suppress
 from cdff_core.dfns.features_extraction_2d.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.grey import checked_image
+from cdff_core.imaging.grey import byte_mask, checked_image
 
 #: Width of the image border that is excluded.
 _BORDER_PX = 8
@@ -49,7 +49,7 @@ class AdaptiveFast(Interface[AdaptiveFastConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the features; raises InputError on an image that is too small."""
         cfg, image = self.config, checked_image(inputs.image)
-        corners = cv2.FastFeatureDetector.create(cfg.threshold_dn, True).detect(image)
+        corners = cv2.FastFeatureDetector.create(cfg.threshold_dn, True).detect(image, byte_mask(inputs.mask))
         points = np.array(cv2.KeyPoint.convert(corners), np.float64).reshape(-1, 2)
         scores = np.array([corner.response for corner in corners], np.float64)
         rows, columns = image.shape

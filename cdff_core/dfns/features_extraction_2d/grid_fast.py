@@ -39,5 +39,5 @@ class GridFast(Interface[GridFastConfig]):
             response[rows, columns] = np.fromiter(
                 (corner.response for corner in corners), np.float32, len(corners)
             )
-        features, scores = select_strongest_per_cell(response, 0.0, self.config)
+        features, scores = select_strongest_per_cell(response, 0.0, self.config, inputs.mask)
         return Outputs(features=features, scores=scores)

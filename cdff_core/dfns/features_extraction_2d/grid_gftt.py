@@ -46,5 +46,5 @@ class GridGftt(Interface[GridGfttConfig]):
         cfg = self.config
         response = cv2.cornerMinEigenVal(checked_image(inputs.image), cfg.block_px, ksize=3)
         scaled = np.asarray(response, dtype=np.float32) * np.float32(_TO_DN2)
-        features, scores = select_strongest_per_cell(scaled, cfg.min_eigenvalue_dn2, cfg)
+        features, scores = select_strongest_per_cell(scaled, cfg.min_eigenvalue_dn2, cfg, inputs.mask)
         return Outputs(features=features, scores=scores)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cdff_common.interfaces.array_ports import ArrayPorts
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 
-_ARRAYS = ArrayPorts({"image": "uint8[r,c]"})
+_ARRAYS = ArrayPorts({"image": "uint8[r,c]", "mask": "bool[r,c]"}, optional=["mask"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -24,9 +24,12 @@ class FeaturesExtraction2DInputs:
     ----------
     image : ndarray of uint8, shape (r,c)
         Grey image.
+    mask : ndarray of bool, shape (r,c), optional
+        False for pixels at which no point may be detected, such as those that show the robot.
     """
 
     image: NDArray[np.uint8]
+    mask: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         _ARRAYS.check(self)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_extraction_2d.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.grey import checked_image
+from cdff_core.imaging.grey import byte_mask, checked_image
 from cdff_core.imaging.keypoints import ORB_LEVELS, ORB_PATCH_PX, ORB_SCALE, arrays_of
 
 
@@ -39,5 +39,6 @@ class Orb(Interface[OrbConfig]):
         detector = cv2.ORB.create(
             cfg.features, ORB_SCALE, ORB_LEVELS, patchSize=int(ORB_PATCH_PX), fastThreshold=cfg.threshold_dn
         )
-        points, scores, sizes, angles = arrays_of(detector.detect(checked_image(inputs.image)))
+        found = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
+        points, scores, sizes, angles = arrays_of(found)
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

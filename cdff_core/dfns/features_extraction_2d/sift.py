@@ -9,7 +9,7 @@ from pydantic import Field
 
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_extraction_2d.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.grey import checked_image
+from cdff_core.imaging.grey import byte_mask, checked_image
 from cdff_core.imaging.keypoints import arrays_of
 
 
@@ -35,5 +35,6 @@ class Sift(Interface[SiftConfig]):
         """Return the features; raises InputError on an image that is too small."""
         cfg = self.config
         detector = cv2.SIFT.create(cfg.features, contrastThreshold=cfg.contrast_threshold)
-        points, scores, sizes, angles = arrays_of(detector.detect(checked_image(inputs.image)))
+        found = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
+        points, scores, sizes, angles = arrays_of(found)
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

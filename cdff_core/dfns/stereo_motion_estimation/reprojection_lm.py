@@ -14,6 +14,10 @@ from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
+    CalibrationUncertainty,
+    measurement_errors,
+)
 from cdff_core.dfns.stereo_motion_estimation.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
@@ -33,10 +37,10 @@ class ReprojectionLmConfig(DfnConfig):
     )
     sigma_disparity_px: float = Field(0.2, gt=0, le=10, description="Standard deviation of a disparity")
     sigma_common_px: float = Field(
-        0.003,
+        0.02,
         ge=0,
         le=5,
-        description="Standard deviation of an error of columns and rows common to all points",
+        description="Standard deviation of an error of columns and rows common to all points, such as pixel locking; 0.003 for simulated images",
     )
     sigma_common_disparity_px: float = Field(
         0.015, ge=0, le=5, description="Standard deviation of a common error of disparities"
@@ -51,6 +55,9 @@ class ReprojectionLmConfig(DfnConfig):
         3.4, gt=1, le=100, description="Largest Mahalanobis distance of the residual of an inlier"
     )
     max_iterations: int = Field(30, ge=1, le=200, description="Maximum number of Levenberg-Marquardt steps")
+    calibration: CalibrationUncertainty = Field(
+        CalibrationUncertainty(), description="Uncertainty of the calibration of the camera"
+    )
     max_conditioning: float = Field(1e7, gt=1, description="Largest condition number of an observable motion")
 
 
@@ -92,8 +99,9 @@ class _Problem:
 class _System:
     """Linearised problem at an estimate.
 
-    ``squared`` are the squared Mahalanobis distances of the residuals, ``common`` the weighted sums of the
-    common modes (``_common_modes``), ``cost`` is the robust cost.
+    ``squared`` are the squared Mahalanobis distances of the residuals, ``projection`` (n, 6 + k, 3) maps
+    residuals to the gradient, ``from_reference`` (n, 3, 3) are the derivatives of the predicted by the
+    reference measurements, ``cost`` is the robust cost.
     """
 
     residuals: FloatArray
@@ -101,7 +109,10 @@ class _System:
     weights: FloatArray
     normal: FloatArray
     gradient: FloatArray
-    common: FloatArray
+    projection: FloatArray
+    from_reference: FloatArray
+    reference: FloatArray
+    current: FloatArray
     cost: float
 
 
@@ -116,13 +127,14 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
 
     The covariance is ``s2 (J^T W J)^-1`` [1]_ times ``noise_factor``, plus the effect of errors common to all
     points (``_common_modes``), which more points do not average out: pixel locking and the perspective of
-    patches cause 0.002 to 0.015 px. ``noise_factor`` accounts for the correlation of the points of a pair:
+    patches cause 0.002 to 0.015 px in simulated images, more in recorded ones. ``noise_factor`` accounts for the correlation of the points of a pair:
     their patches overlap, and their reference disparities are measured in the same images.
 
     Residual calibration errors affect near and far depths differently and are therefore observable in the
     motion itself [2]_: the calibration parameters are estimated together with the motion, from their prior
     and the derivatives in the two bases, and the covariance of the motion includes their remaining
-    uncertainty.
+    uncertainty. The other errors of the calibration (``CalibrationUncertainty``) are not estimated; their
+    effect is part of the common errors, since they are the same in all pairs.
 
     References
     ----------
@@ -177,7 +189,8 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         J_point = camera.projection_jacobian(moved)
         # Derivative of the prediction with respect to the reference disparity, through the depth of the
         # point.
-        J_depth = (J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)[:, :, 2:])[:, :, 0]
+        J_reference = J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)
+        J_depth = J_reference[:, :, 2]
         noise = np.diag([c.sigma_track_px**2, c.sigma_track_px**2, c.sigma_disparity_px**2])
         W = np.linalg.inv(noise + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
         squared = np.einsum("ni,nij,nj->n", residuals, W, residuals)
@@ -193,8 +206,9 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         gradient[6:] += problem.prior_information @ prior_error
         cost = float(np.sum(np.log1p(squared / _ROBUST_SCALE**2))) * _ROBUST_SCALE**2
         cost += float(prior_error @ problem.prior_information @ prior_error)
-        common = (JW @ _common_modes(reference)).sum(axis=0)
-        return _System(residuals, squared, weights, normal, gradient, common, cost)
+        return _System(
+            residuals, squared, weights, normal, gradient, JW, J_reference, reference, current, cost
+        )
 
     def _outputs(self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System) -> Outputs:
         c = self.config
@@ -216,8 +230,17 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
         J = cov.inverse_jacobian(T)  # from the estimated T_current_reference to the motion
-        sigmas = [c.sigma_common_px, c.sigma_common_px, c.sigma_common_disparity_px, *[c.sigma_common_px] * 2]
-        common = J @ ((inverse @ system.common)[:6] / scale) * sigmas
+        tracking = [
+            c.sigma_common_px,
+            c.sigma_common_px,
+            c.sigma_common_disparity_px,
+            *[c.sigma_common_px] * 3,
+        ]
+        modes = np.concatenate(
+            [_common_modes(system.reference), _calibration_modes(problem.camera, system)], 2
+        )
+        sigmas = np.concatenate([tracking, c.calibration.sigmas()])
+        common = J @ ((inverse @ (system.projection @ modes).sum(axis=0))[:6] / scale) * sigmas
         by_calibration = -J @ np.linalg.solve(information[:6, :6], information[:6, 6:])
         noise = c.noise_factor * J @ np.linalg.inv(information[:6, :6]) @ J.T
         noise = 0.5 * (noise + noise.T)
@@ -252,17 +275,24 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         return float(values[-1] / max(values[0], 1e-300)), weakest
 
 
+def _calibration_modes(camera: RectifiedCamera, system: _System) -> FloatArray:
+    """Return the residuals ``(n, 3, 8)`` due to errors of the calibration, which change both pairs."""
+    in_current = measurement_errors(camera, system.current)
+    return in_current - system.from_reference @ measurement_errors(camera, system.reference)
+
+
 def _common_modes(reference: FloatArray) -> FloatArray:
-    """Return the residuals ``(n, 3, 5)`` due to errors common to all points: offsets of column, row and
-    disparity, magnification, and stretch of rows.
+    """Return the residuals ``(n, 3, 6)`` due to errors common to all points: offsets of column, row and
+    disparity, magnification, stretch of rows, and rotation of the image.
 
     The rows can be stretched alone, because patches of the ground ahead grow more in height than in width
     when the camera approaches them.
     """
-    modes = np.zeros((len(reference), 3, 5))
+    modes = np.zeros((len(reference), 3, 6))
     modes[:, 0, 0] = modes[:, 1, 1] = modes[:, 2, 2] = 1.0
     centred = reference[:, :2] - reference[:, :2].mean(axis=0)
     centred /= np.maximum(np.sqrt(np.mean(centred**2, axis=0)), 1.0)
     modes[:, :2, 3] = centred
     modes[:, 1, 4] = centred[:, 1]
+    modes[:, :2, 5] = centred[:, ::-1] * [-1.0, 1.0]
     return modes

@@ -13,14 +13,18 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import PoseTrajectory
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import Increment
+from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import (
+    GYRO_RAD,
+    GYRO_RAD_S,
+    SLIP_RATIO,
+    WHEEL_M,
+    Increment,
+)
 
 #: Maximum number of stored poses.
 _LENGTH = 100_000
 #: Standard deviations of the motion in a gap without other sensors: constant parts, and rotation per second.
 _BLIND_M, _BLIND_RAD, _BLIND_RAD_S = 0.1, 0.05, 0.1
-#: The same with wheels (constant part, slip relative to the distance) and with a gyro (constant part, bias).
-_WHEEL_M, _SLIP_RATIO, _GYRO_RAD, _GYRO_RAD_S = 0.02, 0.2, 0.01, 0.003
 
 
 class CameraPath:
@@ -59,9 +63,15 @@ class CameraPath:
         increment = self._prior(last_ns, stamp_ns)
         return last.matrix @ self._expected(increment, 1e-9 * (stamp_ns - last_ns))
 
-    def has_prior(self, stamp_ns: int) -> bool:
-        """Return whether other sensors measured the motion up to a time."""
-        return any(part is not None for part in self._prior(self._last()[0], stamp_ns))
+    @property
+    def has_velocity(self) -> bool:
+        """True after two measured poses without a gap between them."""
+        return bool(self._twist.any())
+
+    @property
+    def measured_ns(self) -> int:
+        """Time of the last measured pose; raises RefusedError before the first."""
+        return self._last()[0]
 
     def across_gap(self, stamp_ns: int) -> UncertainTransform:
         """Return the predicted pose with the covariance of the motion unobserved by the camera."""
@@ -71,9 +81,9 @@ class CameraPath:
         sigma_m = _BLIND_M + float(np.linalg.norm(self._twist[:3])) * elapsed_s
         sigma_rad = _BLIND_RAD + (_BLIND_RAD_S + float(np.linalg.norm(self._twist[3:]))) * elapsed_s
         if translation is not None:
-            sigma_m = _WHEEL_M + _SLIP_RATIO * float(np.linalg.norm(translation))
+            sigma_m = WHEEL_M + SLIP_RATIO * float(np.linalg.norm(translation))
         if rotation is not None:
-            sigma_rad = _GYRO_RAD + _GYRO_RAD_S * elapsed_s
+            sigma_rad = GYRO_RAD + GYRO_RAD_S * elapsed_s
         growth = np.diag([sigma_m**2] * 3 + [min(sigma_rad, np.pi) ** 2] * 3)
         covariance = np.zeros((6, 6)) if last.covariance is None else last.covariance
         expected = self._expected((translation, rotation), elapsed_s)

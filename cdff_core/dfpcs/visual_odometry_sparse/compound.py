@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory
@@ -24,7 +26,8 @@ from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySpars
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
-from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images
+from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images, rectification_reasons
+from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
 #: Number of consecutive refused pairs after which a keyframe is made at the predicted pose.
@@ -44,9 +47,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self._assessment = dfn("assessment")
         self._calibration = DisparityCalibration()
         self._builder = KeyframeBuilder(dfn, self._calibration)
-        self._tracker = KeyframeTracker(dfn, self._calibration)
-        if "seed" not in self.slot_parameters("pnp"):
-            self._tracker.set_seed(self.context.seed)
+        self._tracker = KeyframeTracker(dfn, (self._seeded("pnp"), self._seeded("pnp")), self._calibration)
+        self._masks = RobotMasks(self.context)
         self._prior = MotionPrior(dfn("gyro"))
         self._path = CameraPath(self._prior.increment)
         self._keyframes = KeyframeWindow(self.config.window)
@@ -57,6 +59,13 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self.store.offer("keyframe", lambda: self._keyframes.newest and self._keyframes.newest.view.pair)
         self.store.offer("trajectory", lambda: self._path.trajectory(self._parent, self._child))
 
+    def _seeded(self, dfn_id: str) -> Dfn[Any, Any, Any]:
+        """Return a new DFN of a slot with the seed of the context, unless the configuration has one."""
+        node = self.dfn(dfn_id)
+        if "seed" not in self.slot_parameters(dfn_id):
+            node.configure(node.config.model_copy(update={"seed": self.context.seed}))
+        return node
+
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
         """Buffer a pose by the wheels for the prediction."""
         self._prior.add_pose(sample.stamp_ns, sample.value.transform)
@@ -65,6 +74,11 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Buffer an angular rate for the prediction."""
         self._prior.add_rate(sample.stamp_ns, np.asarray(sample.value.gyro, np.float64))
+        return ()
+
+    def on_joints(self, sample: Sample) -> Iterable[Output]:
+        """Move the links of the robot in the masks."""
+        self._masks.set_joints(sample.value)
         return ()
 
     def on_stereo(self, sample: Sample) -> Iterable[Output]:
@@ -92,7 +106,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         """Return the view of a sample; after a change of the camera only the path is kept."""
         if not isinstance(sample.value, FramePair):
             raise InputError(f"stereo: got a {type(sample.value).__name__}, expected a FramePair")
-        view, last = StereoView.from_sample(sample), self._last
+        view, last = StereoView.from_sample(sample, self._masks), self._last
         if last is not None and view.stamp_ns <= last.stamp_ns:
             raise RefusedError("stamps must increase", [f"stamp_not_after:{last.stamp_ns}"])
         if last is not None and not view.has_same_camera(last):
@@ -137,19 +151,23 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _track_keyframe(self, view: StereoView, keyframe: Keyframe, sharpness: float) -> Output:
         """Locate the camera relative to the keyframe; bridge a gap after repeated refusals."""
-        has_prior = self._path.has_prior(view.stamp_ns)
+        bounds = self._prior.bounds(self._path.measured_ns, view.stamp_ns)
         try:
             T_current_keyframe = se3.inverse(self._path.predict(view.stamp_ns)) @ keyframe.pose.matrix
-            refined, metrics, reasons = self._tracker.locate(view, keyframe, T_current_keyframe)
+            refined, metrics, reasons = self._tracker.locate(
+                view, keyframe, T_current_keyframe, bounds, is_continued=self._path.has_velocity
+            )
         except RefusedError:
             self._bridge_gap(view, sharpness)
             raise
         reasons += blur_reasons(sharpness, keyframe.sharpness)
+        reasons += rectification_reasons(keyframe.row_offset_px)
         reasons += ["gap"] if self._gap_open else []
         motion = ConsiderState.from_motion(refined)
         change = refined.calibration - self._calibration.mean_px
         located = keyframe.pose.with_calibration_change(change) @ motion
-        is_renewed = metrics["inliers"] < self.config.keyframe_survival * len(keyframe.features)
+        scene_points = metrics["features"] - metrics["other_motion_points"]
+        is_renewed = metrics["inliers"] < self.config.keyframe_survival * scene_points
         if is_renewed:
             located = self._keyframes.locate(motion, change, partial(self._locate, view)) or located
         pose = located.to_transform(refined.calibration_covariance)
@@ -162,8 +180,9 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             except RefusedError as refusal:
                 reasons += refusal.reasons
         offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
-        metrics |= {"sharpness": sharpness, "gaps": self._gaps, "motion_prior": has_prior}
+        metrics |= {"sharpness": sharpness, "gaps": self._gaps, "motion_prior": bounds is not None}
         metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
+        metrics["row_offset_px"] = keyframe.row_offset_px
         inputs = (keyframe.view.sample_id, view.sample_id)
         return self._output(view.stamp_ns, inputs, pose, self._quality(reasons, metrics))
 

@@ -13,8 +13,9 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 
-#: Number of common errors: offsets of columns, rows and disparities, a magnification and a stretch.
-COMMON = 5
+#: Number of common errors: 6 of tracking (offsets of columns, rows and disparities, magnification, stretch,
+#: rotation) and 8 of the calibration (``CalibrationUncertainty``).
+COMMON = 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)

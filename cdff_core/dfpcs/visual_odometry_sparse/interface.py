@@ -17,7 +17,7 @@ class VisualOdometrySparseInterface(Dfpc):
     """Estimate the motion of a rectified stereo camera from points tracked between its images."""
 
     name = "visual_odometry_sparse"
-    INPUT_PORTS = ("stereo", "odometry", "imu")
+    INPUT_PORTS = ("stereo", "odometry", "imu", "joints")
 
     def step(self, sample: Sample) -> Iterable[Output]:
         """Pass the sample to the handler of its port; raises InputError on an unknown port."""
@@ -28,6 +28,8 @@ class VisualOdometrySparseInterface(Dfpc):
                 return self.on_odometry(sample)
             case "imu":
                 return self.on_imu(sample)
+            case "joints":
+                return self.on_joints(sample)
             case _:
                 raise InputError(
                     f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
@@ -49,6 +51,12 @@ class VisualOdometrySparseInterface(Dfpc):
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type IMUSensors. Angular rates: predict the rotation; not fused into the
         estimate.
+        """
+
+    @abstractmethod
+    def on_joints(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Joints. Joint positions of the robot: masks the links of its URDF
+        that the cameras see.
         """
 
     @abstractmethod

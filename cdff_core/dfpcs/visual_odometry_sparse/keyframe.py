@@ -33,6 +33,7 @@ class Keyframe:
     basis: FloatArray  # (n, k), undetermined disparity field at the points
     points: FloatArray  # (n, 3), metres, in the left camera
     sharpness: float
+    row_offset_px: float  # of the right image in the centre, by all keyframes
 
 
 class KeyframeBuilder:
@@ -45,11 +46,14 @@ class KeyframeBuilder:
 
     def build(self, view: StereoView, pose: ConsiderState, sharpness: float) -> tuple[Keyframe, list[str]]:
         """Return a keyframe and its deficiencies; raises RefusedError if its two images do not match."""
-        detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
+        detected = self._extraction.process(
+            FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
+        ).features
         matched = self._stereo_matching.process(
             StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
         )
-        valid = matched.valid
+        on_scene = view.is_on_scene(detected, matched.disparities)
+        valid = matched.valid & on_scene
         features, disparities = detected[valid], matched.disparities[valid]
         reasons = quality.stereo_reasons(disparities, len(detected))
         field = self._refinement.process(
@@ -81,8 +85,9 @@ class KeyframeBuilder:
             basis=field.basis[usable],
             points=triangulated.points,
             sharpness=sharpness,
+            row_offset_px=float(field.coefficients[0]),
         )
-        return keyframe, reasons
+        return keyframe, reasons + quality.rectification_reasons(keyframe.row_offset_px)
 
 
 class KeyframeWindow:

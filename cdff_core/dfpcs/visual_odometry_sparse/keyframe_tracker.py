@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
@@ -22,7 +25,10 @@ from cdff_core.dfns.features_prediction_2d.interface import (
     FeaturesPrediction2DOutputs,
 )
 from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs
-from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
+from cdff_core.dfns.perspective_n_point_solving.interface import (
+    PerspectiveNPointSolvingInputs,
+    PerspectiveNPointSolvingOutputs,
+)
 from cdff_core.dfns.rectification_refinement.interface import RectificationRefinementInputs
 from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs
 from cdff_core.dfns.stereo_motion_estimation.interface import (
@@ -32,6 +38,8 @@ from cdff_core.dfns.stereo_motion_estimation.interface import (
 from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
+from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
+from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionBounds
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
 #: Motion, its metrics, and its deficiencies as reasons.
@@ -39,48 +47,96 @@ Located = tuple[StereoMotionEstimationOutputs, dict[str, float], list[str]]
 Indices = NDArray[np.int64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedPoints:
+    """Points of a keyframe that were found in an image."""
+
+    points: Indices  # (n,), indices in the keyframe
+    matches: FloatArray  # (n, 2), pixels
+    visible: int  # number of points in view
+
+    @classmethod
+    def merged(cls, parts: Sequence[TrackedPoints]) -> TrackedPoints:
+        """Return the points of several searches, with all their different positions (to 0.5 px)."""
+        points = np.concatenate([part.points for part in parts])
+        matches = np.concatenate([part.matches for part in parts])
+        rows = np.column_stack([points, np.rint(2.0 * matches)])
+        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+        return cls(points[first], matches[first], max(part.visible for part in parts))
+
+    def first_of_each(self, selected: BoolArray) -> Indices:
+        """Return the selected rows (k,), only the first of those with the same point."""
+        rows = np.flatnonzero(selected)
+        return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
+
+    def count(self, motion: SelectedMotion) -> int:
+        """Return the number of tracked points without those of other motions."""
+        return len(self.points) - motion.other_points
+
+
 class KeyframeTracker:
     """Locates views relative to keyframes."""
 
-    def __init__(self, dfn: Callable[[str], Dfn[Any, Any, Any]], calibration: DisparityCalibration) -> None:
+    def __init__(
+        self,
+        dfn: Callable[[str], Dfn[Any, Any, Any]],
+        pnp: tuple[Dfn[Any, Any, Any], Dfn[Any, Any, Any]],
+        calibration: DisparityCalibration,
+    ) -> None:
         self._extraction, self._description = dfn("extraction"), dfn("description")
-        self._matching, self._pnp = dfn("matching"), dfn("pnp")
+        self._matching, self._pnp = dfn("matching"), pnp[0]
+        self._hypotheses = MotionHypotheses(*pnp)
         self._prediction, self._tracking = dfn("prediction"), dfn("tracking")
         self._stereo_matching, self._refinement = dfn("stereo_matching"), dfn("refinement")
         self._motion, self._calibration = dfn("motion"), calibration
 
-    def set_seed(self, seed: int) -> None:
-        """Set the seed of the outlier rejection."""
-        self._pnp.configure(self._pnp.config.model_copy(update={"seed": seed}))
-
-    def locate(self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray) -> Located:
+    def locate(
+        self,
+        view: StereoView,
+        keyframe: Keyframe,
+        T_current_keyframe: FloatArray,
+        bounds: MotionBounds | None = None,
+        *,
+        is_continued: bool = False,
+    ) -> Located:
         """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
-        Raises RefusedError if it cannot be estimated.
+        ``bounds`` are the errors of the prediction if wheels or gyro measured it; ``is_continued`` is true if
+        it continues a known velocity. Raises RefusedError if the
+        motion cannot be estimated.
         """
-        tracked, matches, visible = self._track(view, keyframe, T_current_keyframe)
-        try:
-            T_current_keyframe, inliers = self._solve_pose(
-                view, keyframe, tracked, matches, T_current_keyframe
-            )
-        except RefusedError:
-            T_current_keyframe = self._search(view, keyframe)
-            tracked, matches, visible = self._track(view, keyframe, T_current_keyframe)
-            T_current_keyframe, inliers = self._solve_pose(
-                view, keyframe, tracked, matches, T_current_keyframe
-            )
-        if len(tracked) < 0.5 * visible:
-            retracked, retracked_matches, _ = self._track(view, keyframe, T_current_keyframe)
-            if len(retracked) > len(tracked):
-                tracked, matches = retracked, retracked_matches
-                T_current_keyframe, inliers = self._solve_pose(
-                    view, keyframe, tracked, matches, T_current_keyframe
-                )
-        refined, disparities = self._refine(
-            view, keyframe, tracked[inliers], matches[inliers], T_current_keyframe
+        select = partial(
+            self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=is_continued
         )
-        counts = {"features": len(keyframe.features), "visible": visible, "tracked": len(tracked)}
-        metrics = quality.motion_metrics(refined, disparities, counts)
+        tracked = self._track(view, keyframe, T_current_keyframe)
+        try:
+            motion = select(tracked)
+        except RefusedError:
+            found = self._search(view, keyframe)
+            tracked = self._track(view, keyframe, found)
+            motion = self._select_motion(view, keyframe, found, None, tracked, is_continued=False)
+        if motion.others:
+            # Each motion is compared with the points that are tracked by its own prediction.
+            poses = [motion.scene.pose, *[other.pose for other in motion.others]]
+            tracked = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
+            motion = select(tracked)
+        elif tracked.count(motion) < 0.5 * (tracked.visible - motion.other_points):
+            retracked = self._track(view, keyframe, motion.scene.pose)
+            again = select(retracked)
+            if retracked.count(again) > tracked.count(motion):
+                tracked, motion = retracked, again
+        inliers = tracked.first_of_each(motion.scene.inliers)
+        refined, disparities = self._refine(
+            view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
+        )
+        refined = _with_covariance(refined, motion.selection_covariance())
+        counts = {
+            "features": len(keyframe.features),
+            "visible": tracked.visible,
+            "tracked": len(tracked.points),
+            "other_motion_points": motion.other_points,
+        }
+        metrics = quality.motion_metrics(refined, disparities, counts) | quality.hypothesis_metrics(motion)
         return refined, metrics, quality.motion_reasons(metrics)
 
     def _predict(
@@ -98,12 +154,9 @@ class KeyframeTracker:
         )
         return out
 
-    def _track(
-        self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray
-    ) -> tuple[Indices, FloatArray, int]:
-        """Return indices and pixels of the tracked points, and the number of points in view."""
+    def _track(self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray) -> TrackedPoints:
         expected = self._predict(view, keyframe, T_current_keyframe)
-        visible = np.flatnonzero(expected.visible)
+        visible = np.flatnonzero(expected.visible & view.is_on_scene(expected.features))
         out = self._tracking.process(
             FeaturesTracking2DInputs(
                 reference=keyframe.view.left,
@@ -113,30 +166,33 @@ class KeyframeTracker:
                 warps=expected.warps[visible],
             )
         )
-        return visible[out.valid], out.matches[out.valid], len(visible)
+        valid = out.valid & view.is_on_scene(out.matches)
+        return TrackedPoints(visible[valid], out.matches[valid], len(visible))
 
-    def _solve_pose(
+    def _select_motion(
         self,
         view: StereoView,
         keyframe: Keyframe,
-        tracked: Indices,
-        matches: FloatArray,
-        guess: FloatArray | None,
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return ``T_current_keyframe`` and the mask of the tracked points that agree with it."""
-        out = self._pnp.process(
-            PerspectiveNPointSolvingInputs(
-                points=keyframe.points[tracked],
-                projections=matches,
-                camera_matrix=view.camera_matrix,
-                guess=guess,
-            )
+        guess: FloatArray,
+        bounds: MotionBounds | None,
+        tracked: TrackedPoints,
+        *,
+        is_continued: bool,
+    ) -> SelectedMotion:
+        inputs = PerspectiveNPointSolvingInputs(
+            points=keyframe.points[tracked.points],
+            projections=tracked.matches,
+            camera_matrix=view.camera_matrix,
+            guess=guess,
         )
-        return out.camera, out.inliers
+        rows, columns = view.left.shape
+        return self._hypotheses.select(inputs, (rows, columns), bounds, is_continued=is_continued)
 
     def _search(self, view: StereoView, keyframe: Keyframe) -> FloatArray:
         """Return ``T_current_keyframe`` by descriptors, without a prediction."""
-        detected = self._extraction.process(FeaturesExtraction2DInputs(image=view.left)).features
+        detected = self._extraction.process(
+            FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
+        ).features
         reference = self._description.process(
             FeaturesDescription2DInputs(image=keyframe.view.left, features=keyframe.features)
         )
@@ -147,7 +203,14 @@ class KeyframeTracker:
                 source=reference.descriptors[candidates], sink=current.descriptors[current.valid]
             )
         ).matches
-        return self._solve_pose(view, keyframe, candidates[pairs[:, 0]], corners[pairs[:, 1]], None)[0]
+        out: PerspectiveNPointSolvingOutputs = self._pnp.process(
+            PerspectiveNPointSolvingInputs(
+                points=keyframe.points[candidates[pairs[:, 0]]],
+                projections=corners[pairs[:, 1]],
+                camera_matrix=view.camera_matrix,
+            )
+        )
+        return out.camera
 
     def _refine(
         self,
@@ -178,7 +241,7 @@ class KeyframeTracker:
                 slopes=predicted.slopes[candidates],
             )
         )
-        valid = matched.valid
+        valid = matched.valid & view.is_on_scene(matches, matched.disparities)
         min_matched = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
         quality.require(int(valid.sum()), min_matched, "stereo_mismatch")
         points = candidates[valid]
@@ -198,3 +261,14 @@ class KeyframeTracker:
             )
         )
         return refined, keyframe.disparities[points]
+
+
+def _with_covariance(
+    refined: StereoMotionEstimationOutputs, added: FloatArray
+) -> StereoMotionEstimationOutputs:
+    """Return a motion with an additional covariance (6, 6)."""
+    return replace(
+        refined,
+        covariance=refined.covariance + added,
+        noise_covariance=refined.noise_covariance + added,
+    )

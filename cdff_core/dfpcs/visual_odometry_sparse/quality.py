@@ -10,6 +10,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.image_assessment.interface import ImageAssessmentOutputs
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
+from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
 
 #: Contrast of an image, twice the range of noise of 1 DN; an image with less contrast is black or flat.
 MIN_CONTRAST_DN = 10.0
@@ -22,6 +23,9 @@ GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
 MIN_STEREO, GOOD_STEREO = 30, 80
 #: Fraction of the detected points with a disparity; in two different scenes it is a few per cent by chance.
 MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.15, 0.3
+#: Row offset of the right image in the centre, pixels: beyond it, matches are lost (the largest offset of a
+#: match is 1 px) and the disparities of slanted edges are biased.
+MAX_ROW_OFFSET_PX = 0.5
 #: Fraction of the tracked points with the predicted disparity.
 MIN_PAIRING_FRACTION = 0.4
 #: Number of inliers of a motion, and their fraction of the tracked points.
@@ -77,6 +81,13 @@ def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
     ]
 
 
+def rectification_reasons(row_offset_px: float) -> list[str]:
+    """Return the reason ``row_offset`` if the rows of the two images do not correspond."""
+    if abs(row_offset_px) <= MAX_ROW_OFFSET_PX:
+        return []
+    return [f"row_offset:{abs(row_offset_px):.2f}>{MAX_ROW_OFFSET_PX:.2f}"]
+
+
 def motion_reasons(metrics: dict[str, float]) -> list[str]:
     """Return the deficiencies of a motion by its metrics; raises RefusedError if it is unusable."""
     near, inliers = int(metrics["near_points"]), int(metrics["inliers"])
@@ -90,6 +101,10 @@ def motion_reasons(metrics: dict[str, float]) -> list[str]:
         *_below(metrics["inlier_fraction"], GOOD_INLIER_FRACTION, "inlier_fraction"),
         *_below(near, GOOD_NEAR, "few_near_points"),
     ]
+    if metrics["ambiguity"] > MAX_AMBIGUITY:
+        reasons.append(f"competing_motion:{metrics['ambiguity']:.2f}>{MAX_AMBIGUITY:.2f}")
+    if metrics["prior_ratio"] > 1.0:
+        reasons.append(f"motion_prior:{metrics['prior_ratio']:.1f}>1.0")
     allowed = max(GOOD_SIGMA_M, GOOD_SIGMA_FRACTION * metrics["moved_m"])
     if metrics["sigma_translation_m"] > allowed:
         reasons.append(f"uncertain:{metrics['sigma_translation_m']:.3f}>{allowed:.3f}")
@@ -103,7 +118,7 @@ def motion_metrics(
     inliers = int(refined.inliers.sum())
     return {name: float(count) for name, count in counts.items()} | {
         "inliers": float(inliers),
-        "inlier_fraction": inliers / max(counts["tracked"], 1),
+        "inlier_fraction": inliers / max(counts["tracked"] - counts["other_motion_points"], 1),
         "near_points": float((disparities[refined.inliers] >= NEAR_DISPARITY_PX).sum()),
         "rms_px": float(np.sqrt(np.mean(refined.residuals[refined.inliers] ** 2))),
         "unit_variance": refined.unit_variance,
@@ -111,6 +126,17 @@ def motion_metrics(
         "moved_m": float(np.linalg.norm(refined.motion[:3, 3])),
         "sigma_translation_m": _largest_sigma(refined.covariance[:3, :3]),
         "sigma_rotation_rad": _largest_sigma(refined.covariance[3:, 3:]),
+    }
+
+
+def hypothesis_metrics(motion: SelectedMotion) -> dict[str, float]:
+    """Return the metrics of the selection among competing motions."""
+    return {
+        "hypotheses": float(1 + len(motion.others)),
+        "coverage": motion.scene.coverage,
+        "other_coverage": max((other.coverage for other in motion.others), default=0.0),
+        "ambiguity": motion.ambiguity,
+        "prior_ratio": motion.prior_ratio,
     }
 
 

@@ -9,11 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.arrays import BoolArray
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.types import FramePair
+from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
+from cdff_core.imaging.masks import at_pixels
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
 #: Relative tolerance of camera matrices and baselines of one camera: a thousandth of a pixel and less.
@@ -31,13 +34,19 @@ class StereoView:
     right: NDArray[np.uint8]
     camera_matrix: FloatArray
     baseline: float
+    left_mask: BoolArray | None = None  # pixels that do not show the robot
+    right_mask: BoolArray | None = None
 
     @classmethod
-    def from_sample(cls, sample: Sample) -> StereoView:
-        """Return the view of a sample; raises InputError on lens distortion or an invalid calibration."""
+    def from_sample(cls, sample: Sample, masks: RobotMasks | None = None) -> StereoView:
+        """Return the view of a sample.
+
+        Raises InputError on lens distortion, an invalid calibration or masks of another image size.
+        """
         pair: FramePair = sample.value
         check_undistorted(pair.left, pair.right)
         RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+        left_mask, right_mask = (None, None) if masks is None else masks.of_pair(pair)
         return cls(
             pair=pair,
             stamp_ns=sample.stamp_ns,
@@ -46,7 +55,19 @@ class StereoView:
             right=grey_image(pair.right),
             camera_matrix=np.array(pair.left.camera_matrix, np.float64),
             baseline=pair.baseline,
+            left_mask=left_mask,
+            right_mask=right_mask,
         )
+
+    def is_on_scene(self, features: FloatArray, disparities: FloatArray | None = None) -> BoolArray:
+        """Return which points (n,) do not lie on the robot in the left image or, given disparities, in
+        either image.
+        """
+        is_usable = at_pixels(self.left_mask, features)
+        if disparities is None:
+            return is_usable
+        right = features - np.column_stack([np.nan_to_num(disparities), np.zeros(len(features))])
+        return is_usable & at_pixels(self.right_mask, right)
 
     def has_same_camera(self, other: StereoView) -> bool:
         """Return whether image size, camera matrix and baseline agree."""

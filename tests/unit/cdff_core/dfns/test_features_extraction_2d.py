@@ -84,3 +84,18 @@ def test_sift_estimates_the_size_and_position_of_blobs() -> None:
         best = int(np.argmin(distance_px + np.abs(out.sizes - 2.0 * sigma)))
         assert distance_px[best] < 0.5
         assert out.sizes[best] == pytest.approx(2.0 * sigma, rel=0.25)
+
+
+@pytest.mark.parametrize("implementation", [GridGftt, GridFast, AdaptiveFast, Sift, Orb])
+def test_a_mask_excludes_points_and_leaves_the_others(implementation: type) -> None:
+    image = np.clip(texture(5, 256), 0, 255).astype(np.uint8)
+    mask = np.ones((256, 256), bool)
+    mask[:, :100] = False
+    features = make_node(implementation).process(FeaturesExtraction2DInputs(image=image, mask=mask)).features
+    assert len(features) > 40
+    assert features[:, 0].min() > 99.0 - 2.0  # sub-pixel refinement
+
+
+def test_a_mask_of_another_size_is_refused() -> None:
+    with pytest.raises(InputError, match="mask"):
+        FeaturesExtraction2DInputs(image=np.zeros((64, 64), np.uint8), mask=np.ones((32, 64), bool))

@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
+from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
+    CalibrationUncertainty,
+    measurement_errors,
+)
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationInputs
 from cdff_core.dfns.stereo_motion_estimation.reprojection_lm import ReprojectionLm
 from cdff_core.imaging.rectified_camera import RectifiedCamera
@@ -71,7 +75,9 @@ def test_outliers_are_rejected_and_do_not_affect_the_result(rng: np.random.Gener
 
 def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> None:
     """The 99.9 % interval of the mean NEES of 150 trials is 5.1 to 6.9; Cauchy weights widen it slightly."""
-    dfn, nees = make_node(sigma_common_px=0.0, sigma_common_disparity_px=0.0, noise_factor=1.0), []
+    exact = dict.fromkeys(CalibrationUncertainty.model_fields, 0.0)
+    dfn = make_node(sigma_common_px=0.0, sigma_common_disparity_px=0.0, noise_factor=1.0, calibration=exact)
+    nees = []
     for _ in range(150):
         reference, current = stereo_observations(rng, scene(rng), 0.2)
         outputs = dfn.process(
@@ -88,18 +94,23 @@ def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> 
     assert 4.6 < np.mean(nees) < 7.0
 
 
-@pytest.mark.parametrize("mode", range(5))
+@pytest.mark.parametrize("mode", range(6))
 def test_a_common_error_of_all_points_changes_the_motion_by_its_stated_response(
     rng: np.random.Generator, mode: int
 ) -> None:
-    """The modes are offsets of columns, rows and disparities, a magnification, and a stretch of rows."""
+    """The modes are offsets (column, row, disparity), a magnification, a stretch of rows and a rotation."""
     reference, current = stereo_observations(rng, scene(rng), 0.0)
     u, v = ((c - c.mean()) / c.std() for c in reference[:, :2].T)
     one, none = np.ones(len(u)), np.zeros(len(u))
-    mode_errors = [(one, none, none), (none, one, none), (none, none, one), (u, v, none), (none, v, none)][
-        mode
-    ]
-    sigma_px = 0.015 if mode == 2 else 0.003
+    mode_errors = [
+        (one, none, none),
+        (none, one, none),
+        (none, none, one),
+        (u, v, none),
+        (none, v, none),
+        (-v, u, none),
+    ][mode]
+    sigma_px = 0.015 if mode == 2 else 0.02
     observations = [current, current + sigma_px * np.column_stack(mode_errors)]
     nominal, perturbed = (
         make_node().process(
@@ -221,3 +232,43 @@ def test_inconsistent_shapes_are_refused() -> None:
                 guess=np.eye(4),
             )
         )
+
+
+def right_camera_rotated(points: np.ndarray, rotation: list[float]) -> np.ndarray:
+    """Return columns, rows and disparities of points if the right camera is rotated (rad)."""
+    left = points / points[:, 2:] @ CAMERA.T
+    right = (points - [BASELINE_M, 0.0, 0.0]) @ se3.exp_so3(np.array(rotation)).T
+    return np.column_stack([left[:, :2], left[:, 0] - (right / right[:, 2:] @ CAMERA.T)[:, 0]])
+
+
+@pytest.mark.parametrize(("mode", "rotation"), [(4, [0.0, 0.0, 1e-4]), (5, [1e-4, 0.0, 0.0])])
+def test_a_rotation_of_the_right_camera_shifts_disparities_as_stated(
+    rng: np.random.Generator, mode: int, rotation: list[float]
+) -> None:
+    points = scene(rng)
+    exact, rotated = (right_camera_rotated(points, r) for r in ([0.0, 0.0, 0.0], rotation))
+    camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
+    stated = 1e-4 * measurement_errors(camera, exact)[:, :, mode]
+    scale_px = float(np.abs(rotated - exact).max())
+    np.testing.assert_allclose(rotated - exact, stated, atol=0.02 * scale_px)
+
+
+@pytest.mark.parametrize("mode", range(8))
+def test_an_error_of_each_calibration_parameter_changes_the_motion_by_its_stated_response(
+    rng: np.random.Generator, mode: int
+) -> None:
+    """The same error in both pairs, as of a wrong focal length, adds its response to the motion."""
+    reference, current = stereo_observations(rng, scene(rng), 0.0)
+    camera, sigma = RectifiedCamera.from_matrix(CAMERA, BASELINE_M), CalibrationUncertainty().sigmas()[mode]
+    wrong = [uvd + 0.1 * sigma * measurement_errors(camera, uvd)[:, :, mode] for uvd in (reference, current)]
+    nominal, perturbed = (
+        make_node().process(
+            StereoMotionEstimationInputs(
+                reference=r, current=c, camera_matrix=CAMERA, baseline=BASELINE_M, guess=np.eye(4)
+            )
+        )
+        for r, c in ((reference, current), wrong)
+    )
+    error = cov.pose_error(perturbed.motion, nominal.motion)
+    expected = 0.1 * nominal.common_response[:, 6 + mode]
+    np.testing.assert_allclose(error, expected, atol=0.05 * float(np.abs(expected).max()) + 1e-7)

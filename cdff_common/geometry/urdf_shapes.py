@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Convex shapes of the links of a URDF: boxes, cylinders and spheres, collision shapes before visual ones."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+
+#: Points of a circle; its polygon is circumscribed, so that it contains the circle.
+_CIRCLE_POINTS = 24
+_UNIT_CUBE = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkShape:
+    """Convex shape of a link.
+
+    Attributes
+    ----------
+    link : str
+    points_m : array, shape (n, 3)
+        Points in the frame of the link whose convex hull contains the shape.
+    """
+
+    link: str
+    points_m: FloatArray
+
+
+def read_shapes(urdf: str) -> tuple[LinkShape, ...]:
+    """Return the shapes of a URDF document that ``read_urdf`` accepts.
+
+    Raises
+    ------
+    ConfigurationError
+        If a shape is a mesh or malformed, or no link has a shape.
+    """
+    shapes = [
+        _shape(link.get("name", ""), element)
+        for link in ElementTree.fromstring(urdf).findall("link")
+        for element in link.findall("collision") or link.findall("visual")
+    ]
+    if not shapes:
+        raise ConfigurationError("URDF: no link has a collision or visual shape")
+    return tuple(shapes)
+
+
+def _shape(link: str, element: ElementTree.Element) -> LinkShape:
+    geometry, origin = element.find("geometry"), element.find("origin")
+    shape = None if geometry is None else next(iter(geometry), None)
+    points = None
+    if shape is not None and shape.tag == "box":
+        points = _UNIT_CUBE * _numbers(shape.get("size"), 3, link)
+    elif shape is not None and shape.tag == "cylinder":
+        points = _cylinder(shape.get("radius"), shape.get("length"), link)
+    elif shape is not None and shape.tag == "sphere":
+        points = _sphere(_numbers(shape.get("radius"), 1, link)[0])
+    if points is None:
+        kind = "none" if shape is None else f"<{shape.tag}>"
+        raise ConfigurationError(f"URDF: shape {kind} of link {link!r}, expected box, cylinder or sphere")
+    xyz = np.zeros(3) if origin is None else _numbers(origin.get("xyz", "0 0 0"), 3, link)
+    roll, pitch, yaw = np.zeros(3) if origin is None else _numbers(origin.get("rpy", "0 0 0"), 3, link)
+    R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
+    return LinkShape(link, points @ R.T + xyz)
+
+
+def _cylinder(radius: str | None, length: str | None, link: str) -> FloatArray:
+    half = 0.5 * _numbers(length, 1, link)[0]
+    circle = _circle(_numbers(radius, 1, link)[0])
+    return np.concatenate([np.column_stack([circle, np.full(len(circle), z)]) for z in (-half, half)])
+
+
+def _sphere(radius_m: float) -> FloatArray:
+    """Return points whose convex hull contains a sphere: circles of latitude, increased in radius."""
+    latitudes_rad = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1)
+    increased_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
+    return np.concatenate(
+        [
+            np.column_stack(
+                [np.cos(a) * _circle(increased_m), np.full(_CIRCLE_POINTS, np.sin(a) * increased_m)]
+            )
+            for a in latitudes_rad
+        ]
+    )
+
+
+def _circle(radius_m: float) -> FloatArray:
+    angles_rad = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
+    vertices_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
+    return np.asarray(vertices_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]))
+
+
+def _numbers(text: str | None, count: int, link: str) -> FloatArray:
+    try:
+        values = np.array([float(word) for word in (text or "").split()])
+    except ValueError as error:
+        raise ConfigurationError(f"URDF: shape of link {link!r}: {text!r}, expected numbers") from error
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ConfigurationError(f"URDF: shape of link {link!r}: {text!r}, expected {count} finite numbers")
+    return values

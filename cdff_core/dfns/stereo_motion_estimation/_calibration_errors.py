@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors of the calibration of a rectified stereo camera as errors of the measurements ``(u, v, d)``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from cdff_common.arrays import FloatArray
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+
+
+class CalibrationUncertainty(DfnConfig):
+    """Standard deviations of the calibration; they are constant over a drive.
+
+    The defaults are those of a careful calibration with a printed target some months ago. Values of the
+    calibration report of the camera replace them; 0 states that a value is exact.
+    """
+
+    focal_length_ratio: Annotated[
+        float, Field(ge=0, le=0.2, description="Error of the focal length relative to it")
+    ] = 0.005
+    baseline_ratio: Annotated[
+        float, Field(ge=0, le=0.2, description="Error of the baseline relative to it")
+    ] = 0.005
+    principal_point_px: Annotated[
+        float, Field(ge=0, le=50, description="Error of column and row of the principal point")
+    ] = 1.0
+    rotation_deg: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=5,
+            description="Error of the rotation between the cameras about the optical axis and the baseline",
+        ),
+    ] = 0.03
+    distortion_px: Annotated[
+        float,
+        Field(ge=0, le=20, description="Remaining radial distortion of each camera in the image corner"),
+    ] = 0.3
+
+    def sigmas(self) -> FloatArray:
+        """Return the standard deviations (8,) of the errors of ``measurement_errors``."""
+        return np.array(
+            [
+                self.focal_length_ratio,
+                self.baseline_ratio,
+                *[self.principal_point_px] * 2,
+                *[float(np.radians(self.rotation_deg))] * 2,
+                *[self.distortion_px] * 2,
+            ]
+        )
+
+
+def measurement_errors(camera: RectifiedCamera, uvd: FloatArray) -> FloatArray:
+    """Return the errors (n, 3, 8) of measurements (n, 3) for each unit of the calibration errors.
+
+    Columns: focal length and baseline (relative), column and row of the principal point (px), rotations of
+    the right camera about the optical axis and the baseline (rad), and the radial distortion of the left and
+    the right camera (px in the corner). The rotation about the vertical shifts disparities by an offset,
+    which is estimated with the motion.
+    """
+    u, v, d = (uvd - [camera.cx, camera.cy, 0.0]).T
+    corner_px = np.hypot(camera.cx, camera.cy)
+    y, right = v / camera.fy, u - d
+    by_left, by_right = ((x**2 + v**2) / corner_px**3 for x in (u, right))
+    errors = np.zeros((len(uvd), 3, 8))
+    errors[:, :, 0] = np.column_stack([u, v, d])
+    errors[:, 2, 1] = d
+    errors[:, 0, 2] = errors[:, 1, 3] = 1.0
+    errors[:, 2, 4] = camera.fx * y
+    errors[:, 2, 5] = right * y
+    errors[:, :, 6] = np.column_stack([u, v, u]) * by_left[:, None]
+    errors[:, 2, 7] = -right * by_right
+    return errors

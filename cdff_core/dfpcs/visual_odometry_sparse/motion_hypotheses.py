@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Competing rigid motions of the tracked points, and the selection of that of the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import BoolArray
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
+from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import GATE, MotionBounds
+
+#: Maximum number of motions, and samples of three points for each but the first: 150 samples contain one
+#: without outliers with 99.9 % if 36 % of the remaining points move together.
+_MAX_HYPOTHESES, _SAMPLES = 3, 150
+#: Least number of points, and fraction of the tracked points, of a motion that competes.
+_MIN_POINTS, _MIN_FRACTION = 15, 0.08
+#: Cells of the image, columns and rows, in which the coverage of a motion is counted.
+_CELLS = (20, 10)
+#: A point contradicts a motion if its error exceeds the threshold of the outlier rejection by this factor.
+_CONTRADICTION = 1.5
+#: Coverage relative to that of the selected motion from which a competing motion makes the selection
+#: uncertain: the smaller part of the image is the scene if an object covers more than half of the texture.
+MAX_AMBIGUITY = 0.6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Rigid motion of a part of the tracked points.
+
+    Attributes
+    ----------
+    pose : array, shape (4, 4)
+        ``T_current_keyframe``.
+    inliers : array of bool, shape (n,)
+        Tracked points that agree with it.
+    coverage : float
+        Fraction of the cells of the image that contain a point that contradicts all other motions.
+    """
+
+    pose: FloatArray
+    inliers: BoolArray
+    coverage: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelectedMotion:
+    """The motion of the scene, and its competitors.
+
+    Attributes
+    ----------
+    others : tuple of Hypothesis
+        Competing motions, by coverage.
+    ambiguity : float
+        Largest score of a competitor relative to that of the scene; the score is the coverage times the
+        likelihood by wheels and gyro.
+    prior_ratio : float
+        Difference to the motion by wheels and gyro in units of its bound; 0 without those sensors.
+    """
+
+    scene: Hypothesis
+    others: tuple[Hypothesis, ...]
+    ambiguity: float
+    prior_ratio: float
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """True if a competing motion could be that of the scene."""
+        return self.ambiguity > MAX_AMBIGUITY
+
+    def selection_covariance(self) -> FloatArray:
+        """Return the covariance (6, 6) of ``T_keyframe_current`` due to an uncertain selection.
+
+        It is the second moment of the competing motion about the selected one, with its fraction of
+        the coverage as probability; zero if the selection is certain.
+        """
+        if not self.is_ambiguous:
+            return np.zeros((6, 6))
+        probability = self.ambiguity / (1.0 + self.ambiguity)
+        T_scene, T_other = (se3.inverse(h.pose) for h in (self.scene, self.others[0]))
+        difference = pose_error(T_other, T_scene)
+        return np.asarray(probability * np.outer(difference, difference))
+
+    @property
+    def other_points(self) -> int:
+        """Number of points of the competing motions that do not agree with that of the scene."""
+        return sum(int((other.inliers & ~self.scene.inliers).sum()) for other in self.others)
+
+
+class MotionHypotheses:
+    """Sequential RANSAC [1]_: each motion is estimated from the points that no earlier one explains.
+
+    The motion with the largest number of inliers need not be that of the scene: a textured object can have
+    more points than a smooth plain. Points are therefore counted once per cell of the image, since the scene
+    surrounds an object; distant points, which agree with several motions, do not count. The coverage is
+    weighted by the likelihood of the motion by wheels and gyro, if available.
+
+    References
+    ----------
+    .. [1] P. Torr, Geometric Motion Segmentation and Model Selection, Phil. Trans. R. Soc. A 356, 1998,
+       doi:10.1098/rsta.1998.0224
+    """
+
+    def __init__(self, first: Dfn, following: Dfn) -> None:  # type: ignore[type-arg]  # any configuration
+        self._first, self._following = first, following
+        self._following.configure(
+            first.config.model_copy(update={"max_iterations": min(_SAMPLES, first.config.max_iterations)})
+        )
+
+    def select(
+        self,
+        inputs: PerspectiveNPointSolvingInputs,
+        shape: tuple[int, int],
+        bounds: MotionBounds | None,
+        *,
+        is_continued: bool,
+    ) -> SelectedMotion:
+        """Return the motion of the scene; raises RefusedError if no motion has enough points.
+
+        Parameters
+        ----------
+        inputs : PerspectiveNPointSolvingInputs
+            Points in the keyframe, their pixels in an image of this shape, and the predicted pose.
+        bounds : MotionBounds, optional
+            Errors of the predicted pose if it was measured by wheels or gyro.
+        is_continued : bool
+            True if the predicted pose continues a known velocity; among motions of similar coverage, the
+            nearest to it is selected.
+        """
+        found = self._find(inputs, shape)
+        ratios = [_ratio(bounds, hypothesis.pose, inputs.guess) for hypothesis in found]
+        scores = _scores(found, ratios)
+        best = int(np.argmax(scores))
+        similar = np.flatnonzero(scores > MAX_AMBIGUITY * scores[best])
+        if is_continued and len(similar) > 1:
+            best = min(similar.tolist(), key=lambda i: _distance_m(found[i].pose, inputs))
+        rivals = np.delete(scores, best)
+        others = sorted((h for i, h in enumerate(found) if i != best), key=lambda h: -h.coverage)
+        return SelectedMotion(
+            scene=found[best],
+            others=tuple(others),
+            ambiguity=float(rivals.max(initial=0.0) / scores[best]),
+            prior_ratio=ratios[best],
+        )
+
+    def _find(self, inputs: PerspectiveNPointSolvingInputs, shape: tuple[int, int]) -> list[Hypothesis]:
+        first = self._first.process(inputs)
+        poses, remaining = [first.camera], np.flatnonzero(~first.inliers)
+        errors_px = [_errors_px(first.camera, inputs)]
+        threshold_px = self._first.config.threshold_px
+        least = max(_MIN_POINTS, int(np.ceil(_MIN_FRACTION * len(inputs.points))))
+        while len(poses) < _MAX_HYPOTHESES and len(remaining) >= least:
+            try:
+                out = self._following.process(_subset(inputs, remaining))
+            except RefusedError:
+                break
+            remaining = remaining[~out.inliers]
+            errors = _errors_px(out.camera, inputs)
+            contradicts_others = np.min(errors_px, axis=0) > _CONTRADICTION * threshold_px
+            if np.sum((errors < threshold_px) & contradicts_others) < least:
+                break
+            poses.append(out.camera)
+            errors_px.append(errors)
+        inliers = np.array([errors < threshold_px for errors in errors_px])
+        inliers[0] = first.inliers
+        contradicts = np.array(errors_px) > _CONTRADICTION * threshold_px
+        return [
+            Hypothesis(
+                pose,
+                inliers[i],
+                _coverage(
+                    inputs.projections[inliers[i] & np.delete(contradicts, i, axis=0).all(axis=0)], shape
+                ),
+            )
+            for i, pose in enumerate(poses)
+        ]
+
+
+def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> float:
+    """Return the median distance between the points at a pose and at the predicted pose."""
+    if inputs.guess is None:
+        return 0.0
+    moved, expected = (se3.transform_points(T, inputs.points) for T in (pose, inputs.guess))
+    return float(np.median(np.linalg.norm(moved - expected, axis=1)))
+
+
+def _scores(found: list[Hypothesis], ratios: list[float]) -> FloatArray:
+    """Return the coverage of each motion times its likelihood by wheels and gyro.
+
+    If all contradict those sensors, as with spinning wheels, only the coverage counts.
+    """
+    coverage = np.array([max(hypothesis.coverage, 1e-9) for hypothesis in found])
+    sigmas = GATE * np.array(ratios)
+    return coverage if sigmas.min() > GATE else np.asarray(coverage * np.exp(-0.5 * sigmas**2))
+
+
+def _ratio(bounds: MotionBounds | None, pose: FloatArray, guess: FloatArray | None) -> float:
+    if bounds is None or guess is None:
+        return 0.0
+    return bounds.ratio(se3.inverse(guess), se3.inverse(pose))
+
+
+def _subset(inputs: PerspectiveNPointSolvingInputs, indices: np.ndarray) -> PerspectiveNPointSolvingInputs:
+    return PerspectiveNPointSolvingInputs(
+        points=inputs.points[indices],
+        projections=inputs.projections[indices],
+        camera_matrix=inputs.camera_matrix,
+        guess=inputs.guess,
+    )
+
+
+def _errors_px(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> FloatArray:
+    """Return the reprojection error of each point (n,); infinite behind the camera."""
+    points = se3.transform_points(pose, inputs.points)
+    projected = points / np.maximum(points[:, 2:], 1e-6) @ np.asarray(inputs.camera_matrix).T
+    errors_px = np.hypot(*(projected[:, :2] - inputs.projections).T)
+    return np.where(points[:, 2] > 1e-6, errors_px, np.inf)
+
+
+def _coverage(pixels: FloatArray, shape: tuple[int, int]) -> float:
+    """Return the fraction of the cells of an image that contain one of the pixels (n, 2)."""
+    rows, columns = shape
+    cells = (pixels * [_CELLS[0] / columns, _CELLS[1] / rows]).astype(np.int64)
+    cells = np.clip(cells, 0, np.array(_CELLS) - 1)
+    return len(np.unique(cells[:, 1] * _CELLS[0] + cells[:, 0])) / (_CELLS[0] * _CELLS[1])
