@@ -34,6 +34,8 @@ _MIN_POINTS = 100
 _GATE_SPACINGS = 2.5
 #: Slots on whose parameters the calibration of the covariance depends.
 _CALIBRATED_SLOTS = ("thin_fine", "normals", "register_coarse", "register_fine", "assess")
+#: Ratio of points of the fine level to the level with which it is compared.
+_COARSER = 3
 #: Number of least constrained directions along which restarts are displaced.
 _RESTART_DIRECTIONS = 3
 #: Displacement of restarts, in radii of the overlap.
@@ -122,6 +124,7 @@ class IcpLocalisation(IcpLocalisationInterface):
     def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: Float, levels: int = 3) -> Alignment:
         """Register on the first ``levels`` levels from a start ``T_scene_model``, and assess the result."""
         iterations, jump = 0, 0.0
+        previous: Float | None = None
         for index in range(levels):
             s, m = scene.levels[index], model.levels[index]
             normals = s.normals if index == 0 or self.config.normals_to_fine else None
@@ -133,10 +136,11 @@ class IcpLocalisation(IcpLocalisationInterface):
                 gate_m = _GATE_SPACINGS * max(level.spacing_m for level in coarser)
                 moved_m = displacement_m(step.transform, T, T[:3, :3] @ m.centre_m + T[:3, 3], m.radius_m)
                 jump = max(jump, moved_m / gate_m)
-            T = step.transform
+            previous, T = T if index > 0 else None, step.transform
             iterations += step.iterations
         level = min(levels - 1, 1) if self.config.assessed_level == "medium" else levels - 1
         s, m = scene.levels[level], model.levels[level]
+        is_complete = levels == len(scene.levels)
         assessment = self._assess.process(
             RegistrationAssessmentInputs(
                 source=m.points_m,
@@ -144,6 +148,7 @@ class IcpLocalisation(IcpLocalisationInterface):
                 target=s.points_m,
                 target_normals=s.normals,
                 transform=T,
+                coarser_transform=self._coarser(scene, model, T, previous) if is_complete else None,
             )
         )
         return Alignment(
@@ -154,6 +159,27 @@ class IcpLocalisation(IcpLocalisationInterface):
             converged=step.converged,
             jump=jump,
         )
+
+    def _coarser(self, scene: Pyramid, model: Pyramid, T: Float, T_medium: Float | None) -> Float:
+        """Return the result at a lower resolution, for comparison with the final result ``T``.
+
+        This is the result on the medium level, unless the clouds are so small that it has as many points as
+        the fine one.
+        """
+        if T_medium is not None and all(cloud.is_thinned for cloud in (scene, model)):
+            return T_medium
+        clouds = [cloud.levels[-1].thinned(_COARSER) for cloud in (model, scene)]
+        normals = clouds[1].normals if self.config.normals_to_fine else None
+        coarser: Float = (
+            self._register[-1]
+            .process(
+                Registration3DInputs(
+                    source=clouds[0].points_m, target=clouds[1].points_m, target_normals=normals, guess=T
+                )
+            )
+            .transform
+        )
+        return coarser
 
     def _restart(
         self, scene: Pyramid, model: Pyramid, failed: Alignment, quality: Quality
