@@ -50,7 +50,7 @@ def model_of(points: surfaces.Points) -> surfaces.Points:
     return se3.transform_points(se3.inverse(T_TRUE), points)
 
 
-@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast"])
+@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast", "Quick"])
 def test_a_model_is_localised_with_covariance_and_provenance(
     rng: np.random.Generator, implementation: str
 ) -> None:
