@@ -108,9 +108,9 @@ def moved_by(T: FloatArray, step: FloatArray, centre: FloatArray, radius: float)
 def step_length(steps: list[FloatArray], was_extended: bool) -> float:
     """Return the factor on the last step that anticipates further steps in its direction.
 
-    Where surfaces slide along each other, steps form a geometric sequence whose sum is ``1 / (1 - ratio)`` times
-    the first step (Aitken's extrapolation, as for ICP in Besl and McKay 1992, doi:10.1109/34.121791). The
-    sequence must be observed for two steps of length one.
+    Where surfaces slide along each other, steps form a geometric sequence whose sum is ``1 / (1 - ratio)``
+    times the first step (Aitken's extrapolation; Besl and McKay 1992, doi:10.1109/34.121791, extrapolate
+    ICP). The ratio needs two steps without extension.
     """
     if was_extended or len(steps) < 2:
         return 1.0

@@ -68,6 +68,6 @@ class Pyramid:
 
     @property
     def is_thinned(self) -> bool:
-        """Whether the medium level has considerably fewer points than the fine one."""
+        """True if the medium level has at most half the points of the fine one."""
         medium, fine = self.levels[-2:]
         return len(fine.points_m) >= _MIN_RATIO * len(medium.points_m)
