@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare the errors of icp_localisation with the covariances it states, on real and on simulated clouds.
 
-Each trial yields the squared error ``e^T C^-1 e`` (NEES); a correct covariance has a mean of 6, a cautious one
-less.
+Each trial yields the squared error ``e^T C^-1 e`` (NEES); a correct covariance has a mean of 6, a cautious
+one less.
 
-Halves: the points of one real scan are divided into two random halves. One is the model, moved by 0.3 m and 2
-degrees in a random direction; the truth is exact and no point is in both clouds. The halves share the view
-point, so that the result contains noise and sampling, but no difference of the two views. Devon Island: halves
-of the road and of its copy, with a guess 0.3 m and 2 degrees off.
+Halves: the points of one real scan are divided into two random halves. One is the model, moved by 0.3 m and
+2 degrees in a random direction; the truth is exact and no point is in both clouds. The halves share the view
+point, so that the result contains noise and sampling, but no difference of the two views. Devon Island:
+halves of the road and of its copy, with a guess 0.3 m and 2 degrees off.
 
-Next scans: two successive scans, with the truth of the data set, whose own error (centimetres, 0.1 degrees) is
-part of the squared error. Simulated scans: held-out seeds of ``icp_localisation``.
+Next scans: two successive scans, with the truth of the data set, whose own error (centimetres, 0.1 degrees)
+is part of the squared error. Simulated scans: held-out seeds of ``icp_localisation``.
 """
 
 from __future__ import annotations
@@ -138,8 +138,9 @@ def _summary(rows: list[tuple[float, float, float, str] | None]) -> dict[str, An
 
 def table(figures: dict[str, Any]) -> str:
     """Return the table of the squared errors of all implementations on all sets."""
+    names = " | ".join(f"`{i}`" for i in IMPLEMENTATIONS)
     lines = [
-        f"| mean squared error (6 expected), largest error | {' | '.join(f'`{i}`' for i in IMPLEMENTATIONS)} |",
+        f"| mean squared error (6 expected), largest error | {names} |",
         "|---" * (1 + len(IMPLEMENTATIONS)) + "|",
     ]
     for name, rows in figures["sets"].items():

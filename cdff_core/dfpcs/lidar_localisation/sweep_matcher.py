@@ -25,8 +25,9 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.tiled_map import LocalMap
 
 
-#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, in roughnesses
-#: of sweep and map. The points of a sweep in its place are nearer to the map's points than these to each other.
+#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, in
+#: roughnesses of sweep and map. The points of a sweep in its place are nearer to those of the map than these
+#: to each other.
 _MAX_ROUGHNESSES, _MAX_COARSE_ROUGHNESSES = 1.0, 0.5
 #: Standard deviation along degenerate directions, metres.
 _DEGENERATE_SIGMA_M = 10.0
