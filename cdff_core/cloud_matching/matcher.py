@@ -208,8 +208,13 @@ def refine_and_assess(
     target: Surface,
     T_target_source: Float,
     metrics: Mapping[str, float],
+    coarser: tuple[Surface, Surface] | None = None,
 ) -> Registration:
-    """Return the assessed registration from a candidate pose; raises RefusedError without overlap."""
+    """Return the assessed registration from a candidate pose; raises RefusedError without overlap.
+
+    ``coarser`` are source and target with fewer points: the difference of their registration is added to the
+    covariance as error of the resolution.
+    """
     step = refine.process(
         Registration3DInputs(
             source=source.points_m,
@@ -218,6 +223,16 @@ def refine_and_assess(
             guess=T_target_source,
         )
     )
+    coarser_transform = None
+    if coarser is not None:
+        coarser_transform = refine.process(
+            Registration3DInputs(
+                source=coarser[0].points_m,
+                target=coarser[1].points_m,
+                target_normals=coarser[1].normals,
+                guess=step.transform,
+            )
+        ).transform
     assessment = assess.process(
         RegistrationAssessmentInputs(
             source=source.points_m,
@@ -225,6 +240,7 @@ def refine_and_assess(
             target=target.points_m,
             target_normals=target.normals,
             transform=step.transform,
+            coarser_transform=coarser_transform,
         )
     )
     refinement_m = displacement_m(T_target_source, step.transform, assessment.centre_m, assessment.radius_m)

@@ -13,7 +13,7 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
 
-IMPLEMENTATIONS = ("PointToPlane", "Gicp", "Accurate", "Fast")
+IMPLEMENTATIONS = ("PointToPlane", "Gicp", "Accurate", "Fast", "Quick")
 
 
 def make_dfpc(implementation: str | None = None, **config: Any) -> Any:

@@ -20,6 +20,8 @@ from cdff_core.dfns.registration_3d.interface import Inputs
 MIN_PAIRS = 20
 #: Number of iterations after which the pairs may repeat.
 _LONGEST_CYCLE = 4
+#: Ratio of successive steps from which convergence is slow, and largest factor on a step.
+_SLOW, _LONGEST_STEP = 0.25, 6.0
 #: Initial gate in median pair distances at the guess; most correct pairs are nearer.
 INITIAL_GATE_MEDIANS = 3.0
 
@@ -85,14 +87,35 @@ def apply_step(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the transform after one Gauss-Newton step, and the step (6,): translation, and rotation about
     the centre times the radius, metres.
-
-    The damping avoids singular equations along unconstrained directions.
     """
-    x = -np.linalg.solve(H + 1e-6 * max(np.trace(H), 1e-12) * np.eye(6), g)
-    R = se3.exp_so3(x[3:] / radius)
-    T = se3.transform(R, x[:3] + centre - R @ centre) @ T
+    x = newton_step(H, g)
+    return moved_by(T, x, centre, radius), x
+
+
+def newton_step(H: FloatArray, g: FloatArray) -> FloatArray:
+    """Return the Gauss-Newton step (6,); damping avoids singular equations along unconstrained directions."""
+    return -np.linalg.solve(H + 1e-6 * max(np.trace(H), 1e-12) * np.eye(6), g)
+
+
+def moved_by(T: FloatArray, step: FloatArray, centre: FloatArray, radius: float) -> FloatArray:
+    """Return the transform after a step (6,): translation, and rotation about the centre times the radius."""
+    R = se3.exp_so3(step[3:] / radius)
+    T = se3.transform(R, step[:3] + centre - R @ centre) @ T
     T[:3, :3] = se3.normalise_rotation(T[:3, :3])
-    return T, x
+    return T
+
+
+def step_length(steps: list[FloatArray], was_extended: bool) -> float:
+    """Return the factor on the last step that anticipates further steps in its direction.
+
+    Where surfaces slide along each other, steps form a geometric sequence whose sum is ``1 / (1 - ratio)``
+    times the first step (Aitken's extrapolation; Besl and McKay 1992, doi:10.1109/34.121791, extrapolate
+    ICP). The ratio needs two steps without extension.
+    """
+    if was_extended or len(steps) < 2:
+        return 1.0
+    ratio = float(steps[-1] @ steps[-2]) / max(float(steps[-2] @ steps[-2]), 1e-300)
+    return min(1.0 / (1.0 - ratio), _LONGEST_STEP) if _SLOW <= ratio < 1.0 else 1.0
 
 
 def has_converged(steps: list[FloatArray], tolerance_m: float) -> bool:

@@ -83,7 +83,7 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
             moved = se3.transform_points(T, source)
             gate_m = max(gate_m, _surface.initial_gate_m(tree, moved, cfg.first_radii))
         row, moved = np.full(len(source), -1), np.empty_like(source)
-        converged = False
+        converged, length = False, 1.0
         steps: list[FloatArray] = []
         while len(steps) < cfg.max_iterations and not converged:
             count = _kernels.pair(tree, source, T, gate_m, row, moved)
@@ -99,9 +99,10 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
             H, g = _kernels.plane_equations(
                 tree.points, normals, row, moved, centre, radius_m, width_m, kernel
             )
-            T, step = _surface.apply_step(T, H, g, centre, radius_m)
-            steps.append(step)
             is_final_gate = gate_m <= final_gate_m or gate_m <= _GATE_PER_SCALE * scale_m
+            steps.append(_surface.newton_step(H, g))
+            length = _surface.step_length(steps, length != 1.0) if is_final_gate else 1.0
+            T = _surface.moved_by(T, length * steps[-1], centre, radius_m)
             converged = is_final_gate and _surface.has_converged(steps, tolerance_m)
             gate_m = max(final_gate_m, _GATE_PER_SCALE * scale_m, _ANNEALING * gate_m)
         return Outputs(

@@ -17,6 +17,8 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
 _MIN_PAIRS = 20
+#: Lower bound of the agreement that weights a direction of the error of the resolution.
+_MIN_AGREEMENT = 0.05
 
 
 class CrossInformationConfig(DfnConfig):
@@ -55,6 +57,14 @@ class CrossInformation(Interface[CrossInformationConfig]):
     The covariance is the sandwich ``H^-1 B H^-1`` with B summed over cells, since neighbouring residuals are
     not independent (Liang and Zeger 1986, doi:10.1093/biomet/73.1.13). It is inflated by one factor for
     translations of the centre and one for rotations about it.
+
+    The sandwich does not contain errors that are common to all cells, those of planes and distributions
+    fitted to few points. If the result with fewer points is given, its difference d estimates them: with n
+    times fewer points a sampling error is ``1 / sqrt(n - 1)`` times the difference (variances of nested
+    estimates: Hausman 1978, doi:10.2307/1913827), an error proportional to the spacing ``1 / (sqrt(n) - 1)``
+    times. For n = 3 these are 0.7 and 1.4; the factor is 1. The variance ``d^T M d / 6`` of one component in
+    the metric M of the common structure is distributed over all directions as ``M^-1``, because one
+    difference is no estimate of the direction of the error.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -92,6 +102,10 @@ class CrossInformation(Interface[CrossInformationConfig]):
         floor_m2 = (cfg.floor_spacings * spacing_m) ** 2
         inflation = np.sqrt([cfg.covariance_inflation] * 3 + [cfg.rotation_inflation] * 3)
         covariance = covariance * np.outer(inflation, inflation) + floor_m2 * np.eye(6)
+        if inputs.coarser_transform is not None:
+            change = _change(checked_transform(inputs.coarser_transform), T, centre, radius_m)
+            constraint = information * np.clip(agreement, _MIN_AGREEMENT, 1.0)
+            covariance += _resolution_covariance(change, constraint, directions)
         return Outputs(
             covariance=_about_origin(covariance, centre, radius_m, T),
             overlap_source=float(np.mean(paired)),
@@ -145,6 +159,23 @@ def _clustered_covariance(
     by_cell = np.stack([np.bincount(cell.ravel(), weights=score[:, column]) for column in range(6)], axis=1)
     H_inverse = np.linalg.inv(H + 1e-9 * np.trace(H) * np.eye(6))
     return np.asarray(H_inverse @ (by_cell.T @ by_cell) @ H_inverse)
+
+
+def _change(T_other: FloatArray, T: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
+    """Return the motion (6,) from T to another transform: translation of the centre, and rotation about it in
+    radii.
+    """
+    motion = T_other @ se3.inverse(T)
+    translation_m = motion[:3, :3] @ centre + motion[:3, 3] - centre
+    return np.concatenate([translation_m, radius_m * se3.log_so3(motion[:3, :3])])
+
+
+def _resolution_covariance(change: FloatArray, constraint: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of which ``change`` is a typical error; ``constraint`` (6,) is the
+    information of the common structure along the rows of ``directions``.
+    """
+    variance_m2 = np.sum(constraint * (directions @ change) ** 2) / len(change)
+    return np.asarray((directions.T / constraint) @ directions * variance_m2)
 
 
 def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T: FloatArray) -> FloatArray:

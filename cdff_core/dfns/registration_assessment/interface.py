@@ -20,7 +20,9 @@ _ARRAYS = ArrayPorts(
         "target": "float64[m,3]",
         "target_normals": "float64[m,3]",
         "transform": "float64[4,4]",
-    }
+        "coarser_transform": "float64[4,4]",
+    },
+    optional=["coarser_transform"],
 )
 
 
@@ -40,6 +42,9 @@ class RegistrationAssessmentInputs:
         Unit normals of the target.
     transform : ndarray of float64, shape (4,4)
         T_target_source to assess.
+    coarser_transform : ndarray of float64, shape (4,4), optional
+        T_target_source by the same registration with about a third of the points; the difference is added
+        to the covariance as error of the resolution.
     """
 
     source: NDArray[np.float64]
@@ -47,6 +52,7 @@ class RegistrationAssessmentInputs:
     target: NDArray[np.float64]
     target_normals: NDArray[np.float64]
     transform: NDArray[np.float64]
+    coarser_transform: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         _ARRAYS.check(self)
@@ -59,8 +65,8 @@ class RegistrationAssessmentOutputs:
     Attributes
     ----------
     covariance : ndarray of float64, shape (6,6)
-        Covariance of the transform, [x y z rx ry rz], perturbation in the target's frame; formal, inflated
-        by configured factors.
+        Covariance of the transform, [x y z rx ry rz], perturbation in the target's frame: noise of the
+        residuals times configured factors, plus error of the resolution.
     overlap_source : float
         Fraction of source points with a target point within the gate.
     overlap_target : float

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 
 
+#: Ratio of points of two levels from which they differ in resolution.
+_MIN_RATIO = 2
+
+
 class Level:
     """A cloud at one level of detail; normals and statistics are computed on first use."""
 
@@ -32,6 +36,12 @@ class Level:
         from cdff_common.geometry.kdtree import kd_tree, spacing
 
         return spacing(kd_tree(self.points_m))
+
+    def thinned(self, ratio: int) -> Level:
+        """Return a level with about ``ratio`` times fewer points."""
+        from cdff_common.geometry.voxels import downsampled
+
+        return Level(downsampled(self.points_m, len(self.points_m) // ratio)[0], self._normals_of)
 
     @cached_property
     def centre_m(self) -> Float:
@@ -55,3 +65,9 @@ class Pyramid:
     def points_m(self) -> Float:
         """Points (n, 3) of the finest level."""
         return self.levels[-1].points_m
+
+    @property
+    def is_thinned(self) -> bool:
+        """True if the medium level has at most half the points of the fine one."""
+        medium, fine = self.levels[-2:]
+        return len(fine.points_m) >= _MIN_RATIO * len(medium.points_m)

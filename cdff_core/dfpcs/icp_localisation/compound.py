@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
 from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
 from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
 from cdff_core.dfns.point_cloud_transformation.interface import PointCloudTransformationInputs
-from cdff_core.dfns.registration_3d.interface import Registration3DInputs
+from cdff_core.dfns.registration_3d.interface import Registration3DInputs, Registration3DOutputs
 from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentInputs
 from cdff_core.dfpcs.icp_localisation.acceptance import Alignment, alignment_quality, displace
 from cdff_core.dfpcs.icp_localisation.cloud_pyramid import Level, Pyramid
@@ -33,7 +34,9 @@ _MIN_POINTS = 100
 #: Gate for two poses that count as equal, in point spacings.
 _GATE_SPACINGS = 2.5
 #: Slots on whose parameters the calibration of the covariance depends.
-_CALIBRATED_SLOTS = ("thin_fine", "normals", "register_coarse", "register_fine", "assess")
+_CALIBRATED_SLOTS = ("thin_medium", "thin_fine", "normals", "register_coarse", "register_fine", "assess")
+#: Ratio of points of the fine level to the level with which it is compared.
+_COARSER = 3
 #: Number of least constrained directions along which restarts are displaced.
 _RESTART_DIRECTIONS = 3
 #: Displacement of restarts, in radii of the overlap.
@@ -105,9 +108,9 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     @property
     def _covariance_kind(self) -> CovarianceKind:
-        """CALIBRATED with the default DFN parameters, otherwise FORMAL."""
+        """Configured kind with the DFN parameters of the implementation, FORMAL with others."""
         is_changed = any(self.slot_parameters(slot) for slot in _CALIBRATED_SLOTS)
-        return CovarianceKind.FORMAL if is_changed else CovarianceKind.CALIBRATED
+        return CovarianceKind.FORMAL if is_changed else CovarianceKind(self.config.covariance_kind)
 
     def _localise(self, scene: Pyramid, model: Pyramid) -> tuple[Alignment, Quality]:
         """Register coarse to fine from the guess, restart after a failure, confirm the result."""
@@ -121,22 +124,11 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: Float, levels: int = 3) -> Alignment:
         """Register on the first ``levels`` levels from a start ``T_scene_model``, and assess the result."""
-        iterations, jump = 0, 0.0
-        for index in range(levels):
-            s, m = scene.levels[index], model.levels[index]
-            normals = s.normals if index == 0 or self.config.normals_to_fine else None
-            step = self._register[index].process(
-                Registration3DInputs(source=m.points_m, target=s.points_m, target_normals=normals, guess=T)
-            )
-            if index > 0:
-                coarser = scene.levels[index - 1], model.levels[index - 1]
-                gate_m = _GATE_SPACINGS * max(level.spacing_m for level in coarser)
-                moved_m = displacement_m(step.transform, T, T[:3, :3] @ m.centre_m + T[:3, 3], m.radius_m)
-                jump = max(jump, moved_m / gate_m)
-            T = step.transform
-            iterations += step.iterations
+        steps = self._register_levels(scene, model, T, levels)
+        T = steps[-1].transform
         level = min(levels - 1, 1) if self.config.assessed_level == "medium" else levels - 1
         s, m = scene.levels[level], model.levels[level]
+        is_complete = levels == len(scene.levels)
         assessment = self._assess.process(
             RegistrationAssessmentInputs(
                 source=m.points_m,
@@ -144,16 +136,53 @@ class IcpLocalisation(IcpLocalisationInterface):
                 target=s.points_m,
                 target_normals=s.normals,
                 transform=T,
+                coarser_transform=self._coarser(scene, model, steps) if is_complete else None,
             )
         )
         return Alignment(
             T_scene_model=T,
             assessment=assessment,
-            residual_scale_m=step.residual_scale_m,
-            iterations=iterations,
-            converged=step.converged,
-            jump=jump,
+            residual_scale_m=steps[-1].residual_scale_m,
+            iterations=sum(step.iterations for step in steps),
+            converged=steps[-1].converged,
+            jump=_largest_jump(scene, model, steps),
         )
+
+    def _register_levels(
+        self, scene: Pyramid, model: Pyramid, T: Float, levels: int
+    ) -> list[Registration3DOutputs]:
+        """Return the registration on each of the first ``levels`` levels, each from the previous result."""
+        steps: list[Registration3DOutputs] = []
+        for index, (s, m) in enumerate(zip(scene.levels[:levels], model.levels[:levels], strict=True)):
+            with_normals = index == 0 or self.config.normals_to_fine
+            steps.append(self._register_level(index, s, m, T, with_normals))
+            T = steps[-1].transform
+        return steps
+
+    def _register_level(
+        self, index: int, scene: Level, model: Level, T: Float, with_normals: bool
+    ) -> Registration3DOutputs:
+        step: Registration3DOutputs = self._register[index].process(
+            Registration3DInputs(
+                source=model.points_m,
+                target=scene.points_m,
+                target_normals=scene.normals if with_normals else None,
+                guess=T,
+            )
+        )
+        return step
+
+    def _coarser(self, scene: Pyramid, model: Pyramid, steps: list[Registration3DOutputs]) -> Float:
+        """Return the result at a lower resolution, for comparison with the final one.
+
+        This is the result on the medium level, unless the clouds are so small that it has as many points as
+        the fine one.
+        """
+        if scene.is_thinned and model.is_thinned:
+            medium: Float = steps[-2].transform
+            return medium
+        s, m = (cloud.levels[-1].thinned(_COARSER) for cloud in (scene, model))
+        return self._register_level(-1, s, m, steps[-1].transform, self.config.normals_to_fine).transform
 
     def _restart(
         self, scene: Pyramid, model: Pyramid, failed: Alignment, quality: Quality
@@ -181,10 +210,10 @@ class IcpLocalisation(IcpLocalisationInterface):
         medium: Alignment | None = None
         for T in self._displaced_starts(alignment, self.config.confirmations):
             try:
-                other = self._coarse_to_fine(scene, model, T, levels=1)
+                (coarse,) = self._register_levels(scene, model, T, levels=1)
                 gate_m = _GATE_SPACINGS * max(cloud.levels[1].spacing_m for cloud in (scene, model))
                 T_scene_model = alignment.T_scene_model
-                if displacement_m(other.T_scene_model, T_scene_model, a.centre_m, a.radius_m) <= gate_m:
+                if displacement_m(coarse.transform, T_scene_model, a.centre_m, a.radius_m) <= gate_m:
                     continue
                 other = self._coarse_to_fine(scene, model, T, levels=2)
                 medium = medium or self._coarse_to_fine(scene, model, T_scene_model, levels=2)
@@ -243,3 +272,14 @@ class IcpLocalisation(IcpLocalisationInterface):
         )
         points = self._transform.process(inputs).transformed_points
         return Pointcloud.from_points(points, frame=last.parent_frame, stamp_ns=last.stamp_ns)
+
+
+def _largest_jump(scene: Pyramid, model: Pyramid, steps: list[Registration3DOutputs]) -> float:
+    """Return the largest displacement between successive levels, in overlap gates of the coarser one."""
+    jump = 0.0
+    for index, (before, after) in enumerate(pairwise(step.transform for step in steps)):
+        gate_m = _GATE_SPACINGS * max(cloud.levels[index].spacing_m for cloud in (scene, model))
+        m = model.levels[index + 1]
+        centre_m = before[:3, :3] @ m.centre_m + before[:3, 3]
+        jump = max(jump, displacement_m(after, before, centre_m, m.radius_m) / gate_m)
+    return jump

@@ -17,6 +17,7 @@ from cdff_core.cloud_matching.matcher import Registration, refine_and_assess
 from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
 from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
 from cdff_core.dfns.registration_3d.interface import Registration3DInputs
+from cdff_core.dfpcs.lidar_localisation.surface import Surface, joint_roughness_m
 
 if TYPE_CHECKING:
     from cdff_common.interfaces.dfpc import Dfpc
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.tiled_map import LocalMap
 
 
-#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, metres.
-_MAX_RESIDUAL_M, _MAX_COARSE_RESIDUAL_M = 0.03, 0.06
+#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, in
+#: roughnesses of sweep and map. The points of a sweep in its place are nearer to those of the map than these
+#: to each other.
+_MAX_ROUGHNESSES, _MAX_COARSE_ROUGHNESSES = 1.0, 0.5
 #: Standard deviation along degenerate directions, metres.
 _DEGENERATE_SIGMA_M = 10.0
 #: Prefixes of reasons that make a match DEGRADED at most.
@@ -37,9 +40,8 @@ class Sweep:
     """Points of a sweep in the base's frame at the end of the sweep."""
 
     whole_m: se3.FloatArray  # (m, 3), all points within range
-    points_m: se3.FloatArray  # (n, 3), thinned
-    normals: se3.FloatArray  # (n, 3)
-    coarse_m: se3.FloatArray  # (k, 3), thinned for the coarse registration
+    fine: Surface  # thinned
+    coarse: Surface  # thinned for the coarse registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +81,7 @@ class SweepMatcher:
     def prepare(self, points_m: se3.FloatArray) -> Sweep:
         """Return a sweep, given as points (n, 3), thinned for the coarse and the fine registration."""
         points = self._thin.process(PointCloudDownsamplingInputs(points=points_m)).points
-        return Sweep(points_m, points, self.normals(points), self.thin_coarse(points))
+        return Sweep(points_m, Surface(points, self.normals), Surface(self.thin_coarse(points), self.normals))
 
     def register(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
         """Run PointcloudMatcher.doICP from a nearly correct pose ``T_map_base``.
@@ -87,10 +89,13 @@ class SweepMatcher:
         With ``allow_degenerate``, degenerate directions are accepted, since a prediction constrains them.
         """
         try:
-            registration = refine_and_assess(self._refine, self._assess, sweep, local, T, {})
+            registration = refine_and_assess(
+                self._refine, self._assess, sweep.fine, local, T, {}, (sweep.fine.coarser, local.coarser)
+            )
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
-        return Match(registration, self._quality(registration, allow_degenerate=allow_degenerate))
+        limit_m = _MAX_ROUGHNESSES * joint_roughness_m(sweep.fine, local)
+        return Match(registration, self._quality(registration, limit_m, allow_degenerate=allow_degenerate))
 
     def register_coarse(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
         """Return the pose ``(4, 4)`` of the coarse registration from a pose metres and tens of degrees away.
@@ -99,11 +104,15 @@ class SweepMatcher:
         """
         step = self._coarse.process(
             Registration3DInputs(
-                source=sweep.coarse_m, target=local.coarse_m, target_normals=local.coarse_normals, guess=T
+                source=sweep.coarse.points_m,
+                target=local.coarse.points_m,
+                target_normals=local.coarse.normals,
+                guess=T,
             )
         )
-        if step.residual_scale_m > _MAX_COARSE_RESIDUAL_M:
-            reason = f"large_residuals:{step.residual_scale_m:.3g}m>{_MAX_COARSE_RESIDUAL_M:g}m"
+        limit_m = _MAX_COARSE_ROUGHNESSES * joint_roughness_m(sweep.coarse, local.coarse)
+        if step.residual_scale_m > limit_m:
+            reason = f"large_residuals:{step.residual_scale_m:.3g}m>{limit_m:.3g}m"
             raise RefusedError(f"coarse registration of sweep and map: {reason}", [reason])
         T_coarse: se3.FloatArray = step.transform
         return T_coarse
@@ -131,16 +140,18 @@ class SweepMatcher:
             C = C + _DEGENERATE_SIGMA_M**2 * np.outer(change, change)
         return UncertainTransform(T, C)
 
-    def _quality(self, registration: Registration, *, allow_degenerate: bool) -> Quality:
-        """Return the quality by the shared gates and the residuals; degenerate directions may be allowed."""
+    def _quality(self, registration: Registration, limit_m: float, *, allow_degenerate: bool) -> Quality:
+        """Return the quality by the shared gates and the largest residual; degenerate directions may be
+        allowed.
+        """
         cfg = self._config
         quality = registration_quality(registration, registration.assessment.overlap_source, cfg)
         allowed = (*_DEGRADED, "degenerate:") if allow_degenerate else _DEGRADED
         is_failed = quality.status is Status.FAILED
         failed = [r for r in quality.reasons if is_failed and not r.startswith(allowed)]
         residual_m = registration.assessment.rms_m
-        if residual_m > _MAX_RESIDUAL_M:
-            failed.append(f"large_residuals:{residual_m:.3g}m>{_MAX_RESIDUAL_M:g}m")
+        if residual_m > limit_m:
+            failed.append(f"large_residuals:{residual_m:.3g}m>{limit_m:.3g}m")
         others = tuple(r for r in quality.reasons if r not in failed)
         step = registration.step
         metrics = {

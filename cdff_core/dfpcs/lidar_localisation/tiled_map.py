@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry.voxels import voxel_means
+from cdff_core.dfpcs.lidar_localisation.surface import Surface
 
 Float = NDArray[np.float64]
 
@@ -18,29 +19,19 @@ Float = NDArray[np.float64]
 _TILE_M, _REUSE_M = 10.0, 3.0
 
 
-class LocalMap:
-    """Part of the map with which a sweep is registered; derived clouds are computed on first use."""
+class LocalMap(Surface):
+    """Part of the map with which a sweep is registered."""
 
     def __init__(
         self, points_m: Float, normals: Callable[[Float], Float], coarse: Callable[[Float], Float]
     ) -> None:
-        self.points_m = points_m
-        self._normals, self._coarse = normals, coarse
+        super().__init__(points_m, normals)
+        self._coarse = coarse
 
     @cached_property
-    def normals(self) -> Float:
-        """Normals ``(n, 3)``."""
-        return self._normals(self.points_m)
-
-    @cached_property
-    def coarse_m(self) -> Float:
-        """The points ``(k, 3)`` thinned for the coarse registration."""
-        return self._coarse(self.points_m)
-
-    @cached_property
-    def coarse_normals(self) -> Float:
-        """Normals ``(k, 3)`` of the coarse points."""
-        return self._normals(self.coarse_m)
+    def coarse(self) -> Surface:
+        """The map thinned for the coarse registration."""
+        return Surface(self._coarse(self.points_m), self._normals_of)
 
 
 class TiledMap:

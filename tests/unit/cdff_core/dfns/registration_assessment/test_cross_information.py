@@ -21,7 +21,9 @@ from cdff_core.dfns.registration_assessment.interface import (
 from tests.support import surfaces
 
 
-def assess(source: surfaces.Points, target: surfaces.Points, T: np.ndarray) -> RegistrationAssessmentOutputs:
+def assess(
+    source: surfaces.Points, target: surfaces.Points, T: np.ndarray, coarser: np.ndarray | None = None
+) -> RegistrationAssessmentOutputs:
     normals, node = PrincipalAxis(), CrossInformation()
     normals.configure()
     node.configure()
@@ -35,6 +37,7 @@ def assess(source: surfaces.Points, target: surfaces.Points, T: np.ndarray) -> R
             target=target,
             target_normals=target_normals,
             transform=T,
+            coarser_transform=coarser,
         )
     )
 
@@ -92,3 +95,16 @@ def test_errors_of_many_registrations_are_consistent_with_their_covariance() -> 
         np.mean(nees) < 12.6
     )  # 95 % quantile of χ² with 6 degrees of freedom: the covariance is not too small
     assert np.mean(nees) > 0.1  # nor far too large
+
+
+def test_the_difference_to_a_coarser_result_is_added_as_a_typical_error(rng: np.random.Generator) -> None:
+    source, target = surfaces.terrain(rng), surfaces.terrain(rng)
+    change = se3.exp_se3([0.02, -0.01, 0.03, 0.002, -0.001, 0.003])
+    without, same, changed = (
+        assess(source, target, np.eye(4), coarser) for coarser in (None, np.eye(4), change)
+    )
+    np.testing.assert_allclose(same.covariance, without.covariance)
+    added = changed.covariance - without.covariance
+    assert np.linalg.eigvalsh(added)[0] > 0.0
+    difference = covariance.pose_error(change, np.eye(4))
+    assert difference @ np.linalg.solve(added, difference) == pytest.approx(6.0, rel=0.15)

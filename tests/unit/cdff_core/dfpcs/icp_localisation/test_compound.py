@@ -11,6 +11,7 @@ import pytest
 
 from cdff_common.errors import ConfigurationError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
@@ -49,7 +50,7 @@ def model_of(points: surfaces.Points) -> surfaces.Points:
     return se3.transform_points(se3.inverse(T_TRUE), points)
 
 
-@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast"])
+@pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast", "Quick"])
 def test_a_model_is_localised_with_covariance_and_provenance(
     rng: np.random.Generator, implementation: str
 ) -> None:
@@ -58,7 +59,8 @@ def test_a_model_is_localised_with_covariance_and_provenance(
     T = output.value.transform
     error = se3.log_se3(se3.inverse(T_TRUE) @ T.matrix)
     assert output.quality.status is Status.OK
-    assert output.quality.covariance_kind is CovarianceKind.CALIBRATED
+    kind = CovarianceKind.FORMAL if implementation == "Fast" else CovarianceKind.CALIBRATED
+    assert output.quality.covariance_kind is kind
     assert np.linalg.norm(error[:3]) < 0.01
     assert np.linalg.norm(error[3:]) < 0.002
     assert 1e-4 < np.sqrt(T.covariance[0, 0]) < 0.05
@@ -67,6 +69,17 @@ def test_a_model_is_localised_with_covariance_and_provenance(
     assert {"overlap_model", "inlier_ratio", "rms_m", "iterations", "condition_number"} <= set(
         output.quality.metrics
     )
+
+
+def test_the_covariance_of_a_cloud_without_coarser_levels_contains_its_resolution(
+    rng: np.random.Generator,
+) -> None:
+    T_true = se3.exp_se3([0.1, -0.05, 0.02, 0.01, 0.0, 0.02])
+    scene = surfaces.terrain(rng)[:1800]
+    model = se3.transform_points(se3.inverse(T_true), surfaces.terrain(rng)[:1800])
+    T = localise(make_configured_dfpc(), cloud("model", model), cloud("scene", scene)).value.transform
+    e = pose_error(T_true, T.matrix)
+    assert e @ np.linalg.solve(T.covariance, e) < 15.0
 
 
 def test_with_other_dfn_parameters_the_covariance_is_only_formal(rng: np.random.Generator) -> None:

@@ -1,0 +1,61 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points of a surface with their normals, their roughness and a version of lower resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+#: Ratio of points of a surface to the version of lower resolution.
+_COARSER = 3
+
+
+class Surface:
+    """Points of a surface; derived quantities are computed on first use.
+
+    Parameters
+    ----------
+    points_m : ndarray, shape (n, 3)
+    normals_of : callable
+        Returns the unit normals (n, 3) of points.
+    """
+
+    def __init__(self, points_m: Float, normals_of: Callable[[Float], Float]) -> None:
+        self.points_m, self._normals_of = points_m, normals_of
+
+    @cached_property
+    def normals(self) -> Float:
+        """Unit normals ``(n, 3)``."""
+        return self._normals_of(self.points_m)
+
+    @cached_property
+    def roughness_m(self) -> float:
+        """Robust standard deviation of the distances of points from the plane of their nearest neighbour.
+
+        It contains the noise of the points, and the relief between points one spacing apart.
+        """
+        from cdff_common.geometry.kdtree import kd_tree, neighbours
+        from cdff_common.geometry.robust import median_sigma
+
+        _, rows = neighbours(kd_tree(self.points_m), self.points_m, 2)
+        other = rows[:, 1]
+        offset = self.points_m - self.points_m[other]
+        return median_sigma(np.einsum("ij,ij->i", offset, self.normals[other]))
+
+    @cached_property
+    def coarser(self) -> Surface:
+        """The surface with a third of the points."""
+        from cdff_common.geometry.voxels import downsampled
+
+        return Surface(downsampled(self.points_m, len(self.points_m) // _COARSER)[0], self._normals_of)
+
+
+def joint_roughness_m(first: Surface, second: Surface) -> float:
+    """Return the standard deviation of distances between two rough surfaces with independent noise."""
+    return float(np.hypot(first.roughness_m, second.roughness_m))

@@ -1,0 +1,154 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Compare the errors of icp_localisation with the covariances it states, on real and on simulated clouds.
+
+Each trial yields the squared error ``e^T C^-1 e`` (NEES); a correct covariance has a mean of 6, a cautious
+one less.
+
+Halves: the points of one real scan are divided into two random halves. One is the model, moved by 0.3 m and
+2 degrees in a random direction; the truth is exact and no point is in both clouds. The halves share the view
+point, so that the result contains noise and sampling, but no difference of the two views. Devon Island:
+halves of the road and of its copy, with a guess 0.3 m and 2 degrees off.
+
+Next scans: two successive scans, with the truth of the data set, whose own error (centimetres, 0.1 degrees)
+is part of the squared error. Simulated scans: held-out seeds of ``icp_localisation``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.formats.kitti_bin import read_kitti_bin
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.se3 import FloatArray
+from evaluation.data_sets.clouds import devon_halves, kitti_pair, small_gicp_pair
+from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
+from evaluation.scenes.terrain import scan_pair
+
+#: Page that contains the table of this evaluation.
+PAGE = "icp_localisation"
+
+HALVES, SIMULATED_SEEDS = 6, range(3000, 3020)
+STEP_M, STEP_DEG = 0.3, 2.0
+#: Largest mean squared error of a set with which a covariance counts as calibrated.
+LIMIT = 15.0
+#: Scene, model, true T_scene_model and guess.
+Trial = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return errors and squared errors of each implementation on each set."""
+    dfpcs = {name: make_dfpc(name) for name in IMPLEMENTATIONS}
+    results: dict[str, Any] = {}
+    for name, (is_real, trials) in _sets(data).items():
+        progress(f"icp_covariance: {name}")
+        clouds = list(trials)
+        results[name] = {"real": is_real} | {
+            implementation: _summary([_run(dfpc, trial) for trial in clouds])
+            for implementation, dfpc in dfpcs.items()
+        }
+    return {"limit": LIMIT, "sets": results}
+
+
+def halves(points_m: FloatArray, seed: int) -> Trial:
+    """Return two random halves of a cloud, of which the second is moved; the guess is the identity."""
+    rng = np.random.default_rng(seed)
+    rows, count = rng.permutation(len(points_m)), len(points_m) // 2
+    T = _displaced(np.eye(4), rng)
+    return (
+        points_m[rows[:count]],
+        se3.transform_points(se3.inverse(T), points_m[rows[count:]]),
+        T,
+        np.eye(4),
+    )
+
+
+def _sets(data: Path) -> dict[str, tuple[bool, Iterator[Trial]]]:
+    """Return whether the clouds are measured, and the trials, by name of the set."""
+    scans = {
+        name: read_kitti_bin(data / "kitti_velodyne" / f"{name}.bin").points_m
+        for name in ("000094", "000000")
+    }
+    return {
+        "KITTI 94, halves": (True, _halves_of(scans["000094"])),
+        "Devon Island, halves": (True, _devon(data)),
+        "KITTI 000000, halves": (True, _halves_of(scans["000000"])),
+        "small_gicp's target, halves": (True, _halves_of(small_gicp_pair(data)[1])),
+        "KITTI 94→95": (True, _next_scan(kitti_pair(data))),
+        "small_gicp's pair": (True, _next_scan(small_gicp_pair(data))),
+        "simulated scans": (False, ((*scan_pair(seed), np.eye(4)) for seed in SIMULATED_SEEDS)),
+    }
+
+
+def _halves_of(points_m: FloatArray) -> Iterator[Trial]:
+    return (halves(points_m.astype(np.float64), seed) for seed in range(HALVES))
+
+
+def _devon(data: Path) -> Iterator[Trial]:
+    for seed in range(HALVES):
+        model, scene, T = devon_halves(data, seed)
+        yield scene, model, T, _displaced(T, np.random.default_rng([seed, 1]))
+
+
+def _next_scan(pair: tuple[FloatArray, FloatArray, FloatArray]) -> Iterator[Trial]:
+    source, target, T = pair
+    yield target, source, T, np.eye(4)
+
+
+def _displaced(T: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return a pose moved by 0.3 m and 2 degrees in random directions."""
+    direction, axis = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
+    R = se3.exp_so3(np.radians(STEP_DEG) * axis) @ T[:3, :3]
+    return se3.transform(R, T[:3, 3] + STEP_M * direction)
+
+
+def _run(dfpc: Any, trial: Trial) -> tuple[float, float, float, str] | None:
+    """Return the error, m, its stated standard deviation, m, the squared error and the covariance kind."""
+    scene, model, T_true, guess = trial
+    output, _ = localise(dfpc, scene, model, guess)
+    if output.value is None:
+        return None
+    T = output.value.transform
+    e, C = pose_error(T_true, T.matrix), T.covariance
+    sigma_m = float(np.sqrt(np.trace(C[:3, :3])))
+    kind = str(output.quality.covariance_kind)
+    return float(np.linalg.norm(e[:3])), sigma_m, float(e @ np.linalg.solve(C, e)), kind
+
+
+def _summary(rows: list[tuple[float, float, float, str] | None]) -> dict[str, Any]:
+    answered = [row for row in rows if row is not None]
+    if not answered:
+        return {"trials": len(rows), "refused": len(rows)}
+    error_m, sigma_m, squared, kinds = zip(*answered, strict=True)
+    return {
+        "trials": len(rows),
+        "refused": len(rows) - len(answered),
+        "max_error_m": round(max(error_m), 5),
+        "mean_sigma_m": round(float(np.mean(sigma_m)), 5),
+        "mean_nees": round(float(np.mean(squared)), 2),
+        "max_nees": round(max(squared), 1),
+        "covariance_kind": kinds[0],
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of the squared errors of all implementations on all sets."""
+    names = " | ".join(f"`{i}`" for i in IMPLEMENTATIONS)
+    lines = [
+        f"| mean squared error (6 expected), largest error | {names} |",
+        "|---" * (1 + len(IMPLEMENTATIONS)) + "|",
+    ]
+    for name, rows in figures["sets"].items():
+        cells = [
+            f"{rows[i]['mean_nees']}, {1e3 * rows[i]['max_error_m']:.1f} mm"
+            if "mean_nees" in rows[i]
+            else "–"
+            for i in IMPLEMENTATIONS
+        ]
+        lines.append(f"| {name} ({rows[IMPLEMENTATIONS[0]]['trials']}) | {' | '.join(cells)} |")
+    return "\n".join(lines)

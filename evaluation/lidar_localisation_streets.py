@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evaluate lidar_localisation on measured street scans: one scan is the map, another one the sweep.
+
+The guess is 2 m and 20 degrees of heading off, in random directions. With halves, the points of one scan are
+divided into map and sweep; the truth is exact. Vegetation: noise of 10 cm is added to all points above the
+road of both clouds. The truth of successive scans is that of the data set (centimetres, 0.1 degrees), whose
+error is part of the squared error (6 expected).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.formats.kitti_bin import read_kitti_bin
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
+from evaluation.data_sets.clouds import kitti_pair, small_gicp_pair
+from evaluation.icp_covariance import halves
+
+#: Page that contains the table of this evaluation.
+PAGE = "lidar_localisation"
+
+TRIALS = 6
+GUESS_M, GUESS_DEG = 2.0, 20.0
+VEGETATION_M, ROAD_Z_M = 0.1, -1.4
+#: Map, sweep and true T_map_sweep.
+Street = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return errors and squared errors per street, and the answers to sweeps that are not on the map."""
+    first = read_kitti_bin(data / "kitti_velodyne" / "000000.bin").points_m.astype(np.float64)
+    sweep, street, T = kitti_pair(data)
+    source, target, T_target_source = small_gicp_pair(data)
+    streets: dict[str, Callable[[int], Street]] = {
+        "KITTI 94, sweep 95": lambda seed: (street, sweep, T),
+        "the same with vegetation": lambda seed: (*_vegetation(street, sweep, seed), T),
+        "small_gicp's pair": lambda seed: (target, source, T_target_source),
+        "halves of KITTI 000000": lambda seed: halves(first, seed)[:3],
+    }
+    results = {}
+    for name, make in streets.items():
+        progress(f"lidar_localisation_streets: {name}")
+        results[name] = _summary([_localise_from_guess(make(seed), seed) for seed in range(TRIALS)])
+    elsewhere = [localise(street, first, None), localise(first, sweep, None)]
+    return {"streets": results, "not_on_the_map": [list(output.quality.reasons) for output in elsewhere]}
+
+
+def localise(map_m: FloatArray, sweep_m: FloatArray, guess: FloatArray | None) -> Output:
+    """Return the output for a sweep on a map, from a guess T_map_sweep or without one."""
+    dfpc = Registry.default().make_dfpc("lidar_localisation")
+    dfpc.configure({})
+    samples = [Sample("map", 0, 0, Pointcloud.from_points(map_m, frame="map", stamp_ns=0))]
+    if guess is not None:
+        sigma = np.repeat([GUESS_M, np.radians(GUESS_DEG)], 3)
+        value = TransformWithCovariance.from_transform(
+            UncertainTransform(guess, np.diag(sigma**2)), parent="map", child="lidar", stamp_ns=0
+        )
+        samples.append(Sample("guess", 0, 0, value))
+    points = sweep_m.astype(np.float32)
+    scan = LidarScan.from_arrays(points, np.zeros(len(points), np.uint32), frame="lidar", t0_ns=0, t1_ns=0)
+    samples.append(Sample("scan", 0, 0, scan))
+    (output,) = [output for sample in samples for output in dfpc.step(sample)]
+    return output
+
+
+def inaccurate_guess(T: FloatArray, seed: int) -> FloatArray:
+    """Return a pose 2 m away in a random horizontal direction and turned by 20 degrees to a random side."""
+    rng = np.random.default_rng(seed)
+    angle, side = rng.uniform(0.0, 2.0 * np.pi), rng.choice([-1.0, 1.0])
+    R = se3.exp_so3(np.array([0.0, 0.0, side * np.radians(GUESS_DEG)])) @ T[:3, :3]
+    return se3.transform(R, T[:3, 3] + GUESS_M * np.array([np.cos(angle), np.sin(angle), 0.0]))
+
+
+def _vegetation(map_m: FloatArray, sweep_m: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Return both clouds with noise on the points above the road."""
+    rng = np.random.default_rng([seed, 1])
+
+    def rough(points_m: FloatArray) -> FloatArray:
+        is_above = points_m[:, 2:] > ROAD_Z_M
+        return points_m + np.where(is_above, rng.normal(0.0, VEGETATION_M, points_m.shape), 0.0)
+
+    return rough(map_m), rough(sweep_m)
+
+
+def _localise_from_guess(street: Street, seed: int) -> tuple[float, float, float] | None:
+    """Return the error in metres and degrees and the squared error; None if the sweep is refused."""
+    map_m, sweep_m, T_true = street
+    output = localise(map_m, sweep_m, inaccurate_guess(T_true, seed))
+    if output.value is None:
+        return None
+    T = output.value.transform
+    e = pose_error(T_true, T.matrix)
+    squared = float(e @ np.linalg.solve(T.covariance, e))
+    return float(np.linalg.norm(e[:3])), float(np.degrees(np.linalg.norm(e[3:]))), squared
+
+
+def _summary(rows: list[tuple[float, float, float] | None]) -> dict[str, Any]:
+    answered = np.array([row for row in rows if row is not None]).reshape(-1, 3)
+    summary: dict[str, Any] = {"trials": len(rows), "localised": len(answered)}
+    if len(answered):
+        summary |= {
+            "max_error_m": round(float(answered[:, 0].max()), 4),
+            "max_error_deg": round(float(answered[:, 1].max()), 3),
+            "mean_nees": round(float(answered[:, 2].mean()), 2),
+            "max_nees": round(float(answered[:, 2].max()), 1),
+        }
+    return summary
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of the streets."""
+    lines = [
+        "| map and sweep | localised | largest error | mean squared error (6 expected) |",
+        "|---" * 4 + "|",
+    ]
+    for name, row in figures["streets"].items():
+        error = f"{1e3 * row['max_error_m']:.1f} mm, {row['max_error_deg']}°" if row["localised"] else "–"
+        lines.append(
+            f"| {name} | {row['localised']} of {row['trials']} | {error} | {row.get('mean_nees', '–')} |"
+        )
+    refused = sum("lost" in reasons for reasons in figures["not_on_the_map"])
+    lines.append(
+        f"| sweeps that are not on the map | {refused} of {len(figures['not_on_the_map'])} refused | | |"
+    )
+    return "\n".join(lines)
