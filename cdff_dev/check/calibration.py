@@ -11,7 +11,7 @@ from typing import Any
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
 
-#: Fewer trials do not show whether a covariance is too small.
+#: Fewer trials on all data sets do not show whether a covariance is too small.
 _LEAST_TRIALS = 6
 #: Largest mean squared error by covariance, per degree of freedom; 1 is expected.
 _LARGEST_RATIO = 2.5
@@ -32,6 +32,9 @@ def calibration_faults(root: Path, dfpc: DfpcDescription) -> list[str]:
                 for data_set, figures in data_sets.items()
                 if (fault := _fault(figures))
             ]
+            trials = sum(figures.get("trials", 0) for figures in data_sets.values())
+            if trials < _LEAST_TRIALS:
+                raise InputError(f"record {name!r} has {trials} trials: expected at least {_LEAST_TRIALS}")
         except InputError as error:
             found_faults.append(f"{implementation} is called calibrated: {error}")
     return found_faults
@@ -57,8 +60,6 @@ def _fault(figures: dict[str, Any]) -> str:
     missing = {"squared_error", "degrees_of_freedom", "trials"} - figures.keys()
     if missing:
         return f"{', '.join(sorted(missing))} is missing"
-    if figures["trials"] < _LEAST_TRIALS:
-        return f"it was tried {figures['trials']} times: expected at least {_LEAST_TRIALS}"
     largest = _LARGEST_RATIO * figures["degrees_of_freedom"]
     if not figures["squared_error"] <= largest:
         return f"the squared error by covariance is {figures['squared_error']}: expected at most {largest:g}"

@@ -108,9 +108,9 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     @property
     def _covariance_kind(self) -> CovarianceKind:
-        """Configured kind with the DFN parameters of the implementation, FORMAL with others."""
+        """Kind with the DFN parameters of the implementation, FORMAL with others."""
         is_changed = any(self.slot_parameters(slot) for slot in _CALIBRATED_SLOTS)
-        return CovarianceKind.FORMAL if is_changed else CovarianceKind(self.config.covariance_kind)
+        return CovarianceKind.FORMAL if is_changed else self.covariance_kind
 
     def _localise(self, scene: Pyramid, model: Pyramid) -> tuple[Alignment, Quality]:
         """Register coarse to fine from the guess, restart after a failure, confirm the result."""

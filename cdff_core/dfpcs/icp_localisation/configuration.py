@@ -27,8 +27,3 @@ class IcpLocalisationConfig(AcceptanceGates, DfpcConfig):
     confirmations: int = Field(
         2, ge=0, le=6, description="Displaced restarts that must not lead to another, equally good result"
     )
-    covariance_kind: Literal["calibrated", "formal"] = Field(
-        "calibrated",
-        description="Kind of the covariance with the DFN parameters of the implementation: calibrated if its "
-        "errors on real clouds are consistent with it, otherwise formal",
-    )

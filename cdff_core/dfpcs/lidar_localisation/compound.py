@@ -11,7 +11,7 @@ import numpy as np
 from cdff_common.errors import FrameNotFoundError, InputError, ProductNotFoundError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Output, Sample
-from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.interfaces.product import Quality, Status
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingInputs
 from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
@@ -232,7 +232,7 @@ class LidarLocalisation(LidarLocalisationInterface):
             return None, Quality.from_error(error, quality.metrics)
         metrics = {**quality.metrics, "innovation": estimate.innovation}
         return UncertainTransform(estimate.pose, estimate.covariance), Quality(
-            quality.status, quality.reasons, CovarianceKind.CALIBRATED, metrics
+            quality.status, quality.reasons, self.covariance_kind, metrics
         )
 
     def _search(self, sweep: Sweep, tracking: Quality) -> tuple[UncertainTransform | None, Quality]:
@@ -242,7 +242,7 @@ class LidarLocalisation(LidarLocalisationInterface):
             return None, Quality.failed("lost", *match.quality.reasons, *tracking.reasons)
         self._motion.clear_poses()
         reasons = ["relocalised", *match.quality.reasons]
-        quality = Quality.from_reasons(reasons, CovarianceKind.CALIBRATED, match.quality.metrics)
+        quality = Quality.from_reasons(reasons, self.covariance_kind, match.quality.metrics)
         return self._matcher.pose(match.accepted), quality
 
     def _output(

@@ -11,7 +11,7 @@ import numpy as np
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.interfaces.product import Quality, Status
 from cdff_core.cloud_matching.acceptance import registration_quality
 from cdff_core.cloud_matching.matcher import Registration, refine_and_assess
 from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
@@ -61,7 +61,7 @@ class SweepMatcher:
     """Registers sweeps by the DFNs thin_scan, thin_coarse, normals, register_coarse, refine and assess."""
 
     def __init__(self, dfpc: Dfpc, config: LidarLocalisationConfig) -> None:
-        self._config = config
+        self._config, self._covariance_kind = config, dfpc.covariance_kind
         self._thin, self._thin_coarse = dfpc.dfn("thin_scan"), dfpc.dfn("thin_coarse")
         self._normals, self._coarse = dfpc.dfn("normals"), dfpc.dfn("register_coarse")
         self._refine, self._assess = dfpc.dfn("refine"), dfpc.dfn("assess")
@@ -128,7 +128,7 @@ class SweepMatcher:
         return self.register(sweep, local, T_coarse, allow_degenerate=allow_degenerate)
 
     def pose(self, registration: Registration) -> UncertainTransform:
-        """Return ``T_map_base`` with calibrated covariance, large along degenerate directions."""
+        """Return ``T_map_base`` with covariance, large along degenerate directions."""
         cfg, a, T = self._config, registration.assessment, registration.T_target_source
         tilt, yaw = np.radians([cfg.map_sigma_tilt_deg, cfg.map_sigma_yaw_deg])
         map_sigma = np.array([cfg.map_sigma_xy_m, cfg.map_sigma_xy_m, cfg.map_sigma_z_m, tilt, tilt, yaw])
@@ -159,4 +159,4 @@ class SweepMatcher:
             "iterations": step.iterations,
             **quality.metrics,
         }
-        return Quality.from_reasons(others, CovarianceKind.CALIBRATED, metrics, failed=failed)
+        return Quality.from_reasons(others, self._covariance_kind, metrics, failed=failed)

@@ -205,9 +205,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return ConsiderState.independent(pose, len(self._calibration.mean_px))
 
     def _quality(self, reasons: list[str], metrics: dict[str, float]) -> Quality:
-        # The covariance of a motion in a gap is assumed, not calibrated.
-        kind = CovarianceKind.FORMAL if self._gaps else CovarianceKind(self.config.covariance_kind)
-        return Quality.from_reasons(reasons, kind, metrics)
+        return Quality.from_reasons(reasons, self.covariance_kind, metrics)
 
     def _output(
         self, stamp_ns: int, inputs: tuple[str, ...], pose: UncertainTransform | None, quality: Quality

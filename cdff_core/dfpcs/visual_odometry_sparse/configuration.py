@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from cdff_common.interfaces.dfpc import DfpcConfig
 
@@ -20,19 +20,3 @@ class VisualOdometrySparseConfig(DfpcConfig):
     window: Annotated[
         int, Field(ge=1, le=8, description="number of keyframes relative to which a new keyframe is located")
     ] = 1
-    covariance_kind: Annotated[
-        Literal["formal", "calibrated"],
-        Field(
-            description="calibrated only if poses of this camera and configuration were compared with ground "
-            "truth"
-        ),
-    ] = "formal"
-
-    @model_validator(mode="after")
-    def _check_covariance_kind(self) -> Self:
-        if self.window > 1 and self.covariance_kind == "calibrated":
-            raise ValueError(
-                f"covariance_kind calibrated: expected formal with a window of {self.window} keyframes, "
-                "whose covariance is too small"
-            )
-        return self

@@ -43,7 +43,7 @@ def test_nothing_is_required_of_a_formal_covariance(tmp_path: Path) -> None:
         ({"Fast": {"kitti 94": GOOD}}, "no figures.real.Accurate"),
         ({"Accurate": {"kitti 94": GOOD | {"squared_error": 15.1}}}, "15.1: expected at most 15"),
         ({"Accurate": {"kitti 94": GOOD | {"squared_error": float("nan")}}}, "nan: expected at most 15"),
-        ({"Accurate": {"kitti 94": GOOD | {"trials": 5}}}, "5 times: expected at least 6"),
+        ({"Accurate": {"kitti 94": GOOD | {"trials": 5}}}, "5 trials: expected at least 6"),
         ({"Accurate": {"kitti 94": {"trials": 6}}}, "degrees_of_freedom, squared_error is missing"),
         (
             {"Accurate": {"kitti 94": GOOD, "devon": GOOD | {"squared_error": 74.0}}},

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
-from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
 from tests.support import corridor
@@ -59,7 +58,7 @@ def trajectory(dfpc: Dfpc) -> Any:
 def test_a_changed_camera_continues_at_the_predicted_pose_and_is_reported(
     pairs: list[FramePair], monkeypatch: pytest.MonkeyPatch, change: str
 ) -> None:
-    dfpc = make_configured_dfpc(covariance_kind="calibrated")
+    dfpc = make_configured_dfpc()
     *_, last = (step(dfpc, pairs[i], i) for i in range(3))
     covariance_before = last.value.transform.covariance
     for name, value in CAMERA_CHANGES[change].items():
@@ -68,9 +67,6 @@ def test_a_changed_camera_continues_at_the_predicted_pose_and_is_reported(
     assert changed.quality.status is Status.DEGRADED
     assert changed.quality.reasons == ("camera_changed",)
     assert (changed.frame, changed.quality.metrics["gaps"]) == ("mana/vo", 1.0)
-    # The covariance of the gap is an assumption, although the previous camera was calibrated.
-    kinds = [o.quality.covariance_kind for o in (last, changed, *after)]
-    assert kinds == [CovarianceKind.CALIBRATED] + [CovarianceKind.FORMAL] * 3
     T = changed.value.transform
     error = cov.pose_error(TRUTH[3], T.matrix)
     assert np.linalg.norm(error[:3]) < 0.05
@@ -118,8 +114,3 @@ def test_only_the_pair_with_a_wrong_calibration_fails(pairs: list[FramePair], wr
     next_output = step(dfpc, pairs[3], 3)
     assert (next_output.quality.status, next_output.quality.metrics["gaps"]) == (Status.OK, 0.0)
     assert pairs[3].baseline == BASELINE_M
-
-
-def test_a_window_of_keyframes_has_no_calibrated_covariance() -> None:
-    with pytest.raises(ConfigurationError, match="expected formal with a window of 3 keyframes"):
-        make_configured_dfpc(covariance_kind="calibrated", window=3)
