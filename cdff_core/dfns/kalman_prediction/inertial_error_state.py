@@ -32,7 +32,7 @@ class InertialErrorStateConfig(DfnConfig):
     )
     acc_walk_m_s3_sqrt_hz: Density = Field(1.6e-4, description="Random walk of the accelerometer bias")
     unseen_acceleration_m_s2_sqrt_hz: Density = Field(
-        0.5, description="Noise density of the acceleration without readings"
+        3.0, description="Noise density of the acceleration without readings"
     )
     unseen_rate_rad_s_sqrt_hz: Density = Field(
         1.0, description="Noise density of the angular rate without readings"

@@ -211,7 +211,9 @@ class Estimator:
             )
         )
         if m.source == "odometry":
-            return corrected_by_wheels(estimate, self._correction, m.T_origin_sensor, step, m.scale)
+            return corrected_by_wheels(
+                estimate, self._correction, m.T_origin_sensor, step, m.scale, has_imu=self._imu.span_ns > 0
+            )
         expected, H = estimate.relative_motion(m.source)
         residual = pose_error(step.increment, expected)
         noise = step.covariance * m.scale

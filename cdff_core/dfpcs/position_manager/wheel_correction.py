@@ -22,8 +22,9 @@ from cdff_core.dfpcs.position_manager.estimate import SLIP, Estimate
 _END = "odometry:end"
 #: Time constant of the wheels' average speed.
 _SPEED_TIME_S = 1.0
-#: Measured components of an increment of wheels: translation and heading.
-_ROWS = np.array([0, 1, 2, 5])
+#: Measured components of an increment of wheels: translation and heading; without IMU also roll and pitch,
+#: which change with the ground as little as the covariance of the increment states.
+_ROWS, _ROWS_WITHOUT_IMU = np.array([0, 1, 2, 5]), np.arange(6)
 #: Least variance of an increment between the clones, for a regular innovation covariance.
 _LEAST_VARIANCE = 1e-10
 
@@ -44,6 +45,8 @@ def corrected_by_wheels(
     measured: UncertainTransform,
     step: OdometryIncrementOutputs,
     scale: float,
+    *,
+    has_imu: bool,
 ) -> Estimate:
     """Return the estimate after the correction by an increment; raises RefusedError.
 
@@ -58,8 +61,9 @@ def corrected_by_wheels(
     residual = pose_error(step.increment, expected)
     residual[:3] -= estimate.slip * distance_m
     H[:3, SLIP] = distance_m * np.eye(3)
-    noise = scale * step.covariance[np.ix_(_ROWS, _ROWS)] + _LEAST_VARIANCE * np.eye(4)
-    corrected = kalman_corrected(ended, dfn, residual[_ROWS], H[_ROWS], noise)
+    rows = _ROWS if has_imu else _ROWS_WITHOUT_IMU
+    noise = scale * step.covariance[np.ix_(rows, rows)] + _LEAST_VARIANCE * np.eye(len(rows))
+    corrected = kalman_corrected(ended, dfn, residual[rows], H[rows], noise)
     return replace(corrected.with_renamed_clone(_END, "odometry"), wheel_speed_m_s=speed)
 
 
