@@ -32,10 +32,10 @@ class InertialErrorStateConfig(DfnConfig):
     )
     acc_walk_m_s3_sqrt_hz: Density = Field(1.6e-4, description="Random walk of the accelerometer bias")
     unseen_acceleration_m_s2_sqrt_hz: Density = Field(
-        0.5, description="Noise density of the acceleration without readings"
+        3.0, description="Noise density of the acceleration without readings"
     )
     unseen_rate_rad_s_sqrt_hz: Density = Field(
-        0.3, description="Noise density of the angular rate without readings"
+        1.0, description="Noise density of the angular rate without readings"
     )
     max_gap_s: float = Field(
         0.15, gt=0, le=10, description="Longest interval between readings that is interpolated"
@@ -75,14 +75,17 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
             rotation, rotation_integral, dv, dp = strapdown(*readings_in_interval)
             R_end, rotation_integral, dv, dp = R @ rotation, R @ rotation_integral, R @ dv, R @ dp
             F[PHI, BG] = -rotation_integral
-            rate = c.gyro_noise_rad_s_sqrt_hz
+            rate = max(c.gyro_noise_rad_s_sqrt_hz, inputs.rate_noise or 0.0)
             if inputs.gravity is not None and inputs.specific_force is not None:
-                force = c.acc_noise_m_s2_sqrt_hz
+                force = max(c.acc_noise_m_s2_sqrt_hz, inputs.force_noise or 0.0)
                 p_end, v_end = _propagate(
                     inputs, inputs.gravity, R_end, dv, dp, readings_in_interval[1][:, :3], T_s
                 )
                 dv_cross = se3.skew(dv)
-                F[V, PHI], F[P, PHI] = -dv_cross, -se3.skew(dp)
+                # All that rotates with the body: the integrated forces and the motion of the lever arm.
+                dv_gravity = np.array([0.0, 0.0, -inputs.gravity * T_s])
+                F[V, PHI] = -se3.skew(v_end - v - dv_gravity)
+                F[P, PHI] = -se3.skew(p_end - p - T_s * v - 0.5 * T_s * dv_gravity)
                 F[V, BA], F[P, BA] = -rotation_integral, -0.5 * T_s * rotation_integral
                 rate_bias_effect = dv_cross @ rotation_integral
                 F[V, BG], F[P, BG] = rate_bias_effect / 2.0, rate_bias_effect * (T_s / 6.0)

@@ -56,6 +56,11 @@ class KalmanPredictionInputs:
         Magnitude of gravity, m/s^2; without it the forces are not used.
     lever_m : ndarray of float64, shape (3), optional
         Position of the sensor in the body, metres.
+    rate_noise : float, optional
+        Noise density of a rate that was measured, rad/s/sqrt(Hz); the configured one is a lower bound.
+    force_noise : float, optional
+        Noise density of a specific force that was measured, m/s^2/sqrt(Hz); the configured one is a lower
+        bound.
     """
 
     pose: NDArray[np.float64]
@@ -68,6 +73,8 @@ class KalmanPredictionInputs:
     rates_rad_s: NDArray[np.float64] | None = None
     gravity: float | None = None
     lever_m: NDArray[np.float64] | None = None
+    rate_noise: float | None = None
+    force_noise: float | None = None
 
     def __post_init__(self) -> None:
         _ARRAYS.check(self)

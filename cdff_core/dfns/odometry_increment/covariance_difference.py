@@ -55,7 +55,10 @@ class CovarianceDifference(Interface[CovarianceDifferenceConfig]):
             J = compose_jacobians(mount @ sensor_step, T_sensor_body)[0] @ rotation_blocks(mount[:3, :3])
             covariance += J @ sensor_covariance @ J.T
         return Outputs(
-            increment=body_step, covariance=covariance, distance_m=float(np.linalg.norm(body_step[:3, 3]))
+            increment=body_step,
+            covariance=covariance,
+            distance_m=float(np.linalg.norm(body_step[:3, 3])),
+            pose_covariance=np.zeros((6, 6)),
         )
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import compose_jacobians, rotation_blocks
+from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.odometry_increment.interface import Inputs, Interface, Outputs
 
@@ -36,13 +38,25 @@ class DistanceModelConfig(DfnConfig):
     yaw_fraction: float = Field(
         0.05, ge=0, le=1, description="Standard deviation of the heading as a fraction of the rotation"
     )
+    pose_m: Sigma = Field(0.0007, description="Lower bound of the standard deviation of a pose's own error")
+    pose_rad: Sigma = Field(
+        0.0002, description="Lower bound of the standard deviation of a pose's own heading"
+    )
 
 
 class DistanceModel(Interface[DistanceModelConfig]):
-    """Covariance model for wheel odometry, independent of the reported covariances."""
+    """Covariance model for wheel odometry.
+
+    Notes
+    -----
+    A covariance that is the same for both poses does not describe the drift; it is taken for that of one
+    increment, caused in equal parts by the own errors of its two poses (jitter of the stamps, backlash,
+    resolution of the encoders). A covariance that grows contains slip, which the model describes, and is not
+    used.
+    """
 
     def setup(self) -> None:
-        """Compute the variances after one metre, [x y z rx ry rz]."""
+        """Compute the variances after one metre and of a pose's own error, [x y z rx ry rz]."""
         c = self.config
         self._per_metre = np.square(
             [
@@ -54,6 +68,7 @@ class DistanceModel(Interface[DistanceModelConfig]):
                 c.yaw_rad_sqrt_m,
             ]
         )
+        self._pose_floor = np.square([c.pose_m] * 3 + [c.pose_rad] * 3)
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the increment between two poses; raises InputError for a transform that is not rigid."""
@@ -63,4 +78,18 @@ class DistanceModel(Interface[DistanceModelConfig]):
         distance_m = float(np.linalg.norm(step[:3, 3]))
         variance = self._per_metre * distance_m
         variance[5] += (self.config.yaw_fraction * float(se3.rotation_angle(step[:3, :3]))) ** 2
-        return Outputs(increment=step, covariance=np.diag(variance), distance_m=distance_m)
+        return Outputs(
+            increment=step,
+            covariance=np.diag(variance),
+            distance_m=distance_m,
+            pose_covariance=np.maximum(np.diag(self._pose_floor), _own_error(inputs, second, mount)),
+        )
+
+
+def _own_error(inputs: Inputs, second: FloatArray, mount: FloatArray) -> FloatArray:
+    """Return half of a constant stated covariance, in the body's second frame; otherwise zero (6, 6)."""
+    C1, C2 = inputs.first_covariance, inputs.second_covariance
+    if C1 is None or C2 is None or not np.allclose(C1, C2, rtol=1e-6, atol=0.0):
+        return np.zeros((6, 6))
+    J = compose_jacobians(mount, se3.inverse(mount))[0] @ rotation_blocks(mount[:3, :3] @ second[:3, :3].T)
+    return np.asarray(0.5 * J @ C2 @ J.T)

@@ -65,11 +65,15 @@ class OdometryIncrementOutputs:
         Covariance of the increment, [x y z rx ry rz] in the body's first frame.
     distance_m : float
         Length of the increment's translation, metres.
+    pose_covariance : ndarray of float64, shape (6,6)
+        Covariance of the second pose's own error, [x y z rx ry rz] in the body's second frame; later
+        increments start with it, and later poses do not contain it.
     """
 
     increment: NDArray[np.float64]
     covariance: NDArray[np.float64]
     distance_m: float
+    pose_covariance: NDArray[np.float64]
 
 
 class OdometryIncrementInterface(Dfn[ConfigT, OdometryIncrementInputs, OdometryIncrementOutputs]):

@@ -10,6 +10,8 @@ increment is measured between the clone and the current pose, and corrects both.
 References
 ----------
 .. [1] S. Roumeliotis, J. Burdick, Stochastic cloning, 2002, doi:10.1109/ROBOT.2002.1014801
+.. [2] A. Barrau, S. Bonnabel, The invariant extended Kalman filter as a stable observer, 2017,
+   doi:10.1109/TAC.2016.2594085
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.geometry.covariance import relative_jacobians
+from cdff_common.geometry.covariance import relative_jacobians, rotate_covariance, symmetrised
 from cdff_common.geometry.se3 import FloatArray
 
 POSITION, ROTATION, VELOCITY, GYRO, FORCE, SLIP = (slice(k, k + 3) for k in range(0, 18, 3))
@@ -37,6 +39,7 @@ class Clone:
     pose: FloatArray  # (4, 4), ``T_site_base`` at that time
     measured: UncertainTransform  # measurement ``T_origin_sensor`` at that time
     stamp_ns: int
+    refusals: int = 0  # number of increments since this clone that were refused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +56,8 @@ class Estimate:
     cross_covariance: FloatArray
     clones: dict[str, Clone]  # in the order of their errors
     consecutive_refusals: int = 0  # number of increments refused one after the other
+    #: Speed by the wheels (m/s), averaged over about a second; negative backwards.
+    wheel_speed_m_s: float = 0.0
 
     @classmethod
     def at_start(
@@ -75,12 +80,35 @@ class Estimate:
         first = CORE_SIZE + 6 * list(self.clones).index(name)
         return slice(first, first + 6)
 
-    def relative_motion(self, name: str) -> tuple[FloatArray, FloatArray]:
-        """Return ``T_clone_base`` (4, 4) and the Jacobian (6, n) of its error with respect to the errors."""
-        clone = self.clones[name].pose
+    def relative_motion(self, name: str, end: str | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return ``T_clone_base`` (4, 4) and the Jacobian (6, n) of its error with respect to the errors.
+
+        With ``end`` the motion ends at that clone instead of the current pose.
+        """
+        clone, end_pose = self.clones[name].pose, self.clones[end].pose if end else self.pose
         H = np.zeros((6, len(self.covariance)))
-        H[:, self.clone_errors(name)], H[:, POSE] = relative_jacobians(clone, self.pose)
-        return se3.inverse(clone) @ self.pose, H
+        end_errors = self.clone_errors(end) if end else POSE
+        H[:, self.clone_errors(name)], H[:, end_errors] = relative_jacobians(clone, end_pose)
+        return se3.inverse(clone) @ end_pose, H
+
+    def corrected(self, correction: FloatArray, covariance: FloatArray, gain_H: FloatArray) -> Estimate:
+        """Return the estimate after a correction (n,) with its covariance; ``gain_H`` is K H (n, n).
+
+        A rotation of the site about the vertical changes no measurement of motion. Its errors
+        ``(phi x p, phi, phi x v)`` depend on position and velocity; covariances of the state before the
+        correction would give information about this rotation. They are therefore those of the right-invariant
+        errors ``dp - phi x p`` and ``dv - phi x v`` [2]_, which do not change with the state.
+        """
+        new = self.with_correction(correction)
+        J = np.eye(len(correction))
+        J[POSITION, ROTATION] = -se3.skew(new.pose[:3, 3] - self.pose[:3, 3])
+        J[VELOCITY, ROTATION] = -se3.skew(new.velocity - self.velocity)
+        for name, clone in self.clones.items():
+            first = self.clone_errors(name).start
+            moved = new.clones[name].pose[:3, 3] - clone.pose[:3, 3]
+            J[first : first + 3, first + 3 : first + 6] = -se3.skew(moved)
+        cross = self.cross_covariance - gain_H @ self.cross_covariance
+        return replace(new, covariance=symmetrised(J @ covariance @ J.T), cross_covariance=J @ cross)
 
     def with_correction(self, correction: FloatArray) -> Estimate:
         """Return the state after adding a correction (n,) to it; the covariances do not change."""
@@ -98,8 +126,14 @@ class Estimate:
             clones={name: replace(clone, pose=pose) for (name, clone), pose in clones},
         )
 
-    def with_clone(self, name: str, measured: UncertainTransform) -> Estimate:
-        """Return the estimate with a clone ``name`` of its pose, which replaces an earlier one."""
+    def with_clone(
+        self, name: str, measured: UncertainTransform, pose_covariance: FloatArray | None = None
+    ) -> Estimate:
+        """Return the estimate with a clone ``name`` of its pose, which replaces an earlier one.
+
+        ``pose_covariance`` (6, 6), in the base, is that of the measured pose's own error: the clone is the
+        pose with this error, which the increments that end and start there have in common.
+        """
         clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
         n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)
         covariance, cross = np.empty((size, size)), np.empty((size, len(TIMELINE_ERRORS)))
@@ -108,7 +142,28 @@ class Estimate:
         clone_errors = slice(first, first + 6)
         covariance[clone_errors], cross[clone_errors] = covariance[POSE], cross[POSE]
         covariance[:, clone_errors] = covariance[:, POSE]
+        if pose_covariance is not None:
+            covariance[clone_errors, clone_errors] += rotate_covariance(pose_covariance, self.pose[:3, :3])
         return replace(self, covariance=covariance, cross_covariance=cross, clones=clones)
+
+    def with_refusal(self, name: str) -> Estimate:
+        """Return the estimate with one more refused increment since a clone."""
+        clone = self.clones[name]
+        return replace(self, clones={**self.clones, name: replace(clone, refusals=clone.refusals + 1)})
+
+    def with_renamed_clone(self, name: str, new_name: str) -> Estimate:
+        """Return the estimate whose clone ``name`` replaces the clone ``new_name``."""
+        clones = dict(self.clones)
+        order = np.arange(len(self.covariance))
+        order[self.clone_errors(new_name)] = order[self.clone_errors(name)]
+        order = np.delete(order, self.clone_errors(name))
+        clones[new_name] = clones.pop(name)
+        return replace(
+            self,
+            covariance=self.covariance[np.ix_(order, order)],
+            cross_covariance=self.cross_covariance[order],
+            clones=clones,
+        )
 
     def with_velocity_sigma(self, sigma_m_s: float) -> Estimate:
         """Return the estimate with an uncorrelated velocity of standard deviation ``sigma_m_s``."""

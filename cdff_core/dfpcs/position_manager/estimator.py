@@ -24,6 +24,7 @@ from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.estimate import POSE, SLIP, TIMELINE_ERRORS, Clone, Estimate
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.wheel_correction import corrected_by_wheels, kalman_corrected
 
 #: Ports whose measurements are absolute poses.
 FIXES = ("fix", "absolute_fix")
@@ -35,8 +36,8 @@ _SLIP_TIME_S, _MAX_WHEEL_SPEED_M_S = 6.0, 5.0
 _STEP_NS = 200_000_000
 #: Bounds after a silence on the standard deviations of position (numerical precision) and rotation (unknown).
 _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
-#: Standard deviation of a wheel increment at rest, added to that of the motion (x, y, z, yaw).
-_WHEEL_FLOOR = np.array([1e-3, 1e-3, 1e-3, 3e-4])
+#: Factor on the noise of an increment for each refused one that it contains.
+_REFUSAL_SCALE = 4.0
 #: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
 #: Number of consecutive refused increments after which the velocity counts as unknown.
@@ -130,6 +131,7 @@ class Estimator:
     def _integrate(self, estimate: Estimate, end_ns: int) -> Estimate:
         """Integrate the IMU readings to a time (prediction)."""
         stamps, forces, rates = self._imu.around(estimate.stamp_ns, end_ns)
+        force_noise, rate_noise = self._imu.noise(end_ns)
         out = self._prediction.process(
             KalmanPredictionInputs(
                 pose=estimate.pose,
@@ -142,6 +144,8 @@ class Estimator:
                 rates_rad_s=rates,
                 gravity=self.gravity_m_s2,
                 lever_m=self._imu.lever_m,
+                force_noise=force_noise,
+                rate_noise=rate_noise,
             )
         )
         # First-order Gauss-Markov process of slip.
@@ -172,12 +176,15 @@ class Estimator:
         if estimate.consecutive_refusals >= _MAX_REFUSALS:
             estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
         try:
-            corrected = replace(self._apply_increment(estimate, m, clone), consecutive_refusals=0)
-            result = MeasurementResult(True)
+            corrected = self._apply_increment(
+                estimate, replace(m, scale=m.scale * _REFUSAL_SCALE**clone.refusals), clone
+            )
         except RefusedError as error:
-            corrected = replace(estimate, consecutive_refusals=estimate.consecutive_refusals + 1)
-            result = MeasurementResult(False, (f"{m.source}_refused", *error.reasons))
-        return corrected.with_clone(m.source, m.T_origin_sensor), result
+            refused = replace(estimate, consecutive_refusals=estimate.consecutive_refusals + 1)
+            return refused.with_refusal(m.source), MeasurementResult(
+                False, (f"{m.source}_refused", *error.reasons)
+            )
+        return replace(corrected, consecutive_refusals=0), MeasurementResult(True)
 
     def _is_origin_lost(self, m: Measurement, clone: Clone) -> bool:
         """Return whether the origin of a source may have changed: it was silent, or its wheels moved too far.
@@ -203,40 +210,20 @@ class Estimator:
                 second_covariance=current.covariance,
             )
         )
+        if m.source == "odometry":
+            return corrected_by_wheels(
+                estimate, self._correction, m.T_origin_sensor, step, m.scale, has_imu=self._imu.span_ns > 0
+            )
         expected, H = estimate.relative_motion(m.source)
         residual = pose_error(step.increment, expected)
         noise = step.covariance * m.scale
-        if m.source == "odometry":
-            return kalman_corrected(
-                estimate, self._correction, *_wheel_observation(estimate, expected, H, residual, noise)
-            )
         if current.covariance is None or previous.covariance is None:
             noise = np.diag(np.square(_UNSTATED_SIGMA))
         if m.source in self._config.odometry.correlated:
             # Covariance intersection with equal weights multiplies the variances of k sources by k.
             noise = noise * self._count_correlated(estimate, m)
-            residual, H = self._relinearise(estimate, m.source, step.increment, residual, H, noise)
-        return kalman_corrected(estimate, self._correction, residual, H, noise)
-
-    def _relinearise(
-        self,
-        estimate: Estimate,
-        name: str,
-        increment: FloatArray,
-        residual: FloatArray,
-        H: FloatArray,
-        noise: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return residual and Jacobian at the corrected estimate (iterated Kalman filter).
-
-        Two sources of one motion must be linearised at one point: otherwise the second correction would take
-        the effect of the first one for information about the tilt.
-        """
-        out = self._correction.process(
-            KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
-        )
-        expected, H = estimate.with_correction(out.correction).relative_motion(name)
-        return pose_error(increment, expected) + H @ out.correction, H
+        corrected = kalman_corrected(estimate, self._correction, residual, H, noise)
+        return corrected.with_clone(m.source, m.T_origin_sensor)
 
     def _count_correlated(self, estimate: Estimate, m: Measurement) -> int:
         """Return the number of odometries with common errors that measure the motion of this measurement.
@@ -303,39 +290,4 @@ class Estimator:
         W = joined.covariance @ ((1.0 - joined.weight) * np.linalg.inv(noise + _JITTER))
         covariance = P - G @ PH.T + G @ joined.covariance @ G.T
         K = G @ W
-        return replace(
-            estimate.with_correction(K @ residual),
-            covariance=symmetrised(covariance),
-            cross_covariance=estimate.cross_covariance - K @ (H @ estimate.cross_covariance),
-        )
-
-
-def kalman_corrected(
-    estimate: Estimate, dfn: Dfn[Any, Any, Any], residual: FloatArray, H: FloatArray, noise: FloatArray
-) -> Estimate:
-    """Return the estimate after a Kalman correction; raises RefusedError if the innovation is too large."""
-    out = dfn.process(
-        KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
-    )
-    return replace(
-        estimate.with_correction(out.correction),
-        covariance=out.covariance,
-        cross_covariance=estimate.cross_covariance - out.gain @ (H @ estimate.cross_covariance),
-    )
-
-
-def _wheel_observation(
-    estimate: Estimate, expected: FloatArray, H: FloatArray, residual: FloatArray, noise: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return residual, Jacobian and noise of a wheel increment with slip: translation and yaw (4 rows).
-
-    The slip per metre of path length acts on the forward motion.
-    """
-    forward_m = expected[0, 3]
-    slipping = np.eye(3)
-    slipping[:, 0] += estimate.slip
-    H[:3] = slipping @ H[:3]
-    H[:3, SLIP] = forward_m * np.eye(3)
-    residual[:3] -= estimate.slip * forward_m
-    rows = np.array([0, 1, 2, 5])
-    return residual[rows], H[rows], noise[np.ix_(rows, rows)] + np.diag(_WHEEL_FLOOR**2)
+        return estimate.corrected(K @ residual, covariance, K @ H)

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from cdff_common.geometry.se3 import FloatArray
 
+#: Number of readings from whose differences the noise is estimated, and the least number.
+_NOISE_READINGS, _MIN_NOISE_READINGS = 60, 20
+
 
 class ImuBuffer:
     """IMU readings in ascending order of time, each kept for at least ``memory_ns``."""
@@ -50,6 +53,22 @@ class ImuBuffer:
         """Return forces and rates (n, 3) of all readings."""
         rows = np.array(self._readings).reshape(-1, 6)
         return rows[:, :3], rows[:, 3:]
+
+    def noise(self, end_ns: int) -> tuple[float | None, float | None]:
+        """Return the noise densities of forces and rates, by the differences of the last readings.
+
+        Half the variance of the difference of successive readings is that of white noise; motion slower than
+        the rate of the readings hardly contributes, vibration does.
+        """
+        last = bisect_right(self._stamps_ns, end_ns)
+        first = max(last - _NOISE_READINGS, 0)
+        if last - first < _MIN_NOISE_READINGS:
+            return None, None
+        differences = np.diff(np.array(self._readings[first:last]), axis=0)
+        period_s = (self._stamps_ns[last - 1] - self._stamps_ns[first]) * 1e-9 / (last - first - 1)
+        variance = 0.5 * np.mean(np.square(differences).reshape(-1, 2, 3), axis=(0, 2))
+        force, rate = np.sqrt(variance * period_s)
+        return float(force), float(rate)
 
     def around(self, start_ns: int, end_ns: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Return stamps (n,), forces and rates (n, 3) of an interval and of one reading on either side."""

@@ -128,3 +128,12 @@ def test_a_non_rigid_input_is_refused() -> None:
 def test_an_unknown_parameter_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="slip"):
         DistanceModel().configure({"slip": 0.1})
+
+
+def test_a_constant_covariance_is_that_of_the_own_errors_of_both_poses(rng: np.random.Generator) -> None:
+    first, stated = se3.exp_se3(rng.standard_normal(6)), np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03])
+    second = first @ se3.exp_se3([0.1, 0.0, 0.0, 0.0, 0.0, 0.02])
+    constant = run(DistanceModel(), {}, first, second, np.eye(4), stated, stated)
+    growing = run(DistanceModel(), {}, first, second, np.eye(4), stated, 1.1 * stated)
+    assert np.trace(constant.pose_covariance) == pytest.approx(0.5 * np.trace(stated), rel=1e-3)
+    assert np.trace(growing.pose_covariance) < 1e-5

@@ -12,11 +12,20 @@ import pytest
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimate import CORE_SIZE, POSE, TIMELINE_ERRORS, Estimate
-from cdff_core.dfpcs.position_manager.estimator import Estimator, Measurement, kalman_corrected
+from cdff_core.dfpcs.position_manager.estimate import (
+    CORE_SIZE,
+    POSE,
+    POSITION,
+    ROTATION,
+    TIMELINE_ERRORS,
+    VELOCITY,
+    Estimate,
+)
+from cdff_core.dfpcs.position_manager.estimator import Estimator, Measurement
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
+from cdff_core.dfpcs.position_manager.wheel_correction import kalman_corrected
 
 IDENTITY = UncertainTransform.identity()
 SLOTS = {
@@ -106,8 +115,35 @@ def test_a_correction_updates_the_correlation_with_the_previous_estimate(
     H_joint = np.hstack([H, np.zeros((6, len(TIMELINE_ERRORS)))])
     K = joint @ H_joint.T @ np.linalg.inv(H_joint @ joint @ H_joint.T + noise)
     expected = joint - K @ H_joint @ joint
-    np.testing.assert_allclose(corrected.cross_covariance, expected[:n, n:], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(corrected.covariance, expected[:n, :n], rtol=1e-6, atol=1e-9)
+    J = invariant_errors(corrected) @ np.linalg.inv(invariant_errors(estimate))
+    np.testing.assert_allclose(corrected.cross_covariance, J @ expected[:n, n:], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(corrected.covariance, J @ expected[:n, :n] @ J.T, rtol=1e-6, atol=1e-8)
+
+
+def invariant_errors(estimate: Estimate) -> np.ndarray:
+    """Return the Jacobian of the errors with respect to the right-invariant ones: ``dp = xi + phi x p``."""
+    J = np.eye(len(estimate.covariance))
+    J[POSITION, ROTATION] = -se3.skew(estimate.pose[:3, 3])
+    J[VELOCITY, ROTATION] = -se3.skew(estimate.velocity)
+    for name, clone in estimate.clones.items():
+        k = estimate.clone_errors(name).start
+        J[k : k + 3, k + 3 : k + 6] = -se3.skew(clone.pose[:3, 3])
+    return J
+
+
+def test_increments_and_forces_give_no_information_about_the_heading_of_the_site(estimate: Estimate) -> None:
+    """A rotation about the vertical remains an error without effect on the predicted increment."""
+    up = np.zeros(len(estimate.covariance))
+    up[[5, *(estimate.clone_errors(name).start + 5 for name in estimate.clones)]] = 1.0
+    rotation = invariant_errors(estimate) @ up
+    _, H = estimate.relative_motion("odometry")
+    np.testing.assert_allclose(H @ rotation, 0.0, atol=1e-12)
+    covariance = estimate.covariance + 1e4 * np.outer(rotation, rotation)
+    before = replace(estimate, covariance=covariance)
+    after = kalman_corrected(before, dfn("correction"), 0.01 * np.ones(6), H, 1e-2 * np.eye(6))
+    unknown = invariant_errors(after) @ up
+    information = unknown @ np.linalg.solve(after.covariance, unknown)
+    assert information == pytest.approx(1e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("weighting", ["kalman", "intersection"])

@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Correction by wheel increments between two poses with own errors, with slip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.kalman_correction.interface import KalmanCorrectionInputs
+from cdff_core.dfns.odometry_increment.interface import OdometryIncrementOutputs
+from cdff_core.dfpcs.position_manager.estimate import SLIP, Estimate
+
+#: Name of the clone at the end of an increment while it is processed.
+_END = "odometry:end"
+#: Time constant of the wheels' average speed.
+_SPEED_TIME_S = 1.0
+#: Measured components of an increment of wheels: translation and heading; without IMU also roll and pitch,
+#: which change with the ground as little as the covariance of the increment states.
+_ROWS, _ROWS_WITHOUT_IMU = np.array([0, 1, 2, 5]), np.arange(6)
+#: Least variance of an increment between the clones, for a regular innovation covariance.
+_LEAST_VARIANCE = 1e-10
+
+
+def kalman_corrected(
+    estimate: Estimate, dfn: Dfn[Any, Any, Any], residual: FloatArray, H: FloatArray, noise: FloatArray
+) -> Estimate:
+    """Return the estimate after a Kalman correction; raises RefusedError if the innovation is too large."""
+    out = dfn.process(
+        KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
+    )
+    return estimate.corrected(out.correction, out.covariance, out.gain @ H)
+
+
+def corrected_by_wheels(
+    estimate: Estimate,
+    dfn: Dfn[Any, Any, Any],
+    measured: UncertainTransform,
+    step: OdometryIncrementOutputs,
+    scale: float,
+    *,
+    has_imu: bool,
+) -> Estimate:
+    """Return the estimate after the correction by an increment; raises RefusedError.
+
+    Both ends are clones with the own errors of the two wheel poses: what one increment measures too much, the
+    next one measures too little. Slip is relative to the distance by the wheels' average speed; that of
+    one increment contains its noise, so that slip would follow the noise.
+    """
+    interval_s = (estimate.stamp_ns - estimate.clones["odometry"].stamp_ns) * 1e-9
+    speed, distance_m = _average_motion(estimate.wheel_speed_m_s, float(step.increment[0, 3]), interval_s)
+    ended = estimate.with_clone(_END, measured, scale * step.pose_covariance)
+    expected, H = ended.relative_motion("odometry", _END)
+    residual = pose_error(step.increment, expected)
+    residual[:3] -= estimate.slip * distance_m
+    H[:3, SLIP] = distance_m * np.eye(3)
+    rows = _ROWS if has_imu else _ROWS_WITHOUT_IMU
+    noise = scale * step.covariance[np.ix_(rows, rows)] + _LEAST_VARIANCE * np.eye(len(rows))
+    corrected = kalman_corrected(ended, dfn, residual[rows], H[rows], noise)
+    return replace(corrected.with_renamed_clone(_END, "odometry"), wheel_speed_m_s=speed)
+
+
+def _average_motion(speed_m_s: float, distance_m: float, interval_s: float) -> tuple[float, float]:
+    """Return the exponentially averaged speed after an increment, and its integral over the increment.
+
+    The integral contains as much of the speed before the increment as after it, so that errors that alternate
+    cancel; over an interval that is longer than the time constant it is the measured distance.
+    """
+    if interval_s <= 0.0:
+        return speed_m_s, 0.0
+    fraction = -math.expm1(-interval_s / _SPEED_TIME_S)
+    change = distance_m / interval_s - speed_m_s
+    return speed_m_s + fraction * change, distance_m - fraction * _SPEED_TIME_S * change

@@ -1,0 +1,147 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Evaluate the position manager on skid-steered rovers: a real drive judged by GPS, and simulated drives.
+
+The filter is compared with the wheels' own pose, and with the wheels' speed integrated along the gyro's
+heading. Errors of position are RMS after the best rotation and translation in the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.interfaces.registry import Registry
+from cdff_core.dfpcs.position_manager.compound import PositionManager
+from evaluation.data_sets import husky
+from evaluation.runs import skid_steering
+from evaluation.runs.planar_errors import aligned_error_m, speed_and_gyro, wheel_positions
+
+SEEDS = range(3)
+#: Page with the table.
+PAGE = "position_manager"
+#: Name -> ports of the position manager.
+SETS = {"wheels alone": ("odometry",), "wheels, imu": ("odometry", "imu")}
+WITH_CAMERA = {"wheels, imu, visual odometry": ("odometry", "imu", "visual_odometry")}
+#: Interval of the three positions whose triangle is compared with GPS.
+_TRIANGLE_NS = 20_000_000_000
+
+
+def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
+    """Return the errors of the real drive and of the simulated ones."""
+    progress("position manager: Husky")
+    report: dict[str, Any] = {"husky": evaluate_drive(husky.read_drive(data / husky.FILE), SETS)}
+    report |= {"data": husky.FILE, "seeds": [SEEDS.start, SEEDS.stop - 1]}
+    trials = []
+    for seed in SEEDS:
+        progress(f"position manager: skid-steered rover, seed {seed}")
+        trials.append(evaluate_drive(skid_steering.simulate_drive(seed), {**SETS, **WITH_CAMERA}))
+    report["simulated"] = trials
+    return report
+
+
+def evaluate_drive(drive: husky.Drive, sets: dict[str, tuple[str, ...]]) -> dict[str, Any]:
+    """Return RMS errors in metres by method, and mean NEES of triangles (3 expected) and refusals by set."""
+    wheels, imu = drive.samples["odometry"], drive.samples["imu"]
+    start_ns = wheels[0].stamp_ns
+    t_s, imu_s = (np.array([s.stamp_ns - start_ns for s in k]) * 1e-9 for k in (wheels, imu))
+    mount = drive.context.frames.lookup(f"{drive.context.robot}/base", f"{drive.context.robot}/imu", start_ns)
+    yaw_rate = np.array([s.value.gyro for s in imu]) @ mount.matrix[2, :3]
+    integrated = speed_and_gyro(t_s, drive.wheel_speed_m_s, imu_s, yaw_rate)
+    errors = {
+        "wheels' own pose": _error_m(drive, t_s, wheel_positions(wheels)),
+        "wheel speed, gyro's yaw": _error_m(drive, t_s, integrated),
+    }
+    nees: dict[str, float] = {}
+    refused: dict[str, int] = {}
+    for name, ports in sets.items():
+        node, refused[name] = run(drive, ports)
+        trajectory = node.get_trajectory(-1, -1)
+        estimate_s = (trajectory.stamps_ns - start_ns) * 1e-9
+        errors[name] = _error_m(drive, estimate_s, trajectory.matrices[:, :2, 3])
+        nees[name] = round(float(np.mean(triangle_nees(drive, node))), 2)
+    return {"error_m": {k: round(v, 3) for k, v in errors.items()}, "triangle_nees": nees, "refused": refused}
+
+
+def run(drive: husky.Drive, ports: tuple[str, ...]) -> tuple[PositionManager, int]:
+    """Return a position manager with the default parameters after a drive, and its refused measurements."""
+    node = Registry.default().make_dfpc("position_manager")
+    assert isinstance(node, PositionManager)
+    node.configure(None, drive.context)
+    metrics: dict[str, float] = {}
+    for sample in sorted((s for p in ports for s in drive.samples[p]), key=lambda s: (s.stamp_ns, s.port)):
+        for output in node.step(sample):
+            metrics = output.quality.metrics if output.port == "pose" else metrics
+    return node, int(sum(value for key, value in metrics.items() if key.startswith("refused_")))
+
+
+def _error_m(drive: husky.Drive, t_s: FloatArray, positions: FloatArray) -> float:
+    gps_s = (drive.gps_ns - drive.samples["odometry"][0].stamp_ns) * 1e-9
+    inside = (gps_s >= t_s[0]) & (gps_s <= t_s[-1])
+    at_gps = np.column_stack([np.interp(gps_s[inside], t_s, column) for column in positions.T])
+    return aligned_error_m(at_gps, drive.gps_m[inside])
+
+
+def triangle_nees(drive: husky.Drive, node: PositionManager) -> list[float]:
+    """Return the squared errors of triangles of positions A, B, C, normalised by estimate and GPS.
+
+    GPS gives no heading: the vectors from B to A and to C, seen from the robot at B, are compared with those of
+    GPS rotated by the angle that fits best. Their four components less this angle are 3 degrees of freedom.
+    """
+    stamps = drive.gps_ns
+    first, last = stamps[0] + _TRIANGLE_NS, min(stamps[-1], drive.samples["odometry"][-1].stamp_ns)
+    results = []
+    for middle_ns in np.arange(first, last - _TRIANGLE_NS, 2 * _TRIANGLE_NS):
+        a, b, c = (int(np.searchsorted(stamps, middle_ns + k * _TRIANGLE_NS)) for k in (-1, 0, 1))
+        base = f"{drive.context.robot}/base"
+        motions = [node.get_transform(base, int(stamps[b]), base, int(stamps[k])).transform for k in (a, c)]
+        estimated = np.concatenate([m.matrix[:2, 3] for m in motions])
+        truth = np.concatenate([drive.gps_m[k] - drive.gps_m[b] for k in (a, c)])
+        C = np.zeros((4, 4))
+        C[:2, :2], C[2:, 2:] = (np.asarray(m.covariance)[:2, :2] for m in motions)
+        gps = [np.diag(drive.gps_variance_m2[k]) for k in (a, b, c)]
+        C += np.kron(np.ones((2, 2)), gps[1])
+        C[:2, :2] += gps[0]
+        C[2:, 2:] += gps[2]
+        results.append(_best_rotation(estimated, truth, C + 1e-8 * np.eye(4)))
+    return results
+
+
+def _best_rotation(estimated: FloatArray, truth: FloatArray, C: FloatArray) -> float:
+    """Return the least normalised squared error over a rotation of the true vectors (2 vectors of 2)."""
+    information = np.linalg.inv(C)
+
+    def squared(angle: float) -> float:
+        R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        residual = estimated - np.kron(np.eye(2), R) @ truth
+        return float(residual @ information @ residual)
+
+    grid = np.linspace(-np.pi, np.pi, 73)
+    best = grid[int(np.argmin([squared(a) for a in grid]))]
+    return float(minimize_scalar(squared, bounds=(best - 0.1, best + 0.1), method="bounded").fun)
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of errors: the real drive, and the median of the simulated ones."""
+    lines = [
+        "| skid-steered rovers, RMS error of position | Husky, 147 m, by GPS | simulated, 400 s, median |",
+        "|---|---|---|",
+    ]
+    simulated = figures["simulated"]
+    for name in simulated[0]["error_m"]:
+        real = figures["husky"]["error_m"].get(name)
+        median = float(np.median([trial["error_m"][name] for trial in simulated]))
+        nees = figures["husky"]["triangle_nees"].get(name)
+        cell = "" if real is None else f"{real:.2f} m" + ("" if nees is None else f", NEES {nees:.1f}")
+        squared = [trial["triangle_nees"][name] for trial in simulated if name in trial["triangle_nees"]]
+        lines.append(
+            f"| {name} | {cell} | {median:.2f} m"
+            + (f", NEES {np.mean(squared):.1f}" if squared else "")
+            + " |"
+        )
+    return "\n".join(lines)
