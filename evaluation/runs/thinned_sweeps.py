@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lidar sweeps with fewer points or rings: simulated drives, optionally with a fast turn, and KITTI sweeps."""
+"""Lidar sweeps with fewer points or rings: simulated drives, some with a fast turn, and KITTI sweeps."""
 
 from __future__ import annotations
 
@@ -83,7 +83,8 @@ def simulated_drive(
     result = SweepDrive(scenario, [], {})
     for k, us in enumerate(sample_times_us(scenario.lidar.rate_hz, duration_s)[:-1]):
         progress(f"lidar slam: seed {seed}, simulated sweep {k}")
-        rays = lidar_scan(scenario.lidar, scene, moving, us * 1e-6, generator(scenario, "lidar", 0, k))  # type: ignore[arg-type]
+        rng = generator(scenario, "lidar", 0, k)
+        rays = lidar_scan(scenario.lidar, scene, moving, us * 1e-6, rng)  # type: ignore[arg-type]
         t0_ns = int(us) * 1000
         value = LidarScan.from_arrays(
             rays.points_m,
@@ -111,7 +112,7 @@ def short_traverse(seed: int, duration_s: float) -> Scenario:
 
 
 def thinned(sweeps: list[LidarScan], kind: str, seed: int = 0) -> Iterator[LidarScan]:
-    """Yield the sweeps with all points (``full``), random ones (``points``) or every fourth ring (``rings``)."""
+    """Yield the sweeps with all points (full), random ones (points) or every fourth ring (rings)."""
     rng = np.random.default_rng(seed)
     for sweep in sweeps:
         n = len(sweep.points_m)

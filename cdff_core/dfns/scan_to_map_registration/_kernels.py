@@ -92,9 +92,9 @@ def weighted_distance(
     """Return the signed distance of a point from a plane, and its weight.
 
     The weight is that of the Geman-McClure kernel of width ``kernel`` times ``least_noise^2 / s^2``, where
-    ``s^2`` is the variance of the distance: ``noise`` and variance of the plane, and the uncertainty of its normal, which
-    grows with the distance from the mean. The normal of a plane through few rings, almost a line, is
-    uncertain.
+    ``s^2`` is the variance of the distance: ``noise`` and variance of the plane, and the uncertainty of its
+    normal, which grows with the distance from the mean. The normal of a plane through few rings, almost a
+    line, is uncertain.
     """
     dx, dy, dz = x - plane[MEAN], y - plane[MEAN + 1], z - plane[MEAN + 2]
     r = plane[NORMAL] * dx + plane[NORMAL + 1] * dy + plane[NORMAL + 2] * dz

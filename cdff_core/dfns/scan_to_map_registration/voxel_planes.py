@@ -8,12 +8,18 @@ import numpy as np
 from pydantic import Field
 
 from cdff_common.arrays import FloatArray
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.covariance import pose_error, rotation_blocks
+from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
+from cdff_core.dfns.scan_to_map_registration._priors import (
+    fraction_of_motion,
+    information,
+    previous_pose,
+    remapped,
+)
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
 #: Initial number of rows of the voxel table, and the fraction of used rows above which it is rebuilt.
@@ -153,9 +159,9 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         assert inputs.candidates is not None  # checked by the caller
         cfg, finest = self.config, min(1, self.config.levels - 1)
         poses = np.concatenate([T[None], inputs.candidates])
-        T_previous, ratio = _previous_pose(inputs)
+        T_previous, ratio = previous_pose(inputs.before, inputs.sweep_fraction)
         motions = np.array(
-            [motion if T_previous is None else _fraction_of_motion(T_previous, P, ratio)[0] for P in poses]
+            [motion if T_previous is None else fraction_of_motion(T_previous, P, ratio)[0] for P in poses]
         )
         edge_m = cfg.voxel_m * (1 << finest)
         few = self._tables.first_in_voxels(points, edge_m)
@@ -179,10 +185,10 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         cfg = self.config
         T_guess, T = T, T.copy()
         motion_guess, motion = motion, motion.copy()
-        prior = _information(inputs.guess_covariance)
-        prior_sweep = _information(inputs.sweep_covariance)
+        prior = information(inputs.guess_covariance)
+        prior_sweep = information(inputs.sweep_covariance)
         prior_sweep += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
-        T_previous, sweep_fraction = _previous_pose(inputs)
+        T_previous, sweep_fraction = previous_pose(inputs.before, inputs.sweep_fraction)
         kernel, iterations, converged = self._first_kernel_m(inputs.guess_covariance), 0, False
         noise_m = np.full(cfg.levels, cfg.noise_m)
         for _ in range(cfg.max_iterations):
@@ -210,7 +216,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             expected, J = (
                 (motion_guess, np.zeros((6, 6)))
                 if T_previous is None
-                else _fraction_of_motion(T_previous, T, sweep_fraction)
+                else fraction_of_motion(T_previous, T, sweep_fraction)
             )
             J_prior = np.hstack([-J, np.eye(6)])
             A += J_prior.T @ prior_sweep @ J_prior
@@ -238,9 +244,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
         unconstrained = directions[sigma_m > cfg.max_constrained_sigma_m]
         if len(unconstrained):
-            T, covariance = _remapped(
-                T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance
-            )
+            T, covariance = remapped(T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance)
             motion = motion_guess
         sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
         return Outputs(
@@ -268,7 +272,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
 
     def _finest_level(self, kernel_m: float) -> int:
-        """Return the first level with voxels as large as the kernel: smaller ones would not reach the plane."""
+        """Return the first level with voxels as large as the kernel: smaller ones do not reach the plane."""
         level = int(np.ceil(np.log2(max(kernel_m / self.config.voxel_m, 1.0)) - 1e-9))
         return min(level, self.config.levels - 1)
 
@@ -379,60 +383,6 @@ def _best_distinct(poses: FloatArray, support: FloatArray) -> list[int]:
         if len(selected) == _REGISTERED_CANDIDATES:
             break
     return selected
-
-
-def _information(covariance: FloatArray | None) -> FloatArray:
-    return np.zeros((6, 6)) if covariance is None else np.asarray(np.linalg.inv(covariance), np.float64)
-
-
-def _previous_pose(inputs: Inputs) -> tuple[FloatArray | None, float]:
-    """Return the previous pose, None if not given, and the fraction of the motion since then that happens
-    during the sweep.
-    """
-    if inputs.before is None or inputs.sweep_fraction is None:
-        return None, 0.0
-    fraction = inputs.sweep_fraction
-    if not 0.0 <= fraction <= 1.0:
-        raise InputError(f"sweep_fraction {fraction:g}: expected 0 to 1, since sweeps do not overlap in time")
-    return checked_transform(inputs.before, "before"), fraction
-
-
-def _fraction_of_motion(
-    T_previous: FloatArray, T: FloatArray, fraction: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its
-    derivative (6, 6) with respect to a change of ``T`` in map axes.
-    """
-    R = T[:3, :3]
-    J = fraction * rotation_blocks(R.T)
-    rotation = se3.log_so3(T_previous[:3, :3].T @ R)
-    return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
-
-
-def _remapped(
-    T_guess: FloatArray,
-    T: FloatArray,
-    unconstrained: FloatArray,
-    radius_m: float,
-    covariance: FloatArray,
-    guess_covariance: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return pose and covariance with the guess along the unconstrained directions (solution remapping).
-
-    Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211.
-    """
-    scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
-    constrained = np.eye(6) - unconstrained.T @ unconstrained  # projections on the directions
-    replaced = np.eye(6) - constrained
-    correction = constrained @ (scale * pose_error(T, T_guess))
-    R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ T_guess[:3, :3])
-    remapped = se3.transform(R, T_guess[:3, 3] + correction[:3])
-    prior_covariance = (
-        np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
-    )
-    S = np.diag(scale)
-    mixed = constrained @ S @ covariance @ S @ constrained + replaced @ S @ prior_covariance @ S @ replaced
-    return remapped, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))
 
 
 def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:

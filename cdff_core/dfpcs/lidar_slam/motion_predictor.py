@@ -19,7 +19,7 @@ Float = NDArray[np.float64]
 _HISTORY_NS = 60 * NS_PER_S
 #: Interval since the previous sweep that is assumed for the first sweep.
 _FIRST_INTERVAL_S = 0.1
-#: Constant standard deviations of a motion by the odometry: of translation, and of rotation about x or y and z.
+#: Constant standard deviations of a motion by the odometry: translation, rotation about x and y, and about z.
 _ODOMETRY_SIGMA_M, _ODOMETRY_TILT_SIGMA_RAD, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.05, 0.01
 
 

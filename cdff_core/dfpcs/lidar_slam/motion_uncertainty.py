@@ -18,8 +18,9 @@ _NEWEST_WEIGHT = 0.3
 
 
 class MotionUncertainty:
-    """Mean squared errors of recent predictions, as the adaptive threshold of Vizzo et al. (2023), "KISS-ICP",
-    doi:10.1109/LRA.2023.3236571, but along each axis of the lidar.
+    """Mean squared errors of recent predictions along each axis of the lidar.
+
+    After the adaptive threshold of Vizzo et al. (2023), "KISS-ICP", doi:10.1109/LRA.2023.3236571.
     """
 
     def __init__(self) -> None:
