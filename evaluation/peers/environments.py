@@ -82,6 +82,8 @@ for n, (sweep_start, sweep_end) in enumerate(np.load(folder + "/spans.npy")):
     ratio = 1.0 if last_end is None else (sweep_end - sweep_start) / (sweep_end - last_end)
     motion = scaled_motion(odometry.last_delta, ratio)
     odometry.preprocessor.preprocess = lambda frame, stamps, _: preprocess(frame, stamps, motion)
+    if not np.ptp(fraction):  # without point times, deskewing would divide by zero
+        fraction = np.zeros(0)
     odometry.register_frame(points, fraction)
     cpu.append(time.process_time() - started)
     wall.append(time.perf_counter() - clock)

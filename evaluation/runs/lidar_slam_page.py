@@ -179,3 +179,24 @@ def _real(row: dict[str, Any]) -> list[str]:
         )
         answers.append(f"{name}: {entry['status']}{moved}{error}")
     return [f"**Real**, KITTI sweeps without point times: {'; '.join(answers)}."]
+
+
+def thinned_table(figures: dict[str, Any]) -> str:
+    """Return the tables of sweeps with few points or rings, and of fast turns."""
+    lines = [
+        f"| sweeps | points | error | squared error | CPU | OK / DEGRADED / FAILED | {PEER}: error | CPU |",
+        "|---" * 8 + "|",
+    ]
+    for name, row in (figures["real"] | figures["simulated"]).items():
+        own, peer = row["lidar_slam"], row.get("kiss_icp")
+        counts = " / ".join(str(own["sweeps"].get(status, 0)) for status in ("OK", "DEGRADED", "FAILED"))
+        peer_cells = "– | –" if peer is None else f"{_rmse(peer)} | {1e3 * peer['cpu_s']:.0f} ms"
+        lines.append(
+            f"| {name} | {row['points']} | {_rmse(own)} | {own['squared_error']['mean']:.1f} | "
+            f"{1e3 * own['cpu_s']:.0f} ms | {counts} | {peer_cells} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _rmse(row: dict[str, float]) -> str:
+    return f"{100.0 * row['rmse_m']:.1f} cm, {row['last_deg']:.3f}°"

@@ -12,6 +12,7 @@ from numba import njit
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry.small_vectors import cross, rotated
 from cdff_core.dfns.scan_to_map_registration._voxel_table import (
+    ANGLE_VARIANCE,
     FIRST_NORMAL,
     MEAN,
     NORMAL,
@@ -55,45 +56,59 @@ def deskew_point(
 
 @njit(cache=True)
 def nearest_plane(
-    table: VoxelTable, voxel: float, x: float, y: float, z: float, reach: int
-) -> int:  # pragma: no cover - compiled
-    """Return the row of the plane with the nearest mean among the first ``reach`` voxels around the point; -1
+    tables: tuple[VoxelTable, ...], voxel: float, finest: int, x: float, y: float, z: float
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    """Return level and row of the plane with the nearest mean among the voxels around a point; the row is -1
     if none of them has a plane.
+
+    The voxels of level 0 have the edge ``voxel``, those of each further level twice the edge of the previous
+    one. The first level from ``finest`` on with a plane decides: where the rings of a sweep are too far apart
+    for planes in small voxels, larger voxels contain several rings.
     """
-    i, j, k = int(np.floor(x / voxel)), int(np.floor(y / voxel)), int(np.floor(z / voxel))
-    best, row_best = 1e300, -1
-    for d in range(reach):
-        row = row_of(table.keys, pack(i + _NEIGHBOURS[d, 0], j + _NEIGHBOURS[d, 1], k + _NEIGHBOURS[d, 2]))
-        plane = table.planes[row]
-        if table.keys[row] < 0 or plane[VARIANCE] < 0.0:
-            continue
-        dx, dy, dz = plane[MEAN] - x, plane[MEAN + 1] - y, plane[MEAN + 2] - z
-        d2 = dx * dx + dy * dy + dz * dz
-        if d2 < best:
-            best, row_best = d2, row
-    return row_best
+    for level in range(finest, len(tables)):
+        edge = voxel * (1 << level)
+        table = tables[level]
+        i, j, k = int(np.floor(x / edge)), int(np.floor(y / edge)), int(np.floor(z / edge))
+        best, row_best = 1e300, -1
+        for d in range(_SEARCHED_VOXELS):
+            key = pack(i + _NEIGHBOURS[d, 0], j + _NEIGHBOURS[d, 1], k + _NEIGHBOURS[d, 2])
+            row = row_of(table.keys, key)
+            plane = table.planes[row]
+            if table.keys[row] < 0 or plane[VARIANCE] < 0.0:
+                continue
+            dx, dy, dz = plane[MEAN] - x, plane[MEAN + 1] - y, plane[MEAN + 2] - z
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 < best:
+                best, row_best = d2, row
+        if row_best >= 0:
+            return level, row_best
+    return len(tables), -1
 
 
 @njit(cache=True, inline="always")
 def weighted_distance(
-    plane: FloatArray, x: float, y: float, z: float, kernel: float, noise: float
+    plane: FloatArray, x: float, y: float, z: float, kernel: float, noise: float, least_noise: float
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Return the signed distance of a point from a plane, and its weight.
 
-    The weight is that of the Geman-McClure kernel of width ``kernel`` times
-    ``noise^2 / (noise^2 + variance of the plane)``.
+    The weight is that of the Geman-McClure kernel of width ``kernel`` times ``least_noise^2 / s^2``, where
+    ``s^2`` is the variance of the distance: ``noise`` and variance of the plane, and the uncertainty of its
+    normal, which grows with the distance from the mean. The normal of a plane through few rings, almost a
+    line, is uncertain.
     """
-    r = plane[NORMAL] * (x - plane[MEAN])
-    r += plane[NORMAL + 1] * (y - plane[MEAN + 1])
-    r += plane[NORMAL + 2] * (z - plane[MEAN + 2])
+    dx, dy, dz = x - plane[MEAN], y - plane[MEAN + 1], z - plane[MEAN + 2]
+    r = plane[NORMAL] * dx + plane[NORMAL + 1] * dy + plane[NORMAL + 2] * dz
     w = kernel * kernel / (kernel * kernel + r * r)
-    return r, w * w * noise * noise / (noise * noise + plane[VARIANCE])
+    along = dx * dx + dy * dy + dz * dz - r * r
+    variance = (noise * noise + plane[VARIANCE]) * (1.0 + plane[ANGLE_VARIANCE] * along)
+    return r, w * w * least_noise * least_noise / variance
 
 
 @njit(cache=True)
 def normal_equations(
-    table: VoxelTable,
+    tables: tuple[VoxelTable, ...],
     voxel: float,
+    finest: int,
     points: FloatArray,
     fraction: FloatArray,
     R: FloatArray,
@@ -101,33 +116,36 @@ def normal_equations(
     theta: FloatArray,
     rho: FloatArray,
     kernel: float,
-    noise: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
+    noise: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Gauss-Newton system of pose and motion during the sweep.
 
     The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the
     map, and the change of the translation and rotation during the sweep, in axes of the sensor. The weights
-    are those of ``weighted_distance``.
+    are those of ``weighted_distance`` with the standard deviation ``noise`` (levels,) of distances at each
+    level.
 
     Returns
     -------
     tuple of ndarray
-        Hessian H (12, 12), gradient b (12,), and the sums over the matched points (4,): weights, number of
-        points, weighted squared residuals, weighted squared distances from the sensor.
+        Hessian H (12, 12), gradient b (12,), and the sums over the matched points (5,): weights, number of
+        points, weighted squared residuals, weighted squared distances from the sensor, weights of the robust
+        kernel alone; and for each level (levels, 2) the sums of these weights and of the squared residuals
+        times them.
     """
-    H, b, sums = np.zeros((12, 12)), np.zeros(12), np.zeros(4)
+    H, b, sums, level_sums = np.zeros((12, 12)), np.zeros(12), np.zeros(5), np.zeros((len(tables), 2))
     J, q = np.empty(12), np.empty(3)
     for p in range(len(points)):
         f = fraction[p]
         deskew_point(points[p], f, theta, rho, q)
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table, voxel, x, y, z, _SEARCHED_VOXELS)
+        level, row = nearest_plane(tables, voxel, finest, x, y, z)
         if row < 0:
             continue
-        plane = table.planes[row]
+        plane = tables[level].planes[row]
         nx, ny, nz = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
-        r, w = weighted_distance(plane, x, y, z, kernel, noise)
+        r, w = weighted_distance(plane, x, y, z, kernel, noise[level], noise[0])
         J[0], J[1], J[2] = nx, ny, nz
         J[3], J[4], J[5] = cross(ax, ay, az, nx, ny, nz)
         bx, by, bz = rotated(R.T, nx, ny, nz)
@@ -144,21 +162,25 @@ def normal_equations(
         sums[1] += 1.0
         sums[2] += w * r * r
         sums[3] += w * (ax * ax + ay * ay + az * az)
+        support = (kernel * kernel / (kernel * kernel + r * r)) ** 2
+        sums[4] += support
+        level_sums[level, 0] += support
+        level_sums[level, 1] += support * r * r
     for i in range(12):
         for k in range(i):
             H[k, i] = H[i, k]
-    return H, b, sums
+    return H, b, sums, level_sums
 
 
 @njit(cache=True)
 def common_information(
-    table: VoxelTable,
+    tables: tuple[VoxelTable, ...],
     voxel: float,
     points: FloatArray,
     R: FloatArray,
     t: FloatArray,
     kernel: float,
-    noise: float,
+    noise: FloatArray,
     radius: float,
     min_plane_points: int,
 ) -> tuple[FloatArray, FloatArray, float]:  # pragma: no cover - compiled
@@ -186,11 +208,11 @@ def common_information(
         q = points[p]
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
-        row = nearest_plane(table, voxel, x, y, z, _SEARCHED_VOXELS)
-        if row < 0 or table.counts[row, 0] + table.counts[row, 1] < min_plane_points:
+        level, row = nearest_plane(tables, voxel, 0, x, y, z)
+        if row < 0 or tables[level].counts[row, 0] + tables[level].counts[row, 1] < min_plane_points:
             continue
-        plane = table.planes[row]
-        _, w = weighted_distance(plane, x, y, z, kernel, noise)
+        plane = tables[level].planes[row]
+        _, w = weighted_distance(plane, x, y, z, kernel, noise[level], noise[0])
         total += w
         for side, J in ((FIRST_NORMAL, A), (SECOND_NORMAL, B)):
             nx, ny, nz = plane[side], plane[side + 1], plane[side + 2]
@@ -203,3 +225,34 @@ def common_information(
                 X[i, k] += 0.5 * w * (A[i] * B[k] + B[i] * A[k])
     scale = 1.0 / max(total, 1e-12)
     return H * scale, X * scale, total
+
+
+@njit(cache=True)
+def supports(
+    tables: tuple[VoxelTable, ...],
+    voxel: float,
+    finest: int,
+    points: FloatArray,
+    fraction: FloatArray,
+    poses: FloatArray,
+    motions: FloatArray,
+    kernel: float,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the mean weight of the robust kernel over all points for each pose ``T_map_sensor`` (m, 4, 4)
+    and motion during the sweep (m, 6); points without a plane have weight 0.
+    """
+    result, q = np.zeros(len(poses)), np.empty(3)
+    for m in range(len(poses)):
+        R, t = np.ascontiguousarray(poses[m, :3, :3]), poses[m, :3, 3]
+        theta, rho = motions[m, 3:], motions[m, :3]
+        for p in range(len(points)):
+            deskew_point(points[p], fraction[p], theta, rho, q)
+            ax, ay, az = rotated(R, q[0], q[1], q[2])
+            x, y, z = ax + t[0], ay + t[1], az + t[2]
+            level, row = nearest_plane(tables, voxel, finest, x, y, z)
+            if row < 0:
+                continue
+            r, _ = weighted_distance(tables[level].planes[row], x, y, z, kernel, 1.0, 1.0)
+            w = kernel * kernel / (kernel * kernel + r * r)
+            result[m] += w * w
+    return result / max(len(points), 1)

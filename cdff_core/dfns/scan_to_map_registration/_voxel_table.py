@@ -20,12 +20,15 @@ _OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
 #: 2^64 divided by the golden ratio: multiplicative (Fibonacci) hashing.
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIN_PLANE_POINTS = 6
+#: Number of points per independent measurement of a plane: relief shifts neighbouring points alike.
+_POINTS_PER_MEASUREMENT = 10.0
 #: A voxel has a plane if the middle eigenvalue of its points' covariance is at least this fraction of the
 #: squared edge, and the smallest eigenvalue at most this fraction of the middle one.
 _MIN_MIDDLE_VARIANCE, _MAX_THICKNESS_RATIO = 0.0025, 0.2
 #: First columns in ``planes`` of: mean, normal of all points, normals of the first and second half of the
-#: points, variance along the normal (negative: no plane).
-MEAN, NORMAL, FIRST_NORMAL, SECOND_NORMAL, VARIANCE = 0, 3, 6, 9, 12
+#: points, variance along the normal (negative: no plane), and variance of the normal's angle relative to the
+#: variance of the points, 1/m^2.
+MEAN, NORMAL, FIRST_NORMAL, SECOND_NORMAL, VARIANCE, ANGLE_VARIANCE = 0, 3, 6, 9, 12, 13
 
 
 class VoxelTable(NamedTuple):
@@ -39,8 +42,8 @@ class VoxelTable(NamedTuple):
         Number of points of each half, and of both at the last fit of the planes.
     sums : ndarray, shape (c, 2, 9)
         Sums of x y z xx xy xz yy yz zz of each half, relative to the voxel's centre, metres.
-    planes : ndarray, shape (c, 13)
-        Columns as of ``MEAN`` to ``VARIANCE``.
+    planes : ndarray, shape (c, 14)
+        Columns as of ``MEAN`` to ``ANGLE_VARIANCE``.
     used : ndarray of int64, shape (1,)
         Number of voxels in the table.
     """
@@ -58,7 +61,7 @@ def empty_table(capacity: int) -> VoxelTable:
         np.full(capacity, EMPTY),
         np.zeros((capacity, 3), np.int64),
         np.zeros((capacity, 2, 9)),
-        np.full((capacity, 13), -1.0),
+        np.full((capacity, 14), -1.0),
         np.zeros(1, np.int64),
     )
 
@@ -172,6 +175,7 @@ def _fit_planes(
     if values[1] < _MIN_MIDDLE_VARIANCE * voxel * voxel or values[0] > _MAX_THICKNESS_RATIO * values[1]:
         return
     variance = max(values[0], 0.0)
+    plane[ANGLE_VARIANCE] = _POINTS_PER_MEASUREMENT / (total * values[1])
     for c in range(3):
         plane[NORMAL + c] = vectors[c, 0]
     for half in range(2):

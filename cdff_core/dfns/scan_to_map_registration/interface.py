@@ -23,6 +23,7 @@ _ARRAYS = ArrayPorts(
         "guess_covariance": "float64[6,6]",
         "sweep_covariance": "float64[6,6]",
         "before": "float64[4,4]",
+        "candidates": "float64[m,4,4]",
     },
     finite=["guess_covariance", "sweep_covariance"],
     optional=[
@@ -34,6 +35,7 @@ _ARRAYS = ArrayPorts(
         "guess_covariance",
         "sweep_covariance",
         "before",
+        "candidates",
     ],
 )
 
@@ -66,6 +68,9 @@ class ScanToMapRegistrationInputs:
         the initial value.
     sweep_fraction : float, optional
         Ratio of the duration of the sweep to the time since the end of the previous sweep.
+    candidates : ndarray of float64, shape (m,4,4), optional
+        Further guesses, for a sweep that does not match at the guess: the best of them and of the guess are
+        registered, and the result with the largest supportRatio is returned.
     """
 
     surface: NDArray[np.float64] | None = None
@@ -77,6 +82,7 @@ class ScanToMapRegistrationInputs:
     sweep_covariance: NDArray[np.float64] | None = None
     before: NDArray[np.float64] | None = None
     sweep_fraction: float | None = None
+    candidates: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         _ARRAYS.check(self)
@@ -107,6 +113,9 @@ class ScanToMapRegistrationOutputs:
         Root mean square distance of the matched points, metres.
     inlier_ratio : float
         Fraction of the downsampled points that lie on the map.
+    support_ratio : float
+        Mean weight of the robust kernel over the downsampled points, 0 for those without a plane: compares
+        registrations of one sweep.
     rms_m : float
         Weighted root mean square distance to the planes, metres.
     iterations : int
@@ -123,6 +132,7 @@ class ScanToMapRegistrationOutputs:
     sigma_m: NDArray[np.float64]
     radius_m: float
     inlier_ratio: float
+    support_ratio: float
     rms_m: float
     iterations: int
     converged: bool

@@ -8,12 +8,18 @@ import numpy as np
 from pydantic import Field
 
 from cdff_common.arrays import FloatArray
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.covariance import pose_error, rotation_blocks
+from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
+from cdff_core.dfns.scan_to_map_registration._priors import (
+    fraction_of_motion,
+    information,
+    previous_pose,
+    remapped,
+)
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
 #: Initial number of rows of the voxel table, and the fraction of used rows above which it is rebuilt.
@@ -31,10 +37,27 @@ _MAX_VOXEL_POINTS = 60
 _POINTS_PER_MEASUREMENT = 10.0
 
 
+#: Width of the first kernel in standard deviations of the guess's translation.
+_FIRST_KERNEL_SIGMAS = 2.0
+#: Maximum number of points with which candidates are compared.
+_SUPPORT_POINTS = 2000
+#: Number of candidates that are registered, their least support relative to the best one, and their least
+#: distance, metres and radians.
+_REGISTERED_CANDIDATES, _CANDIDATE_SUPPORT_RATIO = 3, 0.7
+_CANDIDATE_STEP_M, _CANDIDATE_STEP_RAD = 1.0, 0.25
+
+
 class VoxelPlanesConfig(DfnConfig):
     """Parameters of VoxelPlanes."""
 
-    voxel_m: float = Field(0.5, gt=0, le=10, description="Edge of the voxels of the map")
+    voxel_m: float = Field(0.5, gt=0, le=10, description="Edge of the smallest voxels of the map")
+    levels: int = Field(
+        3,
+        ge=1,
+        le=6,
+        description="Number of voxel sizes, each twice the previous one; larger voxels supply the planes "
+        "where the smaller ones have too few points or the guess is too uncertain",
+    )
     radius_m: float = Field(60.0, gt=0, le=1000, description="Distance beyond which the map is removed")
     surface_voxel_m: float = Field(
         0.12, gt=0, le=10, description="Edge of the voxels of the points added to the map"
@@ -83,18 +106,19 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     def setup(self) -> None:
         """Clear the map; compile the kernels."""
         self._kernels, self._tables = _kernels, _voxel_table
-        self._table = _voxel_table.empty_table(_INITIAL_CAPACITY)
+        capacity = _INITIAL_CAPACITY
+        self._maps = tuple(_voxel_table.empty_table(capacity) for _ in range(self.config.levels))
         self._compile()
 
     @property
     def voxels(self) -> int:
-        """Number of voxels of the map."""
-        return int(self._table.used[0])
+        """Number of the smallest voxels of the map."""
+        return int(self._maps[0].used[0])
 
     @property
     def map_bytes(self) -> int:
         """Memory of the map, bytes."""
-        return sum(column.nbytes for column in self._table)
+        return sum(column.nbytes for table in self._maps for column in table)
 
     def process(self, inputs: Inputs) -> Outputs:
         """Add the surface to the map, and return pose and motion of the sweep.
@@ -123,24 +147,55 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         if not len(points):
             return _outputs_without_points(T, sweep)
         selected = self._tables.first_in_voxels(points, self.config.points_voxel_m)
-        return self._register(points[selected], fraction[selected], T, sweep, inputs)
+        motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
+        if inputs.candidates is None:
+            return self._register(points[selected], fraction[selected], T, motion, inputs)
+        return self._register_candidates(points[selected], fraction[selected], T, motion, inputs)
+
+    def _register_candidates(
+        self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
+    ) -> Outputs:
+        """Register from the best guesses; the support of a guess is that by large voxels and a wide kernel."""
+        assert inputs.candidates is not None  # checked by the caller
+        cfg, finest = self.config, min(1, self.config.levels - 1)
+        poses = np.concatenate([T[None], inputs.candidates])
+        T_previous, ratio = previous_pose(inputs.before, inputs.sweep_fraction)
+        motions = np.array(
+            [motion if T_previous is None else fraction_of_motion(T_previous, P, ratio)[0] for P in poses]
+        )
+        edge_m = cfg.voxel_m * (1 << finest)
+        few = self._tables.first_in_voxels(points, edge_m)
+        few = few[:: 1 + len(few) // _SUPPORT_POINTS]
+        support = self._kernels.supports(
+            self._maps, cfg.voxel_m, finest, points[few], fraction[few], poses, motions, edge_m
+        )
+        results = []
+        for i in _best_distinct(poses, support):
+            try:
+                results.append(self._register(points, fraction, poses[i], motions[i], inputs))
+            except RefusedError as error:
+                refusal = error
+        if not results:
+            raise refusal
+        return max(results, key=lambda result: result.support_ratio)
 
     def _register(
-        self, points: FloatArray, fraction: FloatArray, T: FloatArray, sweep: FloatArray, inputs: Inputs
+        self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
     ) -> Outputs:
         cfg = self.config
         T_guess, T = T, T.copy()
-        motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
-        motion_guess = motion.copy()
-        prior = _information(inputs.guess_covariance)
-        prior_sweep = _information(inputs.sweep_covariance)
+        motion_guess, motion = motion, motion.copy()
+        prior = information(inputs.guess_covariance)
+        prior_sweep = information(inputs.sweep_covariance)
         prior_sweep += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
-        T_previous, sweep_fraction = _previous_pose(inputs)
-        kernel, iterations, converged = cfg.first_kernel_m, 0, False
+        T_previous, sweep_fraction = previous_pose(inputs.before, inputs.sweep_fraction)
+        kernel, iterations, converged = self._first_kernel_m(inputs.guess_covariance), 0, False
+        noise_m = np.full(cfg.levels, cfg.noise_m)
         for _ in range(cfg.max_iterations):
-            H, b, sums = self._kernels.normal_equations(
-                self._table,
+            H, b, sums, level_sums = self._kernels.normal_equations(
+                self._maps,
                 cfg.voxel_m,
+                self._finest_level(kernel),
                 points,
                 fraction,
                 np.ascontiguousarray(T[:3, :3]),
@@ -148,7 +203,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
                 motion[3:].copy(),
                 motion[:3].copy(),
                 kernel,
-                cfg.noise_m,
+                noise_m,
             )
             if sums[1] < _MIN_MATCHED_POINTS:
                 raise RefusedError(f"{sums[1]:.0f} of {len(points)} points lie on the map", ["no_overlap"])
@@ -161,7 +216,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             expected, J = (
                 (motion_guess, np.zeros((6, 6)))
                 if T_previous is None
-                else _fraction_of_motion(T_previous, T, sweep_fraction)
+                else fraction_of_motion(T_previous, T, sweep_fraction)
             )
             J_prior = np.hstack([-J, np.eye(6)])
             A += J_prior.T @ prior_sweep @ J_prior
@@ -180,14 +235,16 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             converged = kernel <= cfg.last_kernel_m and step_m < cfg.tolerance_m
             if converged:
                 break
-            kernel = max(cfg.last_kernel_m, _ANNEALING * kernel)
+            noise_m = _noise_of_levels(level_sums, cfg.noise_m)
+            if step_m < kernel:
+                kernel = max(cfg.last_kernel_m, _ANNEALING * kernel)
         covariance = np.asarray(np.linalg.inv(A)[:6, :6], np.float64)
-        directions, agreement, sigma_m = self._observability(points, fraction, T, motion, radius_m, variance)
+        directions, agreement, sigma_m = self._observability(
+            points, fraction, T, motion, radius_m, variance, noise_m
+        )
         unconstrained = directions[sigma_m > cfg.max_constrained_sigma_m]
         if len(unconstrained):
-            T, covariance = _remapped(
-                T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance
-            )
+            T, covariance = remapped(T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance)
             motion = motion_guess
         sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
         return Outputs(
@@ -199,10 +256,25 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             sigma_m=sigma_m,
             radius_m=radius_m,
             inlier_ratio=float(sums[1] / len(points)),
+            support_ratio=float(sums[4] / len(points)),
             rms_m=rms_m,
             iterations=iterations,
             converged=converged,
         )
+
+    def _first_kernel_m(self, guess_covariance: FloatArray | None) -> float:
+        """Return a kernel as wide as the guess is uncertain, at most the edge of the largest voxels."""
+        cfg = self.config
+        largest_m = cfg.voxel_m * (1 << (cfg.levels - 1))
+        sigma_m = (
+            0.0 if guess_covariance is None else float(np.sqrt(np.trace(guess_covariance[:3, :3]) / 3.0))
+        )
+        return max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
+
+    def _finest_level(self, kernel_m: float) -> int:
+        """Return the first level with voxels as large as the kernel: smaller ones do not reach the plane."""
+        level = int(np.ceil(np.log2(max(kernel_m / self.config.voxel_m, 1.0)) - 1e-9))
+        return min(level, self.config.levels - 1)
 
     def _observability(
         self,
@@ -212,6 +284,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         motion: FloatArray,
         radius_m: float,
         variance: float,
+        noise_m: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the directions of the information, the agreement of both halves of the map along them, and
         the standard deviations along them.
@@ -226,13 +299,13 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         R = se3.exp_so3(fraction[:, None] * motion[None, 3:])
         deskewed = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
         H, cross_information, total_weight = self._kernels.common_information(
-            self._table,
+            self._maps,
             cfg.voxel_m,
             deskewed,
             np.ascontiguousarray(T[:3, :3]),
             T[:3, 3].copy(),
             cfg.last_kernel_m,
-            cfg.noise_m,
+            noise_m,
             radius_m,
             cfg.known_count,
         )
@@ -251,81 +324,65 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         cfg = self.config
         points = surface[self._tables.first_in_voxels(surface, cfg.surface_voxel_m)]
         points = points[np.sum((points - centre) ** 2, axis=1) < cfg.radius_m**2]
-        capacity = len(self._table.keys)
-        # Each point may create a voxel, and the compiled loop cannot enlarge the table.
-        if self._table.used[0] + len(points) > _MAX_LOAD * capacity:
-            self._rebuild_table(capacity, centre)
-            if self._table.used[0] + len(points) > _MAX_LOAD * capacity:
-                self._rebuild_table(2 * capacity, centre)
-        self._tables.add(self._table, points, cfg.voxel_m, _MAX_VOXEL_POINTS)
+        self._maps = tuple(
+            self._with_points(table, points, cfg.voxel_m * (1 << level), centre)
+            for level, table in enumerate(self._maps)
+        )
 
-    def _rebuild_table(self, capacity: int, centre: FloatArray) -> None:
-        table = self._tables.empty_table(capacity)
-        self._tables.copy_near(self._table, table, centre, self.config.radius_m, self.config.voxel_m)
-        self._table = table
+    def _with_points(
+        self, table: _voxel_table.VoxelTable, points: FloatArray, voxel_m: float, centre: FloatArray
+    ) -> _voxel_table.VoxelTable:
+        """Return the table with points added; it is a new table if they did not fit."""
+        capacity = len(table.keys)
+        # Each point may create a voxel, and the compiled loop cannot enlarge the table.
+        if table.used[0] + len(points) > _MAX_LOAD * capacity:
+            table = self._rebuilt_table(table, capacity, voxel_m, centre)
+            if table.used[0] + len(points) > _MAX_LOAD * capacity:
+                table = self._rebuilt_table(table, 2 * capacity, voxel_m, centre)
+        self._tables.add(table, points, voxel_m, _MAX_VOXEL_POINTS)
+        return table
+
+    def _rebuilt_table(
+        self, table: _voxel_table.VoxelTable, capacity: int, voxel_m: float, centre: FloatArray
+    ) -> _voxel_table.VoxelTable:
+        target = self._tables.empty_table(capacity)
+        self._tables.copy_near(table, target, centre, self.config.radius_m, voxel_m)
+        return target
 
     def _compile(self) -> None:
-        table, one = self._tables.empty_table(16), np.zeros((1, 3))
+        one, eye, zero, noise = np.zeros((1, 3)), np.eye(3), np.zeros(3), np.ones(self.config.levels)
+        maps = tuple(self._tables.empty_table(16) for _ in range(self.config.levels))
         self._tables.first_in_voxels(one, 1.0)
-        self._tables.add(table, one, 1.0, 6)
-        self._tables.copy_near(table, self._tables.empty_table(16), np.zeros(3), 1.0, 1.0)
-        eye, zero = np.eye(3), np.zeros(3)
-        self._kernels.normal_equations(table, 1.0, one, np.zeros(1), eye, zero, zero, zero, 1.0, 1.0)
-        self._kernels.common_information(table, 1.0, one, eye, zero, 1.0, 1.0, 1.0, 12)
+        self._tables.add(maps[0], one, 1.0, 6)
+        self._tables.copy_near(maps[0], self._tables.empty_table(16), zero, 1.0, 1.0)
+        self._kernels.normal_equations(maps, 1.0, 0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
+        self._kernels.common_information(maps, 1.0, one, eye, zero, 1.0, noise, 1.0, 12)
+        poses, motions = np.eye(4)[None], np.zeros((1, 6))
+        self._kernels.supports(maps, 1.0, 0, one, np.zeros(1), poses, motions, 1.0)
 
 
-def _information(covariance: FloatArray | None) -> FloatArray:
-    return np.zeros((6, 6)) if covariance is None else np.asarray(np.linalg.inv(covariance), np.float64)
-
-
-def _previous_pose(inputs: Inputs) -> tuple[FloatArray | None, float]:
-    """Return the previous pose, None if not given, and the fraction of the motion since then that happens
-    during the sweep.
+def _noise_of_levels(level_sums: FloatArray, least_m: float) -> FloatArray:
+    """Return the standard deviation of the distances at each level, from their residuals: large voxels have
+    planes on rough ground too, but with the relief as noise (estimation of variance components).
     """
-    if inputs.before is None or inputs.sweep_fraction is None:
-        return None, 0.0
-    fraction = inputs.sweep_fraction
-    if not 0.0 <= fraction <= 1.0:
-        raise InputError(f"sweep_fraction {fraction:g}: expected 0 to 1, since sweeps do not overlap in time")
-    return checked_transform(inputs.before, "before"), fraction
+    variance = level_sums[:, 1] / np.maximum(level_sums[:, 0], 1e-12)
+    return np.asarray(np.maximum.accumulate(np.sqrt(np.maximum(variance, least_m**2))))
 
 
-def _fraction_of_motion(
-    T_previous: FloatArray, T: FloatArray, fraction: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its
-    derivative (6, 6) with respect to a change of ``T`` in map axes.
-    """
-    R = T[:3, :3]
-    J = fraction * rotation_blocks(R.T)
-    rotation = se3.log_so3(T_previous[:3, :3].T @ R)
-    return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
-
-
-def _remapped(
-    T_guess: FloatArray,
-    T: FloatArray,
-    unconstrained: FloatArray,
-    radius_m: float,
-    covariance: FloatArray,
-    guess_covariance: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return pose and covariance with the guess along the unconstrained directions (solution remapping).
-
-    Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211.
-    """
-    scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
-    constrained = np.eye(6) - unconstrained.T @ unconstrained  # projections on the directions
-    replaced = np.eye(6) - constrained
-    correction = constrained @ (scale * pose_error(T, T_guess))
-    R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ T_guess[:3, :3])
-    remapped = se3.transform(R, T_guess[:3, 3] + correction[:3])
-    prior_covariance = (
-        np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
-    )
-    S = np.diag(scale)
-    mixed = constrained @ S @ covariance @ S @ constrained + replaced @ S @ prior_covariance @ S @ replaced
-    return remapped, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))
+def _best_distinct(poses: FloatArray, support: FloatArray) -> list[int]:
+    """Return the indices of the poses with the largest support that are not close to a better one."""
+    selected: list[int] = []
+    for i in np.argsort(-support, kind="stable"):
+        if support[i] < _CANDIDATE_SUPPORT_RATIO * support.max():
+            break
+        E = se3.inverse(poses[i]) @ poses[selected]
+        distance_m = np.linalg.norm(E[:, :3, 3], axis=1)
+        angle_rad = np.linalg.norm(se3.log_so3(E[:, :3, :3]), axis=1)
+        if np.all((distance_m > _CANDIDATE_STEP_M) | (angle_rad > _CANDIDATE_STEP_RAD)):
+            selected.append(int(i))
+        if len(selected) == _REGISTERED_CANDIDATES:
+            break
+    return selected
 
 
 def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
@@ -339,6 +396,7 @@ def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
         sigma_m=np.full(6, np.inf),
         radius_m=0.0,
         inlier_ratio=0.0,
+        support_ratio=0.0,
         rms_m=0.0,
         iterations=0,
         converged=False,

@@ -19,10 +19,8 @@ Float = NDArray[np.float64]
 _HISTORY_NS = 60 * NS_PER_S
 #: Interval since the previous sweep that is assumed for the first sweep.
 _FIRST_INTERVAL_S = 0.1
-#: Standard deviations of a motion predicted by constant velocity: translation, metres, and rotation, radians.
-_VELOCITY_SIGMA = np.array([0.2] * 3 + [0.05] * 3)
-#: Constant standard deviations of a motion by the odometry: of translation, and of rotation about z.
-_ODOMETRY_SIGMA_M, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.01
+#: Constant standard deviations of a motion by the odometry: translation, rotation about x and y, and about z.
+_ODOMETRY_SIGMA_M, _ODOMETRY_TILT_SIGMA_RAD, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.05, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,10 +72,13 @@ class MotionPredictor:
         T_lidar = se3.inverse(self._T_base_lidar) @ motion @ self._T_base_lidar
         return se3.vector_from_transform(T_lidar) * (NS_PER_S / window_ns)
 
-    def predict(self, scan: LidarScan, previous_ns: int | None, velocity: Float) -> Prediction:
+    def predict(
+        self, scan: LidarScan, previous_ns: int | None, velocity: Float, covariance: Float
+    ) -> Prediction:
         """Predict the motion since the end of the previous sweep and during this one.
 
-        ``velocity`` (6,) is that of the lidar in its own axes, per second.
+        ``velocity`` (6,) is that of the lidar in its own axes, per second, and ``covariance`` (6, 6) that of
+        the motion at this velocity.
         """
         increment = self.increment(scan.t1_ns)
         duration_ns = scan.t1_ns - scan.t0_ns
@@ -85,17 +86,18 @@ class MotionPredictor:
         if previous_ns is not None:
             interval_s = max((scan.t1_ns - previous_ns) / NS_PER_S, 1e-3)
             sweep_ratio = min(1.0, duration_ns / NS_PER_S / interval_s)
-        variance = np.square(_VELOCITY_SIGMA)
         if increment is not None:
             if previous_ns is not None:  # else it is zero: the same sweep was predicted before the restart
                 velocity = se3.vector_from_transform(increment) / interval_s
             path_m = float(np.linalg.norm(increment[:3, 3]))
-            variance[:3] = _ODOMETRY_SIGMA_M**2 + (self._config.odometry_sigma_ratio * path_m) ** 2
-            variance[5] = _ODOMETRY_YAW_SIGMA_RAD**2
+            sigma_m = np.hypot(_ODOMETRY_SIGMA_M, self._config.odometry_sigma_ratio * path_m)
+            covariance = np.diag(
+                np.square([sigma_m] * 3 + [_ODOMETRY_TILT_SIGMA_RAD] * 2 + [_ODOMETRY_YAW_SIGMA_RAD])
+            )
         motion = se3.transform_from_vector
         return Prediction(
             T_previous_current=motion(velocity * interval_s) if increment is None else increment,
-            covariance=np.diag(variance),
+            covariance=covariance,
             T_end_start=se3.inverse(motion(velocity * duration_ns / NS_PER_S)),
             interval_s=interval_s,
             sweep_ratio=sweep_ratio,

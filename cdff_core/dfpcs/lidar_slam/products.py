@@ -61,13 +61,13 @@ class ProductBuilder:
             "keyframes": len(self._mapper.keyframes),
             "path_length_m": self._mapper.path_length_m,
         }
+        odometry = self._accumulate(tracking)
         if tracking.is_lost:
             failed = Quality.failed("lost", *reasons, metrics=metrics)
             yield self._pose("odometry", self._odom_frame, None, scan, failed)
             yield self._pose("pose", self._map_frame, None, scan, failed)
             return
         quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
-        odometry = self._accumulate(tracking)
         yield self._pose("odometry", self._odom_frame, tracking.with_noise(odometry), scan, quality)
         T_map_lidar = self._mapper.T_map_lidar
         if T_map_lidar is None or self._relocaliser.is_uncertain:

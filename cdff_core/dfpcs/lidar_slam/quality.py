@@ -32,6 +32,7 @@ def registration_metrics(tracking: TrackingResult) -> dict[str, float]:
         return {}
     return {
         "inlier_ratio": registration.inlier_ratio,
+        "support_ratio": registration.support_ratio,
         "rms_m": registration.rms_m,
         "iterations": float(registration.iterations),
         "least_agreement": float(registration.agreement.min()),

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,18 @@ from cdff_core.dfns.scan_to_map_registration.interface import (
 )
 from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
 from cdff_core.dfpcs.lidar_slam.motion_predictor import MotionPredictor, Prediction
+from cdff_core.dfpcs.lidar_slam.motion_uncertainty import MotionUncertainty, growth
+from cdff_core.dfpcs.lidar_slam.rotation_search import SupportMonitor, rotations_about_lidar_axis
 
 Float = NDArray[np.float64]
 
 #: Standard deviations of the predicted motion during a sweep: translation, metres, and rotation, radians.
 _SWEEP_SIGMA = np.array([0.03] * 3 + [0.012] * 3)
+#: Standard deviations of the motion relative to a searched rotation, since and during the previous sweep.
+_SEARCH_SIGMA = np.array([1.0] * 3 + [0.1] * 3)
+_SEARCH_SWEEP_SIGMA = np.array([0.1] * 3 + [0.1] * 3)
+#: Number of lost sweeps that are not added to the local map; later ones are, and continue it.
+_WITHHELD_SWEEPS = 5
 #: Fraction of points on the local map below which a sweep does not match.
 _LOST_INLIER_RATIO = 0.05
 #: Path length over which a new local map constrains poses poorly, since all its sweeps are from one place.
@@ -73,7 +80,9 @@ class ScanTracker:
         self._T = np.eye(4)
         self._stamp_ns: int | None = None
         self._velocity = np.zeros(6)  # of the lidar in its own axes, per second
+        self._uncertainty, self._support = MotionUncertainty(), SupportMonitor()
         self._unconstrained_sweeps = 0  # successive sweeps with a degenerate direction
+        self._lost_sweeps = 0  # successive sweeps that do not match the map
         self._path_length_m = 0.0  # since the start of the local map
         self._surface: Float | None = None  # points that the next registration adds to the local map
 
@@ -87,7 +96,7 @@ class ScanTracker:
         is_first = self._stamp_ns is None and self._surface is None
         points_m, fraction = self._select(scan)
         prediction = self._predict(scan)
-        registration = None if is_first else self._register(points_m, fraction, prediction)
+        registration = None if is_first else self._register_or_search(points_m, fraction, prediction)
         is_accepted = registration is not None and registration.inlier_ratio >= _LOST_INLIER_RATIO
         accepted = registration if is_accepted else None
         T_previous, T_end_start = self._T, prediction.T_end_start
@@ -101,10 +110,18 @@ class ScanTracker:
         drift, noise = np.zeros((6, 6)), np.zeros((6, 6))
         if not is_first:
             predicted = rotate_covariance(prediction.covariance, T_previous[:3, :3])
-            drift, noise = self._covariances(accepted, predicted, increment)
+            drift, noise = self._covariances(accepted, predicted, increment, prediction.used_odometry)
         if self._stamp_ns is not None:
             self._velocity = se3.vector_from_transform(increment) / prediction.interval_s
-        self._stamp_ns, self._surface = scan.t1_ns, se3.transform_points(self._T, deskewed_m)
+        self._lost_sweeps = 0 if is_first or accepted is not None else self._lost_sweeps + 1
+        if accepted is not None:
+            self._support.update(accepted.support_ratio)
+            if not self._unconstrained_sweeps and not prediction.used_odometry:
+                error = se3.inverse(prediction.T_previous_current) @ increment
+                self._uncertainty.update(se3.vector_from_transform(error))
+        is_withheld = 0 < self._lost_sweeps <= _WITHHELD_SWEEPS
+        self._stamp_ns = scan.t1_ns
+        self._surface = None if is_withheld else se3.transform_points(self._T, deskewed_m)
         return TrackingResult(
             T_odom_lidar=self._T.copy(),
             increment=UncertainTransform(increment, rotate_covariance(drift, T_previous[:3, :3].T)),
@@ -133,10 +150,54 @@ class ScanTracker:
         """Predict the motion to the end of a sweep; the robot may already move during its first sweep."""
         if self._stamp_ns is None and (velocity := self.predictor.velocity(scan.t1_ns)) is not None:
             self._velocity = velocity
-        return self.predictor.predict(scan, self._stamp_ns, self._velocity)
+        covariance = self._uncertainty.covariance
+        return self.predictor.predict(scan, self._stamp_ns, self._velocity, covariance)
+
+    def _register_or_search(
+        self, points_m: Float, fraction: Float, prediction: Prediction
+    ) -> ScanToMapRegistrationOutputs | None:
+        """Register from the prediction; if fewer points than expected lie on the map, search all rotations
+        about the lidar's axis, at constant rate since the previous sweep, then all within this sweep.
+        """
+        since_measurement, _ = growth(self._unconstrained_sweeps, by_odometry=prediction.used_odometry)
+        best = self._register(
+            points_m,
+            fraction,
+            prediction,
+            since_measurement * prediction.covariance,
+            _SWEEP_SIGMA,
+            surface=self._surface,
+        )
+        ratios = [prediction.sweep_ratio]
+        if prediction.sweep_ratio is not None and prediction.sweep_ratio < 1.0 and np.any(fraction):
+            ratios.append(1.0)
+        candidates = rotations_about_lidar_axis(self._T @ prediction.T_previous_current)
+        for ratio in ratios:
+            support = 0.0 if best is None else best.support_ratio
+            if not self._support.is_low(support):
+                break
+            found = self._register(
+                points_m,
+                fraction,
+                replace(prediction, sweep_ratio=ratio),
+                np.diag(_SEARCH_SIGMA**2),
+                _SEARCH_SWEEP_SIGMA,
+                candidates=candidates,
+            )
+            if found is not None and self._support.is_better(found.support_ratio, support):
+                best = found
+        return best
 
     def _register(
-        self, points_m: Float, fraction: Float, prediction: Prediction
+        self,
+        points_m: Float,
+        fraction: Float,
+        prediction: Prediction,
+        covariance: Float,
+        sweep_sigma: Float,
+        *,
+        surface: Float | None = None,
+        candidates: Float | None = None,
     ) -> ScanToMapRegistrationOutputs | None:
         """Estimate the pose and the motion during the sweep together; None without overlap."""
         guess = self._T @ prediction.T_previous_current
@@ -144,15 +205,16 @@ class ScanTracker:
         try:
             registration: ScanToMapRegistrationOutputs = self._registration.process(
                 ScanToMapRegistrationInputs(
-                    surface=self._surface,
+                    surface=surface,
                     points=points_m,
                     fraction=fraction,
                     guess=se3.normalise_transform(guess),
                     sweep_guess=prediction.T_end_start,
-                    guess_covariance=rotate_covariance(prediction.covariance, self._T[:3, :3]),
-                    sweep_covariance=np.diag(_SWEEP_SIGMA**2),
+                    guess_covariance=rotate_covariance(covariance, self._T[:3, :3]),
+                    sweep_covariance=np.diag(sweep_sigma**2),
                     before=None if ratio is None else self._T,
                     sweep_fraction=ratio,
+                    candidates=candidates,
                 )
             )
         except RefusedError:
@@ -174,15 +236,18 @@ class ScanTracker:
         return deskewed
 
     def _covariances(
-        self, registration: ScanToMapRegistrationOutputs | None, predicted: Float, increment: Float
+        self,
+        registration: ScanToMapRegistrationOutputs | None,
+        predicted: Float,
+        increment: Float,
+        used_odometry: bool,
     ) -> tuple[Float, Float]:
         """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
 
         Constrained directions have the registration's covariance times ``noise.ratio`` plus a floor as noise,
         and ``noise.drift_ratio`` of this noise per metre as drift. Degenerate directions drift by the
-        covariance of the prediction, whose relative error is constant from sweep to sweep: its standard
-        deviation grows with the path length, not with its square root. With a new local map, both are larger
-        until the lidar has moved.
+        covariance of the prediction, whose errors are correlated from sweep to sweep (``growth``). With a new
+        local map, both are larger until the lidar has moved.
         """
         c = self._config
         if registration is None:
@@ -200,6 +265,7 @@ class ScanTracker:
         self._path_length_m += path_m
         initial = max(0.0, 1.0 - self._path_length_m / _INITIAL_PATH_M)
         drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if initial > 0.0 else 0.0)
-        unconstrained = (2 * self._unconstrained_sweeps + 1) * (degenerate @ predicted @ degenerate.T)
+        _, last_growth = growth(self._unconstrained_sweeps, by_odometry=used_odometry)
+        unconstrained = last_growth * (degenerate @ predicted @ degenerate.T)
         self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if np.any(degenerate) else 0
         return drift_ratio * path_m * noise + unconstrained, (1.0 + _INITIAL_NOISE * initial**2) * noise

@@ -136,7 +136,7 @@ def test_noisy_distant_planes_do_not_outweigh_near_ground_in_rotation(
     all_planes, reliable_planes = (
         node.process(Inputs(points=points, fraction=fraction, guess=T)) for node in nodes
     )
-    assert all_planes.agreement.min() < 0.25
+    assert all_planes.agreement.min() < 0.8 * reliable_planes.agreement.min()
     assert reliable_planes.agreement.min() > 0.5
     assert np.all(reliable_planes.sigma_m < 0.09)  # every direction is constrained
 
@@ -160,7 +160,7 @@ def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_l
         node.process(Inputs(surface=se3.transform_points(T, points), guess=T))
         map_bytes.append(node.map_bytes)
     assert max(map_bytes[60:]) == max(map_bytes[:60])
-    assert node.voxels < 0.6 * len(node._table.keys)
+    assert node.voxels < 0.6 * len(node._maps[0].keys)
 
 
 def test_non_finite_points_are_refused(ground: Ground, rng: np.random.Generator) -> None:
@@ -198,3 +198,63 @@ def test_without_points_the_guess_is_returned(rng: np.random.Generator) -> None:
     outputs = make_node().process(Inputs(guess=T))
     np.testing.assert_array_equal(outputs.transform, T)
     assert not outputs.converged
+
+
+def urban_points(T: Float, rings: int, rng: np.random.Generator) -> Float:
+    """Return the points of a spinning lidar 1.8 m above a courtyard with walls and pillars, in its frame.
+
+    Every side of the courtyard has another distance, and the pillars break the symmetry.
+    """
+    azimuth = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(900) / 900
+    elevation = np.radians(np.linspace(-15.0, 15.0, rings))
+    a, e = (g.ravel() for g in np.meshgrid(azimuth, elevation))
+    rays = np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) @ T[:3, :3].T
+    origin = T[:3, 3]
+    normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0.2, -1, 0], [0, 0, -1]], dtype=float)
+    offsets_m = np.array([14.0, 9.0, 11.0, 7.0, 1.8])
+    cosine = rays @ normals.T
+    with np.errstate(divide="ignore"):
+        range_m = np.where(cosine > 1e-6, (offsets_m - normals @ origin) / cosine, np.inf)
+    for x, y in ((5.0, 4.0), (-4.0, 6.0), (6.0, -3.0)):  # pillars with four sides
+        for normal in ([1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
+            n = np.array(normal)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                t = ((np.array([x, y, 0.0]) - 0.8 * n - origin) @ n) / (rays @ n)
+            hit = origin + t[:, None] * rays
+            is_on = (np.abs(hit[:, 0] - x) <= 0.8) & (np.abs(hit[:, 1] - y) <= 0.8) & (t > 0.5)
+            range_m = np.column_stack([range_m, np.where(is_on, t, np.inf)])
+    distance_m = range_m.min(axis=1) + rng.normal(0, 0.01, len(rays))
+    is_near = distance_m < 50.0
+    return np.asarray((distance_m[:, None] * rays)[is_near] @ T[:3, :3])
+
+
+def urban_node(rng: np.random.Generator) -> VoxelPlanes:
+    """Return a node with a map of one sweep of 16 rings in the courtyard."""
+    node = make_node(radius_m=60.0)
+    node.process(Inputs(surface=urban_points(np.eye(4), 16, rng)))
+    return node
+
+
+def test_one_sweep_of_16_rings_constrains_a_motion_of_more_than_a_voxel(rng: np.random.Generator) -> None:
+    node = urban_node(rng)
+    T = se3.transform(se3.exp_so3(np.array([0.0, 0.0, 0.03])), np.array([1.1, 0.2, 0.0]))
+    outputs = node.process(Inputs(points=urban_points(T, 16, rng), guess_covariance=100.0 * PRIOR))
+    error = se3.log_se3(se3.inverse(T) @ outputs.transform)
+    assert outputs.converged
+    assert np.linalg.norm(error[:3]) < 0.04
+    assert np.degrees(np.linalg.norm(error[3:])) < 0.3
+    assert np.all(outputs.sigma_m < 0.09)
+
+
+def test_the_best_of_several_candidates_is_registered(rng: np.random.Generator) -> None:
+    node = urban_node(rng)
+    T = se3.transform(se3.exp_so3(np.array([0.0, 0.0, 0.87])), np.array([0.3, 0.1, 0.0]))
+    points = urban_points(T, 16, rng)
+    yaw = np.radians(np.arange(10.0, 360.0, 10.0))[:, None] * np.array([0.0, 0.0, 1.0])
+    candidates = np.tile(np.eye(4), (len(yaw), 1, 1))
+    candidates[:, :3, :3] = se3.exp_so3(yaw)
+    alone = node.process(Inputs(points=points, guess_covariance=PRIOR))
+    outputs = node.process(Inputs(points=points, guess_covariance=100.0 * PRIOR, candidates=candidates))
+    assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ alone.transform)) > 0.5
+    assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ outputs.transform)) < 0.05
+    assert outputs.support_ratio > 1.15 * alone.support_ratio

@@ -400,3 +400,34 @@ def test_an_empty_sweep_fails_and_the_next_one_is_processed(ground: Ground) -> N
     outputs = list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
     assert {o.quality.status for o in outputs} == {Status.FAILED}
     assert {o.quality.reasons[0] for o in outputs} == {"lost"}
+
+
+def test_a_turn_of_50_degrees_within_a_sweep_is_found(ground: Ground) -> None:
+    rover = Rover(ground, seed=5)
+    rover.drive([pose_on_ground(ground, 0.3 * i, 0.0, 0.0) for i in range(8)])
+    outputs = of(
+        rover.drive([pose_on_ground(ground, 2.4 + 0.3 * i, 0.0, np.radians(50.0)) for i in range(4)]),
+        "odometry",
+    )
+    assert all(o.quality.status is not Status.FAILED for o in outputs)
+    assert max(rover.error_m(o) for o in outputs) < 0.15
+    T = se3.inverse(rover.true_poses[min(rover.true_poses)]) @ rover.true_poses[outputs[-1].t1_ns]
+    E = se3.inverse(T) @ outputs[-1].value.transform.matrix
+    assert np.degrees(se3.rotation_angle(E[:3, :3])) < 0.5
+
+
+def test_the_covariance_after_lost_sweeps_contains_the_motion_without_measurement(ground: Ground) -> None:
+    rover = Rover(ground, seed=6)
+    before = of(rover.drive([pose_on_ground(ground, 0.4 * i, 0.0, 0.0) for i in range(8)]), "odometry")[-1]
+    for _ in range(2):  # sweeps without points
+        rover.now_ns += PERIOD_NS
+        empty = scan(ground, np.eye(4), np.eye(4), rover.now_ns, rover.rng)
+        empty = type(empty).from_arrays(
+            np.zeros((0, 3)), np.zeros(0, np.uint32), frame="mana/lidar", t0_ns=empty.t0_ns, t1_ns=empty.t1_ns
+        )
+        lost = list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
+        assert {o.quality.status for o in lost} == {Status.FAILED}
+    after = of(rover.drive([pose_on_ground(ground, 4.0, 0.0, 0.0)]), "odometry")[-1]
+    sigma_m = [np.sqrt(np.trace(o.value.transform.covariance[:3, :3]) / 3.0) for o in (before, after)]
+    assert sigma_m[1] > sigma_m[0] + 0.2
+    assert rover.error_m(after) < 0.5

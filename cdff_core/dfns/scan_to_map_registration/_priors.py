@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Prior information of a registration: guesses of the pose and of the motion during the sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error, rotation_blocks
+from cdff_common.geometry.points import checked_transform
+
+
+def information(covariance: FloatArray | None) -> FloatArray:
+    """Return the inverse of a covariance (6, 6); zeros without one."""
+    return np.zeros((6, 6)) if covariance is None else np.asarray(np.linalg.inv(covariance), np.float64)
+
+
+def previous_pose(before: FloatArray | None, fraction: float | None) -> tuple[FloatArray | None, float]:
+    """Return the previous pose, None if not given, and the fraction of the motion since then that happens
+    during the sweep.
+    """
+    if before is None or fraction is None:
+        return None, 0.0
+    if not 0.0 <= fraction <= 1.0:
+        raise InputError(f"sweep_fraction {fraction:g}: expected 0 to 1, since sweeps do not overlap in time")
+    return checked_transform(before, "before"), fraction
+
+
+def fraction_of_motion(
+    T_previous: FloatArray, T: FloatArray, fraction: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its
+    derivative (6, 6) with respect to a change of ``T`` in map axes.
+    """
+    R = T[:3, :3]
+    J = fraction * rotation_blocks(R.T)
+    rotation = se3.log_so3(T_previous[:3, :3].T @ R)
+    return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
+
+
+def remapped(
+    T_guess: FloatArray,
+    T: FloatArray,
+    unconstrained: FloatArray,
+    radius_m: float,
+    covariance: FloatArray,
+    guess_covariance: FloatArray | None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return pose and covariance with the guess along the unconstrained directions (solution remapping).
+
+    Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211.
+    """
+    scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
+    constrained = np.eye(6) - unconstrained.T @ unconstrained  # projections on the directions
+    replaced = np.eye(6) - constrained
+    correction = constrained @ (scale * pose_error(T, T_guess))
+    R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ T_guess[:3, :3])
+    remapped = se3.transform(R, T_guess[:3, 3] + correction[:3])
+    prior_covariance = (
+        np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
+    )
+    S = np.diag(scale)
+    mixed = constrained @ S @ covariance @ S @ constrained + replaced @ S @ prior_covariance @ S @ replaced
+    return remapped, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))
