@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud
+from evaluation.data_sets.object_views import tracked_objects
 
 pytestmark = pytest.mark.slow
 
@@ -133,3 +135,14 @@ def test_a_cat_model_is_not_detected_in_the_scene_of_the_carton(real_data: RealD
     output = run_dfpc("shot_localisation", model=cat, scene=scene)
     assert output.value is None
     assert output.quality.reasons[0] == "not_found"
+
+
+def test_dragon_and_cube_are_localised_in_single_views(real_data: RealData) -> None:
+    views = tracked_objects(real_data("visp_rbt_rgbd").parent, 10)
+    for view in islice(views, 2, 4):  # frame 78
+        output = run_dfpc("shot_localisation", model=view.model_m, scene=view.scene_m)
+        assert output.value is not None, (view.name, output.quality.reasons)
+        error_m, error_deg = min((errors(output, T) for T in view.poses), key=lambda error: error[1])
+        assert error_m <= 0.03
+        assert error_deg <= 12.0
+        assert ("symmetric_model" in output.quality.reasons) == view.name.startswith("cube")

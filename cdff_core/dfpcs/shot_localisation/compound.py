@@ -1,12 +1,16 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of ShotLocalisation: prepare, try the guess, describe, match, solve, refine, assess, publish."""
+"""Controller of ShotLocalisation: prepare, try the guess, describe, match, solve, search by views, publish."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from contextlib import suppress
 
+import numpy as np
+
+from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Output, Sample
@@ -18,6 +22,8 @@ from cdff_core.cloud_matching.reference import ReferenceCloud
 from cdff_core.cloud_matching.search import AlignmentSearch
 from cdff_core.dfpcs.shot_localisation.configuration import ShotLocalisationConfig
 from cdff_core.dfpcs.shot_localisation.interface import ShotLocalisationInterface
+from cdff_core.partial_views.localisation import ViewLocaliser
+from cdff_core.partial_views.search import ViewModel, prepare_model
 
 #: Ratio of residuals up to which two poses count as equally good.
 _AMBIGUITY = 1.5
@@ -35,6 +41,10 @@ class ShotLocalisation(ShotLocalisationInterface):
         self._thin = {"model": self.dfn("thin_model"), "scene": self.dfn("thin_scene")}
         self._last: TransformWithCovariance | None = None
         self._model = ReferenceCloud(self._prepare)
+        self._view_model: ViewModel | None = None
+        self._views = ViewLocaliser(
+            self.dfn("refine"), self.dfn("assess"), self.config.view_search, self.config.good_agreement
+        )
         self.forget()
         self.store.offer("model", self._model.cloud)
         self.store.offer("last_pose", lambda: self._last)
@@ -50,6 +60,7 @@ class ShotLocalisation(ShotLocalisationInterface):
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare and store the model; process the scene that waited for one."""
+        self._view_model = None
         waiting = self._model.replace(sample)
         return () if waiting is None else self.on_scene(waiting)
 
@@ -62,7 +73,7 @@ class ShotLocalisation(ShotLocalisationInterface):
         T: UncertainTransform | None = None
         try:
             model = self._model.prepared()
-            registration, quality = self._localise(model, self._prepare(sample), guess)
+            registration, quality = self._localise(model, sample, guess)
             if registration is not None:
                 T = registration.transform
         except (InputError, RefusedError) as error:
@@ -84,16 +95,35 @@ class ShotLocalisation(ShotLocalisationInterface):
         return self._matcher.prepare(sample.value.points_m, sample.port, self._thin[sample.port])
 
     def _localise(
-        self, model: Cloud, scene: Cloud, guess: Sample | None
+        self, model: Cloud, sample: Sample, guess: Sample | None
     ) -> tuple[Registration | None, Quality]:
-        """Return the registration from the guess if it is acceptable, otherwise by descriptors."""
+        """Return the registration from the guess if it is acceptable, otherwise by descriptors or by views."""
+        scene = self._prepare(sample)
         if guess is not None:
             with suppress(RefusedError):
                 registration = self._matcher.refine(model, scene, guess.value.transform.matrix, {})
                 quality = self._quality(registration)
                 if quality.status is not Status.FAILED:
                     return registration, quality
-        return self._search(model, scene)
+        try:
+            found, quality = self._search(model, scene)
+        except InputError as error:
+            # The voxels of a large scene leave too few points of a small model.
+            found, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
+        if "not_found" in quality.reasons and self.config.view_search.enabled:
+            found, by_view = self._search_views(sample)
+            reasons = by_view.reasons if found else (*quality.reasons, *by_view.reasons[1:])
+            quality = dataclasses.replace(by_view, reasons=reasons)
+        return found, quality
+
+    def _search_views(self, scene: Sample) -> tuple[Registration | None, Quality]:
+        """Return the registration of the points of the model that are visible in the scene."""
+        if self._view_model is None:
+            self._view_model = prepare_model(_finite_points(self._model.sample), self.config.view_search)
+        try:
+            return self._views.localise(self._view_model, _finite_points(scene))
+        except RefusedError as error:
+            return None, Quality.failed("not_found", *error.reasons)
 
     def _search(self, model: Cloud, scene: Cloud) -> tuple[Registration | None, Quality]:
         """Return the better of two registrations at different poses; FAILED if both are equally good."""
@@ -114,6 +144,11 @@ class ShotLocalisation(ShotLocalisationInterface):
     def _quality(self, registration: Registration) -> Quality:
         """Return the quality by the gates; the overlap of the model counts, since the scene is larger."""
         return registration_quality(registration, registration.assessment.overlap_source, self.config)
+
+
+def _finite_points(sample: Sample | None) -> FloatArray:
+    points = np.zeros((0, 3)) if sample is None else np.asarray(sample.value.points_m, np.float64)
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def _is_elsewhere(registration: Registration, other: Registration) -> bool:

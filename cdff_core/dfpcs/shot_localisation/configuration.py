@@ -8,6 +8,7 @@ from pydantic import Field
 
 from cdff_common.interfaces.dfpc import DfpcConfig
 from cdff_core.cloud_matching.configuration import MatchingGates, Radii
+from cdff_core.partial_views.configuration import ViewSearchConfig
 
 
 class ShotLocalisationConfig(MatchingGates, DfpcConfig):
@@ -24,3 +25,7 @@ class ShotLocalisationConfig(MatchingGates, DfpcConfig):
     )
     min_overlap: float = Field(0.4, gt=0, le=1, description="Visible fraction of the model: FAILED below")
     good_overlap: float = Field(0.6, gt=0, le=1, description="Visible fraction of the model: DEGRADED below")
+    view_search: ViewSearchConfig = Field(
+        default_factory=ViewSearchConfig,
+        description="Search in a single view, if the descriptors find no pose",
+    )

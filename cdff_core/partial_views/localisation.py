@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Localisation of a model in a single view: search, test of significance, registration, assessment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.geometry import se3
+from cdff_common.geometry.kdtree import kd_tree
+from cdff_common.geometry.plane_fits import plane_fits
+from cdff_common.geometry.voxels import voxel_means
+from cdff_common.interfaces.product import CovarianceKind, Quality
+from cdff_core.cloud_matching.acceptance import main_components
+from cdff_core.cloud_matching.matcher import Registration, refine_and_assess
+from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentInputs
+from cdff_core.partial_views.configuration import ViewSearchConfig
+from cdff_core.partial_views.range_image import RangeImage, range_image
+from cdff_core.partial_views.search import ViewCandidate, ViewModel, ViewSearch
+
+if TYPE_CHECKING:
+    from cdff_common.interfaces.dfn import Dfn
+
+#: Radius of the part of the scene that is registered, and its voxels, in diameters of the model.
+_REGION, _VOXEL = 0.6, 0.02
+_NORMAL_NEIGHBOURS = 20
+#: Factor on the limits of one hypothesis within which poses are not alternatives.
+_ELSEWHERE = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    points_m: FloatArray
+    normals: FloatArray
+
+
+class ViewLocaliser:
+    """Localises models in single views with the registration DFNs of a compound."""
+
+    def __init__(
+        self,
+        refine: Dfn[Any, Any, Any],
+        assess: Dfn[Any, Any, Any],
+        cfg: ViewSearchConfig,
+        good_agreement: float,
+    ) -> None:
+        self._refine, self._assess, self._cfg = refine, assess, cfg
+        self._good_agreement = good_agreement
+
+    def localise(self, model: ViewModel, scene_m: FloatArray) -> tuple[Registration | None, Quality]:
+        """Return the registration of the model in a scene ``(n, 3)``, None if it fails, and its quality.
+
+        Raises
+        ------
+        RefusedError
+            ``too_far``, or ``no_overlap`` if the registration has none.
+        """
+        image = range_image(scene_m)
+        if image is None:
+            return None, Quality.failed("not_found", "several_views")
+        search = ViewSearch(model, scene_m, image, self._cfg)
+        candidates = search.candidates()
+        best_score = candidates[0].score if candidates else 0.0
+        if best_score < self._cfg.min_score:
+            reason = f"low_view_score:{best_score:.2f}<{self._cfg.min_score:g}"
+            return None, Quality.failed("not_found", reason, metrics={"view_score": best_score})
+        best = candidates[0]
+        equivalent, alternatives = _alternatives(search, model, candidates)
+        metrics = {
+            "view_score": best.score,
+            "view_margin": best.score - max((other.score for other in alternatives), default=0.0),
+            "equivalent_poses": 1.0 + equivalent,
+        }
+        if metrics["view_margin"] < self._cfg.min_margin:
+            reason = f"low_view_margin:{metrics['view_margin']:.2f}<{self._cfg.min_margin:g}"
+            return None, Quality.failed("not_found", reason, metrics=metrics)
+        registration = self._register(search, image, model, best, metrics)
+        degraded = ["symmetric_model"] if equivalent else []
+        weak = registration.assessment.agreement < self._good_agreement
+        # The edges of the model constrain these directions, but the formal covariance does not include them.
+        degraded += [f"weak:{name}" for name in main_components(registration.assessment.directions[weak])]
+        figures = {
+            **metrics,
+            "overlap_source": registration.assessment.overlap_source,
+            "rms_m": registration.assessment.rms_m,
+            "refinement_m": registration.refinement_m,
+        }
+        return registration, Quality.from_reasons(degraded, CovarianceKind.FORMAL, figures)
+
+    def _register(
+        self,
+        search: ViewSearch,
+        image: RangeImage,
+        model: ViewModel,
+        best: ViewCandidate,
+        metrics: Mapping[str, float],
+    ) -> Registration:
+        """Return the registration of the visible points, or of the candidate pose if that fits the view
+        better.
+        """
+        surface = best.side.surface
+        visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])
+        R_scene_view, t = image.R_view_scene.T, -model.centre_m
+        T_scene_view, T_centre_model = se3.transform(R_scene_view, np.zeros(3)), se3.transform(np.eye(3), t)
+        source = _Surface(surface.points_m[visible] + model.centre_m, surface.normals[visible])
+        is_near = np.linalg.norm(search.near_m - best.T[:3, 3], axis=1) < _REGION * model.diameter_m
+        target_m = voxel_means(search.near_m[is_near] @ R_scene_view.T, _VOXEL * model.diameter_m)
+        normals = plane_fits(kd_tree(target_m), min(_NORMAL_NEIGHBOURS, len(target_m)))[0]
+        target = _Surface(target_m, normals)
+        T = T_scene_view @ best.T @ T_centre_model
+        registration = refine_and_assess(self._refine, self._assess, source, target, T, metrics)
+        refined = se3.inverse(T_scene_view) @ registration.T_target_source @ se3.inverse(T_centre_model)
+        score = float(search.comparison(surface).scores(refined[None])[0])
+        if score >= best.score - 0.5 * self._cfg.min_margin and search.is_same(refined, best.T):
+            return registration
+        assessment = self._assess.process(
+            RegistrationAssessmentInputs(
+                source=source.points_m,
+                source_normals=source.normals,
+                target=target.points_m,
+                target_normals=target.normals,
+                transform=T,
+            )
+        )
+        step = replace(registration.step, transform=T)
+        return Registration(step, assessment, 0.0, metrics)
+
+
+def _alternatives(
+    search: ViewSearch, model: ViewModel, candidates: list[ViewCandidate]
+) -> tuple[int, list[ViewCandidate]]:
+    """Return the number of candidates that a symmetry of the model makes equivalent to the best, and the
+    candidates at other poses.
+    """
+    best, *others = candidates
+    equivalent, alternatives = 0, []
+    for other in others:
+        if search.is_same(best.T, other.T, _ELSEWHERE):
+            continue
+        if model.is_symmetry(se3.inverse(best.T) @ other.T, _ELSEWHERE * search.tolerance_m):
+            equivalent += 1
+        else:
+            alternatives.append(other)
+    return equivalent, alternatives

@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Search for a model in a single view of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.geometry.kdtree import kd_tree, nearest
+from cdff_common.geometry.neighbours import radius_neighbours
+from cdff_common.geometry.plane_fits import plane_fits
+from cdff_common.geometry.voxels import voxel_for, voxel_means
+from cdff_core.partial_views.configuration import ViewSearchConfig
+from cdff_core.partial_views.model_surface import ModelSurface, model_surface
+from cdff_core.partial_views.pair_voting import PairTable, pair_table, vote
+from cdff_core.partial_views.range_image import RangeImage
+from cdff_core.partial_views.view_comparison import Perturbations, ViewComparison
+
+_FINE_POINTS = 4000
+_NORMAL_NEIGHBOURS = 20
+#: Radius in which a reference point must have relief, in diameters.
+_RELIEF_RADIUS = 0.25
+#: Points that describe the relief, and partners of a reference point.
+_RELIEF_POINTS, _PARTNERS = 8000, 0.4
+#: Perturbations of hypotheses, and of the best of them.
+_FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
+_LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
+#: Poses that differ by less, in diameters and radians, are one hypothesis.
+_SAME_M, _SAME_RAD = 0.1, 0.35
+#: Fraction of the points of a symmetric model that coincide with the model after the transform.
+_SYMMETRIC = 0.95
+_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSide:
+    """One orientation of the surface of a model."""
+
+    surface: ModelSurface
+    coarse: ModelSurface
+    table: PairTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewModel:
+    """A model prepared for the search; an open surface has two sides.
+
+    Attributes
+    ----------
+    centre_m : ndarray, shape (3,)
+        Origin of the points of the sides, in the frame of the model.
+    """
+
+    centre_m: FloatArray
+    diameter_m: float
+    sides: tuple[ModelSide, ...]
+
+    def is_symmetry(self, T: FloatArray, tolerance_m: float) -> bool:
+        """Return whether a transform in the frame of the centre maps the model to itself."""
+        points = self.sides[0].surface.points_m
+        distance_m, _ = nearest(kd_tree(points), se3.transform_points(T, points))
+        return bool(np.mean(distance_m < tolerance_m) > _SYMMETRIC)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewCandidate:
+    """A pose, ``T_view_centre``, with its score."""
+
+    T: FloatArray
+    score: float
+    side: ModelSide
+
+
+def prepare_model(points_m: FloatArray, cfg: ViewSearchConfig) -> ViewModel:
+    """Return a model of points ``(n, 3)`` prepared for the search."""
+    centre_m = points_m.mean(axis=0)
+    points_m = points_m - centre_m
+    diameter_m = 2.0 * float(np.sqrt(np.max(np.sum(points_m**2, axis=1))))
+    fine_m = voxel_for(points_m, _FINE_POINTS) or diameter_m / 100.0
+    points = voxel_means(points_m, fine_m)
+    count = max(_NORMAL_NEIGHBOURS, 4 * len(points_m) // len(points))
+    dense = points_m if len(points_m) < 10 * _FINE_POINTS else points
+    count = count if dense is points_m else _NORMAL_NEIGHBOURS
+    normals = plane_fits(kd_tree(dense), min(count, len(dense)))[0]
+    normals = normals[nearest(kd_tree(dense), points)[1]]
+    surface = model_surface(points, normals, fine_m)
+    step_m = cfg.step * diameter_m
+    rows = np.unique(nearest(kd_tree(points), voxel_means(points, step_m))[1])
+    surfaces = (surface,) if surface.is_closed else (surface, surface.reversed())
+    sides = []
+    for side in surfaces:
+        coarse = side.subset(rows)
+        sides.append(ModelSide(side, coarse, pair_table(coarse.points_m, coarse.normals, step_m)))
+    return ViewModel(centre_m, diameter_m, tuple(sides))
+
+
+class ViewSearch:
+    """Candidate poses of a model in a view.
+
+    Raises
+    ------
+    RefusedError
+        ``too_far`` if no part of the scene is near enough to resolve the model.
+    """
+
+    def __init__(
+        self, model: ViewModel, scene_m: FloatArray, image: RangeImage, cfg: ViewSearchConfig
+    ) -> None:
+        self._model, self._image, self._cfg = model, image, cfg
+        view = scene_m @ image.R_view_scene.T
+        is_resolved = view[:, 2] * image.spacing * cfg.min_pixels < model.diameter_m
+        self.near_m = view[is_resolved]
+        if len(self.near_m) < _FINE_POINTS // 10:
+            raise RefusedError("the model covers too few measurements", ["too_far"])
+        self._step_m = cfg.step * model.diameter_m
+        self._points, self._normals = _scene_surface(self.near_m, self._step_m)
+        noise_m = _SIGMAS * _noise(self.near_m)
+        self.tolerance_m = max(cfg.tolerance * model.diameter_m, noise_m)
+
+    def candidates(self) -> list[ViewCandidate]:
+        """Return distinct candidates, best first."""
+        references, start, index = self._references()
+        found: list[ViewCandidate] = []
+        for side in self._model.sides:
+            poses = vote(side.table, self._points, self._normals, references, start, index, self._cfg.peaks)
+            found += self._refined(side, poses)
+        return sorted(found, key=lambda candidate: -candidate.score)
+
+    def comparison(self, surface: ModelSurface, factor: float = 1.0) -> ViewComparison:
+        """Return the comparison of a surface with the view."""
+        return ViewComparison(self._image, surface, factor * self.tolerance_m)
+
+    def is_same(self, first: FloatArray, second: FloatArray, factor: float = 1.0) -> bool:
+        """Return whether two poses are one hypothesis."""
+        return _is_same(first, second, self._model.diameter_m, factor)
+
+    def _references(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Return reference points, and their partners as start and index."""
+        rng, points = np.random.default_rng(0), self._points
+        diameter_m = self._model.diameter_m
+        relief = _relief(points, _RELIEF_RADIUS * diameter_m, rng)
+        rows = np.flatnonzero(relief > self._cfg.relief * diameter_m)
+        references = np.sort(rng.permutation(rows)[: self._cfg.references])
+        partners = np.sort(rng.permutation(len(points))[: int(_PARTNERS * len(points))])
+        start, index = radius_neighbours(points[partners], points[references], 0.9 * diameter_m)
+        return references, start, partners[index]
+
+    def _refined(self, side: ModelSide, poses: FloatArray) -> list[ViewCandidate]:
+        """Return the best distinct poses after refinement."""
+        diameter_m, cfg = self._model.diameter_m, self._cfg
+        if not len(poses):
+            return []
+        coarse = self.comparison(side.coarse, cfg.coarse_factor)
+        best = np.argsort(-coarse.scores(poses), kind="stable")[: cfg.hypotheses]
+        first, last = (p.scaled(diameter_m) for p in (_FIRST_REFINEMENT, _LAST_REFINEMENT))
+        refined = sorted((coarse.refine(poses[i], first) for i in best), key=lambda pair: -pair[1])
+        distinct: list[FloatArray] = []
+        for T, _ in refined:
+            if not any(self.is_same(T, other) for other in distinct):
+                distinct.append(T)
+            if len(distinct) == cfg.finalists:
+                break
+        exact = self.comparison(side.coarse)
+        final = np.stack([exact.refine(T, last)[0] for T in distinct])
+        scores = self.comparison(side.surface).scores(final)
+        return [ViewCandidate(T, float(score), side) for T, score in zip(final, scores, strict=True)]
+
+
+def _is_same(first: FloatArray, second: FloatArray, diameter_m: float, factor: float) -> bool:
+    distance_m = float(np.linalg.norm(first[:3, 3] - second[:3, 3]))
+    angle = float(se3.rotation_angle(first[:3, :3].T @ second[:3, :3]))
+    return distance_m < factor * _SAME_M * diameter_m and angle < factor * _SAME_RAD
+
+
+def _scene_surface(points_m: FloatArray, step_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return points of a view, one per voxel, and normals towards the sensor at the origin."""
+    dense, points = voxel_means(points_m, 0.5 * step_m), voxel_means(points_m, step_m)
+    tree = kd_tree(dense)
+    normals = plane_fits(tree, min(_NORMAL_NEIGHBOURS, len(dense)))[0][nearest(tree, points)[1]]
+    sign = np.where(np.einsum("ij,ij->i", normals, points) > 0.0, -1.0, 1.0)
+    return points, normals * sign[:, None]
+
+
+def _relief(points: FloatArray, radius_m: float, rng: np.random.Generator) -> FloatArray:
+    """Return the standard deviation (n,) of the surroundings of each point across their plane."""
+    sample = points[np.sort(rng.permutation(len(points))[:_RELIEF_POINTS])]
+    start, index = radius_neighbours(sample, points, radius_m)
+    count = np.diff(start)
+    row = np.repeat(np.arange(len(points)), count)
+    weight = 1.0 / np.maximum(count, 1)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.bincount(row, weights=values, minlength=len(points)) * weight
+
+    offset = sample[index] - points[row]
+    first = np.stack([mean(offset[:, i]) for i in range(3)], axis=1)
+    second = np.empty((len(points), 3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            second[:, i, j] = second[:, j, i] = mean(offset[:, i] * offset[:, j]) - first[:, i] * first[:, j]
+    least = np.linalg.eigvalsh(second)[:, 0]
+    return np.where(count > 3, np.sqrt(np.maximum(least, 0.0)), 0.0)
+
+
+def _noise(points_m: FloatArray) -> float:
+    """Return the median standard deviation of the points across planes through their neighbours."""
+    variances = plane_fits(kd_tree(points_m), _NORMAL_NEIGHBOURS)[2]
+    return float(np.sqrt(np.median(variances[:, 0])))

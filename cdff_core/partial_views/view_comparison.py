@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Comparison of a model at a pose with a range image, and refinement of the pose by it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_common.geometry import se3
+from cdff_core.partial_views.model_surface import ModelSurface
+from cdff_core.partial_views.range_image import RangeImage
+
+#: Weights of points that agree, are in front of the measured surface (free space), behind it, unmeasured.
+_WEIGHTS = np.array([1.0, -1.0, -0.25, -0.1])
+#: Factor on the perturbations for each round of a refinement.
+_CONTRACTION = 0.65
+#: Fewer visible points than this fraction of the model are no evidence.
+_MIN_VISIBLE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Perturbations:
+    """Random changes of a pose: standard deviations, rounds, and trials per round."""
+
+    sigma_m: float
+    sigma_rad: float
+    rounds: int
+    trials: int
+
+    def scaled(self, factor: float) -> Perturbations:
+        """Return the perturbations with translations in other units."""
+        return replace(self, sigma_m=factor * self.sigma_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewComparison:
+    """Compares a surface with a range image; poses are in the frame of the view.
+
+    Attributes
+    ----------
+    tolerance_m : float
+        Largest difference of depth between a point and the scene that agree.
+    """
+
+    image: RangeImage
+    surface: ModelSurface
+    tolerance_m: float
+
+    def counts(self, poses: FloatArray) -> IntArray:
+        """Return the numbers (k, 4) of visible points that agree with the scene at poses ``(k, 4, 4)``, are
+        in front of it, behind it, or unmeasured.
+        """
+        image, surface = self.image, self.surface
+        return _counts(
+            image.depth_m,
+            image.low,
+            image.pixel,
+            np.ascontiguousarray(poses),
+            surface.points_m,
+            surface.directions,
+            surface.visible,
+            self.tolerance_m,
+        )
+
+    def scores(self, poses: FloatArray) -> FloatArray:
+        """Return scores (k,) of poses ``(k, 4, 4)``: 1 if all visible points agree with the scene."""
+        counts = self.counts(poses)
+        visible = counts.sum(axis=1)
+        scores = counts @ _WEIGHTS / np.maximum(visible, 1)
+        return np.where(visible >= _MIN_VISIBLE * len(self.surface.points_m), scores, -1.0)
+
+    def refine(self, T: FloatArray, by: Perturbations) -> tuple[FloatArray, float]:
+        """Return the best pose and its score after rounds of random perturbations that contract.
+
+        The score counts points and has no derivative.
+        """
+        rng = np.random.default_rng(0)
+        score, trials = -1.0, by.trials
+        for i in range(by.rounds):
+            sigma_m, sigma_rad = (_CONTRACTION**i * sigma for sigma in (by.sigma_m, by.sigma_rad))
+            poses = np.repeat(T[None], trials, axis=0)
+            R = se3.exp_so3(rng.normal(0.0, sigma_rad, (trials, 3)))
+            poses[1:, :3, :3] = R[1:] @ T[:3, :3]
+            poses[1:, :3, 3] += rng.normal(0.0, sigma_m, (trials - 1, 3))
+            scores = self.scores(poses)
+            best = int(np.argmax(scores))
+            T, score = poses[best], float(scores[best])
+        return T, score
+
+
+@njit(cache=True)
+def _counts(
+    depth: FloatArray,
+    low: FloatArray,
+    pixel: float,
+    poses: FloatArray,
+    points: FloatArray,
+    directions: FloatArray,
+    visible: BoolArray,
+    tolerance: float,
+) -> IntArray:  # pragma: no cover - compiled
+    out = np.zeros((len(poses), 4), np.int64)
+    rows, columns = depth.shape
+    for k in range(len(poses)):
+        T = poses[k]
+        # Direction from the origin of the model to the sensor, in the frame of the model.
+        dx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
+        dy = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
+        dz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+        view, largest = 0, -np.inf
+        for i in range(len(directions)):
+            dot = directions[i, 0] * dx + directions[i, 1] * dy + directions[i, 2] * dz
+            if dot > largest:
+                view, largest = i, dot
+        for i in range(len(points)):
+            if not visible[view, i]:
+                continue
+            p, q, r = points[i, 0], points[i, 1], points[i, 2]
+            x = T[0, 0] * p + T[0, 1] * q + T[0, 2] * r + T[0, 3]
+            y = T[1, 0] * p + T[1, 1] * q + T[1, 2] * r + T[1, 3]
+            z = T[2, 0] * p + T[2, 1] * q + T[2, 2] * r + T[2, 3]
+            if z <= 0.0:
+                out[k, 3] += 1
+                continue
+            column, row = math.floor((x / z - low[0]) / pixel), math.floor((y / z - low[1]) / pixel)
+            if row < 0 or column < 0 or row >= rows or column >= columns or depth[row, column] == np.inf:
+                out[k, 3] += 1
+                continue
+            difference = depth[row, column] - z
+            if difference > tolerance:
+                out[k, 1] += 1
+            elif difference < -tolerance:
+                out[k, 2] += 1
+            else:
+                out[k, 0] += 1
+    return out
