@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"image": "uint8[r,c]"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesExtraction2DInputs:
+class FeaturesExtraction2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -26,10 +24,9 @@ class FeaturesExtraction2DInputs:
         Grey image.
     """
 
-    image: NDArray[np.uint8]
+    ARRAYS = ArrayPorts({"image": "uint8[r,c]"})
 
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
+    image: NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

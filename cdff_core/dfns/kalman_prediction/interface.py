@@ -10,27 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "pose": "float64[4,4]",
-        "velocity": "float64[3]",
-        "biases": "float64[6]",
-        "covariance": "float64[n,n]",
-        "interval_ns": "int64[2]",
-        "stamps_ns": "int64[k]",
-        "specific_force": "float64[k,3]",
-        "rates_rad_s": "float64[k,3]",
-        "lever_m": "float64[3]",
-    },
-    optional=["stamps_ns", "specific_force", "rates_rad_s", "lever_m"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class KalmanPredictionInputs:
+class KalmanPredictionInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -58,6 +43,21 @@ class KalmanPredictionInputs:
         Position of the sensor in the body, metres.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "pose": "float64[4,4]",
+            "velocity": "float64[3]",
+            "biases": "float64[6]",
+            "covariance": "float64[n,n]",
+            "interval_ns": "int64[2]",
+            "stamps_ns": "int64[k]",
+            "specific_force": "float64[k,3]",
+            "rates_rad_s": "float64[k,3]",
+            "lever_m": "float64[3]",
+        },
+        optional=["stamps_ns", "specific_force", "rates_rad_s", "lever_m"],
+    )
+
     pose: NDArray[np.float64]
     velocity: NDArray[np.float64]
     biases: NDArray[np.float64]
@@ -68,9 +68,6 @@ class KalmanPredictionInputs:
     rates_rad_s: NDArray[np.float64] | None = None
     gravity: float | None = None
     lever_m: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
