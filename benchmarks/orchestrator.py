@@ -36,8 +36,7 @@ from _report import write_report
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CdffError, OverloadedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id

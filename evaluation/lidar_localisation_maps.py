@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 
 from cdff_common.clock import NS_PER_S
 from cdff_common.codecs import encode
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.voxels import voxel_means

@@ -4,17 +4,21 @@
 
 Codecs are ``uper`` (the default), ``ber``, ``xer`` and ``msgpack``. All preserve NaN, the value of unknown
 covariances. Every decoder raises only ``CodecError``, and allocates no more than its input requires.
+A payload has an encoding string, e.g. ``application/vnd.cdff+uper;Pointcloud/1``.
 """
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib import import_module
 from typing import Any
 
-from cdff_common.codecs.encoding import CODECS, encoding_string, parse_encoding
 from cdff_common.errors import CodecError
 
+CODECS = ("uper", "ber", "xer", "msgpack")
+WIRE_VERSION = 1
+_ENCODING = re.compile(r"application/vnd\.cdff\+([a-z]+);([A-Za-z][A-Za-z0-9-]*)/(\d{1,6})\Z")
 #: Modules whose name is not that of the codec.
 _MODULES = {"ber": "reference", "msgpack": "messagepack"}
 
@@ -72,7 +76,7 @@ def _implementation(codec: str) -> Any:
 
 def encode_payload(value: Any, codec: str = "uper") -> tuple[bytes, str]:
     """Return a message as payload and encoding string; raises CodecError."""
-    from cdff_common.codecs.size_variants import wire_type
+    from cdff_common.codecs.wire_types import wire_type
 
     return encode(value, codec), encoding_string(wire_type(value), codec)
 
@@ -81,3 +85,26 @@ def decode_payload(payload: bytes, encoding: str) -> Any:
     """Return the message in a payload with its encoding string; raises CodecError."""
     type_name, codec = parse_encoding(encoding)
     return decode(type_name, payload, codec)
+
+
+def encoding_string(type_name: str, codec: str) -> str:
+    """Return the encoding string of a payload of ``type_name`` in ``codec``."""
+    if codec not in CODECS:
+        raise CodecError(f"codec {codec!r}: expected one of {', '.join(CODECS)}")
+    return f"application/vnd.cdff+{codec};{type_name}/{WIRE_VERSION}"
+
+
+def parse_encoding(text: str) -> tuple[str, str]:
+    """Return (type name, codec) of an encoding string.
+
+    Raises
+    ------
+    CodecError
+        If it is not a CDFF encoding, or has another wire version.
+    """
+    match = _ENCODING.match(text)
+    if not match or match[1] not in CODECS:
+        raise CodecError(f"encoding {text!r}: expected e.g. {encoding_string('Pointcloud', 'uper')}")
+    if int(match[3]) != WIRE_VERSION:
+        raise CodecError(f"encoding {text!r}: wire version {match[3]}, expected {WIRE_VERSION}")
+    return match[2], match[1]

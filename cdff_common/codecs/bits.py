@@ -14,8 +14,8 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.codecs.compiled import has_numba
 from cdff_common.codecs.real import decode_real, encode_real
+from cdff_common.codecs.warm import has_numba
 from cdff_common.errors import CodecError
 
 _FLUSH_BITS = 1024

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs import decode, encode
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CodecError
 from cdff_common.types import Asn1Bitstream
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.codecs.nodes import array_of_bytes, message_node
+from cdff_common.codecs.wire_types import array_of_bytes, message_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.types.schema import (
     Alias,

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cdff_common.codecs.dict_form import from_dict_form
-from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.wire_types import message_node
 from cdff_common.errors import CodecError
 from cdff_common.types.schema import Alias, Choice, ListOf, Node, OctetString, Struct, fields_of
 

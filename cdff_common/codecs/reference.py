@@ -10,8 +10,7 @@ from typing import Any
 
 from cdff_common.asn1 import asn1_files
 from cdff_common.codecs.dict_form import dict_form_of, from_dict_form
-from cdff_common.codecs.nodes import message_node
-from cdff_common.codecs.size_variants import wire_node
+from cdff_common.codecs.wire_types import message_node, wire_node
 from cdff_common.errors import CodecError, InputError
 
 #: Errors of asn1tools on malformed bytes.

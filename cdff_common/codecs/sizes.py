@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.wire_types import message_node
 from cdff_common.types.schema import (
     Alias,
     Array,

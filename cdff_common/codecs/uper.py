@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.nodes import message_node
-from cdff_common.codecs.size_variants import wire_node
 from cdff_common.codecs.uper_lists import Get, Put, array, bits_for, list_of, octet_string
+from cdff_common.codecs.wire_types import message_node, wire_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.types.schema import (
     Alias,

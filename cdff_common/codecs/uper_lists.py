@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.codecs.nodes import array_of_bytes
 from cdff_common.codecs.sizes import CONSTRAINED_BELOW, bits_of
 from cdff_common.codecs.uper_rows import LONG, rows_of, widths
+from cdff_common.codecs.wire_types import array_of_bytes
 from cdff_common.errors import CodecError
 from cdff_common.types.schema import Array, Boolean, Integer, ListOf, Node, OctetString, Real
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bits import BitReader, BitWriter
-from cdff_common.types.message import Message
-from cdff_common.types.rows import COLUMNS
+from cdff_common.types.message import COLUMNS, Message
 from cdff_common.types.schema import Array, Node, Real, Struct
 from cdff_common.types.validation import class_of, read_only
 

@@ -1,8 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Loading of the compiled loops of the codecs before the first message arrives."""
+"""Compiled loops of the codecs: availability of numba, and loading before the first message arrives."""
 
 from __future__ import annotations
+
+from functools import cache
+from importlib.util import find_spec
+
+
+@cache
+def has_numba() -> bool:
+    """Return whether the compiled loops can be loaded; without them numbers are coded one by one.
+
+    The extra ``client`` does not install numba.
+    """
+    return find_spec("numba") is not None
 
 
 def warm_wire() -> None:

@@ -18,8 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cdff_common.codecs.nodes import array_of_bytes, message_node
-from cdff_common.codecs.size_variants import wire_node
+from cdff_common.codecs.wire_types import array_of_bytes, message_node, wire_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.types.schema import (
     Alias,

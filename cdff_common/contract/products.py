@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
-from cdff_common.codecs.encoding import CODECS
+from cdff_common.codecs import CODECS
 from cdff_common.errors import InputError
 from cdff_common.formats.payload import FORMATS
 from cdff_common.interfaces.description import DfpcDescription

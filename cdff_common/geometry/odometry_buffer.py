@@ -8,7 +8,7 @@ import numpy as np
 
 from cdff_common.errors import ExtrapolationError
 from cdff_common.geometry import se3
-from cdff_common.geometry.pose_track import PoseTrack
+from cdff_common.geometry.frame_graph import PoseTrack
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.uncertain_transform import UncertainTransform
 

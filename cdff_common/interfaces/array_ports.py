@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -94,6 +94,17 @@ class ArrayPorts:
                 others = ", ".join(f"{dim}={size} of {other}" for dim, (size, other) in known.items())
                 return f"{name} {shape}: expected {self._types[name]}{others and f' with {others}'}"
         return None
+
+
+class DfnInputs:
+    """Base of the inputs of a DFN that have array ports or restricted values; checked at construction."""
+
+    __slots__ = ()
+    ARRAYS: ClassVar[ArrayPorts]
+
+    def __post_init__(self) -> None:
+        """Raise InputError where an input does not fit its port."""
+        self.ARRAYS.check(self)
 
 
 def _is_positive(value: Any) -> Any:

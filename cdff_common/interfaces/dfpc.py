@@ -180,6 +180,8 @@ class Dfpc(ABC):
     Config: ClassVar[type[DfpcConfig]] = DfpcConfig
     #: Folder name below ``cdff_core/dfpcs``.
     name: ClassVar[str]
+    #: Input ports; each has a handler ``on_<port>``.
+    INPUT_PORTS: ClassVar[tuple[str, ...]] = ()
 
     config: Any
     context: DfpcContext
@@ -264,9 +266,20 @@ class Dfpc(ABC):
     def setup(self) -> None:
         """Create the DFNs and the store items; called by ``configure`` and by ``reset``."""
 
-    @abstractmethod
     def step(self, sample: Sample) -> Iterable[Output]:
-        """Process one sample, in time order, and return the outputs."""
+        """Pass one sample, in time order, to the handler of its port and return the outputs.
+
+        Raises
+        ------
+        InputError
+            If there is no such port, or the sample is malformed.
+        """
+        if sample.port not in self.INPUT_PORTS:
+            raise InputError(
+                f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
+            )
+        handler: Callable[[Sample], Iterable[Output]] = getattr(self, f"on_{sample.port}")
+        return handler(sample)
 
     #: Increases with every change of the result of ``state``.
     state_revision: int = 0

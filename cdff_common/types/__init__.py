@@ -39,7 +39,6 @@ from cdff_common.types.eigen import (
     Vector6d,
     VectorXd,
 )
-from cdff_common.types.extents import Box
 from cdff_common.types.features import (
     Correspondence2D,
     Correspondence3D,
@@ -110,7 +109,7 @@ from cdff_common.types.map import (
     NavigationMap,
 )
 from cdff_common.types.mesh import Mesh, MeshData, MeshMetadata
-from cdff_common.types.message import Message
+from cdff_common.types.message import Box, Message
 from cdff_common.types.objects import (
     ObjectDetection,
     ObjectDetections,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.types.bundle_ext import BundleCamerasExt, BundlePriorExt, BundleProblemExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.time import Time
 
 
@@ -151,7 +151,7 @@ class BundlePrior(BundlePriorExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class BundleProblem(BundleProblemExt):
+class BundleProblem(BundleProblemExt, FramedMessage):
     """Type ``BundleProblem`` of the ASN.1 modules.
 
     Attributes
@@ -171,11 +171,6 @@ class BundleProblem(BundleProblemExt):
     points: BundlePoints = field(default_factory=BundlePoints)
     observations: BundleObservations = field(default_factory=BundleObservations)
     prior: BundlePrior = field(default_factory=BundlePrior)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

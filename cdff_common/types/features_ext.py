@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdff_common import types
 from cdff_common.errors import InputError
-from cdff_common.types.message import Message
-from cdff_common.types.rows import check_columns
+from cdff_common.types.message import Message, check_columns
 from cdff_common.types.validation import read_only
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.types.ground_areas_ext import GroundAreasDataExt, GroundAreasExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import CapturedMessage, Message
 from cdff_common.types.time import Time
 
 
@@ -80,7 +80,7 @@ class GroundAreasData(GroundAreasDataExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class GroundAreas(GroundAreasExt):
+class GroundAreas(GroundAreasExt, CapturedMessage):
     """Areas of the ground, classified by traversability.
 
     Attributes
@@ -92,23 +92,3 @@ class GroundAreas(GroundAreasExt):
     ASN1_NAME: ClassVar[str] = "GroundAreas"
     metadata: GroundAreasMetadata = field(default_factory=GroundAreasMetadata)
     data: GroundAreasData = field(default_factory=GroundAreasData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Start of capture, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.metadata.end_time.ns

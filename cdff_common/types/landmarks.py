@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cdff_common.types.frame import Array3D, FrameIntrinsicT
 from cdff_common.types.landmarks_ext import KeyFrameExt, LandmarkMapExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
 
@@ -75,7 +75,7 @@ class LandmarkMapData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class LandmarkMap(LandmarkMapExt):
+class LandmarkMap(LandmarkMapExt, FramedMessage):
     """Points in one frame that were observed repeatedly.
 
     Attributes
@@ -87,11 +87,6 @@ class LandmarkMap(LandmarkMapExt):
     ASN1_NAME: ClassVar[str] = "LandmarkMap"
     metadata: LandmarkMapMetadata = field(default_factory=LandmarkMapMetadata)
     data: LandmarkMapData = field(default_factory=LandmarkMapData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

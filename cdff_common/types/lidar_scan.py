@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.types.lidar_scan_ext import LidarScanExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import CapturedMessage, Message
 from cdff_common.types.time import Time
 
 
@@ -70,7 +70,7 @@ class LidarScanData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class LidarScan(LidarScanExt):
+class LidarScan(LidarScanExt, CapturedMessage):
     """Lidar sweep; each point has its own time stamp.
 
     Attributes
@@ -82,23 +82,3 @@ class LidarScan(LidarScanExt):
     ASN1_NAME: ClassVar[str] = "LidarScan"
     metadata: LidarScanMetadata = field(default_factory=LidarScanMetadata)
     data: LidarScanData = field(default_factory=LidarScanData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Start of capture, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.metadata.end_time.ns

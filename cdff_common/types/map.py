@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdff_common.types.frame import Array3D, Array3DDepthT, FrameErrorT
 from cdff_common.types.map_ext import ElevationMapExt, GridLayerExt, MapExt, NavigationMapExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import CapturedMessage, Message
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
 
@@ -140,7 +140,7 @@ class GridLayer(GridLayerExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ElevationMap(ElevationMapExt):
+class ElevationMap(ElevationMapExt, CapturedMessage):
     """Elevation map: layers mean, variance, min, max (m, m2), count, age_s (s before t1); NaN where
     unobserved.
 
@@ -154,29 +154,9 @@ class ElevationMap(ElevationMapExt):
     metadata: GridMapMetadata = field(default_factory=GridMapMetadata)
     layers: tuple[GridLayer, ...] = ()
 
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Start of capture, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.metadata.end_time.ns
-
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class NavigationMap(NavigationMapExt):
+class NavigationMap(NavigationMapExt, CapturedMessage):
     """Traversability map: layers class (0 unknown, 1 safe, 2 caution, 3 hazard), slope_deg, step_m,
     roughness_m, cost.
 
@@ -189,23 +169,3 @@ class NavigationMap(NavigationMapExt):
     ASN1_NAME: ClassVar[str] = "NavigationMap"
     metadata: GridMapMetadata = field(default_factory=GridMapMetadata)
     layers: tuple[GridLayer, ...] = ()
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
-
-    @property
-    def t0_ns(self) -> int:
-        """Start of capture, nanoseconds."""
-        return self.metadata.start_time.ns
-
-    @property
-    def t1_ns(self) -> int:
-        """End of capture, nanoseconds."""
-        return self.metadata.end_time.ns
-
-    @property
-    def stamp_ns(self) -> int:
-        """Time, nanoseconds."""
-        return self.metadata.end_time.ns

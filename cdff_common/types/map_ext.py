@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from cdff_common import types
 from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.types.extents import Box, box_around
 from cdff_common.types.frame_ext import DEPTH_DTYPES, depth_of
-from cdff_common.types.message import Message
+from cdff_common.types.message import Box, Message, box_around
 
 
 class GridLayerExt(Message):

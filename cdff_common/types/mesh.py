@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.types.mesh_ext import MeshDataExt, MeshExt
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.time import Time
 
 
@@ -67,7 +67,7 @@ class MeshData(MeshDataExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Mesh(MeshExt):
+class Mesh(MeshExt, FramedMessage):
     """Triangle mesh in one frame.
 
     Attributes
@@ -79,11 +79,6 @@ class Mesh(MeshExt):
     ASN1_NAME: ClassVar[str] = "Mesh"
     metadata: MeshMetadata = field(default_factory=MeshMetadata)
     data: MeshData = field(default_factory=MeshData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

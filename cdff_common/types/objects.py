@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.objects_ext import ObjectDetectionExt, ObjectTrackExt
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
@@ -145,7 +145,7 @@ class ObjectTrackData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ObjectTrack(ObjectTrackExt):
+class ObjectTrack(ObjectTrackExt, FramedMessage):
     """Track of one object over time.
 
     Attributes
@@ -157,11 +157,6 @@ class ObjectTrack(ObjectTrackExt):
     ASN1_NAME: ClassVar[str] = "ObjectTrack"
     metadata: ObjectTrackMetadata = field(default_factory=ObjectTrackMetadata)
     data: ObjectTrackData = field(default_factory=ObjectTrackData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

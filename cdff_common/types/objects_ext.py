@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdff_common import types
 from cdff_common.types.columns import pack_poses, pack_squares, stamps_us, unpack_poses
-from cdff_common.types.extents import Box
-from cdff_common.types.message import Message
+from cdff_common.types.message import Box, Message
 
 
 class ObjectDetectionExt(Message):

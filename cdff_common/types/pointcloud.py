@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.pointcloud_ext import OctreeExt, PointcloudExt
 from cdff_common.types.pose import TransformWithCovariance
 from cdff_common.types.time import Time
@@ -82,7 +82,7 @@ class PointCloudData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Pointcloud(PointcloudExt):
+class Pointcloud(PointcloudExt, FramedMessage):
     """Point cloud in one frame at one time.
 
     Attributes
@@ -94,11 +94,6 @@ class Pointcloud(PointcloudExt):
     ASN1_NAME: ClassVar[str] = "Pointcloud"
     metadata: PointCloudMetadata = field(default_factory=PointCloudMetadata)
     data: PointCloudData = field(default_factory=PointCloudData)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

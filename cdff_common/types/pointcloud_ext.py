@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdff_common import types
 from cdff_common.geometry.uncertain_transform import UncertainTransform
-from cdff_common.types.extents import Box
-from cdff_common.types.message import Message
+from cdff_common.types.message import Box, Message
 
 
 def robot_base_of(frame: str) -> str:

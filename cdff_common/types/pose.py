@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.message import Message
+from cdff_common.types.message import Message, PoseMessage
 from cdff_common.types.pose_ext import PoseExt, RigidBodyStateExt, TransformWithCovarianceExt
 from cdff_common.types.time import Time
 
@@ -67,7 +67,7 @@ class TransformWithCovarianceData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class TransformWithCovariance(TransformWithCovarianceExt):
+class TransformWithCovariance(TransformWithCovarianceExt, PoseMessage):
     """T_parent_child: maps coordinates in the child frame into the parent frame. With equal frames and
     two times it is the motion between these times.
 
@@ -80,16 +80,6 @@ class TransformWithCovariance(TransformWithCovarianceExt):
     ASN1_NAME: ClassVar[str] = "TransformWithCovariance"
     metadata: TransformWithCovarianceMetadata = field(default_factory=TransformWithCovarianceMetadata)
     data: TransformWithCovarianceData = field(default_factory=TransformWithCovarianceData)
-
-    @property
-    def parent_frame(self) -> str:
-        """Frame in which the child's poses are expressed."""
-        return self.metadata.parent_frame_id
-
-    @property
-    def child_frame(self) -> str:
-        """Frame whose poses are given."""
-        return self.metadata.child_frame_id
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.message import Message
+from cdff_common.types.message import FramedMessage, Message
 from cdff_common.types.pose_graph_ext import PoseGraphEdgesExt, PoseGraphExt, PoseGraphVerticesExt
 from cdff_common.types.time import Time
 
@@ -90,7 +90,7 @@ class PoseGraphEdges(PoseGraphEdgesExt):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseGraph(PoseGraphExt):
+class PoseGraph(PoseGraphExt, FramedMessage):
     """Vertices, and edges between them.
 
     Attributes
@@ -104,11 +104,6 @@ class PoseGraph(PoseGraphExt):
     metadata: PoseGraphMetadata = field(default_factory=PoseGraphMetadata)
     vertices: PoseGraphVertices = field(default_factory=PoseGraphVertices)
     edges: PoseGraphEdges = field(default_factory=PoseGraphEdges)
-
-    @property
-    def frame(self) -> str:
-        """Frame of the coordinates."""
-        return self.metadata.frame_id
 
     @property
     def stamp_ns(self) -> int:

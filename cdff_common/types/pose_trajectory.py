@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.message import Message
+from cdff_common.types.message import Message, PoseMessage
 from cdff_common.types.pose_trajectory_ext import PoseTrajectoryExt
 
 
@@ -56,7 +56,7 @@ class PoseTrajectoryData(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseTrajectory(PoseTrajectoryExt):
+class PoseTrajectory(PoseTrajectoryExt, PoseMessage):
     """Poses of one frame in another, in ascending order of time.
 
     Attributes
@@ -68,13 +68,3 @@ class PoseTrajectory(PoseTrajectoryExt):
     ASN1_NAME: ClassVar[str] = "PoseTrajectory"
     metadata: PoseTrajectoryMetadata = field(default_factory=PoseTrajectoryMetadata)
     data: PoseTrajectoryData = field(default_factory=PoseTrajectoryData)
-
-    @property
-    def parent_frame(self) -> str:
-        """Frame in which the child's poses are expressed."""
-        return self.metadata.parent_frame_id
-
-    @property
-    def child_frame(self) -> str:
-        """Frame whose poses are given."""
-        return self.metadata.child_frame_id

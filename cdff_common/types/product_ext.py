@@ -7,8 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.types.extents import Box
-from cdff_common.types.message import Message
+from cdff_common.types.message import Box, Message
 
 
 class ProductMetadataExt(Message):

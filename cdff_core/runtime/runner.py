@@ -54,7 +54,8 @@ class Runner:
     def __init__(self, dfpc: Dfpc) -> None:
         self._dfpc = dfpc
         self._robot = dfpc.context.robot
-        self._ports = {p.attribute: p for p in dfpc.description.output_ports}
+        #: Product name and type of each output port.
+        self._ports = {p.attribute: (p.product or "", p.type_name) for p in dfpc.description.output_ports}
         self._inputs = {p.attribute: p for p in dfpc.description.input_ports}
         self._config_hash = dfpc.config_hash
         self._producer = f"{dfpc.name}/{dfpc.implementation}/{dfpc.description.version}"
@@ -229,8 +230,7 @@ class Runner:
             self._robot,
             self._dfpc.name,
             output.port,
-            port.product or "",
-            port.type_name,
+            *port,
             header,
             output.value,
         )

@@ -13,7 +13,6 @@ import ast
 import json
 import re
 import textwrap
-from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -35,14 +34,12 @@ from cdff_dev.generate.python_source import formatted
 from cdff_dev.generate.type_expressions import annotation, default, documented_type, member, sentence
 from cdff_dev.tree import Tree
 
-#: Properties that return a field of the metadata: name, documentation, field. A ``Time`` becomes nanoseconds.
-_METADATA_PROPERTIES = (
-    ("frame", "Frame of the coordinates.", "frame_id"),
-    ("parent_frame", "Frame in which the child's poses are expressed.", "parent_frame_id"),
-    ("child_frame", "Frame whose poses are given.", "child_frame_id"),
-    ("t0_ns", "Start of capture, nanoseconds.", "start_time"),
-    ("t1_ns", "End of capture, nanoseconds.", "end_time"),
-)
+#: Base classes of messages by fields that the metadata must have; the first that fits.
+_METADATA_BASES = {
+    "CapturedMessage": {"frame_id", "start_time", "end_time"},
+    "FramedMessage": {"frame_id"},
+    "PoseMessage": {"parent_frame_id", "child_frame_id"},
+}
 #: Names of the fields that are the time of a message.
 _STAMPS = ("timestamp", "time_stamp", "ref_time", "end_time")
 _NODES = (
@@ -57,7 +54,7 @@ _IMPORTS = (
     "from typing import ClassVar",
     "import numpy as np",
     "from numpy.typing import NDArray",
-    "from cdff_common.types.message import ChoiceMessage, Message",
+    f"from cdff_common.types.message import ChoiceMessage, Message, {', '.join(_METADATA_BASES)}",
 )
 #: Folder of the installed package, and its path in the repository.
 _SOURCE = Path(cdff_common.__file__).parent
@@ -139,43 +136,38 @@ def _class_source(model: TypeModel, extensions: dict[str, set[str]]) -> list[str
         lines = [f"class {node.class_name}(IntEnum):", f'    """{summary}"""', ""]
         return lines + [f"    {member(name)} = {value}" for name, value in node.members]
     extension = f"{node.class_name}Ext"
-    base = (
-        "ChoiceMessage" if isinstance(node, Choice) else extension if extension in extensions else "Message"
-    )
+    metadata_base = _metadata_base(fields_of(node))
+    bases = [extension] if extension in extensions else []
+    bases += [metadata_base] if metadata_base else []
+    if not bases:
+        bases = ["ChoiceMessage" if isinstance(node, Choice) else "Message"]
     attributes = _attributes(model)
     summary = model.comment or f"Type ``{model.name}`` of the ASN.1 modules."
     text = textwrap.wrap(f'"""{sentence(summary)}', 102)
-    lines = ["@dataclass(frozen=True, slots=True, eq=False, repr=False)", f"class {node.class_name}({base}):"]
+    lines = [
+        "@dataclass(frozen=True, slots=True, eq=False, repr=False)",
+        f"class {node.class_name}({', '.join(bases)}):",
+    ]
     lines += [*(f"    {line}" for line in text), "", "    Attributes", "    ----------"]
     for attribute in attributes:
         lines.append(f"    {attribute.name} : {attribute.documented_type}")
         lines += [f"        {sentence(attribute.comment)}"] if attribute.comment else []
     lines += ['    """', "", f'    ASN1_NAME: ClassVar[str] = "{model.name}"']
     lines += [f"    {a.name}: {a.annotation} = {a.default}" for a in attributes]
-    for name, kind, documentation, path in _properties(fields_of(node)):
-        if name not in extensions.get(base, ()):
-            lines += [
-                "",
-                "    @property",
-                f"    def {name}(self) -> {kind}:",
-                f'        """{documentation}"""',
-            ]
-            lines.append(f"        return self.{path}")
+    stamp = "" if metadata_base == "CapturedMessage" else _stamp(fields_of(node))
+    if stamp and "stamp_ns" not in extensions.get(extension, ()):
+        lines += ["", "    @property", "    def stamp_ns(self) -> int:", '        """Time, nanoseconds."""']
+        lines.append(f"        return self.{stamp}.ns")
     return lines
 
 
-def _properties(fields: tuple[Field, ...]) -> Iterator[tuple[str, str, str, str]]:
-    """Yield name, type, documentation and attribute path of the properties of a message."""
+def _metadata_base(fields: tuple[Field, ...]) -> str:
+    """Return the base class of a message with the properties of its metadata; empty if none fits."""
     metadata = fields[0]
-    if metadata.attribute == "metadata" and isinstance(metadata.node, Struct):
-        metadata_fields = {f.attribute for f in metadata.node.fields}
-        for name, documentation, attribute in _METADATA_PROPERTIES:
-            if attribute in metadata_fields:
-                is_time = name.endswith("_ns")
-                path = f"metadata.{attribute}{'.ns' if is_time else ''}"
-                yield name, "int" if is_time else "str", documentation, path
-    if stamp := _stamp(fields):
-        yield "stamp_ns", "int", "Time, nanoseconds.", f"{stamp}.ns"
+    if metadata.attribute != "metadata" or not isinstance(metadata.node, Struct):
+        return ""
+    names = {f.attribute for f in metadata.node.fields}
+    return next((base for base, required in _METADATA_BASES.items() if required <= names), "")
 
 
 def _stamp(fields: tuple[Field, ...]) -> str:
@@ -214,7 +206,7 @@ def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
         "",
     ]
     lines += [f"from cdff_common.types.{f} import {', '.join(names[f])}" for f in families]
-    lines += ["from cdff_common.types.extents import Box", "from cdff_common.types.message import Message"]
+    lines += ["from cdff_common.types.message import Box, Message"]
     lines += ["", "__all__ = ["]
     public_names = sorted([n for f in families for n in names[f]] + ["Box", "Message"])
     return "\n".join([*lines, *(f'    "{n}",' for n in public_names), "]"]) + "\n"

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from cdff_common.codecs.dict_form import from_dict_form
 from cdff_common.codecs.messagepack import unpack, unpack_message
 from cdff_common.codecs.messagepack._kernels import skip, skip_many
-from cdff_common.codecs.nodes import message_node
-from cdff_common.codecs.size_variants import base_type
+from cdff_common.codecs.wire_types import base_type, message_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs import quirks as quirk

@@ -16,9 +16,8 @@ from typing import cast
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.clock import NS_PER_S
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CdffError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Product

@@ -11,9 +11,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from cdff_common.bus import Bus, keys
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import Header, product_id

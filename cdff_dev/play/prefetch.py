@@ -12,7 +12,7 @@ from typing import Any
 
 from cdff_common.bus import keys
 from cdff_common.codecs import encode, encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_dev.logs.source import LogSample, recorded_header, split_stream
 
 

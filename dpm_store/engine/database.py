@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
-from sqlalchemy import Connection
+from sqlalchemy import Connection, Table
 from sqlalchemy.exc import DatabaseError
 
 from cdff_common.errors import ConfigurationError, StorageError
@@ -30,6 +31,25 @@ EMBEDDED: Dialect = sqlite
 def dialect_of(connection: Connection) -> Dialect:
     """Return the engine of a connection."""
     return DIALECTS[connection.dialect.name]
+
+
+def add_to_tallies(
+    connection: Connection, table: Table, sizes: Iterable[tuple[tuple[Any, ...], int]]
+) -> None:
+    """Add rows, given as key and bytes, to the sums of rows and bytes in ``table``.
+
+    It is faster than a trigger per row.
+    """
+    sums: dict[tuple[Any, ...], tuple[int, int]] = {}
+    for key, size in sizes:
+        count, total = sums.get(key, (0, 0))
+        sums[key] = count + 1, total + size
+    names = [column.name for column in table.primary_key]
+    rows = [
+        {**dict(zip(names, key, strict=True)), "live": count, "bytes": total}
+        for key, (count, total) in sums.items()
+    ]
+    dialect_of(connection).upsert_rows(connection, table, rows, add=("live", "bytes"))
 
 
 def parse_url(url: str) -> tuple[Dialect, Path]:

@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The append-only history of events: insertions, activations, re-anchorings, alarms."""
+"""The append-only history of events (insertions, activations, re-anchorings, alarms) and their actors."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,16 +16,72 @@ import msgpack
 from sqlalchemy import Connection, func, insert, select
 
 from cdff_common.clock import Clock
-from cdff_common.errors import InputError
+from cdff_common.errors import DeniedError, InputError
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database, dialect_of
-from dpm_store.history.actor import actor
 
 #: Kinds of changes of the products and frames; the other kinds are history only.
 CHANGES = ("inserted", "updated", "deleted", "reanchored")
+#: Roles of actors from weak to strong, except that a robot writes only its own products.
+ROLES = ("reader", "robot", "operator", "admin")
 _MAX_BODY_BYTES = 1 << 16
 _ORIGIN = re.compile(r"[a-z0-9_/]{1,40}")
 _NAME = re.compile(r"[a-z0-9_]{1,64}")
+
+
+@dataclass(frozen=True, slots=True)
+class Actor:
+    """The user or service that makes changes; recorded with every change in the history.
+
+    Attributes
+    ----------
+    name : str
+        Name of the key; the id of a robot.
+    role : str
+        One of ``ROLES``.
+    via : str
+        ``http`` or ``zenoh``.
+    """
+
+    name: str
+    role: str
+    via: str
+
+    @property
+    def text(self) -> str:
+        """Form in the history: ``via/role/name``."""
+        return f"{self.via}/{self.role}/{self.name}"
+
+    def check_robot(self, robot: str) -> None:
+        """Raise DeniedError if the actor is another robot."""
+        if self.role == "robot" and robot != self.name:
+            raise DeniedError(
+                f"robot {self.name[:64]} may write only its own products, these are of {robot[:64]!r}"
+            )
+
+
+_ACTOR: ContextVar[Actor | None] = ContextVar("actor", default=None)
+
+
+@contextmanager
+def acting(actor: Actor | None) -> Iterator[None]:
+    """Attribute all changes inside the block to an actor."""
+    token = _ACTOR.set(actor)
+    try:
+        yield
+    finally:
+        _ACTOR.reset(token)
+
+
+def actor() -> Actor | None:
+    """Return the present actor; None for the process itself."""
+    return _ACTOR.get()
+
+
+def check_robot(robot: str) -> None:
+    """Raise DeniedError if the present actor is another robot."""
+    if (present := actor()) is not None:
+        present.check_robot(robot)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,8 @@ from sqlalchemy import Connection, bindparam, select
 
 from cdff_common.errors import StorageError
 from dpm_store.engine import schema
-from dpm_store.engine.database import EMBEDDED, Database, dialect_of
+from dpm_store.engine.database import EMBEDDED, Database, add_to_tallies, dialect_of
 from dpm_store.engine.dialect import Dialect
-from dpm_store.engine.tallies import add_to_tallies
 from dpm_store.payloads.blobs import BlobFiles
 from dpm_store.payloads.packs import PackFiles, location_range, pack_of
 

@@ -18,15 +18,14 @@ import numpy as np
 from sqlalchemy import Connection, Row, func, insert, select, update
 
 from cdff_common.clock import NS_PER_S, Clock
-from cdff_common.codecs.encoding import CODECS
+from cdff_common.codecs import CODECS
 from cdff_common.contract.limits import LATEST_NS
 from cdff_common.contract.names import KEY_NAME
 from cdff_common.errors import CodecError, ConflictError, InputError
 from cdff_common.interfaces.product import Header
 from dpm_store.engine import schema
-from dpm_store.engine.database import dialect_of
+from dpm_store.engine.database import add_to_tallies, dialect_of
 from dpm_store.engine.dialect import IndexEntry
-from dpm_store.engine.tallies import add_to_tallies
 from dpm_store.frames.poses import PoseTable
 from dpm_store.history.events import EventTable
 from dpm_store.payloads.blobs import chunk_sums, digest

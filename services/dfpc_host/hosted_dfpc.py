@@ -12,19 +12,17 @@ from typing import Any
 
 from cdff_common.bus import Bus, Message, Qos, Subscription, keys
 from cdff_common.clock import monotonic_s
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
+from services.dfpc_host.inputs import StoredInput, decode_sample
 from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
 from services.dfpc_host.outbox import Outbox
-from services.dfpc_host.sample_decoding import decode_sample
 from services.dfpc_host.spool import SpooledProduct
 from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
-from services.dfpc_host.stored_inputs import StoredInput
 
 logger = logging.getLogger(__name__)
 

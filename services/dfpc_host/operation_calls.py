@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import CODECS
+from cdff_common.codecs import CODECS, encode
 from cdff_common.errors import InputError
 from cdff_common.formats.payload import FORMATS, pose_value, to_file
 from cdff_common.output import format_of_suffix

@@ -12,9 +12,8 @@ from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
-from cdff_common.codecs import CODECS, encode_payload
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import CODECS, encode_payload, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.contract.limits import INLINE_BYTES
 from cdff_common.contract.products import product_type
 from cdff_common.errors import InputError, UnavailableError

@@ -9,7 +9,7 @@ import tracemalloc
 import pytest
 
 from cdff_common.codecs import CODECS, decode, encode
-from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.wire_types import message_node
 from cdff_common.errors import CodecError
 from cdff_common.types.validation import class_of
 from tests.fuzz_codecs import fuzz

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from cdff_common.cli import main
 from cdff_common.codecs import encode
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.formats.geotiff import write_bands
 from cdff_common.formats.payload import to_file
 from cdff_common.interfaces.dfpc import DfpcContext, Sample

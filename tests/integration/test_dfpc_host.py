@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, Message, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.errors import CdffError, InputError, NotActiveError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id

@@ -18,8 +18,7 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, Message, Reply, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.errors import DeniedError, InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id

@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, Message, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import decode, encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import TransformWithCovariance

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, Message, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.geometry import se3
 from cdff_common.interfaces.product import Header, Quality, product_id
 from cdff_common.types import LidarMap

@@ -15,8 +15,7 @@ import pytest
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import InputError
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import PoseTrajectory

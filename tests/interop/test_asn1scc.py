@@ -16,7 +16,7 @@ import pytest
 from cdff_common import types
 from cdff_common.codecs import bitstream, decode, encode, reference, sizes
 from cdff_common.codecs.dict_form import dict_form_of
-from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.wire_types import message_node
 from cdff_common.types.schema import Alias, ListOf, Node, Struct, Text
 from tests.support import messages
 from tests.support.messages import ALL, random_message

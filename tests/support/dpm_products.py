@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry

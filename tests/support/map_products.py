@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs import encode
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import CellStatistics, GridGeometry
 from cdff_common.types import ElevationMap, Pointcloud

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.codecs.nodes import message_node
+from cdff_common.codecs.wire_types import message_node
 from cdff_common.types.schema import (
     Alias,
     Array,

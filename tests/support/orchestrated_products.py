@@ -10,8 +10,7 @@ import numpy as np
 
 from cdff_common.bus import Bus, keys
 from cdff_common.clock import wall_ns
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry

@@ -18,9 +18,8 @@ import numpy as np
 from cdff_common.bus import Message, Reply, Request, keys
 from cdff_common.bus.message import pack, unpack
 from cdff_common.clock import NS_PER_S
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import (
     DeadlineError,
     DeniedError,

@@ -10,10 +10,9 @@ from typing import Any
 
 import msgpack
 
-from cdff_common.codecs.compiled import has_numba
 from cdff_common.codecs.dict_form import from_dict_form
-from cdff_common.codecs.nodes import message_node
-from cdff_common.codecs.size_variants import wire_node
+from cdff_common.codecs.warm import has_numba
+from cdff_common.codecs.wire_types import message_node, wire_node
 from cdff_common.errors import CodecError
 
 __all__ = ["decode", "encode", "unpack", "unpack_message"]

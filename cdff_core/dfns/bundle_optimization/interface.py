@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import BundleProblem
 
-_ARRAYS = ArrayPorts({"dropped": "int64[k]"}, optional=["dropped"])
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class BundleOptimizationInputs:
+class BundleOptimizationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -29,11 +27,10 @@ class BundleOptimizationInputs:
         Ids of cameras that are marginalised after the adjustment.
     """
 
+    ARRAYS = ArrayPorts({"dropped": "int64[k]"}, optional=["dropped"])
+
     problem: BundleProblem
     dropped: NDArray[np.int64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,18 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import ElevationMap
 
-_ARRAYS = ArrayPorts(
-    {"centre": "float64[2]", "rays": "float64[n,6]", "bounds": "float64[4]"},
-    optional=["centre", "rays", "bounds"],
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DemFusionInputs:
+class DemFusionInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -39,13 +34,15 @@ class DemFusionInputs:
         select the whole map.
     """
 
+    ARRAYS = ArrayPorts(
+        {"centre": "float64[2]", "rays": "float64[n,6]", "bounds": "float64[4]"},
+        optional=["centre", "rays", "bounds"],
+    )
+
     patch: ElevationMap | None = None
     centre: NDArray[np.float64] | None = None
     rays: NDArray[np.float64] | None = None
     bounds: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

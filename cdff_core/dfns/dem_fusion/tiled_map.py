@@ -16,8 +16,7 @@ from cdff_common.raster import GridGeometry
 from cdff_core.dfns.dem_fusion._configuration import WindowConfig
 from cdff_core.dfns.dem_fusion.interface import Inputs, Interface, Outputs
 from cdff_core.elevation import visibility
-from cdff_core.elevation.map_cells import MapCells
-from cdff_core.elevation.patch_fusion import bounds_of, middle_of, window_around
+from cdff_core.elevation.map_cells import MapCells, bounds_of, middle_of, window_around
 
 #: Cells along the edge of a tile.
 TILE = 128

@@ -10,25 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import ElevationMap
 
-_ARRAYS = ArrayPorts(
-    {
-        "points": "float64[n,3]",
-        "height_variance": "float64[n]",
-        "stamps_ns": "int64[n]",
-        "noise_variance": "float64[n]",
-        "intensity": "float64[n]",
-    },
-    positive=["resolution_m"],
-    optional=["resolution_m", "height_variance", "stamps_ns", "noise_variance", "intensity"],
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DemRasterisationInputs:
+class DemRasterisationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -49,6 +37,18 @@ class DemRasterisationInputs:
         Brightness of each point, NaN if unknown.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "points": "float64[n,3]",
+            "height_variance": "float64[n]",
+            "stamps_ns": "int64[n]",
+            "noise_variance": "float64[n]",
+            "intensity": "float64[n]",
+        },
+        positive=["resolution_m"],
+        optional=["resolution_m", "height_variance", "stamps_ns", "noise_variance", "intensity"],
+    )
+
     points: NDArray[np.float64]
     frame: str | None = None
     resolution_m: float | None = None
@@ -56,9 +56,6 @@ class DemRasterisationInputs:
     stamps_ns: NDArray[np.int64] | None = None
     noise_variance: NDArray[np.float64] | None = None
     intensity: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

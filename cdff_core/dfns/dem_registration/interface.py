@@ -10,23 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import ElevationMap
 
-_ARRAYS = ArrayPorts(
-    {
-        "points": "float64[n,3]",
-        "noise_variance": "float64[n]",
-        "centre": "float64[3]",
-        "covariance": "float64[6,6]",
-    },
-    finite=["covariance"],
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DemRegistrationInputs:
+class DemRegistrationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +33,21 @@ class DemRegistrationInputs:
         Covariance of the pose at the centre, [x y z rx ry rz], errors in the frame of the map.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "points": "float64[n,3]",
+            "noise_variance": "float64[n]",
+            "centre": "float64[3]",
+            "covariance": "float64[6,6]",
+        },
+        finite=["covariance"],
+    )
+
     points: NDArray[np.float64]
     noise_variance: NDArray[np.float64]
     map: ElevationMap
     centre: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import Frame
 
-_ARRAYS = ArrayPorts({}, positive=["baseline_m"])
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class DisparityToPointCloudInputs:
+class DisparityToPointCloudInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -31,12 +29,11 @@ class DisparityToPointCloudInputs:
         Left image, for the intensity of the points.
     """
 
+    ARRAYS = ArrayPorts({}, positive=["baseline_m"])
+
     disparity: Frame
     baseline_m: float
     left: Frame | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

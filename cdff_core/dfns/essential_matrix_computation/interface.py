@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "source": "float64[n,2]",
-        "sink": "float64[n,2]",
-        "source_camera": "float64[3,3]",
-        "sink_camera": "float64[3,3]",
-    },
-    finite=["source", "sink"],
-    optional=["sink_camera"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class EssentialMatrixComputationInputs:
+class EssentialMatrixComputationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -41,13 +30,21 @@ class EssentialMatrixComputationInputs:
         Camera matrix of the second camera; default: that of the first camera.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "source": "float64[n,2]",
+            "sink": "float64[n,2]",
+            "source_camera": "float64[3,3]",
+            "sink_camera": "float64[3,3]",
+        },
+        finite=["source", "sink"],
+        optional=["sink_camera"],
+    )
+
     source: NDArray[np.float64]
     sink: NDArray[np.float64]
     source_camera: NDArray[np.float64]
     sink_camera: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,17 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"image": "uint8[r,c]", "features": "float64[n,2]", "sizes": "float64[n]", "angles": "float64[n]"},
-    optional=["sizes", "angles"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesDescription2DInputs:
+class FeaturesDescription2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -36,13 +31,15 @@ class FeaturesDescription2DInputs:
         values.
     """
 
+    ARRAYS = ArrayPorts(
+        {"image": "uint8[r,c]", "features": "float64[n,2]", "sizes": "float64[n]", "angles": "float64[n]"},
+        optional=["sizes", "angles"],
+    )
+
     image: NDArray[np.uint8]
     features: NDArray[np.float64]
     sizes: NDArray[np.float64] | None = None
     angles: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"image": "uint8[r,c]", "mask": "bool[r,c]"}, optional=["mask"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesExtraction2DInputs:
+class FeaturesExtraction2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class FeaturesExtraction2DInputs:
         False for pixels at which no point may be detected, such as those that show the robot.
     """
 
+    ARRAYS = ArrayPorts({"image": "uint8[r,c]", "mask": "bool[r,c]"}, optional=["mask"])
+
     image: NDArray[np.uint8]
     mask: NDArray[np.bool_] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"points": "float64[n,3]"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesExtraction3DInputs:
+class FeaturesExtraction3DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -29,11 +27,10 @@ class FeaturesExtraction3DInputs:
         configured value.
     """
 
+    ARRAYS = ArrayPorts({"points": "float64[n,3]"})
+
     points: NDArray[np.float64]
     radius_m: float | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

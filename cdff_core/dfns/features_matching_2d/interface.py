@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "source": "uint8[n,d]",
-        "sink": "uint8[m,d]",
-        "source_features": "float64[n,2]",
-        "sink_features": "float64[m,2]",
-        "fundamental_matrix": "float64[3,3]",
-    },
-    optional=["source_features", "sink_features", "fundamental_matrix"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesMatching2DInputs:
+class FeaturesMatching2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +32,22 @@ class FeaturesMatching2DInputs:
         Sink' F source = 0 for corresponding points.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "source": "uint8[n,d]",
+            "sink": "uint8[m,d]",
+            "source_features": "float64[n,2]",
+            "sink_features": "float64[m,2]",
+            "fundamental_matrix": "float64[3,3]",
+        },
+        optional=["source_features", "sink_features", "fundamental_matrix"],
+    )
+
     source: NDArray[np.uint8]
     sink: NDArray[np.uint8]
     source_features: NDArray[np.float64] | None = None
     sink_features: NDArray[np.float64] | None = None
     fundamental_matrix: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

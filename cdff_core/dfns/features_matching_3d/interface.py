@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"source": "float32[n,d]", "target": "float32[m,d]"}, finite=["source", "target"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesMatching3DInputs:
+class FeaturesMatching3DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class FeaturesMatching3DInputs:
         One descriptor per row.
     """
 
+    ARRAYS = ArrayPorts({"source": "float32[n,d]", "target": "float32[m,d]"}, finite=["source", "target"])
+
     source: NDArray[np.float32]
     target: NDArray[np.float32]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

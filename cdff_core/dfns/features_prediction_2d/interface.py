@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "points": "float64[n,3]",
-        "pose": "float64[4,4]",
-        "camera_matrix": "float64[3,3]",
-        "image": "uint8[r,c]",
-        "slopes": "float64[n,2]",
-    },
-    optional=["slopes"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesPrediction2DInputs:
+class FeaturesPrediction2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -46,15 +35,23 @@ class FeaturesPrediction2DInputs:
         to the image.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "points": "float64[n,3]",
+            "pose": "float64[4,4]",
+            "camera_matrix": "float64[3,3]",
+            "image": "uint8[r,c]",
+            "slopes": "float64[n,2]",
+        },
+        optional=["slopes"],
+    )
+
     points: NDArray[np.float64]
     pose: NDArray[np.float64]
     camera_matrix: NDArray[np.float64]
     baseline: float
     image: NDArray[np.uint8]
     slopes: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

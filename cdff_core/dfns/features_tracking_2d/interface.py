@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "reference": "uint8[r,c]",
-        "image": "uint8[r,c]",
-        "features": "float64[n,2]",
-        "guess": "float64[n,2]",
-        "warps": "float64[n,3,3]",
-    },
-    optional=["guess", "warps"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FeaturesTracking2DInputs:
+class FeaturesTracking2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +32,22 @@ class FeaturesTracking2DInputs:
         Expected homographies from offsets around each point to offsets in the image; default: the identity.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "reference": "uint8[r,c]",
+            "image": "uint8[r,c]",
+            "features": "float64[n,2]",
+            "guess": "float64[n,2]",
+            "warps": "float64[n,3,3]",
+        },
+        optional=["guess", "warps"],
+    )
+
     reference: NDArray[np.uint8]
     image: NDArray[np.uint8]
     features: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
     warps: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,24 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "first": "float64[4,4]",
-        "second": "float64[4,4]",
-        "interval_ns": "int64[2]",
-        "first_covariance": "float64[6,6]",
-        "second_covariance": "float64[6,6]",
-        "cross_covariance": "float64[6,6]",
-    },
-    optional=["first_covariance", "second_covariance", "cross_covariance"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FrameInterpolationInputs:
+class FrameInterpolationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -49,6 +37,18 @@ class FrameInterpolationInputs:
         correlation is used.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "first": "float64[4,4]",
+            "second": "float64[4,4]",
+            "interval_ns": "int64[2]",
+            "first_covariance": "float64[6,6]",
+            "second_covariance": "float64[6,6]",
+            "cross_covariance": "float64[6,6]",
+        },
+        optional=["first_covariance", "second_covariance", "cross_covariance"],
+    )
+
     first: NDArray[np.float64]
     second: NDArray[np.float64]
     interval_ns: NDArray[np.int64]
@@ -56,9 +56,6 @@ class FrameInterpolationInputs:
     first_covariance: NDArray[np.float64] | None = None
     second_covariance: NDArray[np.float64] | None = None
     cross_covariance: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,16 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"source": "float64[n,3]", "target": "float64[n,3]"}, positive=["noise_m"], optional=["noise_m"]
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GlobalRegistration3DInputs:
+class GlobalRegistration3DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -32,12 +28,13 @@ class GlobalRegistration3DInputs:
         Largest distance of the two points of an inlier pair, metres; default: the configured value.
     """
 
+    ARRAYS = ArrayPorts(
+        {"source": "float64[n,3]", "target": "float64[n,3]"}, positive=["noise_m"], optional=["noise_m"]
+    )
+
     source: NDArray[np.float64]
     target: NDArray[np.float64]
     noise_m: float | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,16 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"specific_force": "float64[n,3]", "rates_rad_s": "float64[n,3]"}, finite=["specific_force"]
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GravityLevellingInputs:
+class GravityLevellingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -30,11 +26,12 @@ class GravityLevellingInputs:
         Gyroscope readings at the same times in the body's axes, rad/s.
     """
 
+    ARRAYS = ArrayPorts(
+        {"specific_force": "float64[n,3]", "rates_rad_s": "float64[n,3]"}, finite=["specific_force"]
+    )
+
     specific_force: NDArray[np.float64]
     rates_rad_s: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

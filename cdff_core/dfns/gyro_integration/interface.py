@@ -10,21 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "stamps_ns": "int64[n]",
-        "rates_rad_s": "float64[n,3]",
-        "bias_rad_s": "float64[3]",
-        "interval_ns": "int64[2]",
-    }
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GyroIntegrationInputs:
+class GyroIntegrationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -39,13 +30,19 @@ class GyroIntegrationInputs:
         Start and end, nanoseconds.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "stamps_ns": "int64[n]",
+            "rates_rad_s": "float64[n,3]",
+            "bias_rad_s": "float64[3]",
+            "interval_ns": "int64[2]",
+        }
+    )
+
     stamps_ns: NDArray[np.int64]
     rates_rad_s: NDArray[np.float64]
     bias_rad_s: NDArray[np.float64]
     interval_ns: NDArray[np.int64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

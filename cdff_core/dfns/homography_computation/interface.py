@@ -10,18 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"source": "float64[n,2]", "sink": "float64[n,2]", "guess": "float64[3,3]"},
-    finite=["source", "sink", "guess"],
-    optional=["guess"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class HomographyComputationInputs:
+class HomographyComputationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -34,12 +28,15 @@ class HomographyComputationInputs:
         H near the solution, from which the least squares start; without it, random samples are drawn.
     """
 
+    ARRAYS = ArrayPorts(
+        {"source": "float64[n,2]", "sink": "float64[n,2]", "guess": "float64[3,3]"},
+        finite=["source", "sink", "guess"],
+        optional=["guess"],
+    )
+
     source: NDArray[np.float64]
     sink: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

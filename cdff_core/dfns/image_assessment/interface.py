@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"image": "uint8[r,c]", "previous": "uint8[r,c]"}, optional=["previous"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ImageAssessmentInputs:
+class ImageAssessmentInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class ImageAssessmentInputs:
         Previous grey image of the same camera.
     """
 
+    ARRAYS = ArrayPorts({"image": "uint8[r,c]", "previous": "uint8[r,c]"}, optional=["previous"])
+
     image: NDArray[np.uint8]
     previous: NDArray[np.uint8] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

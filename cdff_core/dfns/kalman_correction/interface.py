@@ -10,21 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "residual": "float64[m]",
-        "jacobian": "float64[m,n]",
-        "noise": "float64[m,m]",
-        "covariance": "float64[n,n]",
-    }
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class KalmanCorrectionInputs:
+class KalmanCorrectionInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -39,13 +30,19 @@ class KalmanCorrectionInputs:
         Covariance of the errors of the state.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "residual": "float64[m]",
+            "jacobian": "float64[m,n]",
+            "noise": "float64[m,m]",
+            "covariance": "float64[n,n]",
+        }
+    )
+
     residual: NDArray[np.float64]
     jacobian: NDArray[np.float64]
     noise: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,27 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "pose": "float64[4,4]",
-        "velocity": "float64[3]",
-        "biases": "float64[6]",
-        "covariance": "float64[n,n]",
-        "interval_ns": "int64[2]",
-        "stamps_ns": "int64[k]",
-        "specific_force": "float64[k,3]",
-        "rates_rad_s": "float64[k,3]",
-        "lever_m": "float64[3]",
-    },
-    optional=["stamps_ns", "specific_force", "rates_rad_s", "lever_m"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class KalmanPredictionInputs:
+class KalmanPredictionInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -63,6 +48,21 @@ class KalmanPredictionInputs:
         bound.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "pose": "float64[4,4]",
+            "velocity": "float64[3]",
+            "biases": "float64[6]",
+            "covariance": "float64[n,n]",
+            "interval_ns": "int64[2]",
+            "stamps_ns": "int64[k]",
+            "specific_force": "float64[k,3]",
+            "rates_rad_s": "float64[k,3]",
+            "lever_m": "float64[3]",
+        },
+        optional=["stamps_ns", "specific_force", "rates_rad_s", "lever_m"],
+    )
+
     pose: NDArray[np.float64]
     velocity: NDArray[np.float64]
     biases: NDArray[np.float64]
@@ -75,9 +75,6 @@ class KalmanPredictionInputs:
     lever_m: NDArray[np.float64] | None = None
     rate_noise: float | None = None
     force_noise: float | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"points": "float64[n,3]", "database": "float32[m,d]"}, optional=["database"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class LoopDetectionInputs:
+class LoopDetectionInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class LoopDetectionInputs:
         Descriptors of other places; without it no comparison is made.
     """
 
+    ARRAYS = ArrayPorts({"points": "float64[n,3]", "database": "float32[m,d]"}, optional=["database"])
+
     points: NDArray[np.float64]
     database: NDArray[np.float32] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "first": "float64[4,4]",
-        "second": "float64[4,4]",
-        "mount": "float64[4,4]",
-        "first_covariance": "float64[6,6]",
-        "second_covariance": "float64[6,6]",
-    },
-    optional=["first_covariance", "second_covariance"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class OdometryIncrementInputs:
+class OdometryIncrementInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +32,22 @@ class OdometryIncrementInputs:
         Covariance of second, [x y z rx ry rz] in the frame of the origin; absent if unknown.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "first": "float64[4,4]",
+            "second": "float64[4,4]",
+            "mount": "float64[4,4]",
+            "first_covariance": "float64[6,6]",
+            "second_covariance": "float64[6,6]",
+        },
+        optional=["first_covariance", "second_covariance"],
+    )
+
     first: NDArray[np.float64]
     second: NDArray[np.float64]
     mount: NDArray[np.float64]
     first_covariance: NDArray[np.float64] | None = None
     second_covariance: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

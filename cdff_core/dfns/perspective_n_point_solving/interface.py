@@ -10,22 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "points": "float64[n,3]",
-        "projections": "float64[n,2]",
-        "camera_matrix": "float64[3,3]",
-        "guess": "float64[4,4]",
-    },
-    optional=["guess"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PerspectiveNPointSolvingInputs:
+class PerspectiveNPointSolvingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -40,13 +30,20 @@ class PerspectiveNPointSolvingInputs:
         T_camera_reference that is tested first.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "points": "float64[n,3]",
+            "projections": "float64[n,2]",
+            "camera_matrix": "float64[3,3]",
+            "guess": "float64[4,4]",
+        },
+        optional=["guess"],
+    )
+
     points: NDArray[np.float64]
     projections: NDArray[np.float64]
     camera_matrix: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

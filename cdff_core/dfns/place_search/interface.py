@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"map": "float64[n,3]", "scan": "float64[m,3]"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PlaceSearchInputs:
+class PlaceSearchInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class PlaceSearchInputs:
         Points around the robot in its frame, z approximately up, metres.
     """
 
+    ARRAYS = ArrayPorts({"map": "float64[n,3]", "scan": "float64[m,3]"})
+
     map: NDArray[np.float64]
     scan: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,19 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"first_points": "float64[n,3]", "second_points": "float64[m,3]", "view_centre_m": "float64[3]"},
-    finite=["view_centre_m"],
-    positive=["view_radius_m"],
-    optional=["view_centre_m", "view_radius_m"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PointCloudAssemblyInputs:
+class PointCloudAssemblyInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -37,13 +30,17 @@ class PointCloudAssemblyInputs:
         Radius of the sphere, metres; points outside are removed; default: no limit.
     """
 
+    ARRAYS = ArrayPorts(
+        {"first_points": "float64[n,3]", "second_points": "float64[m,3]", "view_centre_m": "float64[3]"},
+        finite=["view_centre_m"],
+        positive=["view_radius_m"],
+        optional=["view_centre_m", "view_radius_m"],
+    )
+
     first_points: NDArray[np.float64]
     second_points: NDArray[np.float64]
     view_centre_m: NDArray[np.float64] | None = None
     view_radius_m: float | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "points": "float64[n,3]",
-        "stamps_ns": "int64[n]",
-        "poses": "float64[k,4,4]",
-        "pose_stamps_ns": "int64[k]",
-        "pose_covariances": "float64[k,6,6]",
-    },
-    optional=["pose_covariances"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PointCloudDeskewingInputs:
+class PointCloudDeskewingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +32,22 @@ class PointCloudDeskewingInputs:
         Covariances of the poses, [x y z rx ry rz], error in the fixed frame.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "points": "float64[n,3]",
+            "stamps_ns": "int64[n]",
+            "poses": "float64[k,4,4]",
+            "pose_stamps_ns": "int64[k]",
+            "pose_covariances": "float64[k,6,6]",
+        },
+        optional=["pose_covariances"],
+    )
+
     points: NDArray[np.float64]
     stamps_ns: NDArray[np.int64]
     poses: NDArray[np.float64]
     pose_stamps_ns: NDArray[np.int64]
     pose_covariances: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

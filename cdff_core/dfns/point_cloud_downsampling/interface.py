@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"points": "float64[n,3]"}, positive=["edge_m"], optional=["edge_m"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PointCloudDownsamplingInputs:
+class PointCloudDownsamplingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -29,11 +27,10 @@ class PointCloudDownsamplingInputs:
         size.
     """
 
+    ARRAYS = ArrayPorts({"points": "float64[n,3]"}, positive=["edge_m"], optional=["edge_m"])
+
     points: NDArray[np.float64]
     edge_m: float | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

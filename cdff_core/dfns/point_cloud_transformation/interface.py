@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"points": "float64[n,3]", "transform": "float64[4,4]"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PointCloudTransformationInputs:
+class PointCloudTransformationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class PointCloudTransformationInputs:
         T_a_b.
     """
 
+    ARRAYS = ArrayPorts({"points": "float64[n,3]", "transform": "float64[4,4]"})
+
     points: NDArray[np.float64]
     transform: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

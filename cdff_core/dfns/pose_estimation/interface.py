@@ -10,21 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "prediction": "float64[4,4]",
-        "prediction_covariance": "float64[6,6]",
-        "measurement": "float64[4,4]",
-        "measurement_covariance": "float64[6,6]",
-    }
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PoseEstimationInputs:
+class PoseEstimationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -39,13 +30,19 @@ class PoseEstimationInputs:
         Covariance of the measurement, [x y z rx ry rz], perturbation in the map's frame.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "prediction": "float64[4,4]",
+            "prediction_covariance": "float64[6,6]",
+            "measurement": "float64[4,4]",
+            "measurement_covariance": "float64[6,6]",
+        }
+    )
+
     prediction: NDArray[np.float64]
     prediction_covariance: NDArray[np.float64]
     measurement: NDArray[np.float64]
     measurement_covariance: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

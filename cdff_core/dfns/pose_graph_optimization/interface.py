@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import PoseGraph
 
-_ARRAYS = ArrayPorts({"wanted": "int64[k]"}, optional=["wanted"])
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PoseGraphOptimizationInputs:
+class PoseGraphOptimizationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -30,11 +28,10 @@ class PoseGraphOptimizationInputs:
         Ids of the vertices whose covariance is computed.
     """
 
+    ARRAYS = ArrayPorts({"wanted": "int64[k]"}, optional=["wanted"])
+
     graph: PoseGraph
     wanted: NDArray[np.int64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,21 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "first": "float64[4,4]",
-        "first_covariance": "float64[6,6]",
-        "second": "float64[4,4]",
-        "second_covariance": "float64[6,6]",
-    }
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PoseWeightingInputs:
+class PoseWeightingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -39,13 +30,19 @@ class PoseWeightingInputs:
         Covariance of second, [x y z rx ry rz], perturbation in a.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "first": "float64[4,4]",
+            "first_covariance": "float64[6,6]",
+            "second": "float64[4,4]",
+            "second_covariance": "float64[6,6]",
+        }
+    )
+
     first: NDArray[np.float64]
     first_covariance: NDArray[np.float64]
     second: NDArray[np.float64]
     second_covariance: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

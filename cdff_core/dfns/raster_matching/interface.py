@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import ElevationMap
 
-_ARRAYS = ArrayPorts({"guess": "float64[4,4]", "reach": "float64[2]"}, optional=["guess", "reach"])
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RasterMatchingInputs:
+class RasterMatchingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -34,13 +32,12 @@ class RasterMatchingInputs:
         configured value.
     """
 
+    ARRAYS = ArrayPorts({"guess": "float64[4,4]", "reach": "float64[2]"}, optional=["guess", "reach"])
+
     reference: ElevationMap
     template: ElevationMap
     guess: NDArray[np.float64] | None = None
     reach: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,22 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "features": "float64[n,2]",
-        "disparities": "float64[n]",
-        "row_offsets": "float64[n]",
-        "camera_matrix": "float64[3,3]",
-    },
-    optional=["row_offsets"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RectificationRefinementInputs:
+class RectificationRefinementInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -40,13 +30,20 @@ class RectificationRefinementInputs:
         Intrinsic matrix of the rectified left camera, pixels.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "features": "float64[n,2]",
+            "disparities": "float64[n]",
+            "row_offsets": "float64[n]",
+            "camera_matrix": "float64[3,3]",
+        },
+        optional=["row_offsets"],
+    )
+
     features: NDArray[np.float64]
     disparities: NDArray[np.float64]
     camera_matrix: NDArray[np.float64]
     row_offsets: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "source": "float64[n,3]",
-        "target": "float64[m,3]",
-        "target_normals": "float64[m,3]",
-        "guess": "float64[4,4]",
-    },
-    finite=["target_normals"],
-    optional=["target_normals", "guess"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Registration3DInputs:
+class Registration3DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -41,13 +30,21 @@ class Registration3DInputs:
         Initial T_target_source; default: identity.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "source": "float64[n,3]",
+            "target": "float64[m,3]",
+            "target_normals": "float64[m,3]",
+            "guess": "float64[4,4]",
+        },
+        finite=["target_normals"],
+        optional=["target_normals", "guess"],
+    )
+
     source: NDArray[np.float64]
     target: NDArray[np.float64]
     target_normals: NDArray[np.float64] | None = None
     guess: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

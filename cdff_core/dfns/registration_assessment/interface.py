@@ -10,24 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "source": "float64[n,3]",
-        "source_normals": "float64[n,3]",
-        "target": "float64[m,3]",
-        "target_normals": "float64[m,3]",
-        "transform": "float64[4,4]",
-        "coarser_transform": "float64[4,4]",
-    },
-    optional=["coarser_transform"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RegistrationAssessmentInputs:
+class RegistrationAssessmentInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -47,15 +35,24 @@ class RegistrationAssessmentInputs:
         to the covariance as error of the resolution.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "source": "float64[n,3]",
+            "source_normals": "float64[n,3]",
+            "target": "float64[m,3]",
+            "target_normals": "float64[m,3]",
+            "transform": "float64[4,4]",
+            "coarser_transform": "float64[4,4]",
+        },
+        optional=["coarser_transform"],
+    )
+
     source: NDArray[np.float64]
     source_normals: NDArray[np.float64]
     target: NDArray[np.float64]
     target_normals: NDArray[np.float64]
     transform: NDArray[np.float64]
     coarser_transform: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

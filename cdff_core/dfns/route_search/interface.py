@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
 from cdff_common.types import NavigationMap
 
-_ARRAYS = ArrayPorts({"start": "float64[2]", "goal": "float64[2]"}, optional=["goal"])
-
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RouteSearchInputs:
+class RouteSearchInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -31,12 +29,11 @@ class RouteSearchInputs:
         Goal, x and y in the map's frame, metres.
     """
 
+    ARRAYS = ArrayPorts({"start": "float64[2]", "goal": "float64[2]"}, optional=["goal"])
+
     map: NavigationMap
     start: NDArray[np.float64]
     goal: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

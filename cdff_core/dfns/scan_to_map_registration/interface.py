@@ -10,38 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "surface": "float64[k,3]",
-        "points": "float64[n,3]",
-        "fraction": "float64[n]",
-        "guess": "float64[4,4]",
-        "sweep_guess": "float64[4,4]",
-        "guess_covariance": "float64[6,6]",
-        "sweep_covariance": "float64[6,6]",
-        "before": "float64[4,4]",
-        "candidates": "float64[m,4,4]",
-    },
-    finite=["guess_covariance", "sweep_covariance"],
-    optional=[
-        "surface",
-        "points",
-        "fraction",
-        "guess",
-        "sweep_guess",
-        "guess_covariance",
-        "sweep_covariance",
-        "before",
-        "candidates",
-    ],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class ScanToMapRegistrationInputs:
+class ScanToMapRegistrationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -73,6 +47,32 @@ class ScanToMapRegistrationInputs:
         registered, and the result with the largest supportRatio is returned.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "surface": "float64[k,3]",
+            "points": "float64[n,3]",
+            "fraction": "float64[n]",
+            "guess": "float64[4,4]",
+            "sweep_guess": "float64[4,4]",
+            "guess_covariance": "float64[6,6]",
+            "sweep_covariance": "float64[6,6]",
+            "before": "float64[4,4]",
+            "candidates": "float64[m,4,4]",
+        },
+        finite=["guess_covariance", "sweep_covariance"],
+        optional=[
+            "surface",
+            "points",
+            "fraction",
+            "guess",
+            "sweep_guess",
+            "guess_covariance",
+            "sweep_covariance",
+            "before",
+            "candidates",
+        ],
+    )
+
     surface: NDArray[np.float64] | None = None
     points: NDArray[np.float64] | None = None
     fraction: NDArray[np.float64] | None = None
@@ -83,9 +83,6 @@ class ScanToMapRegistrationInputs:
     before: NDArray[np.float64] | None = None
     sweep_fraction: float | None = None
     candidates: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,23 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "left": "uint8[r,c]",
-        "right": "uint8[r,c]",
-        "features": "float64[n,2]",
-        "guess": "float64[n]",
-        "slopes": "float64[n,2]",
-    },
-    optional=["guess", "slopes"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class StereoMatching2DInputs:
+class StereoMatching2DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -43,14 +32,22 @@ class StereoMatching2DInputs:
         Derivatives of the disparity with respect to column and row across each patch; default: estimated.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "left": "uint8[r,c]",
+            "right": "uint8[r,c]",
+            "features": "float64[n,2]",
+            "guess": "float64[n]",
+            "slopes": "float64[n,2]",
+        },
+        optional=["guess", "slopes"],
+    )
+
     left: NDArray[np.uint8]
     right: NDArray[np.uint8]
     features: NDArray[np.float64]
     guess: NDArray[np.float64] | None = None
     slopes: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

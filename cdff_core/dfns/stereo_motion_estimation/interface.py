@@ -10,26 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {
-        "reference": "float64[n,3]",
-        "current": "float64[n,3]",
-        "camera_matrix": "float64[3,3]",
-        "guess": "float64[4,4]",
-        "reference_basis": "float64[n,k]",
-        "current_basis": "float64[n,k]",
-        "calibration": "float64[k]",
-        "calibration_covariance": "float64[k,k]",
-    },
-    optional=["reference_basis", "current_basis", "calibration", "calibration_covariance"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class StereoMotionEstimationInputs:
+class StereoMotionEstimationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -55,6 +41,20 @@ class StereoMotionEstimationInputs:
         Covariance of the prior, square pixels.
     """
 
+    ARRAYS = ArrayPorts(
+        {
+            "reference": "float64[n,3]",
+            "current": "float64[n,3]",
+            "camera_matrix": "float64[3,3]",
+            "guess": "float64[4,4]",
+            "reference_basis": "float64[n,k]",
+            "current_basis": "float64[n,k]",
+            "calibration": "float64[k]",
+            "calibration_covariance": "float64[k,k]",
+        },
+        optional=["reference_basis", "current_basis", "calibration", "calibration_covariance"],
+    )
+
     reference: NDArray[np.float64]
     current: NDArray[np.float64]
     camera_matrix: NDArray[np.float64]
@@ -64,9 +64,6 @@ class StereoMotionEstimationInputs:
     current_basis: NDArray[np.float64] | None = None
     calibration: NDArray[np.float64] | None = None
     calibration_covariance: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

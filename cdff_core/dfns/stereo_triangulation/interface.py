@@ -10,16 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"features": "float64[n,2]", "disparities": "float64[n]", "camera_matrix": "float64[3,3]"}
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class StereoTriangulationInputs:
+class StereoTriangulationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -34,13 +30,14 @@ class StereoTriangulationInputs:
         Distance between the cameras, metres.
     """
 
+    ARRAYS = ArrayPorts(
+        {"features": "float64[n,2]", "disparities": "float64[n]", "camera_matrix": "float64[3,3]"}
+    )
+
     features: NDArray[np.float64]
     disparities: NDArray[np.float64]
     camera_matrix: NDArray[np.float64]
     baseline: float
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

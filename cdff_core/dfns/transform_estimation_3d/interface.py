@@ -10,19 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts(
-    {"source": "float64[n,3]", "sink": "float64[n,3]", "sigmas": "float64[n]"},
-    finite=["source", "sink"],
-    positive=["sigmas"],
-    optional=["sigmas"],
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class TransformEstimation3DInputs:
+class TransformEstimation3DInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -35,12 +28,16 @@ class TransformEstimation3DInputs:
         Standard deviation of the distance of each pair along one axis, metres; default: equal.
     """
 
+    ARRAYS = ArrayPorts(
+        {"source": "float64[n,3]", "sink": "float64[n,3]", "sigmas": "float64[n]"},
+        finite=["source", "sink"],
+        positive=["sigmas"],
+        optional=["sigmas"],
+    )
+
     source: NDArray[np.float64]
     sink: NDArray[np.float64]
     sigmas: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"points": "float64[n,3]"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class VoxelizationInputs:
+class VoxelizationInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -26,10 +24,9 @@ class VoxelizationInputs:
         Finite points, metres.
     """
 
-    points: NDArray[np.float64]
+    ARRAYS = ArrayPorts({"points": "float64[n,3]"})
 
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
+    points: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

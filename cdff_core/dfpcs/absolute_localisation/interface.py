@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import ElevationMap, TransformWithCovariance
 
@@ -21,22 +20,6 @@ class AbsoluteLocalisationInterface(Dfpc):
 
     name = "absolute_localisation"
     INPUT_PORTS = ("dem", "orbital", "poses", "odometry")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "dem":
-                return self.on_dem(sample)
-            case "orbital":
-                return self.on_orbital(sample)
-            case "poses":
-                return self.on_poses(sample)
-            case "odometry":
-                return self.on_odometry(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:

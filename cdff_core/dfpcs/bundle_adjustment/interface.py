@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import BundleProblem
 
@@ -21,16 +20,6 @@ class BundleAdjustmentInterface(Dfpc):
 
     name = "bundle_adjustment"
     INPUT_PORTS = ("problem",)
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "problem":
-                return self.on_problem(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_problem(self, sample: Sample) -> Iterable[Output]:

@@ -24,8 +24,7 @@ from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamp
 from cdff_core.dfpcs.digital_elevation_mapping.captured_points import CaptureProjector
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
 from cdff_core.dfpcs.digital_elevation_mapping.interface import DigitalElevationMappingInterface
-from cdff_core.dfpcs.digital_elevation_mapping.local_map_alignment import LocalMapAligner
-from cdff_core.dfpcs.digital_elevation_mapping.local_maps import LocalMaps
+from cdff_core.dfpcs.digital_elevation_mapping.local_maps import LocalMapAligner, LocalMaps
 from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, Patch
 from cdff_core.dfpcs.digital_elevation_mapping.pose_history import PoseHistory
 

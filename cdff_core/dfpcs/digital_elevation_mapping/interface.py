@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import ElevationMap
 
@@ -20,22 +19,6 @@ class DigitalElevationMappingInterface(Dfpc):
 
     name = "digital_elevation_mapping"
     INPUT_PORTS = ("cloud", "scan", "stereo", "poses")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "cloud":
-                return self.on_cloud(sample)
-            case "scan":
-                return self.on_scan(sample)
-            case "stereo":
-                return self.on_stereo(sample)
-            case "poses":
-                return self.on_poses(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_cloud(self, sample: Sample) -> Iterable[Output]:

@@ -1,23 +1,95 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rasterisation of patches, and their fusion into the local map and the far map."""
+"""Local map: alignment of captures with it, rasterisation of patches, fusion into it and the far map."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.raster import delivered_resolution
 from cdff_common.types import ElevationMap
 from cdff_core.dfns.dem_fusion.interface import DemFusionInputs, DemFusionOutputs
 from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
+from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
-from cdff_core.dfpcs.digital_elevation_mapping.patch import MapPoints, Patch
+from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, MapPoints, Patch
 from cdff_core.elevation.map_cells import MapCells
+
+
+class LocalMapAligner:
+    """Aligns captures with the local map by a DemRegistration.
+
+    The error of an aligned capture is that of the map. Its height variance has three parts: that of the first
+    pose in this frame (the anchor), which by the tilt grows with the distance; that of the alignment; and the
+    part that earlier alignments have added to the cells.
+    """
+
+    def __init__(self, registration: Dfn[Any, Any, Any]) -> None:
+        self._registration = registration
+        #: Frame of the map, position (3,) and covariance (6, 6) of the first pose in it.
+        self._anchor: tuple[str, NDArray[np.float64], NDArray[np.float64]] | None = None
+
+    def align(self, capture: CapturePoints, local_map: ElevationMap | None) -> CapturePoints:
+        """Return the capture aligned with the map, with the remaining variance of its pose.
+
+        It is unchanged without a map in its frame, without covariance of its pose, or without overlap; its
+        variance never grows.
+        """
+        pose = capture.pose
+        if pose is None or pose.covariance is None or not len(capture.points_m):
+            return capture
+        centre = pose.matrix[:3, 3]
+        if self._anchor is None or self._anchor[0] != capture.frame:
+            self._anchor = (capture.frame, centre, pose.covariance)
+        if local_map is None or local_map.frame != capture.frame:
+            return capture
+        alignment = self._registration.process(
+            DemRegistrationInputs(
+                points=capture.points_m,
+                noise_variance=capture.noise_variance_m2,
+                map=local_map,
+                centre=centre,
+                covariance=pose.covariance,
+            )
+        )
+        if not alignment.matched:
+            return capture
+        points = se3.transform_points(alignment.correction, capture.points_m)
+        variance = self._anchor_variance(points) + _height_variance(points - centre, alignment.covariance)
+        variance += self._map_variance(points, local_map)
+        origin = (
+            None
+            if capture.origin_m is None
+            else se3.transform_points(alignment.correction, capture.origin_m[None])[0]
+        )
+        return replace(
+            capture,
+            points_m=points,
+            pose_variance_m2=np.fmin(capture.pose_variance_m2, variance),
+            origin_m=origin,
+            correction_m=float(
+                np.linalg.norm(alignment.correction[:3, :3] @ centre + alignment.correction[:3, 3] - centre)
+            ),
+        )
+
+    def _anchor_variance(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height variance of points ``(n, 3)`` due to the covariance of the anchor."""
+        _, centre, covariance = self._anchor or ("", np.zeros(3), np.zeros((6, 6)))
+        return _height_variance(points - centre, covariance)
+
+    def _map_variance(self, points: NDArray[np.float64], local_map: ElevationMap) -> float:
+        """Return the mean variance of the cells beyond that of the anchor, square metres."""
+        row, col, inside = local_map.geometry.cells_of(points[:, 0], points[:, 1])
+        cell_variance = local_map.layer("pose_variance")[row[inside], col[inside]]
+        excess = cell_variance - self._anchor_variance(points[inside])
+        return max(float(np.nanmean(excess)), 0.0) if np.isfinite(excess).any() else 0.0
 
 
 class LocalMaps:
@@ -74,3 +146,9 @@ class LocalMaps:
             )
         ).map
         return raster
+
+
+def _height_variance(arm: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the variance of the heights of points at lever arms ``(n, 3)`` due to a pose's covariance."""
+    J = np.column_stack([np.ones(len(arm)), arm[:, 1], -arm[:, 0]])
+    return np.asarray(np.einsum("ni,ij,nj->n", J, covariance[2:5, 2:5], J))

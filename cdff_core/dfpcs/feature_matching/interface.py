@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
@@ -20,18 +19,6 @@ class FeatureMatchingInterface(Dfpc):
 
     name = "feature_matching"
     INPUT_PORTS = ("left", "right")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "left":
-                return self.on_left(sample)
-            case "right":
-                return self.on_right(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_left(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
@@ -19,20 +18,6 @@ class IcpLocalisationInterface(Dfpc):
 
     name = "icp_localisation"
     INPUT_PORTS = ("scene", "model", "guess")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "scene":
-                return self.on_scene(sample)
-            case "model":
-                return self.on_model(sample)
-            case "guess":
-                return self.on_guess(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_scene(self, sample: Sample) -> Iterable[Output]:

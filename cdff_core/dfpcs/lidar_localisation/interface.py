@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import Pointcloud
 
@@ -21,26 +20,6 @@ class LidarLocalisationInterface(Dfpc):
 
     name = "lidar_localisation"
     INPUT_PORTS = ("scan", "map", "dem", "graph_map", "odometry", "guess")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "scan":
-                return self.on_scan(sample)
-            case "map":
-                return self.on_map(sample)
-            case "dem":
-                return self.on_dem(sample)
-            case "graph_map":
-                return self.on_graph_map(sample)
-            case "odometry":
-                return self.on_odometry(sample)
-            case "guess":
-                return self.on_guess(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_scan(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import LidarMap, Pointcloud, PoseTrajectory
 
@@ -21,20 +20,6 @@ class LidarSlamInterface(Dfpc):
 
     name = "lidar_slam"
     INPUT_PORTS = ("scan", "odometry", "map")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "scan":
-                return self.on_scan(sample)
-            case "odometry":
-                return self.on_odometry(sample)
-            case "map":
-                return self.on_map(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_scan(self, sample: Sample) -> Iterable[Output]:

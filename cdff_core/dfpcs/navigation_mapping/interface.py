@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import GroundAreas, NavigationMap, PoseTrajectory
 
@@ -20,16 +19,6 @@ class NavigationMappingInterface(Dfpc):
 
     name = "navigation_mapping"
     INPUT_PORTS = ("dem",)
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "dem":
-                return self.on_dem(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
@@ -19,18 +18,6 @@ class PointCloudMatchingInterface(Dfpc):
 
     name = "point_cloud_matching"
     INPUT_PORTS = ("source", "target")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "source":
-                return self.on_source(sample)
-            case "target":
-                return self.on_target(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_source(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import PoseTrajectory, TransformWithCovariance
 
@@ -21,28 +20,6 @@ class PositionManagerInterface(Dfpc):
 
     name = "position_manager"
     INPUT_PORTS = ("odometry", "visual_odometry", "lidar_odometry", "imu", "fix", "absolute_fix", "joints")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "odometry":
-                return self.on_odometry(sample)
-            case "visual_odometry":
-                return self.on_visual_odometry(sample)
-            case "lidar_odometry":
-                return self.on_lidar_odometry(sample)
-            case "imu":
-                return self.on_imu(sample)
-            case "fix":
-                return self.on_fix(sample)
-            case "absolute_fix":
-                return self.on_absolute_fix(sample)
-            case "joints":
-                return self.on_joints(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_odometry(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
@@ -20,22 +19,6 @@ class TriangulationInterface(Dfpc):
 
     name = "triangulation"
     INPUT_PORTS = ("tracks", "matches", "pose", "stereo")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "tracks":
-                return self.on_tracks(sample)
-            case "matches":
-                return self.on_matches(sample)
-            case "pose":
-                return self.on_pose(sample)
-            case "stereo":
-                return self.on_stereo(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_tracks(self, sample: Sample) -> Iterable[Output]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterable
 
-from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.types import PoseTrajectory
 
@@ -18,22 +17,6 @@ class VisualOdometrySparseInterface(Dfpc):
 
     name = "visual_odometry_sparse"
     INPUT_PORTS = ("stereo", "odometry", "imu", "joints")
-
-    def step(self, sample: Sample) -> Iterable[Output]:
-        """Pass the sample to the handler of its port; raises InputError on an unknown port."""
-        match sample.port:
-            case "stereo":
-                return self.on_stereo(sample)
-            case "odometry":
-                return self.on_odometry(sample)
-            case "imu":
-                return self.on_imu(sample)
-            case "joints":
-                return self.on_joints(sample)
-            case _:
-                raise InputError(
-                    f"{self.name}: no input port {sample.port!r}; it has {', '.join(self.INPUT_PORTS)}"
-                )
 
     @abstractmethod
     def on_stereo(self, sample: Sample) -> Iterable[Output]:

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from cdff_common.bus import Request
+from cdff_common.contract.names import ANY_ROBOT, GROUND, ROBOT_ID
 from cdff_common.contract.parameters import Parameters
 from cdff_common.errors import InputError
-from services.dpm.queries.store_queries import robot_under
 
 P = TypeVar("P", bound=Parameters)
 
@@ -34,3 +35,21 @@ def body_map(request: Request, what: str) -> Mapping[str, Any]:
     if not isinstance(body, Mapping):
         raise InputError(f"{what}: a {type(body).__name__}, expected a map")
     return body
+
+
+def robot_under(scope: str, parameters: Mapping[str, str]) -> str | None:
+    """Return the robot of a call under a scope, None for all robots.
+
+    Raises
+    ------
+    InputError
+        If the keys of a robot are used for another robot.
+    """
+    robot = parameters.get("robot")
+    if robot is not None and not re.fullmatch(ROBOT_ID, robot):
+        raise InputError(f"robot={robot[:80]!r}: expected a robot id or any")
+    if scope != GROUND and robot not in (None, scope):
+        raise InputError(
+            f"robot={robot!r} asked under the keys of {scope}: ask there for it, or under ground"
+        )
+    return None if robot == ANY_ROBOT else robot

@@ -15,8 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cdff_common.bus import Bus, Message, keys
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string, parse_encoding
+from cdff_common.codecs import decode, encode, encoding_string, parse_encoding
 from cdff_common.contract.products import product_of_sample
 from cdff_common.errors import CdffError
 from cdff_common.interfaces.product import Header, product_id

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from cdff_common.bus import Bus, Qos, Reply, Request, keys
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encoding_string
 from cdff_common.contract.names import GROUND
 from cdff_common.contract.parameters import Parameters
 from cdff_common.contract.queries import (
@@ -32,17 +32,16 @@ from cdff_common.contract.queries import (
 )
 from cdff_common.errors import CdffError, InputError, rpc_code
 from dpm_store import Event, Rule
-from dpm_store.history.actor import Actor, acting
-from dpm_store.history.events import CHANGES
+from dpm_store.history.events import CHANGES, Actor, acting
 from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact
-from services.dpm.bus.calls import body_map, parse_call
+from services.dpm.bus.calls import body_map, parse_call, robot_under
 from services.dpm.bus.history import history
 from services.dpm.bus.retention import retention
 from services.dpm.operations.dpm import OWN_EVENTS, Dpm
 from services.dpm.operations.refusals import RefusalLog
 from services.dpm.operations.retrieval import DeliveredProduct
 from services.dpm.queries.bodies import FrameRevisionBody, parse_batch, parse_revision
-from services.dpm.queries.store_queries import history_view, robot_under
+from services.dpm.queries.store_queries import history_view
 
 logger = logging.getLogger(__name__)
 

@@ -63,7 +63,7 @@ def export(bus: Bus, args: argparse.Namespace) -> list[dict[str, Any]]:
 def _folder(
     bus: Bus, folder: Path, parameters: dict[str, str], format_name: str | None
 ) -> list[dict[str, Any]]:
-    from cdff_common.codecs.size_variants import base_type
+    from cdff_common.codecs.wire_types import base_type
     from cdff_common.formats.payload import FORMATS
 
     folder.mkdir(parents=True, exist_ok=True)

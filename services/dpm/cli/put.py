@@ -12,9 +12,8 @@ import numpy as np
 
 from cdff_common.bus import Bus, keys
 from cdff_common.clock import parse_stamp
-from cdff_common.codecs import CODECS, decode, encode
-from cdff_common.codecs.encoding import encoding_string
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs import CODECS, decode, encode, encoding_string
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.contract.products import product_of_suffix, product_type
 from cdff_common.errors import InputError
 from cdff_common.formats.file_source import load

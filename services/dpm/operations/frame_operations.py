@@ -14,7 +14,7 @@ from dpm_store import Store
 from dpm_store.engine.array_columns import to_lists
 from dpm_store.frames.frames import LATEST, HistoryView
 from dpm_store.frames.poses import EXTRAPOLATION_LIMIT_NS
-from dpm_store.history.actor import check_robot
+from dpm_store.history.events import check_robot
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.queries.bodies import FrameEdge, NewAnchor
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError
-from dpm_store.history.actor import Actor
+from dpm_store.history.events import Actor
 from services.dpm.operations.dpm import Dpm
 
 logger = logging.getLogger(__name__)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.codecs import encode
-from cdff_common.codecs.size_variants import wire_type
+from cdff_common.codecs.wire_types import wire_type
 from cdff_common.contract.limits import INLINE_BYTES
 from cdff_common.contract.queries import (
     CloudParameters,

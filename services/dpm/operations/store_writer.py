@@ -8,15 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from cdff_common.codecs import decode
-from cdff_common.codecs.encoding import parse_encoding
-from cdff_common.codecs.size_variants import base_type
+from cdff_common.codecs import decode, parse_encoding
+from cdff_common.codecs.wire_types import base_type
 from cdff_common.contract.names import GROUND
 from cdff_common.contract.products import product_type
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, NewProduct, RetentionPlan, Rule, Store
-from dpm_store.history.actor import actor, check_robot
+from dpm_store.history.events import actor, check_robot
 from dpm_store.products.transaction import Change, Delete, Reanchor
 from services.dpm.operations.checks import FrameNames, check_header, check_value
 from services.dpm.operations.event_publisher import EventPublisher

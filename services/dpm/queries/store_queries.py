@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from cdff_common.contract.names import ANY_ROBOT, GROUND, ROBOT_ID
+from cdff_common.contract.names import ANY_ROBOT
 from cdff_common.contract.products import product_type
 from cdff_common.contract.queries import (
     CloudParameters,
@@ -20,7 +18,6 @@ from cdff_common.contract.queries import (
     RegionParameters,
     SearchParameters,
 )
-from cdff_common.errors import InputError
 from cdff_common.raster.cell_selection import Choice
 from dpm_store import Query
 from dpm_store.frames.frames import HistoryView
@@ -39,24 +36,6 @@ _STORE_NAMES = {
     "newest_after": "newest_after_ns",
 }
 _SUPERSEDED = {"include": None, "exclude": False, "only": True}
-
-
-def robot_under(scope: str, parameters: Mapping[str, str]) -> str | None:
-    """Return the robot of a call under a scope, None for all robots.
-
-    Raises
-    ------
-    InputError
-        If the keys of a robot are used for another robot.
-    """
-    robot = parameters.get("robot")
-    if robot is not None and not re.fullmatch(ROBOT_ID, robot):
-        raise InputError(f"robot={robot[:80]!r}: expected a robot id or any")
-    if scope != GROUND and robot not in (None, scope):
-        raise InputError(
-            f"robot={robot!r} asked under the keys of {scope}: ask there for it, or under ground"
-        )
-    return _one_robot(robot)
 
 
 def search_query(p: SearchParameters) -> Query:
@@ -89,11 +68,7 @@ def history_view(p: HistoryViewParameters) -> HistoryView:
 def _query(kind: type[Q], p: RegionParameters | ProfileParameters, **other: Any) -> Q:
     """Return a store query with the parameters that it has fields for, and with other values."""
     values = {_STORE_NAMES.get(name, name): value for name, value in p} | {
-        "robot": _one_robot(p.robot),
+        "robot": None if p.robot == ANY_ROBOT else p.robot,
         **other,
     }
     return kind(**{field.name: values[field.name] for field in fields(kind) if field.name in values})
-
-
-def _one_robot(robot: str | None) -> str | None:
-    return None if robot == ANY_ROBOT else robot

@@ -7,8 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from cdff_common.codecs.encoding import CODECS, encoding_string
-from cdff_common.codecs.size_variants import base_type, wire_type
+from cdff_common.codecs import CODECS, encoding_string
+from cdff_common.codecs.wire_types import base_type, wire_type
 from cdff_common.errors import InputError
 from cdff_common.formats.payload import FORMATS, MEDIA_TYPES, to_file
 from cdff_common.interfaces.product import Header

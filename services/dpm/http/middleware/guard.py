@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from dpm_store.history.actor import Actor, acting
+from dpm_store.history.events import Actor, acting
 from services.dpm.http.middleware.problems import problem
 from services.dpm.http.middleware.roles import LOCAL, SAFE, Keys, Rule, rule_for
 from services.dpm.operations.refusals import RefusalLog

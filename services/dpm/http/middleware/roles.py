@@ -19,7 +19,7 @@ from fastapi.routing import APIRoute
 
 from cdff_common.contract.names import ROBOT_ID
 from cdff_common.errors import ConfigurationError
-from dpm_store.history.actor import ROLES, Actor
+from dpm_store.history.events import ROLES, Actor
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 #: Field of an OpenAPI operation with its roles.

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Body, Request
 from cdff_common.bus import keys
 from cdff_common.contract.queries import RequestParameters
 from cdff_common.errors import InputError
-from dpm_store.history.actor import check_robot
+from dpm_store.history.events import check_robot
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.middleware.roles import allowed
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from cdff_common.errors import InputError
 from dpm_store import Query as StoreQuery
-from dpm_store.history.actor import ROLES
+from dpm_store.history.events import ROLES
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.models import (

@@ -8,8 +8,7 @@ import pytest
 
 from cdff_common.bus import Reply
 from cdff_common.client.client import _answer, _orchestrator_key
-from cdff_common.codecs import encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CodecError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header, Quality, Status, product_id

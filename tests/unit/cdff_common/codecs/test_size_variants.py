@@ -9,7 +9,7 @@ import pytest
 
 from cdff_common import types
 from cdff_common.codecs import CODECS, bitstream, decode, encode
-from cdff_common.codecs.size_variants import base_type, wire_type
+from cdff_common.codecs.wire_types import base_type, wire_type
 from cdff_common.errors import CodecError
 from cdff_common.types.schema_table import LARGE, MESSAGES
 from tests.support.messages import random_message

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import InputError
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 
 PORTS = ArrayPorts(
     {"image": "uint8[r,c]", "points": "float64[n,3]", "weights": "float64[n]", "noise": "float64[m,m]"},
@@ -69,3 +70,18 @@ def test_a_message_with_a_large_array_is_short() -> None:
     with pytest.raises(InputError) as refusal:
         check(points=np.full((100_000, 3), np.nan))
     assert len(str(refusal.value)) < 200
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class WeightedPoints(DfnInputs):
+    ARRAYS = ArrayPorts({"points": "float64[n,3]", "weights": "float64[n]"}, optional=["weights"])
+
+    points: np.ndarray
+    weights: np.ndarray | None = None
+
+
+def test_inputs_are_checked_at_construction() -> None:
+    points = np.zeros((5, 3))
+    assert WeightedPoints(points=points).points is points
+    with pytest.raises(InputError, match=r"weights \(4,\): .* with n=5 of points"):
+        WeightedPoints(points=points, weights=np.ones(4))

@@ -17,8 +17,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.uncertain_transform import UncertainTransform
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.types.extents import POSITIONS
-from cdff_common.types.rows import COLUMNS
+from cdff_common.types.message import COLUMNS, POSITIONS
 
 
 @pytest.fixture

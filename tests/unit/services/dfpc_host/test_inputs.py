@@ -11,7 +11,7 @@ from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CodecError
 from cdff_common.interfaces.product import Header
 from cdff_common.types import Correspondence2D, CorrespondenceMap2D
-from services.dfpc_host.sample_decoding import decode_sample
+from services.dfpc_host.inputs import decode_sample
 
 _HEADER = Header(
     id="00000000-0000-5000-8000-000000000001", seq=3, t0_ns=0, t1_ns=1000, frame="site", producer="test"

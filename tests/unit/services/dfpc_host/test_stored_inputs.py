@@ -15,7 +15,7 @@ from cdff_common.bus import Message, Reply
 from cdff_common.bus.message import pack
 from cdff_common.errors import DeadlineError
 from cdff_common.interfaces.product import Header, product_id
-from services.dfpc_host.stored_inputs import StoredInput
+from services.dfpc_host.inputs import StoredInput
 
 
 class Dpm:
@@ -61,7 +61,7 @@ def wait_until(condition: Callable[[], object]) -> None:
 def test_a_failed_read_of_an_update_is_repeated(
     failure: Reply | DeadlineError, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.dfpc_host.stored_inputs._RETRY_S", 0.02)
+    monkeypatch.setattr("services.dfpc_host.inputs._RETRY_S", 0.02)
     dpm, payloads = Dpm(reply(1)), []
     bus: Any = dpm
     stored = StoredInput(bus, "dpm/orbiter/dem", "located.orbital", lambda m: payloads.append(m.payload))
@@ -75,7 +75,7 @@ def test_a_failed_read_of_an_update_is_repeated(
 
 
 def test_the_reason_of_a_failed_read_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.dfpc_host.stored_inputs._RETRY_S", 0.02)
+    monkeypatch.setattr("services.dfpc_host.inputs._RETRY_S", 0.02)
     dpm, payloads = Dpm(reply(1)), []
     bus: Any = dpm
     stored = StoredInput(bus, "dpm/orbiter/dem", "located.orbital", lambda m: payloads.append(m.payload))

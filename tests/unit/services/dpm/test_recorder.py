@@ -12,8 +12,7 @@ import pytest
 
 from cdff_common.bus import Message
 from cdff_common.clock import ManualClock
-from cdff_common.codecs import decode, encode
-from cdff_common.codecs.encoding import encoding_string
+from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.interfaces.profile import History, Profile
 from cdff_common.types import IMUSensors, LidarScan, Time

@@ -15,7 +15,7 @@ from fastapi.testclient import TestClient
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.product import Header
-from dpm_store.history.actor import ROLES
+from dpm_store.history.events import ROLES
 from services.dpm.http.app import MODULES, create_app
 from services.dpm.http.context import Context, jsonable
 from services.dpm.http.middleware.roles import SAFE, Keys, Rule, allowed, rules_of

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.interfaces.array_ports import ArrayPorts
+from cdff_common.interfaces.array_ports import ArrayPorts, DfnInputs
 from cdff_common.interfaces.dfn import ConfigT, Dfn
-
-_ARRAYS = ArrayPorts({"position": "float64[3]", "previous": "float64[3]"}, optional=["previous"])
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class PositionSmoothingInputs:
+class PositionSmoothingInputs(DfnInputs):
     """Inputs of one call.
 
     Attributes
@@ -28,11 +26,10 @@ class PositionSmoothingInputs:
         Smoothed position of the previous call, metres.
     """
 
+    ARRAYS = ArrayPorts({"position": "float64[3]", "previous": "float64[3]"}, optional=["previous"])
+
     position: NDArray[np.float64]
     previous: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        _ARRAYS.check(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

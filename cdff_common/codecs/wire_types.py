@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection of the ASN.1 type of a message: that of InFuse, or its size variant with larger bounds.
+"""ASN.1 types of messages: nodes of the schema by name, size variants, and arrays in octets.
 
-``Pointcloud`` holds 400 000 points, ``PointcloudLarge`` millions; both have the Python class ``Pointcloud``.
-A message is encoded as the first type that can hold it, and decoded from either.
+The type of a message is that of InFuse or its size variant with larger bounds: ``Pointcloud`` holds 400 000
+points, ``PointcloudLarge`` millions; both have the Python class ``Pointcloud``. A message is encoded as the first type that can hold it, and decoded from either.
 """
 
 from __future__ import annotations
@@ -12,12 +12,38 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from cdff_common.errors import CodecError
 from cdff_common.types.schema import Alias, Array, ListOf, Message, Node, OctetString, Struct
 from cdff_common.types.schema_table import LARGE, MESSAGES
 
 Fits = Callable[[Any], bool]
 _BASES = {large: base for base, large in LARGE.items()}
+
+
+@cache
+def _by_name() -> dict[str, Message]:
+    """Return all messages by ASN.1 name and class name; a class name refers to the smaller size variant."""
+    larger = set(LARGE.values())
+    return {**{m.class_name: m for name, m in MESSAGES.items() if name not in larger}, **MESSAGES}
+
+
+def message_node(type_name: str) -> Message:
+    """Return the node of a type by ASN.1 or class name, also in InFuse's form (``asn1Scc`` prefix, ``_`` for
+    ``-``).
+
+    Raises
+    ------
+    CodecError
+        If there is no such type.
+    """
+    names = _by_name()
+    plain = type_name.removeprefix("asn1Scc")
+    for name in (plain, plain.replace("_", "-")):
+        if name in names:
+            return names[name]
+    raise CodecError(f"type {type_name!r}: expected a type of the ASN.1 modules, e.g. Pointcloud")
 
 
 def base_type(type_name: str) -> str:
@@ -43,8 +69,6 @@ def wire_node(value: Any, type_name: str | None = None) -> Message:
     CodecError
         If the message is not of that type, or too large for it.
     """
-    from cdff_common.codecs.nodes import message_node
-
     if type_name is None:
         return message_node(wire_type(value))
     node = message_node(type_name)
@@ -54,6 +78,24 @@ def wire_node(value: Any, type_name: str | None = None) -> Message:
     if node.name in LARGE and not _fits(node.name)(value):
         raise CodecError(f"too large for {node.name}: expected {LARGE[node.name]}")
     return node
+
+
+def array_of_bytes(data: Any, node: OctetString) -> np.ndarray[Any, Any]:
+    """Return the array in the bytes of an OCTET STRING, without a copy if they are aligned.
+
+    Raises
+    ------
+    CodecError
+        If the size is not a multiple of the row size.
+    """
+    row = np.dtype(node.dtype).itemsize * max(node.columns, 1)
+    if len(data) % row:
+        raise CodecError(f"OCTET STRING of {len(data)} bytes: expected a multiple of {row} ({node.dtype})")
+    array = np.frombuffer(data, dtype=np.uint8)
+    if array.size and array.ctypes.data % 8:
+        array = array.copy()
+    typed = array.view(node.dtype)
+    return typed.reshape(-1, node.columns) if node.columns else typed
 
 
 @cache

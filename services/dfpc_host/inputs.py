@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""An input from the DPM: read on activation of its DFPC, and again when a new product is stored."""
+"""Inputs of a hosted DFPC: samples decoded from messages, and products read from the DPM."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from typing import Any
 
 from cdff_common.bus import Bus, Message, Reply, keys
 from cdff_common.bus.message import on_map
+from cdff_common.codecs import decode, parse_encoding
+from cdff_common.codecs.wire_types import base_type
 from cdff_common.contract.wiring import Source
-from cdff_common.errors import CdffError, ProductNotFoundError
-from cdff_common.interfaces.product import Header
+from cdff_common.errors import CdffError, CodecError, ProductNotFoundError, RefusedError
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.product import Header, Status
 
 logger = logging.getLogger(__name__)
 
@@ -22,11 +25,39 @@ logger = logging.getLogger(__name__)
 _RETRY_S, _CALL_S = 5.0, 10.0
 
 
+def decode_sample(message: Message, port: str, type_name: str) -> Sample:
+    """Decode a message for a port of type ``type_name``.
+
+    Raises
+    ------
+    CodecError
+        If encoding, attachment or payload do not fit the port.
+    RefusedError
+        If the producer reported FAILED: the message has no value.
+    """
+    header = Header.from_attachment(message.attachment)
+    if header.quality.status is Status.FAILED:
+        raise RefusedError(f"{message.key}: its producer reports FAILED", header.quality.reasons)
+    name, codec = parse_encoding(message.encoding)
+    if base_type(name) != type_name:
+        raise CodecError(f"{message.key} carries {name}, port {port} takes {type_name}")
+    return Sample(
+        port=port,
+        stamp_ns=header.t1_ns,
+        seq=header.seq,
+        value=decode(name, message.payload, codec),
+        id=header.id,
+        frame=header.frame,
+        child=header.child or "",
+        quality=header.quality,
+    )
+
+
 class StoredInput:
     """Reader of the source ``dpm/{robot}/{product}``; replaces a subscription.
 
-    A ``dem`` is the map of all stored patches of the robot, in frame ``site``; of other products the newest
-    is read.
+    It reads on activation of the DFPC, and again when a new product is stored. A ``dem`` is the map of all
+    stored patches of the robot, in frame ``site``; of other products the newest is read.
 
     Parameters
     ----------
