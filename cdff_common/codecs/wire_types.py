@@ -3,7 +3,8 @@
 """ASN.1 types of messages: nodes of the schema by name, size variants, and arrays in octets.
 
 The type of a message is that of InFuse or its size variant with larger bounds: ``Pointcloud`` holds 400 000
-points, ``PointcloudLarge`` millions; both have the Python class ``Pointcloud``. A message is encoded as the first type that can hold it, and decoded from either.
+points, ``PointcloudLarge`` millions; both have the Python class ``Pointcloud``. A message is encoded as the
+first type that can hold it, and decoded from either.
 """
 
 from __future__ import annotations

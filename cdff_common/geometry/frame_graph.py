@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of one frame in another over time, and the tree of frames with static and moving edges, as in EnviRe."""
+"""Poses of a frame over time, and the tree of frames with static and moving edges, as in EnviRe."""
 
 from __future__ import annotations
 

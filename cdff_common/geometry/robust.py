@@ -14,7 +14,7 @@ GNC_GROWTH, _GNC_STEPS = 1.4, 200
 
 
 def chi_squared_quantile(probability: float, freedoms: int) -> float:
-    """Return the quantile of the chi-squared distribution; scipy.stats, the alternative, imports for a second."""
+    """Return the quantile of the chi-squared distribution without scipy.stats, which imports for a second."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * freedoms, probability))

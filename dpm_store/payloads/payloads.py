@@ -109,7 +109,7 @@ class Payloads:
             self._reclaimable.add(pack_of(location))
 
     def reclaim(self, database: Database) -> None:
-        """Free the unreferenced ranges of packs; packs that are being copied are skipped until the next call."""
+        """Free the unreferenced ranges of packs; packs being copied are skipped until the next call."""
         for number in sorted(self._reclaimable):
             first, end = location_range(number)
             with database.deletion() as connection:  # no process appends meanwhile

@@ -155,7 +155,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     def _register_candidates(
         self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
     ) -> Outputs:
-        """Register from the best guesses; the support of a guess is that by large voxels and a wide kernel."""
+        """Register from the best guesses; their support is that by large voxels and a wide kernel."""
         assert inputs.candidates is not None  # checked by the caller
         cfg, finest = self.config, min(1, self.config.levels - 1)
         poses = np.concatenate([T[None], inputs.candidates])

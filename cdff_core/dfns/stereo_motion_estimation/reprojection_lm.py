@@ -40,7 +40,8 @@ class ReprojectionLmConfig(DfnConfig):
         0.02,
         ge=0,
         le=5,
-        description="Standard deviation of an error of columns and rows common to all points, such as pixel locking; 0.003 for simulated images",
+        description="Standard deviation of an error of columns and rows common to all points, such as pixel "
+        "locking; 0.003 for simulated images",
     )
     sigma_common_disparity_px: float = Field(
         0.015, ge=0, le=5, description="Standard deviation of a common error of disparities"
@@ -127,8 +128,9 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
 
     The covariance is ``s2 (J^T W J)^-1`` [1]_ times ``noise_factor``, plus the effect of errors common to all
     points (``_common_modes``), which more points do not average out: pixel locking and the perspective of
-    patches cause 0.002 to 0.015 px in simulated images, more in recorded ones. ``noise_factor`` accounts for the correlation of the points of a pair:
-    their patches overlap, and their reference disparities are measured in the same images.
+    patches cause 0.002 to 0.015 px in simulated images, more in recorded ones. ``noise_factor`` accounts for
+    the correlation of the points of a pair: their patches overlap, and their reference disparities are
+    measured in the same images.
 
     Residual calibration errors affect near and far depths differently and are therefore observable in the
     motion itself [2]_: the calibration parameters are estimated together with the motion, from their prior

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of ShotLocalisation: prepare, try the guess, describe, match, solve, search by views, publish."""
+"""Controller of ShotLocalisation: try the guess, describe, match, solve, search by views, publish."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class ShotLocalisation(ShotLocalisationInterface):
     def _localise(
         self, model: Cloud, sample: Sample, guess: Sample | None
     ) -> tuple[Registration | None, Quality]:
-        """Return the registration from the guess if it is acceptable, otherwise by descriptors or by views."""
+        """Return the registration from the guess if acceptable, otherwise by descriptors or by views."""
         scene = self._prepare(sample)
         if guess is not None:
             with suppress(RefusedError):
