@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Evaluate the position manager on skid-steered rovers: a real drive judged by GPS, and simulated drives.
+"""Evaluate the position manager on skid-steered rovers: a real drive evaluated by GPS, and simulated drives.
 
 The filter is compared with the wheels' own pose, and with the wheels' speed integrated along the gyro's
 heading. Errors of position are RMS after the best rotation and translation in the plane.
