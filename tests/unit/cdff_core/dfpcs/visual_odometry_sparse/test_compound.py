@@ -298,7 +298,8 @@ def test_a_window_of_keyframes_reduces_the_effect_of_a_noisy_one(
         disturbance(pairs, outputs[6], window) < np.array([0.6, rotation_ratio]) * without_window[1]
     )
     with_window, without = (o.value.transform.covariance.trace() for o in (outputs[6], without_window[0]))
-    assert with_window < 0.9 * without
+    # More keyframes do not reduce the part of the covariance due to calibration.
+    assert with_window < 0.95 * without
 
 
 @pytest.mark.parametrize("with_descriptors", [True, False])
