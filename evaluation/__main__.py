@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``python -m evaluation [NAME[:PART] ...]``: run evaluations, write results, diagrams and tables.
 
-``make evaluate`` runs all evaluations.
+``make evaluate`` runs all evaluations, ``python -m evaluation real`` those on measured data that are part of
+the table ``docs/evaluation/real.md``.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 import evaluation
 from cdff_common.cli import run_safely
 from cdff_common.errors import InputError
+from evaluation import real
 from evaluation.record import write
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,6 +54,9 @@ def main(argv: list[str] | None = None) -> int:
     if not data.is_dir():
         raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")
     available = evaluations()
+    args.names = [
+        member for name in args.names for member in (real.members(available) if name == real.NAME else [name])
+    ]
     for name, part in map(_split, args.names):
         if name not in available:
             raise InputError(f"no evaluation {name!r}; known are {', '.join(available)}")
@@ -63,13 +68,33 @@ def main(argv: list[str] | None = None) -> int:
             path = PAGES / f"{name}.json"
             if path.is_file():
                 _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+        _draw_real(available)
         return 0
     for name, part in map(_split, args.names or available):
         figures = available[name].evaluate(data, _show_progress, **({"parts": (part,)} if part else {}))
         path = write(ROOT, name, figures, part)
         sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
         _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
+    _draw_real(available)
     return 0
+
+
+def _draw_real(available: dict[str, ModuleType]) -> None:
+    """Write the table of results on real sensors."""
+    page = PAGES / f"{real.NAME}.md"
+    page.write_text(
+        filled(page.read_text(encoding="utf-8"), real.NAME, real.table(available, real_figures(available))),
+        encoding="utf-8",
+    )
+    sys.stdout.write(f"wrote docs/evaluation/{page.name}\n")
+
+
+def real_figures(available: dict[str, ModuleType]) -> dict[str, dict[str, Any]]:
+    """Return the recorded results of the evaluations that are part of the table of real sensors."""
+    return {
+        name: json.loads((PAGES / f"{name}.json").read_text(encoding="utf-8"))["figures"]
+        for name in real.members(available)
+    }
 
 
 def _split(name: str) -> tuple[str, str]:

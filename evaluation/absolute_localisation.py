@@ -28,6 +28,7 @@ from cdff_core.dfns.raster_matching.interface import RasterMatchingInputs
 from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.compare.registration.rates import interval, nees_band, rate_text
 from evaluation.chart import Panel, chart
+from evaluation.real import RealRow
 from evaluation.record import squared_error
 from evaluation.scenes.orbital import ORBITAL_M, Ground, PatchRun
 
@@ -352,3 +353,17 @@ def table(figures: dict[str, Any]) -> str:
         cells = (name, rate_text(row["answered"]), rate_text(row["false"]), error_text)
         lines.append(f"| {' | '.join(cells)} | {squared['mean']:.2f}, {squared['median']:.2f} |")
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    return [
+        RealRow(
+            f"{name}, squared error by covariance (2 expected)",
+            "",
+            str(row["squared_error"]),
+            "",
+            "0.5 to 6",
+        )
+        for name, row in figures["real"]["GradientCorrelation"].items()
+    ]

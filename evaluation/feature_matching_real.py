@@ -26,6 +26,7 @@ from cdff_common.types import Frame
 from cdff_core.imaging.two_view import sampson
 from evaluation.data_sets.relative_poses import PosedPair, posed_pairs
 from evaluation.feature_matching import make_matcher
+from evaluation.real import RealRow
 
 Float = NDArray[np.float64]
 PAGE = "feature_matching"
@@ -153,3 +154,20 @@ def table(figures: dict[str, Any]) -> str:
                 f"{r['direction_median_deg']}° ({r['direction_max_deg']}°) | {squared} | {r['cpu_s']} |"
             )
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    return [
+        RealRow(
+            f"{name.replace('_', ' ')}, {row['pairs']} pairs: median error of the direction, squared error "
+            "(2 expected), CPU time",
+            "",
+            f"{row['cdff']['direction_median_deg']}°, {row['cdff']['squared_error_mean']}, "
+            f"{row['cdff']['cpu_s']} s",
+            f"OpenCV {row['opencv']['direction_median_deg']}°, {row['opencv']['cpu_s']} s",
+            "≤ OpenCV's error, ≤ 6, ≤ 2 × its time",
+        )
+        for name, row in figures.items()
+        if isinstance(row, dict) and "cdff" in row and row["cdff"]["poses"]
+    ]

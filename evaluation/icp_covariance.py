@@ -27,6 +27,7 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
 from evaluation.data_sets.clouds import devon_halves, kitti_pair, small_gicp_pair
+from evaluation.real import RealRow
 from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
 from evaluation.scenes.terrain import scan_pair
 
@@ -169,3 +170,20 @@ def table(figures: dict[str, Any]) -> str:
         ]
         lines.append(f"| {name} ({rows[IMPLEMENTATIONS[0]]['trials']}) | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    names = ("KITTI 94, halves", "Devon Island, halves")
+    return [
+        RealRow(
+            f"{name}, squared error by covariance (6 expected), {' / '.join(IMPLEMENTATIONS)}",
+            previous,
+            " / ".join(str(figures["sets"][name][i]["mean_nees"]) for i in IMPLEMENTATIONS),
+            "",
+            f"≤ {LIMIT:g}",
+        )
+        for name, previous in zip(
+            names, ("0.9 / 1.5 / 11.8 / 4.5 / –", "1.8 / 0.3 / 44 / 81 / –"), strict=True
+        )
+    ]

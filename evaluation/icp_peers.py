@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from cdff_dev.compare.registration.rates import pose_errors
 from evaluation.data_sets.clouds import kitti_pair, small_gicp_pair
 from evaluation.peers.environments import kiss_icp, peer_python
+from evaluation.real import RealRow
 from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
 from evaluation.scenes.terrain import scan_pair
 
@@ -224,3 +225,23 @@ def table(figures: dict[str, Any]) -> str:
             f"{1e3 * row['max_m']:.1f} mm | {1e3 * row['median_cpu_s']:.0f} | {' | '.join(cells)} |"
         )
     return "\n".join([*lines, "", f"Load average during the run: {figures['load_1min']}."])
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    rows = []
+    for pair, previous in (("kitti_94_95", "3.5 ×"), ("small_gicp_pair", "17 ×")):
+        methods = figures["pairs"][pair]
+        peer_s = methods["small_gicp GICP"]["cpu_s"]
+        ours = [
+            f"{name} {methods[f'cdff {name}']['cpu_s'] / peer_s:.1f} ×, "
+            f"{1e3 * methods[f'cdff {name}']['error_m']:.1f} mm"
+            for name in ("PointToPlane", "Quick")
+        ]
+        peers = [
+            f"{name} {1e3 * methods[f'small_gicp {name}']['error_m']:.1f} mm"
+            for name in ("GICP", "PLANE_ICP")
+        ]
+        quantity = f"{pair.replace('_', ' ')}, CPU time relative to small_gicp GICP, error"
+        rows.append(RealRow(quantity, previous, "; ".join(ours), ", ".join(peers), "≤ 1.5 ×"))
+    return rows

@@ -25,6 +25,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from evaluation.data_sets.clouds import kitti_pair, small_gicp_pair
 from evaluation.icp_covariance import halves
+from evaluation.real import RealRow
 
 #: Page that contains the table of this evaluation.
 PAGE = "lidar_localisation"
@@ -146,3 +147,18 @@ def table(figures: dict[str, Any]) -> str:
         f"| sweeps that are not on the map | {refused} of {len(figures['not_on_the_map'])} refused | | |"
     )
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    previous = {"the same with vegetation": "refused", "small_gicp's pair": "refused"}
+    return [
+        RealRow(
+            f"{name}, guess 2 m and 20° off: localised, error, squared error (6 expected)",
+            previous.get(name, ""),
+            f"{row['localised']} of {row['trials']}, {1e3 * row['max_error_m']:.1f} mm, {row['mean_nees']}",
+            "",
+            "all, ≤ 15",
+        )
+        for name, row in figures["streets"].items()
+    ]

@@ -25,6 +25,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan
 from evaluation.data_sets.clouds import kitti_pair
 from evaluation.peers.environments import SweepFile, peer_python
+from evaluation.real import RealRow
 from evaluation.runs.lidar_slam import times
 from evaluation.runs.lidar_slam_page import thinned_table as table
 from evaluation.runs.thinned_sweeps import Turn, kitti_sweeps, simulated_drive, thinned
@@ -141,3 +142,18 @@ def squared_errors(published: list[tuple[int, Output]], truth: dict[int, FloatAr
 def mean_time(cpu_s: Any) -> float:
     """Return the mean CPU seconds: of the last of two sweeps, otherwise without the first two."""
     return round(float(cpu_s[-1]), 4) if len(cpu_s) < 4 else times(cpu_s)["mean"]
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    return [
+        RealRow(
+            f"KITTI {name}: error, squared error (6 expected), CPU time",
+            "",
+            f"{100 * row['lidar_slam']['rmse_m']:.1f} cm, {row['lidar_slam']['squared_error']['mean']}, "
+            f"{1e3 * row['lidar_slam']['cpu_s']:.0f} ms",
+            f"kiss-icp {100 * row['kiss_icp']['rmse_m']:.1f} cm, {1e3 * row['kiss_icp']['cpu_s']:.0f} ms",
+            "≤ 1.2 × kiss-icp",
+        )
+        for name, row in figures["real"].items()
+    ]

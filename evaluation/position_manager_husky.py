@@ -19,6 +19,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfpcs.position_manager.compound import PositionManager
 from evaluation.data_sets import husky
+from evaluation.real import RealRow
 from evaluation.runs import skid_steering
 from evaluation.runs.planar_errors import aligned_error_m, speed_and_gyro, wheel_positions
 
@@ -145,3 +146,32 @@ def table(figures: dict[str, Any]) -> str:
             + " |"
         )
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    error_m = figures["husky"]["error_m"]
+    own_m, peer_m = error_m["wheels' own pose"], error_m["wheel speed, gyro's yaw"]
+    return [
+        RealRow(
+            "Husky, 150 s, wheels and IMU, position RMS",
+            "4.99 m",
+            f"{error_m['wheels, imu']} m",
+            f"wheel speed with the gyro's yaw {peer_m} m, wheels {own_m} m",
+            f"≤ {peer_m} m",
+        ),
+        RealRow(
+            "Husky, 150 s, wheels alone, position RMS",
+            "112.2 m",
+            f"{error_m['wheels alone']} m",
+            f"wheels {own_m} m",
+            f"≤ {1.1 * own_m:.2f} m",
+        ),
+        RealRow(
+            "Husky, NEES of triangles against GPS (3 expected), with IMU / wheels alone",
+            "",
+            " / ".join(str(figures["husky"]["triangle_nees"][k]) for k in ("wheels, imu", "wheels alone")),
+            "",
+            "in band",
+        ),
+    ]

@@ -26,6 +26,7 @@ from cdff_dev.compare.registration.rates import interval, pose_errors, rate_text
 from evaluation.data_sets.clouds import milk_carton
 from evaluation.data_sets.object_views import View, absent_objects, crops, tracked_objects
 from evaluation.peers.environments import kiss_matcher, peer_python
+from evaluation.real import RealRow
 from evaluation.shot_localisation import localise
 
 PAGE = "shot_localisation"
@@ -199,3 +200,29 @@ def table(figures: dict[str, Any]) -> str:
                 f"| {row['cpu_s']['median']:.1f} |"
             )
     return "\n".join(lines)
+
+
+def real_rows(figures: dict[str, Any]) -> list[RealRow]:
+    """Return the rows of the table of results on real sensors."""
+    required = {
+        "tracked_objects": "≥ 50 %, 0 wrong",
+        "crops": "≥ 50 %, 0 wrong",
+        "milk_carton": "found",
+        "absent_objects": "0 wrong",
+    }
+    previous = {"tracked_objects": "0 of 7 correct, 0 wrong", "crops": "2 of 16 correct, 0 wrong"}
+    rows = []
+    for part, requirement in required.items():
+        summary = figures[part]["summary"]
+        ours, *peers = (
+            f"{method} {row['correct']['count']} of {row['correct']['trials']} correct, "
+            f"{row['wrong']['count']} wrong, {row['cpu_s']['median']:.1f} s"
+            for method, row in summary.items()
+        )
+        quantity = f"{part.replace('_', ' ')}: poses, CPU time"
+        rows.append(
+            RealRow(
+                quantity, previous.get(part, ""), ours.removeprefix("cdff "), "; ".join(peers), requirement
+            )
+        )
+    return rows

@@ -9,7 +9,8 @@ import json
 import pytest
 
 from cdff_common.errors import InputError
-from evaluation.__main__ import PAGES, evaluations, filled
+from evaluation import real
+from evaluation.__main__ import PAGES, evaluations, filled, real_figures
 
 WITH_TABLES = [name for name, module in evaluations().items() if hasattr(module, "table")]
 
@@ -21,6 +22,13 @@ def test_a_page_has_the_tables_of_its_results(name: str) -> None:
     page = (PAGES / f"{subject}.md").read_text(encoding="utf-8")
     command = f"run: python -m evaluation --draw-only {name}"
     assert filled(page, name, evaluations()[name].table(figures)) == page, command
+
+
+def test_the_table_of_real_sensors_has_the_recorded_results() -> None:
+    available = evaluations()
+    page = (PAGES / "real.md").read_text(encoding="utf-8")
+    assert len(real.members(available)) >= 9
+    assert filled(page, real.NAME, real.table(available, real_figures(available))) == page
 
 
 def test_a_page_without_table_markers_is_refused() -> None:
