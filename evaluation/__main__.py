@@ -22,7 +22,7 @@ import evaluation
 from cdff_common.cli import run_safely
 from cdff_common.errors import InputError
 from evaluation import real
-from evaluation.record import write
+from evaluation.record import provenance, write
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Pages with the diagrams and tables of the evaluations.
@@ -48,6 +48,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--draw-only", action="store_true", help="update diagrams and tables from the existing JSON files"
     )
+    parser.add_argument(
+        "--draft", action="store_true", help="print the results only; also with uncommitted changes"
+    )
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
     args = parser.parse_args(argv)
     data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
@@ -70,12 +73,22 @@ def main(argv: list[str] | None = None) -> int:
                 _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
         _draw_real(available)
         return 0
+    origin = provenance(ROOT)
+    if origin["tree_differs"] and not args.draft:
+        raise InputError(
+            "evaluation: the tree has uncommitted changes outside docs: expected a commit that the records "
+            "can name; --draft prints the results without writing them"
+        )
     for name, part in map(_split, args.names or available):
         figures = available[name].evaluate(data, _show_progress, **({"parts": (part,)} if part else {}))
-        path = write(ROOT, name, figures, part)
-        sys.stdout.write(f"{name}: {json.dumps(figures)}\nwrote {path.relative_to(ROOT)}\n")
+        sys.stdout.write(f"{name}: {json.dumps(figures)}\n")
+        if args.draft:
+            continue
+        path = write(ROOT, name, figures, part, origin)
+        sys.stdout.write(f"wrote {path.relative_to(ROOT)}\n")
         _draw(available[name], name, json.loads(path.read_text(encoding="utf-8"))["figures"])
-    _draw_real(available)
+    if not args.draft:
+        _draw_real(available)
     return 0
 
 

@@ -30,14 +30,17 @@ def provenance(root: Path) -> dict[str, Any]:
     }
 
 
-def write(root: Path, name: str, figures: dict[str, Any], part: str = "") -> Path:
+def write(
+    root: Path, name: str, figures: dict[str, Any], part: str = "", origin: dict[str, Any] | None = None
+) -> Path:
     """Write ``docs/evaluation/{name}.json`` and return its path.
 
-    If ``part`` is given, only the results and the provenance of this part are replaced.
+    If ``part`` is given, only the results and the provenance of this part are replaced. ``origin`` is the
+    provenance at the start of the evaluation, by default that of now.
     """
     path = root / "docs" / "evaluation" / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    results = {"evaluation": name, "provenance": provenance(root), "figures": figures}
+    results = {"evaluation": name, "provenance": origin or provenance(root), "figures": figures}
     if part:
         part_results, results = results, json.loads(path.read_text(encoding="utf-8"))
         results["figures"] |= figures

@@ -27,6 +27,24 @@ def test_results_are_written_with_their_provenance(tmp_path: Path) -> None:
     ].keys()
 
 
+def test_a_record_of_uncommitted_code_is_refused_and_a_draft_is_only_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Quick:
+        @staticmethod
+        def evaluate(data: Path, progress: object) -> dict[str, float]:
+            return {"error_m": 0.1}
+
+    monkeypatch.setattr(command, "ROOT", tmp_path)
+    monkeypatch.setattr(command, "evaluations", lambda: {"quick": Quick})
+    monkeypatch.setattr(command, "provenance", lambda root: {"commit": "c", "tree_differs": True})
+    assert run_safely(lambda: command.main(["quick", "--data", str(tmp_path)])) == 1
+    assert "uncommitted changes" in capsys.readouterr().err
+    assert command.main(["quick", "--data", str(tmp_path), "--draft"]) == 0
+    assert capsys.readouterr().out == 'quick: {"error_m": 0.1}\n'
+    assert not (tmp_path / "docs").exists()
+
+
 def test_missing_data_and_unknown_names_are_errors_of_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
