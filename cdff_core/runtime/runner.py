@@ -40,6 +40,7 @@ class Counters:
     out_of_order: int = 0
     errors: int = 0
     last_error: str = ""
+    last_failure: str = ""  # reasons of the last FAILED output
     samples_by_port: dict[str, int] = field(default_factory=dict)
     outputs_by_port: dict[str, int] = field(default_factory=dict)
 
@@ -207,7 +208,9 @@ class Runner:
         self._next_seq[output.port] = seq + 1
         self.counters.outputs += 1
         self.counters.degraded += status is Status.DEGRADED
-        self.counters.failed += status is Status.FAILED
+        if status is Status.FAILED:
+            self.counters.failed += 1
+            self.counters.last_failure = ", ".join(output.quality.reasons)
         by_port = self.counters.outputs_by_port
         by_port[output.port] = by_port.get(output.port, 0) + 1
         extent = None if output.value is None else output.value.extent_m()

@@ -163,7 +163,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     if not summary["samples"]:
         raise ConfigurationError(f"{args.log}: no sample reached {dfpc.name}")
     if summary["outputs"] and summary["failed"] == summary["outputs"]:
-        raise RefusedError(f"{dfpc.name}: every output is FAILED")
+        raise RefusedError(f"{dfpc.name}: every output is FAILED; the last: {summary['last_failure']}")
     return 0
 
 

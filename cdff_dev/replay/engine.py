@@ -76,7 +76,16 @@ def replay(
     finally:
         output.close()
     counters = runner.counters.to_dict()
-    names = ("samples", "outputs", "degraded", "failed", "errors", "last_error", "out_of_order")
+    names = (
+        "samples",
+        "outputs",
+        "degraded",
+        "failed",
+        "errors",
+        "last_error",
+        "last_failure",
+        "out_of_order",
+    )
     return output.write_summary(
         {
             "dfpc": dfpc.name,

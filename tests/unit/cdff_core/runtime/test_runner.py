@@ -132,6 +132,7 @@ def test_a_failed_output_has_no_value_and_is_counted(dfpc: Dfpc) -> None:
     assert product.value is None
     assert product.header.quality.status is Status.FAILED
     assert runner.counters.failed == 1
+    assert runner.counters.last_failure == ", ".join(product.header.quality.reasons) != ""
 
 
 def test_an_unknown_port_is_refused(dfpc: Dfpc) -> None:
