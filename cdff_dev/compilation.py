@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: Configuring with compiled kernels takes less, seconds.
+#: Duration that configuring with compiled kernels does not exceed, seconds.
 _USUAL_S = 3.0
 
 

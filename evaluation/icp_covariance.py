@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare the errors of icp_localisation with the covariances it states, on real and on simulated clouds.
 
-Each trial yields the squared error ``e^T C^-1 e`` (NEES); a correct covariance has a mean of 6, a cautious
-one less.
+Each trial yields the squared error ``e^T C^-1 e`` (NEES). Its mean is 6 if the covariance is correct, and
+less if the covariance is too large.
 
 Halves: the points of one real scan are divided into two random halves. One is the model, moved by 0.3 m and
-2 degrees in a random direction; the truth is exact and no point is in both clouds. The halves share the view
-point, so that the result contains noise and sampling, but no difference of the two views. Devon Island:
+2 degrees in a random direction; the truth is exact and no point is in both clouds. The halves share the
+viewpoint, so that the result contains noise and sampling, but no difference between two views. Devon Island:
 halves of the road and of its copy, with a guess 0.3 m and 2 degrees off.
 
 Next scans: two successive scans, with the truth of the data set, whose own error (centimetres, 0.1 degrees)
@@ -36,7 +36,7 @@ PAGE = "icp_localisation"
 
 HALVES, SIMULATED_SEEDS = 6, range(3000, 3020)
 STEP_M, STEP_DEG = 0.3, 2.0
-#: Largest mean squared error of a set with which a covariance counts as calibrated.
+#: Largest mean squared error of a set for a calibrated covariance.
 LIMIT = 15.0
 #: Scene, model, true T_scene_model and guess.
 Trial = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
@@ -57,7 +57,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _on_real_clouds(results: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return what ``cdff check`` reads of each implementation with a calibrated covariance."""
+    """Return the figures that ``cdff check`` reads, for each implementation with a calibrated covariance."""
     measured = {name: rows for name, rows in results.items() if rows["real"]}
     return {
         implementation: {
@@ -74,7 +74,7 @@ def _on_real_clouds(results: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def halves(points_m: FloatArray, seed: int) -> Trial:
-    """Return two random halves of a cloud, of which the second is moved; the guess is the identity."""
+    """Return two random halves of a cloud, the second one moved, with the identity as guess."""
     rng = np.random.default_rng(seed)
     rows, count = rng.permutation(len(points_m)), len(points_m) // 2
     T = _displaced(np.eye(4), rng)
@@ -87,7 +87,7 @@ def halves(points_m: FloatArray, seed: int) -> Trial:
 
 
 def _sets(data: Path) -> dict[str, tuple[bool, Iterator[Trial]]]:
-    """Return whether the clouds are measured, and the trials, by name of the set."""
+    """Return by name of the set whether its clouds are measured, and its trials."""
     scans = {
         name: read_kitti_bin(data / "kitti_velodyne" / f"{name}.bin").points_m
         for name in ("000094", "000000")

@@ -61,7 +61,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _squared_errors(results: dict[str, Any]) -> dict[str, Any]:
-    """Return what ``cdff check`` reads: the squared errors on measured sweeps without added noise."""
+    """Return the figures that ``cdff check`` reads: squared errors on measured sweeps without added noise."""
     return {
         name: {"squared_error": row["mean_nees"], "degrees_of_freedom": 6, "trials": row["localised"]}
         for name, row in results.items()
@@ -88,7 +88,7 @@ def localise(map_m: FloatArray, sweep_m: FloatArray, guess: FloatArray | None) -
 
 
 def inaccurate_guess(T: FloatArray, seed: int) -> FloatArray:
-    """Return a pose 2 m away in a random horizontal direction and turned by 20 degrees to a random side."""
+    """Return a pose moved by 2 m in a random horizontal direction and rotated by 20 degrees about z."""
     rng = np.random.default_rng(seed)
     angle, side = rng.uniform(0.0, 2.0 * np.pi), rng.choice([-1.0, 1.0])
     R = se3.exp_so3(np.array([0.0, 0.0, side * np.radians(GUESS_DEG)])) @ T[:3, :3]

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evaluate ``lidar_slam`` and kiss-icp on sweeps with few points or rings, and after fast turns.
 
-Real: KITTI 00, sweeps 94 and 95, the second one also turned by 50 degrees. Simulated: the start of
-``lidar_traverse``, also with a turn of 50 degrees within one sweep. Each as measured, thinned to 20 000
-random points and to 16 of 64 rings. Seeds 1 and 2 and KITTI's sweeps 0 to 2 were used during development.
+Real: KITTI 00, sweeps 94 and 95, also with the second one rotated by 50 degrees. Simulated: the start of
+``lidar_traverse``, also with a turn of 50 degrees within one sweep. Each is evaluated with all points, with
+20 000 random points and with 16 of 64 rings. Development used seeds 1 and 2 and KITTI's sweeps 0 to 2.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ PAGE = "lidar_slam"
 KINDS = ("full", "points", "rings")
 DRIVE_SEEDS, DRIVE_S = (20260901,), 14.0
 TURN_DEG = 50.0
-#: A turn within one of the sweeps, which take 0.1 s each half second.
+#: A turn within one sweep; sweeps take 0.1 s and start every 0.5 s.
 TURN = Turn(start_s=9.0, duration_s=0.1, angle_deg=TURN_DEG)
 #: Ranges of kiss-icp: its default, from which it derives its voxels, and that of lidar_slam.
 KITTI_RANGE_M, DRIVE_RANGE_M = (0.5, 100.0), (0.5, 60.0)
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors, squared errors by the covariance and CPU times of both programs."""
+    """Return errors and CPU times of both programs, and squared errors normalised by the covariance."""
     python = peer_python("kiss_icp")
     figures: dict[str, Any] = {"real": {}, "simulated": {}}
     *_, T_94_95 = kitti_pair(data)
@@ -131,7 +131,7 @@ def errors(stamps: list[int], poses: FloatArray, truth: dict[int, FloatArray]) -
 
 
 def squared_errors(published: list[tuple[int, Output]], truth: dict[int, FloatArray]) -> dict[str, float]:
-    """Return mean and maximum of the squared errors by the covariance (6 expected)."""
+    """Return mean and maximum of the squared errors normalised by the covariance (6 expected)."""
     T_first, values = se3.inverse(truth[published[0][0]]), []
     for stamp, output in published[1:]:
         e = pose_error(T_first @ truth[stamp], output.value.transform.matrix)
@@ -140,7 +140,7 @@ def squared_errors(published: list[tuple[int, Output]], truth: dict[int, FloatAr
 
 
 def mean_time(cpu_s: Any) -> float:
-    """Return the mean CPU seconds: of the last of two sweeps, otherwise without the first two."""
+    """Return the mean CPU seconds per sweep without the first two; of two or three sweeps, the last one."""
     return round(float(cpu_s[-1]), 4) if len(cpu_s) < 4 else times(cpu_s)["mean"]
 
 

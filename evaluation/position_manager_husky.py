@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evaluate the position manager on skid-steered rovers: a real drive evaluated by GPS, and simulated drives.
 
-The filter is compared with the wheels' own pose, and with the wheels' speed integrated along the gyro's
+The filter is compared with the pose stated by the wheels, and with their speed integrated along the gyro's
 heading. Errors of position are RMS after the best rotation and translation in the plane.
 """
 
@@ -91,7 +91,7 @@ def _error_m(drive: husky.Drive, t_s: FloatArray, positions: FloatArray) -> floa
 def triangle_nees(drive: husky.Drive, node: PositionManager) -> list[float]:
     """Return the squared errors of triangles of positions A, B, C, normalised by estimate and GPS.
 
-    GPS gives no heading: the vectors from B to A and to C, seen from the robot at B, are compared with those of
+    GPS gives no heading: the vectors from B to A and to C, in axes of the robot at B, are compared with those of
     GPS rotated by the angle that fits best. Their four components less this angle are 3 degrees of freedom.
     """
     stamps = drive.gps_ns

@@ -78,7 +78,7 @@ def _cylinder(radius: str | None, length: str | None, link: str) -> FloatArray:
 
 
 def _sphere(radius_m: float) -> FloatArray:
-    """Return points whose convex hull contains a sphere: circles of latitude, increased in radius."""
+    """Return points (n, 3) whose convex hull contains a sphere: circles of latitude with a larger radius."""
     latitudes_rad = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1)
     increased_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
     return np.concatenate(

@@ -146,7 +146,7 @@ class Sensor(StrictModel):
     mask, mask_right : str
         Pixels of a camera, or of the left and the right camera of a stereo camera, that always show the
         robot: an image file relative to the profile in which they are black (0), or ``urdf`` for the shapes
-        of the robot's URDF, projected into both cameras. Once loaded, it holds the file in base64.
+        of the robot's URDF, projected into both cameras. After loading: the content of the file in base64.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]

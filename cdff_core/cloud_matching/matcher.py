@@ -212,8 +212,8 @@ def refine_and_assess(
 ) -> Registration:
     """Return the assessed registration from a candidate pose; raises RefusedError without overlap.
 
-    ``coarser`` are source and target with fewer points: the difference of their registration is added to the
-    covariance as error of the resolution.
+    ``coarser`` are source and target with fewer points. They are registered from the result, and the
+    difference is added to the covariance as resolution error.
     """
     step = refine.process(
         Registration3DInputs(

@@ -11,9 +11,9 @@ from typing import Any
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
 
-#: Fewer trials on all data sets do not show whether a covariance is too small.
+#: Minimum number of trials on all data sets; fewer do not show whether a covariance is too small.
 _LEAST_TRIALS = 6
-#: Largest mean squared error by covariance, per degree of freedom; 1 is expected.
+#: Largest mean of e' P^-1 e per degree of freedom; 1 is expected.
 _LARGEST_RATIO = 2.5
 
 

@@ -74,12 +74,12 @@ def acting(actor: Actor | None) -> Iterator[None]:
 
 
 def actor() -> Actor | None:
-    """Return the present actor; None for the process itself."""
+    """Return the current actor; None for the process itself."""
     return _ACTOR.get()
 
 
 def check_robot(robot: str) -> None:
-    """Raise DeniedError if the present actor is another robot."""
+    """Raise DeniedError if the current actor is another robot."""
     if (present := actor()) is not None:
         present.check_robot(robot)
 

@@ -52,7 +52,7 @@ class Drive:
 
 
 def read_drive(path: Path) -> Drive:
-    """Read a bag; raises InputError if it has not the three topics of the drive."""
+    """Read a bag; raises InputError if one of its three topics is missing."""
     messages: dict[str, list[Any]] = {WHEELS: [], IMU: [], GPS: []}
     with AnyReader([path]) as reader:
         connections = [c for c in reader.connections if c.topic in messages]
@@ -110,7 +110,10 @@ def _imu_sample(k: int, message: Any) -> Sample:
 
 
 def _east_north(geodetic: FloatArray) -> FloatArray:
-    """Return metres east and north (n, 2) of the first of some positions (n, 3): degrees and height, m."""
+    """Return positions (n, 2) in metres east and north of the first one.
+
+    ``geodetic`` (n, 3) contains latitude and longitude, degrees, and height, metres.
+    """
     latitude, longitude = np.radians(geodetic[:, :2]).T
     w2 = 1.0 - _ECCENTRICITY_2 * np.sin(latitude[0]) ** 2
     meridian_m = _AXIS_M * (1.0 - _ECCENTRICITY_2) / w2**1.5 + geodetic[0, 2]

@@ -13,7 +13,7 @@ IntArray = np.ndarray
 
 
 def wheel_positions(wheels: list[Sample]) -> FloatArray:
-    """Return the positions (n, 2) that the wheels state."""
+    """Return the positions (n, 2) of wheel odometry, metres."""
     return np.array([s.value.transform.matrix[:2, 3] for s in wheels])
 
 
@@ -22,7 +22,7 @@ def speed_and_gyro(
 ) -> FloatArray:
     """Return positions (n, 2) by the wheels' speed, integrated along the heading of the gyro.
 
-    ``rate_rad_s`` (m,) is the rate about the vertical at the times ``gyro_t_s``; the trapezoidal rule is used.
+    ``rate_rad_s`` (m,) is the rate about the vertical at the times ``gyro_t_s``. Trapezoidal rule.
     """
     heading_at_readings = _integral(gyro_t_s, rate_rad_s)
     heading = np.interp(t_s, gyro_t_s, heading_at_readings)

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Simulate the measurements of a skid-steered rover on level ground: wheels, IMU and visual odometry.
 
-The wheels' poses alternate, lag by a constant delay, slip and skid; the IMU vibrates. No value is a parameter
-of the filter, and the slip is not its Gauss-Markov process: its mean, its amplitude and its period are drawn.
+The wheel poses are alternately too far ahead and too far back, lag by a constant delay, slip and skid; the
+IMU vibrates. No value is a parameter of the filter. The slip is not the filter's Gauss-Markov process: its mean,
+amplitude and period are random.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from evaluation.data_sets.husky import Drive
 ROBOT, START_NS, DURATION_S = "rover", 1_785_585_600_000_000_000, 400.0
 #: Rates of IMU, wheels and camera.
 IMU_HZ, WHEELS_HZ, CAMERA_HZ = 30.0, 10.0, 3.0
+#: Alternation of wheel increments relative to their length, and delay of wheel poses, seconds.
 ALTERNATION, DELAY_S = 0.17, 0.1
 GRAVITY_M_S2, VIBRATION_M_S2, GYRO_NOISE_RAD_S, GYRO_BIAS_RAD_S = 9.81, 0.75, 0.01, 5e-4
 #: Standard deviation of the noise of an increment of visual odometry: translation, rotation.
@@ -57,7 +59,7 @@ def simulate_drive(seed: int, duration_s: float = DURATION_S) -> Drive:
 
 
 def _at(motion: FloatArray, t_s: FloatArray) -> FloatArray:
-    """Return x, y, heading, speed and rate (n, 5) at some times."""
+    """Return x, y, heading, speed and rate (n, 5) at times (n,), interpolated."""
     return np.column_stack([np.interp(t_s, motion[:, 0], column) for column in motion[:, 1:].T])
 
 
@@ -78,9 +80,9 @@ def _wheels(
     _, _, heading, _, _ = _at(motion, t_s - DELAY_S).T
     slip = rng.normal(0.0, 0.01) + 0.03 * np.sin(2 * np.pi * t_s / rng.uniform(5.0, 40.0))
     steps = np.hypot(*np.diff(_at(motion, t_s - DELAY_S)[:, :2], axis=0).T) * (1.0 + slip[1:])
-    # Half of the alternation is the own error of each pose.
-    own_error = 0.5 * ALTERNATION * np.append(steps, 0.0) * (-1.0) ** np.arange(len(t_s))
-    forward = steps + np.diff(own_error)
+    # The errors of both poses of an increment add up to the alternation.
+    pose_error_m = 0.5 * ALTERNATION * np.append(steps, 0.0) * (-1.0) ** np.arange(len(t_s))
+    forward = steps + np.diff(pose_error_m)
     turns = (1.0 + rng.normal(0.0, 0.04)) * np.diff(heading) + rng.normal(0.0, 1.5e-3) * steps
     T, poses = np.eye(4), [np.eye(4)]
     for distance, turn in zip(forward, turns, strict=True):

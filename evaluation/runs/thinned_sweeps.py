@@ -23,7 +23,7 @@ from evaluation.runs.lidar_slam import ROBOT
 
 #: Number of points of a thinned sweep; every fourth ring of 64 leaves 16.
 POINTS, RING_STEP = 20_000, 4
-#: Half the edge of the simulated terrain: what the lidar observes in the first half minute.
+#: Half the edge of the simulated terrain, which contains all that the lidar observes in half a minute.
 _HALF_WIDTH_M = 90.0
 
 

@@ -40,7 +40,7 @@ def replay(log: Path, out: Path, *options: str) -> dict[str, object]:
 
 @pytest.fixture(scope="module")
 def replayed(real_data: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The outputs of a replay of a recorded drive."""
+    """Return the folder with the outputs of a replay of a recorded drive."""
     out = tmp_path_factory.mktemp("replay")
     summary = replay(real_data("kitti_stereo/KITTI_sequence_1"), out)
     assert set(summary) >= SUMMARY_KEYS

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lidar localisation on measured street scans, of which one is the map and another one the sweep."""
+"""Lidar localisation on measured street scans: one scan is the map, another one the sweep."""
 
 from __future__ import annotations
 

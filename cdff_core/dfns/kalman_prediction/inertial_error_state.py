@@ -82,7 +82,7 @@ class InertialErrorState(Interface[InertialErrorStateConfig]):
                     inputs, inputs.gravity, R_end, dv, dp, readings_in_interval[1][:, :3], T_s
                 )
                 dv_cross = se3.skew(dv)
-                # All that rotates with the body: the integrated forces and the motion of the lever arm.
+                # An error of the attitude rotates the integrated forces and the motion of the lever arm.
                 dv_gravity = np.array([0.0, 0.0, -inputs.gravity * T_s])
                 F[V, PHI] = -se3.skew(v_end - v - dv_gravity)
                 F[P, PHI] = -se3.skew(p_end - p - T_s * v - 0.5 * T_s * dv_gravity)

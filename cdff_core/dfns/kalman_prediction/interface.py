@@ -42,9 +42,9 @@ class KalmanPredictionInputs(DfnInputs):
     lever_m : ndarray of float64, shape (3), optional
         Position of the sensor in the body, metres.
     rate_noise : float, optional
-        Noise density of a rate that was measured, rad/s/sqrt(Hz); the configured one is a lower bound.
+        Measured noise density of the angular rates, rad/s/sqrt(Hz); the configured one is the lower bound.
     force_noise : float, optional
-        Noise density of a specific force that was measured, m/s^2/sqrt(Hz); the configured one is a lower
+        Measured noise density of the specific forces, m/s^2/sqrt(Hz); the configured one is the lower
         bound.
     """
 

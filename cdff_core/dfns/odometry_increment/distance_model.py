@@ -38,9 +38,11 @@ class DistanceModelConfig(DfnConfig):
     yaw_fraction: float = Field(
         0.05, ge=0, le=1, description="Standard deviation of the heading as a fraction of the rotation"
     )
-    pose_m: Sigma = Field(0.0007, description="Lower bound of the standard deviation of a pose's own error")
+    pose_m: Sigma = Field(
+        0.0007, description="Lower bound of the standard deviation of the position noise of a pose"
+    )
     pose_rad: Sigma = Field(
-        0.0002, description="Lower bound of the standard deviation of a pose's own heading"
+        0.0002, description="Lower bound of the standard deviation of the rotation noise of a pose"
     )
 
 
@@ -49,14 +51,14 @@ class DistanceModel(Interface[DistanceModelConfig]):
 
     Notes
     -----
-    A covariance that is the same for both poses does not describe the drift; it is taken for that of one
-    increment, caused in equal parts by the own errors of its two poses (jitter of the stamps, backlash,
-    resolution of the encoders). A covariance that grows contains slip, which the model describes, and is not
-    used.
+    A stated covariance that is the same for both poses does not describe the drift. It is interpreted as that
+    of one increment, caused in equal parts by the noise of its two poses (jitter of the stamps, backlash,
+    resolution of the encoders). A stated covariance that grows contains slip, which the model describes, and
+    is not used.
     """
 
     def setup(self) -> None:
-        """Compute the variances after one metre and of a pose's own error, [x y z rx ry rz]."""
+        """Compute the variances after one metre and those of the noise of a pose, [x y z rx ry rz]."""
         c = self.config
         self._per_metre = np.square(
             [
@@ -82,12 +84,12 @@ class DistanceModel(Interface[DistanceModelConfig]):
             increment=step,
             covariance=np.diag(variance),
             distance_m=distance_m,
-            pose_covariance=np.maximum(np.diag(self._pose_floor), _own_error(inputs, second, mount)),
+            pose_covariance=np.maximum(np.diag(self._pose_floor), _pose_noise(inputs, second, mount)),
         )
 
 
-def _own_error(inputs: Inputs, second: FloatArray, mount: FloatArray) -> FloatArray:
-    """Return half of a constant stated covariance, in the body's second frame; otherwise zero (6, 6)."""
+def _pose_noise(inputs: Inputs, second: FloatArray, mount: FloatArray) -> FloatArray:
+    """Return half of a constant stated covariance (6, 6) in the body's second frame; zero if it changes."""
     C1, C2 = inputs.first_covariance, inputs.second_covariance
     if C1 is None or C2 is None or not np.allclose(C1, C2, rtol=1e-6, atol=0.0):
         return np.zeros((6, 6))

@@ -20,7 +20,7 @@ from cdff_core.dfns.registration_3d.interface import Inputs
 MIN_PAIRS = 20
 #: Number of iterations after which the pairs may repeat.
 _LONGEST_CYCLE = 4
-#: Ratio of successive steps from which convergence is slow, and largest factor on a step.
+#: Ratio of successive steps above which convergence is slow, and largest factor on a step.
 _SLOW, _LONGEST_STEP = 0.25, 6.0
 #: Initial gate in median pair distances at the guess; most correct pairs are nearer.
 INITIAL_GATE_MEDIANS = 3.0
@@ -106,11 +106,11 @@ def moved_by(T: FloatArray, step: FloatArray, centre: FloatArray, radius: float)
 
 
 def step_length(steps: list[FloatArray], was_extended: bool) -> float:
-    """Return the factor on the last step that anticipates further steps in its direction.
+    """Return the factor on the last step that replaces further steps in its direction.
 
     Where surfaces slide along each other, steps form a geometric sequence whose sum is ``1 / (1 - ratio)``
     times the first step (Aitken's extrapolation; Besl and McKay 1992, doi:10.1109/34.121791, extrapolate
-    ICP). The ratio needs two steps without extension.
+    ICP). After an extended step (``was_extended``) the ratio is unknown and the factor is 1.
     """
     if was_extended or len(steps) < 2:
         return 1.0

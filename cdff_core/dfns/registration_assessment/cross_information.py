@@ -17,7 +17,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
 _MIN_PAIRS = 20
-#: Lower bound of the agreement that weights a direction of the error of the resolution.
+#: Lower bound of the agreement in the information of the common structure (resolution error).
 _MIN_AGREEMENT = 0.05
 
 
@@ -162,8 +162,8 @@ def _clustered_covariance(
 
 
 def _change(T_other: FloatArray, T: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
-    """Return the motion (6,) from T to another transform: translation of the centre, and rotation about it in
-    radii.
+    """Return the motion (6,) from T to another transform, metres: translation of the centre, and rotation
+    about it times the radius.
     """
     motion = T_other @ se3.inverse(T)
     translation_m = motion[:3, :3] @ centre + motion[:3, 3] - centre
@@ -171,8 +171,9 @@ def _change(T_other: FloatArray, T: FloatArray, centre: FloatArray, radius_m: fl
 
 
 def _resolution_covariance(change: FloatArray, constraint: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the covariance (6, 6) of which ``change`` is a typical error; ``constraint`` (6,) is the
-    information of the common structure along the rows of ``directions``.
+    """Return the covariance (6, 6) for which ``change`` (6,) is a typical error.
+
+    ``constraint`` (6,) is the information of the common structure along the rows of ``directions`` (6, 6).
     """
     variance_m2 = np.sum(constraint * (directions @ change) ** 2) / len(change)
     return np.asarray((directions.T / constraint) @ directions * variance_m2)

@@ -31,8 +31,8 @@ class RegistrationAssessmentInputs(DfnInputs):
     transform : ndarray of float64, shape (4,4)
         T_target_source to assess.
     coarser_transform : ndarray of float64, shape (4,4), optional
-        T_target_source by the same registration with about a third of the points; the difference is added
-        to the covariance as error of the resolution.
+        T_target_source by the same registration with about a third of the points; its difference from
+        transform is added to the covariance as resolution error.
     """
 
     ARRAYS = ArrayPorts(
@@ -63,7 +63,7 @@ class RegistrationAssessmentOutputs:
     ----------
     covariance : ndarray of float64, shape (6,6)
         Covariance of the transform, [x y z rx ry rz], perturbation in the target's frame: noise of the
-        residuals times configured factors, plus error of the resolution.
+        residuals times configured factors, plus the resolution error if coarserTransform is given.
     overlap_source : float
         Fraction of source points with a target point within the gate.
     overlap_target : float

@@ -62,8 +62,8 @@ def nearest_plane(
     if none of them has a plane.
 
     The voxels of level 0 have the edge ``voxel``, those of each further level twice the edge of the previous
-    one. The first level from ``finest`` on with a plane decides: where the rings of a sweep are too far apart
-    for planes in small voxels, larger voxels contain several rings.
+    one. The result is from the first level, starting at ``finest``, with a plane near the point: where the
+    rings of a sweep are too far apart for planes in small voxels, larger voxels contain several rings.
     """
     for level in range(finest, len(tables)):
         edge = voxel * (1 << level)
@@ -92,9 +92,9 @@ def weighted_distance(
     """Return the signed distance of a point from a plane, and its weight.
 
     The weight is that of the Geman-McClure kernel of width ``kernel`` times ``least_noise^2 / s^2``, where
-    ``s^2`` is the variance of the distance: ``noise`` and variance of the plane, and the uncertainty of its
-    normal, which grows with the distance from the mean. The normal of a plane through few rings, almost a
-    line, is uncertain.
+    ``s^2`` is the variance of the distance: ``noise``, the variance of the plane, and the uncertainty of its
+    normal, which increases with the distance from the mean. The normal is uncertain if the points are nearly
+    on a line, as in a voxel with few rings.
     """
     dx, dy, dz = x - plane[MEAN], y - plane[MEAN + 1], z - plane[MEAN + 2]
     r = plane[NORMAL] * dx + plane[NORMAL + 1] * dy + plane[NORMAL + 2] * dz

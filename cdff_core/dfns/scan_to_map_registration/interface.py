@@ -43,8 +43,9 @@ class ScanToMapRegistrationInputs(DfnInputs):
     sweep_fraction : float, optional
         Ratio of the duration of the sweep to the time since the end of the previous sweep.
     candidates : ndarray of float64, shape (m,4,4), optional
-        Further guesses, for a sweep that does not match at the guess: the best of them and of the guess are
-        registered, and the result with the largest supportRatio is returned.
+        Further guesses of T_map_sensor, for a sweep that does not match at the guess: those with the
+        largest support, guess included, are registered, and the result with the largest supportRatio is
+        returned.
     """
 
     ARRAYS = ArrayPorts(
@@ -111,8 +112,8 @@ class ScanToMapRegistrationOutputs:
     inlier_ratio : float
         Fraction of the downsampled points that lie on the map.
     support_ratio : float
-        Mean weight of the robust kernel over the downsampled points, 0 for those without a plane: compares
-        registrations of one sweep.
+        Mean weight of the robust kernel over the downsampled points, 0 for points without a plane; to
+        compare registrations of the same sweep.
     rms_m : float
         Weighted root mean square distance to the planes, metres.
     iterations : int

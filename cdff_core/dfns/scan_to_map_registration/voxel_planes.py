@@ -35,14 +35,12 @@ _FIXED_MOTION_INFORMATION = 1e6
 _MAX_VOXEL_POINTS = 60
 #: Number of points per independent measurement.
 _POINTS_PER_MEASUREMENT = 10.0
-
-
 #: Width of the first kernel in standard deviations of the guess's translation.
 _FIRST_KERNEL_SIGMAS = 2.0
 #: Maximum number of points with which candidates are compared.
 _SUPPORT_POINTS = 2000
-#: Number of candidates that are registered, their least support relative to the best one, and their least
-#: distance, metres and radians.
+#: Maximum number of candidates that are registered, their minimum support relative to the best one, and the
+#: minimum distance between them, metres or radians.
 _REGISTERED_CANDIDATES, _CANDIDATE_SUPPORT_RATIO = 3, 0.7
 _CANDIDATE_STEP_M, _CANDIDATE_STEP_RAD = 1.0, 0.25
 
@@ -155,7 +153,10 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     def _register_candidates(
         self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
     ) -> Outputs:
-        """Register from the best guesses; their support is that by large voxels and a wide kernel."""
+        """Register from the guesses with the largest support, and return the result with the largest support.
+
+        The support of the guesses is computed with large voxels and a wide kernel.
+        """
         assert inputs.candidates is not None  # checked by the caller
         cfg, finest = self.config, min(1, self.config.levels - 1)
         poses = np.concatenate([T[None], inputs.candidates])
@@ -164,10 +165,10 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             [motion if T_previous is None else fraction_of_motion(T_previous, P, ratio)[0] for P in poses]
         )
         edge_m = cfg.voxel_m * (1 << finest)
-        few = self._tables.first_in_voxels(points, edge_m)
-        few = few[:: 1 + len(few) // _SUPPORT_POINTS]
+        sampled = self._tables.first_in_voxels(points, edge_m)
+        sampled = sampled[:: 1 + len(sampled) // _SUPPORT_POINTS]
         support = self._kernels.supports(
-            self._maps, cfg.voxel_m, finest, points[few], fraction[few], poses, motions, edge_m
+            self._maps, cfg.voxel_m, finest, points[sampled], fraction[sampled], poses, motions, edge_m
         )
         results = []
         for i in _best_distinct(poses, support):
@@ -263,7 +264,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
 
     def _first_kernel_m(self, guess_covariance: FloatArray | None) -> float:
-        """Return a kernel as wide as the guess is uncertain, at most the edge of the largest voxels."""
+        """Return the first kernel width: by the uncertainty of the guess, at most the largest voxel's edge."""
         cfg = self.config
         largest_m = cfg.voxel_m * (1 << (cfg.levels - 1))
         sigma_m = (
@@ -272,7 +273,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
 
     def _finest_level(self, kernel_m: float) -> int:
-        """Return the first level with voxels as large as the kernel: smaller ones do not reach the plane."""
+        """Return the first level with voxels as large as the kernel: smaller ones may not contain the plane."""
         level = int(np.ceil(np.log2(max(kernel_m / self.config.voxel_m, 1.0)) - 1e-9))
         return min(level, self.config.levels - 1)
 
@@ -362,8 +363,9 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
 
 
 def _noise_of_levels(level_sums: FloatArray, least_m: float) -> FloatArray:
-    """Return the standard deviation of the distances at each level, from their residuals: large voxels have
-    planes on rough ground too, but with the relief as noise (estimation of variance components).
+    """Return the standard deviation of the distances at each level (levels,), metres, from the residuals.
+
+    Large voxels also have planes on rough ground, with the relief as noise (variance component estimation).
     """
     variance = level_sums[:, 1] / np.maximum(level_sums[:, 0], 1e-12)
     return np.asarray(np.maximum.accumulate(np.sqrt(np.maximum(variance, least_m**2))))

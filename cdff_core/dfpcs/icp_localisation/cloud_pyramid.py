@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 
 
-#: Ratio of points of two levels from which they differ in resolution.
+#: Minimum ratio of the numbers of points of two levels that differ in resolution.
 _MIN_RATIO = 2
 
 

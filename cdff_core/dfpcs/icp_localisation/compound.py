@@ -35,7 +35,7 @@ _MIN_POINTS = 100
 _GATE_SPACINGS = 2.5
 #: Slots on whose parameters the calibration of the covariance depends.
 _CALIBRATED_SLOTS = ("thin_medium", "thin_fine", "normals", "register_coarse", "register_fine", "assess")
-#: Ratio of points of the fine level to the level with which it is compared.
+#: Ratio of the number of points of the fine level to that of the level with which it is compared.
 _COARSER = 3
 #: Number of least constrained directions along which restarts are displaced.
 _RESTART_DIRECTIONS = 3
@@ -108,7 +108,7 @@ class IcpLocalisation(IcpLocalisationInterface):
 
     @property
     def _covariance_kind(self) -> CovarianceKind:
-        """Kind with the DFN parameters of the implementation, FORMAL with others."""
+        """Kind of the covariance of the implementation; FORMAL if parameters of its DFNs were changed."""
         is_changed = any(self.slot_parameters(slot) for slot in _CALIBRATED_SLOTS)
         return CovarianceKind.FORMAL if is_changed else self.covariance_kind
 
@@ -175,8 +175,8 @@ class IcpLocalisation(IcpLocalisationInterface):
     def _coarser(self, scene: Pyramid, model: Pyramid, steps: list[Registration3DOutputs]) -> Float:
         """Return the result at a lower resolution, for comparison with the final one.
 
-        This is the result on the medium level, unless the clouds are so small that it has as many points as
-        the fine one.
+        This is the result on the medium level, or that on thinned fine levels if the clouds are so small that
+        the medium level has nearly as many points as the fine one.
         """
         if scene.is_thinned and model.is_thinned:
             medium: Float = steps[-2].transform

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points of a surface with their normals, their roughness and a version of lower resolution."""
+"""Points of a surface with their normals, their roughness and a thinned copy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
 
-#: Ratio of points of a surface to the version of lower resolution.
+#: Ratio of the number of points of a surface to that of its thinned copy.
 _COARSER = 3
 
 
@@ -22,8 +22,9 @@ class Surface:
     Parameters
     ----------
     points_m : ndarray, shape (n, 3)
+        Points, metres.
     normals_of : callable
-        Returns the unit normals (n, 3) of points.
+        Function that returns the unit normals (m, 3) of points (m, 3).
     """
 
     def __init__(self, points_m: Float, normals_of: Callable[[Float], Float]) -> None:
@@ -36,9 +37,9 @@ class Surface:
 
     @cached_property
     def roughness_m(self) -> float:
-        """Robust standard deviation of the distances of points from the plane of their nearest neighbour.
+        """Robust standard deviation of distances of points from the plane of their nearest neighbour, metres.
 
-        It contains the noise of the points, and the relief between points one spacing apart.
+        It contains the noise of the points and the relief between neighbouring points.
         """
         from cdff_common.geometry.kdtree import kd_tree, neighbours
         from cdff_common.geometry.robust import median_sigma
@@ -57,5 +58,5 @@ class Surface:
 
 
 def joint_roughness_m(first: Surface, second: Surface) -> float:
-    """Return the standard deviation of distances between two rough surfaces with independent noise."""
+    """Return the standard deviation, metres, of the distances between surfaces with independent roughness."""
     return float(np.hypot(first.roughness_m, second.roughness_m))

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.tiled_map import LocalMap
 
 
-#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse one, in
-#: roughnesses of sweep and map. The points of a sweep in its place are nearer to those of the map than these
-#: to each other.
+#: Largest RMS residual of an accepted registration, and largest residual scale of a coarse registration,
+#: relative to the joint roughness of sweep and map. At the correct pose, the points of the sweep are nearer
+#: to the planes of the map than neighbouring points of the map are to each other's planes.
 _MAX_ROUGHNESSES, _MAX_COARSE_ROUGHNESSES = 1.0, 0.5
 #: Standard deviation along degenerate directions, metres.
 _DEGENERATE_SIGMA_M = 10.0
@@ -40,7 +40,7 @@ class Sweep:
     """Points of a sweep in the base's frame at the end of the sweep."""
 
     whole_m: se3.FloatArray  # (m, 3), all points within range
-    fine: Surface  # thinned
+    fine: Surface  # thinned for the fine registration
     coarse: Surface  # thinned for the coarse registration
 
 
@@ -141,8 +141,9 @@ class SweepMatcher:
         return UncertainTransform(T, C)
 
     def _quality(self, registration: Registration, limit_m: float, *, allow_degenerate: bool) -> Quality:
-        """Return the quality by the shared gates and the largest residual; degenerate directions may be
-        allowed.
+        """Return the quality from the shared gates and the largest RMS residual ``limit_m``, metres.
+
+        With ``allow_degenerate``, degenerate directions are accepted.
         """
         cfg = self._config
         quality = registration_quality(registration, registration.assessment.overlap_source, cfg)

@@ -20,7 +20,10 @@ _TILE_M, _REUSE_M = 10.0, 3.0
 
 
 class LocalMap(Surface):
-    """Part of the map with which a sweep is registered."""
+    """Part of the map with which a sweep is registered.
+
+    ``normals`` computes the normals (n, 3) of points, ``coarse`` thins points for the coarse registration.
+    """
 
     def __init__(
         self, points_m: Float, normals: Callable[[Float], Float], coarse: Callable[[Float], Float]

@@ -19,7 +19,7 @@ Float = NDArray[np.float64]
 _HISTORY_NS = 60 * NS_PER_S
 #: Interval since the previous sweep that is assumed for the first sweep.
 _FIRST_INTERVAL_S = 0.1
-#: Constant standard deviations of a motion by the odometry: translation, rotation about x and y, and about z.
+#: Constant standard deviations of a motion by the odometry: translation, rotation about x and y, about z.
 _ODOMETRY_SIGMA_M, _ODOMETRY_TILT_SIGMA_RAD, _ODOMETRY_YAW_SIGMA_RAD = 0.02, 0.05, 0.01
 
 
@@ -77,8 +77,8 @@ class MotionPredictor:
     ) -> Prediction:
         """Predict the motion since the end of the previous sweep and during this one.
 
-        ``velocity`` (6,) is that of the lidar in its own axes, per second, and ``covariance`` (6, 6) that of
-        the motion at this velocity.
+        ``velocity`` (6,) of the lidar is in its axes, metres and radians per second; ``covariance`` (6, 6) is
+        that of the motion at this velocity. Odometry, if available, replaces both.
         """
         increment = self.increment(scan.t1_ns)
         duration_ns = scan.t1_ns - scan.t0_ns

@@ -11,7 +11,7 @@ Float = NDArray[np.float64]
 
 #: Standard deviations while the velocity is unknown: translation, metres, and rotation, radians.
 _UNKNOWN_SIGMA = np.array([1.0] * 3 + [0.1] * 3)
-#: Minimum standard deviations with a known velocity.
+#: Minimum standard deviations while the velocity is known.
 _LEAST_SIGMA = np.array([0.2] * 3 + [0.05] * 3)
 #: Weight of the newest prediction error in the mean of the squared errors.
 _NEWEST_WEIGHT = 0.3
@@ -33,7 +33,10 @@ class MotionUncertainty:
         return np.diag(np.maximum(variance, np.square(_LEAST_SIGMA)))
 
     def update(self, error: Float) -> None:
-        """Add the error (6,) of a prediction; the first one is a velocity and only makes it known."""
+        """Add the error (6,) of a prediction: translation, metres, and rotation, radians.
+
+        The first error is not averaged: it is the motion at the velocity that was unknown until then.
+        """
         if self._variance is None:
             self._variance = np.square(_LEAST_SIGMA)
             return
@@ -41,11 +44,12 @@ class MotionUncertainty:
 
 
 def growth(sweeps: int, *, by_odometry: bool) -> tuple[float, float]:
-    """Return the factors on the covariance of one predicted motion for the pose and for its last increment
-    after ``sweeps`` previous sweeps without a measurement.
+    """Return the growth of the covariance of one predicted motion over sweeps without a measurement.
 
-    The relative error of odometry is constant: the standard deviation grows with the number n of motions. The
-    velocity changes from motion to motion: the variance grows with the sum of the squares up to n.
+    The first factor is for the pose after ``sweeps`` such sweeps and one more motion, the second for this
+    last motion alone. The relative error of odometry is constant: the standard deviation grows with the
+    number n of motions. The velocity changes at random from motion to motion: the variance grows with the sum
+    of the squares from 1 to n.
     """
     n = sweeps + 1
     if by_odometry:

@@ -30,10 +30,12 @@ Float = NDArray[np.float64]
 
 #: Standard deviations of the predicted motion during a sweep: translation, metres, and rotation, radians.
 _SWEEP_SIGMA = np.array([0.03] * 3 + [0.012] * 3)
-#: Standard deviations of the motion relative to a searched rotation, since and during the previous sweep.
+#: Standard deviations of the motion relative to a searched rotation, since the previous sweep and during this
+#: one: translation, metres, and rotation, radians.
 _SEARCH_SIGMA = np.array([1.0] * 3 + [0.1] * 3)
 _SEARCH_SWEEP_SIGMA = np.array([0.1] * 3 + [0.1] * 3)
-#: Number of lost sweeps that are not added to the local map; later ones are, and continue it.
+#: Number of successive lost sweeps that are not added to the local map; later ones are added, and the map
+#: continues at the predicted pose.
 _WITHHELD_SWEEPS = 5
 #: Fraction of points on the local map below which a sweep does not match.
 _LOST_INLIER_RATIO = 0.05
@@ -156,8 +158,10 @@ class ScanTracker:
     def _register_or_search(
         self, points_m: Float, fraction: Float, prediction: Prediction
     ) -> ScanToMapRegistrationOutputs | None:
-        """Register from the prediction; if fewer points than expected lie on the map, search all rotations
-        about the lidar's axis, at constant rate since the previous sweep, then all within this sweep.
+        """Register from the prediction, or search the rotation if fewer points than expected lie on the map.
+
+        The search is over all rotations about the z axis of the lidar. It first assumes a constant rate since
+        the previous sweep, then a rotation within this sweep only.
         """
         since_measurement, _ = growth(self._unconstrained_sweeps, by_odometry=prediction.used_odometry)
         best = self._register(

@@ -94,10 +94,11 @@ class Estimate:
     def corrected(self, correction: FloatArray, covariance: FloatArray, gain_H: FloatArray) -> Estimate:
         """Return the estimate after a correction (n,) with its covariance; ``gain_H`` is K H (n, n).
 
-        A rotation of the site about the vertical changes no measurement of motion. Its errors
-        ``(phi x p, phi, phi x v)`` depend on position and velocity; covariances of the state before the
-        correction would give information about this rotation. They are therefore those of the right-invariant
-        errors ``dp - phi x p`` and ``dv - phi x v`` [2]_, which do not change with the state.
+        A rotation of the whole trajectory about the vertical changes no measured motion, so that increments
+        must not reduce its variance. Its errors ``(phi x p, phi, phi x v)`` depend on position and velocity:
+        if the covariance after a correction referred to the previous state, the next correction would reduce
+        it. The covariance of the right-invariant errors ``dp - phi x p`` and ``dv - phi x v`` [2]_, which do
+        not change with the state, is therefore preserved.
         """
         new = self.with_correction(correction)
         J = np.eye(len(correction))
@@ -131,8 +132,8 @@ class Estimate:
     ) -> Estimate:
         """Return the estimate with a clone ``name`` of its pose, which replaces an earlier one.
 
-        ``pose_covariance`` (6, 6), in the base, is that of the measured pose's own error: the clone is the
-        pose with this error, which the increments that end and start there have in common.
+        ``pose_covariance`` (6, 6), in axes of the base, is that of the noise of the measured pose. The clone
+        contains this noise, because the increments that end and start at the pose have it in common.
         """
         clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
         n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)

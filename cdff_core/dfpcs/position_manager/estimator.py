@@ -36,7 +36,7 @@ _SLIP_TIME_S, _MAX_WHEEL_SPEED_M_S = 6.0, 5.0
 _STEP_NS = 200_000_000
 #: Bounds after a silence on the standard deviations of position (numerical precision) and rotation (unknown).
 _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
-#: Factor on the noise of an increment for each refused one that it contains.
+#: Factor on the variances of an increment for each refused increment that it contains.
 _REFUSAL_SCALE = 4.0
 #: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
@@ -167,7 +167,10 @@ class Estimator:
         )
 
     def _correct_by_increment(self, estimate: Estimate, m: Measurement) -> tuple[Estimate, MeasurementResult]:
-        """Correct by the increment since the source's clone, then clone the pose."""
+        """Correct by the increment since the source's clone, then clone the pose.
+
+        After a refusal the clone is kept, so that the next increment contains the refused one.
+        """
         clone = estimate.clones.get(m.source)
         if clone is None or m.restart or self._is_origin_lost(m, clone):
             return estimate.with_clone(m.source, m.T_origin_sensor), MeasurementResult(

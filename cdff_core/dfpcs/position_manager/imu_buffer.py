@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Number of readings from whose differences the noise is estimated, and the least number.
+#: Maximum and minimum number of readings from whose differences the noise is estimated.
 _NOISE_READINGS, _MIN_NOISE_READINGS = 60, 20
 
 
@@ -55,10 +55,10 @@ class ImuBuffer:
         return rows[:, :3], rows[:, 3:]
 
     def noise(self, end_ns: int) -> tuple[float | None, float | None]:
-        """Return the noise densities of forces and rates, by the differences of the last readings.
+        """Return the noise densities of forces, m/s^2/sqrt(Hz), and rates, rad/s/sqrt(Hz), up to ``end_ns``.
 
-        Half the variance of the difference of successive readings is that of white noise; motion slower than
-        the rate of the readings hardly contributes, vibration does.
+        Both are None with too few readings. Half the mean square of the differences of successive readings is
+        the variance of white noise; vibration contributes to it, slow motion hardly does.
         """
         last = bisect_right(self._stamps_ns, end_ns)
         first = max(last - _NOISE_READINGS, 0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Correction by wheel increments between two poses with own errors, with slip."""
+"""Correction by wheel increments, with slip and the noise of both wheel poses."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from cdff_core.dfpcs.position_manager.estimate import SLIP, Estimate
 
 #: Name of the clone at the end of an increment while it is processed.
 _END = "odometry:end"
-#: Time constant of the wheels' average speed.
+#: Time constant of the wheels' average speed, seconds.
 _SPEED_TIME_S = 1.0
-#: Measured components of an increment of wheels: translation and heading; without IMU also roll and pitch,
-#: which change with the ground as little as the covariance of the increment states.
+#: Components of a wheel increment that are used: translation and heading; without IMU also roll and pitch,
+#: whose changes are assumed to be within the covariance of the increment.
 _ROWS, _ROWS_WITHOUT_IMU = np.array([0, 1, 2, 5]), np.arange(6)
-#: Least variance of an increment between the clones, for a regular innovation covariance.
+#: Variance added to that of an increment between the clones, so that the innovation covariance is regular.
 _LEAST_VARIANCE = 1e-10
 
 
@@ -48,11 +48,11 @@ def corrected_by_wheels(
     *,
     has_imu: bool,
 ) -> Estimate:
-    """Return the estimate after the correction by an increment; raises RefusedError.
+    """Return the estimate after the correction by a wheel increment; raises RefusedError if refused.
 
-    Both ends are clones with the own errors of the two wheel poses: what one increment measures too much, the
-    next one measures too little. Slip is relative to the distance by the wheels' average speed; that of
-    one increment contains its noise, so that slip would follow the noise.
+    Both ends are clones that contain the noise of the two wheel poses: an error that makes an increment too
+    long makes the next one too short. Slip is relative to the distance at the wheels' average speed, because
+    slip relative to the length of the increment would follow its noise.
     """
     interval_s = (estimate.stamp_ns - estimate.clones["odometry"].stamp_ns) * 1e-9
     speed, distance_m = _average_motion(estimate.wheel_speed_m_s, float(step.increment[0, 3]), interval_s)
@@ -70,8 +70,8 @@ def corrected_by_wheels(
 def _average_motion(speed_m_s: float, distance_m: float, interval_s: float) -> tuple[float, float]:
     """Return the exponentially averaged speed after an increment, and its integral over the increment.
 
-    The integral contains as much of the speed before the increment as after it, so that errors that alternate
-    cancel; over an interval that is longer than the time constant it is the measured distance.
+    In the integral, alternating errors of successive increments cancel. Over an interval much longer than the
+    time constant it is the measured distance.
     """
     if interval_s <= 0.0:
         return speed_m_s, 0.0

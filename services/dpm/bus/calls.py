@@ -43,7 +43,7 @@ def robot_under(scope: str, parameters: Mapping[str, str]) -> str | None:
     Raises
     ------
     InputError
-        If the keys of a robot are used for another robot.
+        If the parameter is no robot id, or names another robot than the scope.
     """
     robot = parameters.get("robot")
     if robot is not None and not re.fullmatch(ROBOT_ID, robot):

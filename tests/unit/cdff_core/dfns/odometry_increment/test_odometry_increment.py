@@ -130,7 +130,7 @@ def test_an_unknown_parameter_is_refused() -> None:
         DistanceModel().configure({"slip": 0.1})
 
 
-def test_a_constant_covariance_is_that_of_the_own_errors_of_both_poses(rng: np.random.Generator) -> None:
+def test_a_constant_covariance_is_that_of_the_noise_of_both_poses(rng: np.random.Generator) -> None:
     first, stated = se3.exp_se3(rng.standard_normal(6)), np.diag([1e-3, 1e-3, 1e-3, 1e-3, 1e-3, 0.03])
     second = first @ se3.exp_se3([0.1, 0.0, 0.0, 0.0, 0.0, 0.02])
     constant = run(DistanceModel(), {}, first, second, np.eye(4), stated, stated)

@@ -203,7 +203,7 @@ def test_without_points_the_guess_is_returned(rng: np.random.Generator) -> None:
 def urban_points(T: Float, rings: int, rng: np.random.Generator) -> Float:
     """Return the points of a spinning lidar 1.8 m above a courtyard with walls and pillars, in its frame.
 
-    Every side of the courtyard has another distance, and the pillars break the symmetry.
+    The walls have different distances, and the pillars break the symmetry.
     """
     azimuth = rng.uniform(0, 2 * np.pi) + 2 * np.pi * np.arange(900) / 900
     elevation = np.radians(np.linspace(-15.0, 15.0, rings))

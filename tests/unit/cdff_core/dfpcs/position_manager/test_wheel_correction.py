@@ -31,10 +31,10 @@ from tests.support.position_manager_samples import (
 STATED = np.diag([1e-3] * 5 + [0.03])
 
 
-def alternating_wheels(t_s: float, own_error_m: float) -> Sample:
-    """Return wheels whose poses are alternately too far ahead and too far back."""
+def alternating_wheels(t_s: float, error_m: float) -> Sample:
+    """Return a sample of wheels whose poses are alternately too far ahead and too far back."""
     sign = 1.0 if round(10 * t_s) % 2 else -1.0
-    T = true_pose(t_s) @ se3.transform(np.eye(3), [sign * own_error_m if t_s > 1.5 else 0.0, 0.0, 0.0])
+    T = true_pose(t_s) @ se3.transform(np.eye(3), [sign * error_m if t_s > 1.5 else 0.0, 0.0, 0.0])
     return pose("odometry", t_s, T, STATED, "mana/odom", "mana/base", Status.OK)
 
 
@@ -57,7 +57,7 @@ def test_wheels_without_imu_follow_a_curve_as_their_own_pose_does() -> None:
 
 
 def test_the_path_through_a_refused_increment_is_not_lost() -> None:
-    """One wheel pose is 1 m off; the increment from the last good pose to the next one is used."""
+    """One wheel pose is 0.4 m off; the increment from the last good pose to the next one is used."""
     samples = [imu(t, np.eye(3)) for t in times(100, 8)]
     for t in times(10, 8):
         sample = wheels(t)
