@@ -84,8 +84,13 @@ class DistanceModel(Interface[DistanceModelConfig]):
             increment=step,
             covariance=np.diag(variance),
             distance_m=distance_m,
-            pose_covariance=np.maximum(np.diag(self._pose_floor), _pose_noise(inputs, second, mount)),
+            pose_covariance=self._with_floor(_pose_noise(inputs, second, mount)),
         )
+
+    def _with_floor(self, covariance: FloatArray) -> FloatArray:
+        """Return the covariance with at least the configured variances; correlations are kept."""
+        missing = np.maximum(self._pose_floor - np.diag(covariance), 0.0)
+        return covariance + np.diag(missing)
 
 
 def _pose_noise(inputs: Inputs, second: FloatArray, mount: FloatArray) -> FloatArray:

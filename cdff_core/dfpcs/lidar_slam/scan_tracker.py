@@ -37,6 +37,8 @@ _SEARCH_SWEEP_SIGMA = np.array([0.1] * 3 + [0.1] * 3)
 #: Number of successive lost sweeps that are not added to the local map; later ones are added, and the map
 #: continues at the predicted pose.
 _WITHHELD_SWEEPS = 5
+#: Number of successive sweeps with an unconstrained direction beyond which the prior is not weakened further.
+_MAX_PRIOR_SWEEPS = 20
 #: Fraction of points on the local map below which a sweep does not match.
 _LOST_INLIER_RATIO = 0.05
 #: Path length over which a new local map constrains poses poorly, since all its sweeps are from one place.
@@ -163,7 +165,8 @@ class ScanTracker:
         The search is over all rotations about the z axis of the lidar. It first assumes a constant rate since
         the previous sweep, then a rotation within this sweep only.
         """
-        since_measurement, _ = growth(self._unconstrained_sweeps, by_odometry=prediction.used_odometry)
+        sweeps = min(self._unconstrained_sweeps, _MAX_PRIOR_SWEEPS)
+        since_measurement, _ = growth(sweeps, by_odometry=prediction.used_odometry)
         best = self._register(
             points_m,
             fraction,

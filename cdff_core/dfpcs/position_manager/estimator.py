@@ -36,8 +36,9 @@ _SLIP_TIME_S, _MAX_WHEEL_SPEED_M_S = 6.0, 5.0
 _STEP_NS = 200_000_000
 #: Bounds after a silence on the standard deviations of position (numerical precision) and rotation (unknown).
 _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
-#: Factor on the variances of an increment for each refused increment that it contains.
-_REFUSAL_SCALE = 4.0
+#: Factor on the variances of an increment for each refused increment that it contains, and the number of
+#: refusals beyond which they do not grow.
+_REFUSAL_SCALE, _MAX_SCALED_REFUSALS = 4.0, 10
 #: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
 #: Number of consecutive refused increments after which the velocity counts as unknown.
@@ -178,10 +179,9 @@ class Estimator:
             )
         if estimate.consecutive_refusals >= _MAX_REFUSALS:
             estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
+        factor = _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
         try:
-            corrected = self._apply_increment(
-                estimate, replace(m, scale=m.scale * _REFUSAL_SCALE**clone.refusals), clone
-            )
+            corrected = self._apply_increment(estimate, replace(m, scale=m.scale * factor), clone)
         except RefusedError as error:
             refused = replace(estimate, consecutive_refusals=estimate.consecutive_refusals + 1)
             return refused.with_refusal(m.source), MeasurementResult(
@@ -215,7 +215,12 @@ class Estimator:
         )
         if m.source == "odometry":
             return corrected_by_wheels(
-                estimate, self._correction, m.T_origin_sensor, step, m.scale, has_imu=self._imu.span_ns > 0
+                estimate,
+                self._correction,
+                m.T_origin_sensor,
+                step,
+                m.scale,
+                has_imu=self._imu.has_readings(clone.stamp_ns, m.stamp_ns),
             )
         expected, H = estimate.relative_motion(m.source)
         residual = pose_error(step.increment, expected)

@@ -14,6 +14,9 @@ from cdff_common.geometry.se3 import FloatArray
 #: Maximum and minimum number of readings from whose differences the noise is estimated.
 _NOISE_READINGS, _MIN_NOISE_READINGS = 60, 20
 
+#: Age of a reading up to which an IMU counts as present, nanoseconds.
+_MAX_AGE_NS = 1_000_000_000
+
 
 class ImuBuffer:
     """IMU readings in ascending order of time, each kept for at least ``memory_ns``."""
@@ -34,6 +37,11 @@ class ImuBuffer:
     def span_ns(self) -> int:
         """Time from the oldest to the newest reading, nanoseconds."""
         return self._stamps_ns[-1] - self._stamps_ns[0] if self._stamps_ns else 0
+
+    def has_readings(self, start_ns: int, end_ns: int) -> bool:
+        """Return whether there is a reading in an interval or shortly before it."""
+        first = bisect_left(self._stamps_ns, start_ns - _MAX_AGE_NS)
+        return first < bisect_right(self._stamps_ns, end_ns)
 
     def insert(self, stamp_ns: int, force_m_s2: FloatArray, rate_rad_s: FloatArray) -> None:
         """Insert specific force and rate (3,) in the axes of the IMU by time; repeated times are ignored."""
