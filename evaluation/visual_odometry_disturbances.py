@@ -30,14 +30,14 @@ from evaluation.real import RealRow
 PAGE = "visual_odometry_sparse"
 
 FloatArray = NDArray[np.float64]
-#: Objects over 22 % of the left image; corner and size in pixels, depth and motion per pair in metres.
+#: Objects that cover 22 % of the left image; corner and size in pixels, depth and motion per pair in metres.
 OBJECTS = {
     "fixed to the robot, left": PlanarObject((0, 190), (560, 180), 3.9),
     "fixed to the robot, centre": PlanarObject((380, 100), (440, 228), 6.0, seed=3),
     "moves away": PlanarObject((400, 60), (500, 200), 9.0, (0.02, 0.0, 0.05)),
     "moves to the right": PlanarObject((100, 120), (420, 238), 12.0, (0.25, 0.0, 0.0)),
 }
-#: The budget as it was before: simulated images, exact calibration.
+#: Parameters for simulated images and an exact calibration.
 NOISE_ONLY: dict[str, Any] = {
     "motion": {
         "sigma_common_px": 0.003,
@@ -50,7 +50,7 @@ NOISE_ONLY: dict[str, Any] = {
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return the results by object, and by error of the calibration or of the pairs."""
+    """Return the results for each object, and for each error of the calibration or of the pairs."""
     pairs, truth = read(data / SEQUENCE)
     objects = {}
     for name, thing in OBJECTS.items():
@@ -71,7 +71,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def run(pairs: Sequence[FramePair], parameters: dict[str, Any] | None = None) -> list[Output]:
-    """Return the output for each pair, default parameters unless given."""
+    """Return the output for each pair, with default parameters unless others are given."""
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(parameters, DfpcContext(robot="kitti"))
     samples = (Sample("stereo", pair.stamp_ns, i, pair, id=str(i)) for i, pair in enumerate(pairs))
@@ -98,6 +98,7 @@ def score(outputs: Sequence[Output], truth: FloatArray) -> dict[str, Any]:
 
 
 def _errors(first: FramePair) -> dict[str, Callable[[FramePair], FramePair]]:
+    """Return the function that applies each error to a pair."""
     K, baseline_m = np.array(first.camera_matrix), first.baseline
     longer = K * np.array([[1.01, 1.0, 1.0], [1.0, 1.01, 1.0], [1.0, 1.0, 1.0]])
     rotations = {

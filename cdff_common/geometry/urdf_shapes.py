@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Convex shapes of the links of a URDF: boxes, cylinders and spheres, collision shapes before visual ones."""
+"""Convex shapes of the links of a URDF: boxes, cylinders and spheres.
+
+The collision shapes of a link are used if it has any, otherwise its visual shapes.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +17,21 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 
-#: Points of a circle; its polygon is circumscribed, so that it contains the circle.
+#: Vertices of the polygon that replaces a circle. It is circumscribed, so that it contains the circle.
 _CIRCLE_POINTS = 24
 _UNIT_CUBE = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkShape:
-    """Convex shape of a link.
+    """A convex shape of a link.
 
     Attributes
     ----------
     link : str
+        Name of the link.
     points_m : array, shape (n, 3)
-        Points in the frame of the link whose convex hull contains the shape.
+        Points in the frame of the link, metres; their convex hull contains the shape.
     """
 
     link: str
@@ -35,7 +39,7 @@ class LinkShape:
 
 
 def read_shapes(urdf: str) -> tuple[LinkShape, ...]:
-    """Return the shapes of a URDF document that ``read_urdf`` accepts.
+    """Return the shapes of all links of a URDF document, which ``read_urdf`` must accept.
 
     Raises
     ------
@@ -53,6 +57,7 @@ def read_shapes(urdf: str) -> tuple[LinkShape, ...]:
 
 
 def _shape(link: str, element: ElementTree.Element) -> LinkShape:
+    """Return the shape of a ``collision`` or ``visual`` element in the frame of its link."""
     geometry, origin = element.find("geometry"), element.find("origin")
     shape = None if geometry is None else next(iter(geometry), None)
     points = None
@@ -72,19 +77,20 @@ def _shape(link: str, element: ElementTree.Element) -> LinkShape:
 
 
 def _cylinder(radius: str | None, length: str | None, link: str) -> FloatArray:
-    half = 0.5 * _numbers(length, 1, link)[0]
+    """Return the vertices (n, 3) of a prism that contains a cylinder about z, metres."""
+    half_m = 0.5 * _numbers(length, 1, link)[0]
     circle = _circle(_numbers(radius, 1, link)[0])
-    return np.concatenate([np.column_stack([circle, np.full(len(circle), z)]) for z in (-half, half)])
+    return np.concatenate([np.column_stack([circle, np.full(len(circle), z)]) for z in (-half_m, half_m)])
 
 
 def _sphere(radius_m: float) -> FloatArray:
-    """Return points (n, 3) whose convex hull contains a sphere: circles of latitude with a larger radius."""
+    """Return points (n, 3) whose convex hull contains a sphere: circles of latitude of a larger sphere."""
     latitudes_rad = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _CIRCLE_POINTS // 2 + 1)
-    increased_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
+    outer_radius_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
     return np.concatenate(
         [
             np.column_stack(
-                [np.cos(a) * _circle(increased_m), np.full(_CIRCLE_POINTS, np.sin(a) * increased_m)]
+                [np.cos(a) * _circle(outer_radius_m), np.full(_CIRCLE_POINTS, np.sin(a) * outer_radius_m)]
             )
             for a in latitudes_rad
         ]
@@ -92,12 +98,14 @@ def _sphere(radius_m: float) -> FloatArray:
 
 
 def _circle(radius_m: float) -> FloatArray:
+    """Return the vertices (n, 2) of a regular polygon around a circle, metres."""
     angles_rad = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
-    vertices_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
-    return np.asarray(vertices_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]))
+    outer_radius_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
+    return np.asarray(outer_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]))
 
 
 def _numbers(text: str | None, count: int, link: str) -> FloatArray:
+    """Return ``count`` numbers separated by spaces; raises ConfigurationError."""
     try:
         values = np.array([float(word) for word in (text or "").split()])
     except ValueError as error:

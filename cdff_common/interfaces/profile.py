@@ -71,7 +71,7 @@ class FrameEdge(StrictModel):
         return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
 
 
-#: Value of ``mask`` for the shapes of the robot's URDF.
+#: Value of ``Sensor.mask`` that selects the shapes of the robot's URDF instead of an image.
 URDF_MASK = "urdf"
 Exposure = Literal["short", "normal", "long", "auto"]
 
@@ -144,9 +144,10 @@ class Sensor(StrictModel):
     range_m : float or None
         Range, metres; None if unknown.
     mask, mask_right : str
-        Pixels of a camera, or of the left and the right camera of a stereo camera, that always show the
-        robot: an image file relative to the profile in which they are black (0), or ``urdf`` for the shapes
-        of the robot's URDF, projected into both cameras. After loading: the content of the file in base64.
+        Pixels that always show the robot, in the image of a camera or in the left and the right image of a
+        stereo camera. Either the path of an image file, relative to the profile, in which these pixels are
+        black (0); or, for ``mask`` only, ``urdf``: the shapes of the robot's URDF are projected into both
+        images. In a loaded profile the path is replaced by the file in base64.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -163,7 +164,7 @@ class Sensor(StrictModel):
     mask_right: str = ""
 
     @model_validator(mode="after")
-    def _masks_are_of_cameras(self) -> Sensor:
+    def _check_masks(self) -> Sensor:
         if self.mask and self.kind not in ("stereo_camera", "camera"):
             raise ValueError(f"mask of a sensor of kind {self.kind}: expected a camera")
         if self.mask_right and (self.kind != "stereo_camera" or self.mask == URDF_MASK):
@@ -191,15 +192,15 @@ class Sensor(StrictModel):
 
     @cached_property
     def switch_durations_s(self) -> dict[str, dict[str, float]]:
-        """Duration of the fastest switch from each mode to each mode that can be reached from it, seconds."""
+        """Durations of the fastest mode changes, seconds: mode -> reachable mode -> duration."""
         paths = {start: {mode: self.mode_path(start, mode) for mode in self.modes} for start in self.modes}
         return {
             start: {
                 mode: sum(duration_s for _, duration_s in path)
-                for mode, path in to.items()
+                for mode, path in targets.items()
                 if path is not None
             }
-            for start, to in paths.items()
+            for start, targets in paths.items()
         }
 
     def mode_path(self, start: str, target: str) -> tuple[tuple[str, float], ...] | None:
@@ -518,7 +519,7 @@ class Profile(StrictModel):
 
 
 def read_mask(path: Path) -> str:
-    """Return an image file in base64 (``Sensor.mask``); raises ConfigurationError if it cannot be read."""
+    """Return the content of a mask image in base64; raises ConfigurationError if it cannot be read."""
     try:
         return base64.b64encode(path.read_bytes()).decode("ascii")
     except OSError as error:
@@ -526,7 +527,7 @@ def read_mask(path: Path) -> str:
 
 
 def _with_mask_images(robot: Robot, folder: Path) -> Robot:
-    """Return a robot with the images of its masks loaded; raises ConfigurationError."""
+    """Return the robot with its mask images loaded from ``folder``; raises ConfigurationError."""
     sensors = {}
     for name, sensor in robot.sensors.items():
         if sensor.mask == URDF_MASK and not robot.urdf:
@@ -541,7 +542,7 @@ def _with_mask_images(robot: Robot, folder: Path) -> Robot:
 
 
 def _with_files(profile: Profile, path: Path) -> Profile:
-    """Return the profile with its URDF documents and masks loaded; raises ConfigurationError."""
+    """Return the profile with its URDF documents and mask images loaded; raises ConfigurationError."""
     robots = []
     for robot in profile.robots:
         robot = _with_mask_images(robot, path.parent)

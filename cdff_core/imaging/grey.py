@@ -51,5 +51,5 @@ def checked_image(image: ByteArray) -> ByteArray:
 
 
 def byte_mask(mask: BoolArray | None) -> ByteArray | None:
-    """Return a mask of pixels in the form of OpenCV's detectors: uint8, not 0 where points may be."""
+    """Return a mask (rows, cols) as uint8 for OpenCV's detectors: not 0 where points may be detected."""
     return None if mask is None else np.ascontiguousarray(mask, np.uint8)

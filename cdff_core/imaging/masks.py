@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Masks of the pixels of a camera that always show the robot itself, such as an arm or the deck."""
+"""Masks of the pixels of a camera that always show the robot, for example an arm or the deck."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from cdff_common.errors import ConfigurationError, InputError
 
 
 def decode_mask(png_base64: str, camera: str) -> BoolArray:
-    """Return the usable pixels (rows, cols) of a mask image: its black pixels (0) show the robot.
+    """Return the usable pixels (rows, cols) of a mask image, whose black pixels (0) show the robot.
 
     Parameters
     ----------
     png_base64 : str
-        A PNG file in base64, as ``mask`` of a sensor in a loaded profile.
+        An image file in base64, as ``Sensor.mask`` in a loaded profile.
     camera : str
-        Name for the message of the error.
+        Name of the camera, for error messages.
 
     Raises
     ------
     ConfigurationError
-        If the text is not an image.
+        If the text is not an image in base64.
     """
     try:
         data = np.frombuffer(base64.b64decode(png_base64, validate=True), np.uint8)
@@ -42,16 +42,16 @@ def decode_mask(png_base64: str, camera: str) -> BoolArray:
 
 
 def eroded(mask: BoolArray, margin_px: int) -> BoolArray:
-    """Return the usable pixels whose square neighbourhood of half width ``margin_px`` is usable.
+    """Return a mask (rows, cols) of the pixels whose square neighbourhood is usable.
 
-    Outside the image, pixels count as usable.
+    The half width of the square is ``margin_px``; pixels outside the image count as usable.
     """
     kernel = np.ones((2 * margin_px + 1, 2 * margin_px + 1), np.uint8)
     return np.asarray(cv2.erode(mask.astype(np.uint8), kernel) > 0)
 
 
 def at_pixels(mask: BoolArray | None, pixels: FloatArray) -> BoolArray:
-    """Return the mask (n,) at the nearest pixels of columns and rows ``(n, 2)``; all true without a mask."""
+    """Return the values (n,) of a mask at columns and rows ``(n, 2)``, rounded; all true without a mask."""
     if mask is None:
         return np.ones(len(pixels), bool)
     rows, columns = mask.shape
@@ -60,15 +60,16 @@ def at_pixels(mask: BoolArray | None, pixels: FloatArray) -> BoolArray:
 
 
 def check_size(mask: BoolArray | None, image: Any, camera: str) -> None:
-    """Raise InputError if a mask has another size than the image of its camera."""
+    """Raise InputError if the size of a mask differs from that of the image of its camera."""
     if mask is not None and mask.shape != image.shape[:2]:
         raise InputError(f"mask of {camera}: {mask.shape}, expected the size of the image {image.shape[:2]}")
 
 
 def camera_entry(sensors: Mapping[str, Mapping[str, Any]], frame: str) -> Mapping[str, Any]:
-    """Return the entry of the stereo camera of a frame among the sensors of a profile, or of the only one.
+    """Return the entry of the stereo camera with a frame id among the sensors of a profile.
 
-    The result is empty without stereo cameras. Raises InputError if none of several has the frame.
+    A single stereo camera matches any frame. The result is empty if no stereo camera matches; raises
+    InputError if one of several has a mask then.
     """
     cameras = [entry for entry in sensors.values() if entry.get("kind") == "stereo_camera"]
     named = [entry for entry in cameras if entry.get("frame") == frame]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Silhouettes of convex shapes in the image of a pinhole camera."""
+"""Silhouettes of convex shapes in the images of a pinhole camera."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray
 
-#: Distance of the plane at which shapes are cut, metres in front of the camera.
+#: Distance in front of the camera, metres, of the plane at which shapes are cut.
 _NEAR_M = 0.02
-#: Largest pixel coordinate, which OpenCV's fixed-point polygons can represent.
+#: Largest pixel coordinate; OpenCV's fixed-point polygons can represent it.
 _LARGEST_PX = 1e6
 
 
@@ -25,7 +25,8 @@ def silhouettes(
     Parameters
     ----------
     shapes_m : iterable of FloatArray, shape (n, 3)
-        Points in the frame of the camera (x right, y down, z forward); each shape is their convex hull.
+        Points in the frame of the camera (x right, y down, z forward), metres; a shape is the convex hull of
+        its points.
     camera_matrix : FloatArray, shape (3, 3)
     shape : tuple of int
         Rows and columns of the image.
@@ -41,9 +42,10 @@ def silhouettes(
 
 
 def _in_front(points: FloatArray) -> FloatArray:
-    """Return points whose hull is the part of the hull of ``points`` in front of the camera.
+    """Return points (m, 3) whose hull is the part of the hull of ``points`` (n, 3) in front of the camera.
 
-    The segments between any point in front and any point behind the plane contain all cut edges.
+    All segments between a point in front of the plane and a point behind it are cut; the edges of the hull
+    are among them.
     """
     is_front = points[:, 2] >= _NEAR_M
     front, behind = points[is_front], points[~is_front]

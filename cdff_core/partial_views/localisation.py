@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Localisation of a model in a single view: search, test of significance, registration, assessment."""
+"""Localisation of a model in a single view: search, test for other poses, registration, assessment."""
 
 from __future__ import annotations
 
@@ -26,21 +26,23 @@ from cdff_core.partial_views.search import ViewCandidate, ViewModel, ViewSearch
 if TYPE_CHECKING:
     from cdff_common.interfaces.dfn import Dfn
 
-#: Radius of the part of the scene that is registered, and its voxels, in diameters of the model.
+#: Radius of the part of the scene that is registered, and voxel size in it, in diameters of the model.
 _REGION, _VOXEL = 0.6, 0.02
 _NORMAL_NEIGHBOURS = 20
-#: Factor on the limits of one hypothesis within which poses are not alternatives.
+#: Factor on the limits of ``is_same`` up to which a pose is not an alternative to another one.
 _ELSEWHERE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Surface:
+    """Points (n, 3), metres, and unit normals (n, 3), as ``refine_and_assess`` requires them."""
+
     points_m: FloatArray
     normals: FloatArray
 
 
 class ViewLocaliser:
-    """Localises models in single views with the registration DFNs of a compound."""
+    """Localiser of models in single views; it uses the registration DFNs of a compound."""
 
     def __init__(
         self,
@@ -53,12 +55,19 @@ class ViewLocaliser:
         self._good_agreement = good_agreement
 
     def localise(self, model: ViewModel, scene_m: FloatArray) -> tuple[Registration | None, Quality]:
-        """Return the registration of the model in a scene ``(n, 3)``, None if it fails, and its quality.
+        """Return the registration of the model in a scene, None if it fails, and its quality.
+
+        Parameters
+        ----------
+        model : ViewModel
+        scene_m : FloatArray, shape (n, 3)
+            Finite points in the frame of the sensor, metres.
 
         Raises
         ------
         RefusedError
-            ``too_far``, or ``no_overlap`` if the registration has none.
+            ``too_far`` if the scene does not resolve the model, ``no_overlap`` if the registered clouds do
+            not overlap.
         """
         image = range_image(scene_m)
         if image is None:
@@ -82,15 +91,15 @@ class ViewLocaliser:
         registration = self._register(search, image, model, best, metrics)
         degraded = ["symmetric_model"] if equivalent else []
         weak = registration.assessment.agreement < self._good_agreement
-        # The edges of the model constrain these directions, but the formal covariance does not include them.
+        # The outline of the model constrains these directions too, but is not part of the covariance.
         degraded += [f"weak:{name}" for name in main_components(registration.assessment.directions[weak])]
-        figures = {
+        all_metrics = {
             **metrics,
             "overlap_source": registration.assessment.overlap_source,
             "rms_m": registration.assessment.rms_m,
             "refinement_m": registration.refinement_m,
         }
-        return registration, Quality.from_reasons(degraded, CovarianceKind.FORMAL, figures)
+        return registration, Quality.from_reasons(degraded, CovarianceKind.FORMAL, all_metrics)
 
     def _register(
         self,
@@ -100,9 +109,7 @@ class ViewLocaliser:
         best: ViewCandidate,
         metrics: Mapping[str, float],
     ) -> Registration:
-        """Return the registration of the visible points, or of the candidate pose if that fits the view
-        better.
-        """
+        """Return the registration of the visible points; without refinement if the view contradicts it."""
         surface = best.side.surface
         visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])
         R_scene_view, t = image.R_view_scene.T, -model.centre_m
@@ -134,9 +141,7 @@ class ViewLocaliser:
 def _alternatives(
     search: ViewSearch, model: ViewModel, candidates: list[ViewCandidate]
 ) -> tuple[int, list[ViewCandidate]]:
-    """Return the number of candidates that a symmetry of the model makes equivalent to the best, and the
-    candidates at other poses.
-    """
+    """Return the number of candidates equivalent to the best by symmetry, and the candidates elsewhere."""
     best, *others = candidates
     equivalent, alternatives = 0, []
     for other in others:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surface of a model: outward normals, and the points that are visible from each direction."""
+"""Surface of a model: outward normals, and the points that are visible from each of a set of directions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from numba import njit
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry.kdtree import kd_tree, neighbours
 
+#: Number of directions for which the visibility is computed.
 DIRECTIONS = 162
-#: Edge of the pixels in which points hide each other, in voxels; 2 leaves no holes in a surface.
+#: Pixel size of the visibility test, in voxels; with 2 a surface has no holes.
 _PIXEL_VOXELS = 2.0
-#: Cosine of the angle between normal and direction above which a side of a surface is tested.
+#: Minimum cosine between normal and direction for the test of a side of the surface.
 _FACING = 0.3
-#: Mean difference of the visibility of both sides above which a surface is closed.
+#: Mean difference between the visible fractions of both sides above which a surface is closed.
 _CLOSED = 0.4
+#: Neighbours of a point in the graph along which normals get a common sign.
 _NEIGHBOURS = 10
 
 
@@ -30,8 +32,9 @@ class ModelSurface:
     Attributes
     ----------
     points_m, normals : ndarray, shape (n, 3)
+        Points in the frame of the model, metres, and unit normals.
     is_closed : bool
-        False if both sides of the surface are visible: then the sign of all normals is arbitrary.
+        False if both sides of the surface are visible; the common sign of the normals is then arbitrary.
     directions : ndarray, shape (d, 3)
         Unit vectors from the model to the viewer.
     unhidden : ndarray of bool, shape (d, n)
@@ -48,7 +51,7 @@ class ModelSurface:
     visible: BoolArray
 
     def reversed(self) -> ModelSurface:
-        """Return the surface as seen from its other side."""
+        """Return the surface with reversed normals, as seen from its other side."""
         return _oriented_surface(self.points_m, -self.normals, self.unhidden, self.is_closed)
 
     def subset(self, rows: IntArray) -> ModelSurface:
@@ -63,15 +66,15 @@ class ModelSurface:
         )
 
     def visible_from(self, viewpoint_m: FloatArray) -> BoolArray:
-        """Return the points (n,) that are visible from a distant viewpoint (3,) in the model's frame."""
+        """Return a mask (n,) of the points visible from a distant viewpoint (3,) in the model's frame."""
         return np.asarray(self.visible[int(np.argmax(self.directions @ viewpoint_m))])
 
 
 def model_surface(points_m: FloatArray, normals: FloatArray, voxel_m: float) -> ModelSurface:
-    """Return the surface of points ``(n, 3)``, one per voxel, with normals of arbitrary sign.
+    """Return the surface of points ``(n, 3)``, one per voxel, whose normals (n, 3) have arbitrary signs.
 
-    A point of a closed surface is visible from the side of its outward normal only. The normals of an open
-    surface get a common sign along the minimum spanning tree of neighbours (Hoppe et al. 1992,
+    A point of a closed surface is visible only from the side to which its outward normal points. The normals
+    of an open surface get a common sign along the minimum spanning tree of neighbours (Hoppe et al. 1992,
     doi:10.1145/133994.134011).
     """
     directions = sphere_directions(DIRECTIONS)
@@ -94,6 +97,7 @@ def model_surface(points_m: FloatArray, normals: FloatArray, voxel_m: float) -> 
 def _oriented_surface(
     points_m: FloatArray, normals: FloatArray, unhidden: BoolArray, is_closed: bool
 ) -> ModelSurface:
+    """Return the surface with the visibility that follows from the normals."""
     directions = sphere_directions(DIRECTIONS)
     visible = unhidden & (directions @ normals.T > 0.0)
     return ModelSurface(points_m, normals, is_closed, directions, unhidden, visible)
@@ -111,7 +115,10 @@ def sphere_directions(count: int) -> FloatArray:
 def unhidden_points(
     points: FloatArray, directions: FloatArray, pixel: float
 ) -> BoolArray:  # pragma: no cover - compiled
-    """Return for each direction (d, 3) the points that no other point hides, shape (d, n)."""
+    """Return a mask (d, n) of the points (n, 3) that no other point hides, for each direction (d, 3).
+
+    ``pixel`` is the pixel size in the unit of the points.
+    """
     n = len(points)
     out = np.zeros((len(directions), n), np.bool_)
     radius = 0.0
@@ -141,7 +148,7 @@ def unhidden_points(
 
 @njit(cache=True)
 def consistent_signs(normals: FloatArray, index: IntArray) -> FloatArray:  # pragma: no cover - compiled
-    """Return signs (n,) that make normals of neighbours ``index`` (n, k) agree: Prim's algorithm."""
+    """Return signs (n,) that make normals (n, 3) of neighbours ``index`` (n, k) agree (Prim's algorithm)."""
     n, k = index.shape
     sign, best, parent = np.zeros(n), np.full(n, -1.0), np.full(n, -1, np.int64)
     for _ in range(n):

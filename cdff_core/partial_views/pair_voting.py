@@ -4,8 +4,8 @@
 
 Drost, Ulrich, Navab, Ilic (2010), doi:10.1109/CVPR.2010.5540108. The feature of two points with normals is
 their distance and three angles. The pairs of the model are sorted by quantised feature. Each reference point
-of the scene votes, with all points within the diameter of the model, for a model point and a rotation about
-the normal.
+of the scene forms pairs with its neighbours; each pair votes for a model point and a rotation about the
+normal, which determine a pose.
 """
 
 from __future__ import annotations
@@ -28,6 +28,10 @@ class PairTable:
 
     Attributes
     ----------
+    points_m, normals : ndarray, shape (n, 3)
+        Points of the model, metres, and unit normals.
+    step_m, diameter_m : float
+        Width of the bins of the distance, and diameter of the model, metres.
     start : ndarray of int, shape (features + 1,)
         Pairs of feature k are the rows ``start[k]`` to ``start[k + 1]``.
     first : ndarray of int, shape (pairs,)
@@ -65,9 +69,24 @@ def vote(
     index: IntArray,
     peaks: int,
 ) -> FloatArray:
-    """Return poses ``T_scene_model`` (k, 4, 4), the ``peaks`` with most votes for each reference point.
+    """Return the ``peaks`` poses with the most votes for each reference point.
 
-    The neighbours of reference i are the points ``index[start[i]:start[i + 1]]``.
+    Parameters
+    ----------
+    table : PairTable
+    points_m, normals : FloatArray, shape (n, 3)
+        Points of the scene, metres, and unit normals.
+    references : IntArray, shape (r,)
+        Rows of the reference points.
+    start, index : IntArray, shapes (r + 1,) and (m,)
+        The neighbours of reference i are the points ``index[start[i]:start[i + 1]]``.
+    peaks : int
+        Number of poses for each reference point.
+
+    Returns
+    -------
+    FloatArray, shape (r * peaks, 4, 4)
+        ``T_scene_model``, metres.
     """
     bins = int(table.diameter_m / table.step_m) + 1
     return _vote(
@@ -114,7 +133,7 @@ def _aligning_rotation(n: FloatArray) -> FloatArray:  # pragma: no cover - compi
 def _pair(
     p: FloatArray, n: FloatArray, R: FloatArray, q: FloatArray, m: FloatArray, step: float, bins: int
 ) -> tuple[int, float]:  # pragma: no cover - compiled
-    """Return the feature of a pair, -1 beyond the table, and the angle of the second point."""
+    """Return the feature of a pair, -1 if it is not in the table, and the angle of the second point."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     d = math.sqrt(x * x + y * y + z * z)
     k = int(d / step)
@@ -178,13 +197,13 @@ def _vote(
             if k < 0:
                 continue
             low, high = table_start[k], table_start[k + 1]
-            # A feature that fits each model point on average carries no information.
+            # A feature with more pairs than model points does not discriminate between them.
             if high == low or high - low > n:
                 continue
             w = 1.0 / math.sqrt(high - low)
             for row in range(low, high):
-                turn = (angle - rotation[row]) * (ROTATIONS / (2.0 * math.pi))
-                b = int(turn + 2.0 * ROTATIONS + 0.5) % ROTATIONS
+                rotation_bins = (angle - rotation[row]) * (ROTATIONS / (2.0 * math.pi))
+                b = int(rotation_bins + 2.0 * ROTATIONS + 0.5) % ROTATIONS
                 votes[first[row], b] += w
         for m in range(n):
             for b in range(ROTATIONS):

@@ -11,28 +11,31 @@ import numpy as np
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry.kdtree import kd_tree, spacing
 
-#: Largest angle between a point and the optical axis, as a tangent.
+#: Largest tangent of the angle between a point and the optical axis.
 _MAX_TANGENT = 3.0
+#: Edge of a pixel relative to the distance between points.
 _PIXEL_SPACINGS = 1.5
-#: Relative depth behind the nearest point of a window beyond which a point belongs to another surface.
+#: Relative depth beyond the nearest point of a window from which a point belongs to a hidden surface.
 _BEHIND = 0.05
-#: Pixels along the edge of the window in which a point is behind another.
+#: Edge of this window, pixels.
 _WINDOW = 3
-#: Measured pixels of the 8 neighbours from which the depth of an empty pixel is interpolated.
+#: Minimum number of measured pixels among the 8 neighbours to interpolate the depth of an empty pixel.
 _MIN_NEIGHBOURS = 4
-#: Largest fraction of points behind others in one view.
+#: Largest fraction of points of hidden surfaces in a single view.
 _MAX_HIDDEN = 0.06
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeImage:
-    """Depths along the optical axis, infinite without a point.
+    """Depths of a scene in a pinhole image; its optical axis is the mean direction of the points.
 
     Attributes
     ----------
     R_view_scene : ndarray, shape (3, 3)
-        Rotation to the view, z along its axis.
+        Rotation from the scene to the view, whose z axis is the optical axis. Both have their origin at the
+        sensor.
     depth_m : ndarray, shape (rows, columns)
+        Depths along the optical axis, metres; infinite for pixels without a point.
     low : ndarray, shape (2,)
         Tangents x / z and y / z of the corner of pixel (0, 0).
     pixel : float
@@ -49,7 +52,7 @@ class RangeImage:
 
 
 def range_image(points_m: FloatArray) -> RangeImage | None:
-    """Return the range image of a scene ``(n, 3)``; None if it is not one view from its origin."""
+    """Return the range image of a scene ``(n, 3)``, metres; None if it is not one view from its origin."""
     from scipy.ndimage import minimum_filter
 
     distance = np.linalg.norm(points_m, axis=1)
@@ -80,7 +83,7 @@ def range_image(points_m: FloatArray) -> RangeImage | None:
 
 
 def _filled(depth: FloatArray) -> FloatArray:
-    """Return the image with the median of their neighbours in empty pixels that are nearly surrounded."""
+    """Return the image with empty pixels replaced by the median of enough measured neighbours."""
     padded = np.pad(np.where(np.isfinite(depth), depth, np.nan), 1, constant_values=np.nan)
     row, column = np.nonzero(~np.isfinite(depth))
     around = np.stack([padded[row + i, column + j] for i in range(3) for j in range(3) if (i, j) != (1, 1)])

@@ -21,25 +21,28 @@ from cdff_core.partial_views.pair_voting import PairTable, pair_table, vote
 from cdff_core.partial_views.range_image import RangeImage
 from cdff_core.partial_views.view_comparison import Perturbations, ViewComparison
 
+#: Number of points of the surface of a model.
 _FINE_POINTS = 4000
 _NORMAL_NEIGHBOURS = 20
-#: Radius in which a reference point must have relief, in diameters.
+#: Radius of the surroundings of a reference point whose relief is computed, in diameters.
 _RELIEF_RADIUS = 0.25
-#: Points that describe the relief, and partners of a reference point.
+#: Number of points from which the relief is computed, and fraction of the points that form pairs with a
+#: reference point.
 _RELIEF_POINTS, _PARTNERS = 8000, 0.4
-#: Perturbations of hypotheses, and of the best of them.
+#: Perturbations of all hypotheses, and of the best distinct ones, in diameters and radians.
 _FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
 _LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
-#: Poses that differ by less, in diameters and radians, are one hypothesis.
+#: Poses that differ by less than this, in diameters and radians, are one hypothesis.
 _SAME_M, _SAME_RAD = 0.1, 0.35
-#: Fraction of the points of a symmetric model that coincide with the model after the transform.
+#: Minimum fraction of the points of a model that a symmetry maps to its surface.
 _SYMMETRIC = 0.95
+#: Minimum tolerance in standard deviations of the noise of the scene.
 _SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSide:
-    """One orientation of the surface of a model."""
+    """One orientation of the surface of a model: all points, points at ``step``, and the pairs of these."""
 
     surface: ModelSurface
     coarse: ModelSurface
@@ -48,12 +51,15 @@ class ModelSide:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewModel:
-    """A model prepared for the search; an open surface has two sides.
+    """A model prepared for the search.
 
     Attributes
     ----------
     centre_m : ndarray, shape (3,)
-        Origin of the points of the sides, in the frame of the model.
+        Mean of the points in the frame of the model, metres; origin of the points of ``sides``.
+    diameter_m : float
+    sides : tuple of ModelSide
+        One side of a closed surface, both sides of an open one.
     """
 
     centre_m: FloatArray
@@ -61,7 +67,7 @@ class ViewModel:
     sides: tuple[ModelSide, ...]
 
     def is_symmetry(self, T: FloatArray, tolerance_m: float) -> bool:
-        """Return whether a transform in the frame of the centre maps the model to itself."""
+        """Return whether a transform (4, 4) about ``centre_m`` maps the model to itself."""
         points = self.sides[0].surface.points_m
         distance_m, _ = nearest(kd_tree(points), se3.transform_points(T, points))
         return bool(np.mean(distance_m < tolerance_m) > _SYMMETRIC)
@@ -69,7 +75,7 @@ class ViewModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewCandidate:
-    """A pose, ``T_view_centre``, with its score."""
+    """A pose ``T_view_centre`` (4, 4), metres, with its score."""
 
     T: FloatArray
     score: float
@@ -77,7 +83,7 @@ class ViewCandidate:
 
 
 def prepare_model(points_m: FloatArray, cfg: ViewSearchConfig) -> ViewModel:
-    """Return a model of points ``(n, 3)`` prepared for the search."""
+    """Return a model of points ``(n, 3)``, metres, prepared for the search."""
     centre_m = points_m.mean(axis=0)
     points_m = points_m - centre_m
     diameter_m = 2.0 * float(np.sqrt(np.max(np.sum(points_m**2, axis=1))))
@@ -100,12 +106,19 @@ def prepare_model(points_m: FloatArray, cfg: ViewSearchConfig) -> ViewModel:
 
 
 class ViewSearch:
-    """Candidate poses of a model in a view.
+    """Search for candidate poses of a model in a view.
+
+    Attributes
+    ----------
+    near_m : ndarray, shape (n, 3)
+        Points of the scene that are near enough to resolve the model, in the frame of the view, metres.
+    tolerance_m : float
+        Largest depth difference between model and scene that agree.
 
     Raises
     ------
     RefusedError
-        ``too_far`` if no part of the scene is near enough to resolve the model.
+        ``too_far`` if too few points of the scene are near enough to resolve the model.
     """
 
     def __init__(
@@ -140,7 +153,7 @@ class ViewSearch:
         return _is_same(first, second, self._model.diameter_m, factor)
 
     def _references(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Return reference points, and their partners as start and index."""
+        """Return the rows of reference points, and ``start`` and ``index`` of their neighbours."""
         rng, points = np.random.default_rng(0), self._points
         diameter_m = self._model.diameter_m
         relief = _relief(points, _RELIEF_RADIUS * diameter_m, rng)
@@ -178,7 +191,7 @@ def _is_same(first: FloatArray, second: FloatArray, diameter_m: float, factor: f
 
 
 def _scene_surface(points_m: FloatArray, step_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return points of a view, one per voxel, and normals towards the sensor at the origin."""
+    """Return points (n, 3), one per voxel, and unit normals (n, 3) towards the sensor at the origin."""
     dense, points = voxel_means(points_m, 0.5 * step_m), voxel_means(points_m, step_m)
     tree = kd_tree(dense)
     normals = plane_fits(tree, min(_NORMAL_NEIGHBOURS, len(dense)))[0][nearest(tree, points)[1]]
@@ -187,7 +200,7 @@ def _scene_surface(points_m: FloatArray, step_m: float) -> tuple[FloatArray, Flo
 
 
 def _relief(points: FloatArray, radius_m: float, rng: np.random.Generator) -> FloatArray:
-    """Return the standard deviation (n,) of the surroundings of each point across their plane."""
+    """Return the relief (n,), metres: standard deviation of surrounding points across their plane."""
     sample = points[np.sort(rng.permutation(len(points))[:_RELIEF_POINTS])]
     start, index = radius_neighbours(sample, points, radius_m)
     count = np.diff(start)
@@ -198,16 +211,17 @@ def _relief(points: FloatArray, radius_m: float, rng: np.random.Generator) -> Fl
         return np.bincount(row, weights=values, minlength=len(points)) * weight
 
     offset = sample[index] - points[row]
-    first = np.stack([mean(offset[:, i]) for i in range(3)], axis=1)
-    second = np.empty((len(points), 3, 3))
+    centre = np.stack([mean(offset[:, i]) for i in range(3)], axis=1)
+    covariance = np.empty((len(points), 3, 3))
     for i in range(3):
         for j in range(i + 1):
-            second[:, i, j] = second[:, j, i] = mean(offset[:, i] * offset[:, j]) - first[:, i] * first[:, j]
-    least = np.linalg.eigvalsh(second)[:, 0]
-    return np.where(count > 3, np.sqrt(np.maximum(least, 0.0)), 0.0)
+            product = mean(offset[:, i] * offset[:, j]) - centre[:, i] * centre[:, j]
+            covariance[:, i, j] = covariance[:, j, i] = product
+    smallest = np.linalg.eigvalsh(covariance)[:, 0]
+    return np.where(count > 3, np.sqrt(np.maximum(smallest, 0.0)), 0.0)
 
 
 def _noise(points_m: FloatArray) -> float:
-    """Return the median standard deviation of the points across planes through their neighbours."""
+    """Return the noise, metres: median standard deviation of points across the planes of their neighbours."""
     variances = plane_fits(kd_tree(points_m), _NORMAL_NEIGHBOURS)[2]
     return float(np.sqrt(np.median(variances[:, 0])))

@@ -15,11 +15,12 @@ from cdff_common.geometry import se3
 from cdff_core.partial_views.model_surface import ModelSurface
 from cdff_core.partial_views.range_image import RangeImage
 
-#: Weights of points that agree, are in front of the measured surface (free space), behind it, unmeasured.
+#: Weights of visible points that agree with the scene, that are in front of it (in free space), that are
+#: behind it, and that have no measurement.
 _WEIGHTS = np.array([1.0, -1.0, -0.25, -0.1])
-#: Factor on the perturbations for each round of a refinement.
+#: Factor on the perturbations from one round of a refinement to the next.
 _CONTRACTION = 0.65
-#: Fewer visible points than this fraction of the model are no evidence.
+#: Minimum fraction of the points of a model that must be visible for a valid score.
 _MIN_VISIBLE = 0.1
 
 
@@ -33,18 +34,18 @@ class Perturbations:
     trials: int
 
     def scaled(self, factor: float) -> Perturbations:
-        """Return the perturbations with translations in other units."""
+        """Return the perturbations with translations multiplied by a factor, for example a unit in metres."""
         return replace(self, sigma_m=factor * self.sigma_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewComparison:
-    """Compares a surface with a range image; poses are in the frame of the view.
+    """Comparison of a surface with a range image; poses are in the frame of the view.
 
     Attributes
     ----------
     tolerance_m : float
-        Largest difference of depth between a point and the scene that agree.
+        Largest depth difference between a point and the scene that agree.
     """
 
     image: RangeImage
@@ -52,8 +53,9 @@ class ViewComparison:
     tolerance_m: float
 
     def counts(self, poses: FloatArray) -> IntArray:
-        """Return the numbers (k, 4) of visible points that agree with the scene at poses ``(k, 4, 4)``, are
-        in front of it, behind it, or unmeasured.
+        """Return the numbers (k, 4) of visible points by class at poses ``(k, 4, 4)``.
+
+        The classes are: agrees with the scene, in front of it, behind it, no measurement.
         """
         image, surface = self.image, self.surface
         return _counts(
@@ -68,16 +70,20 @@ class ViewComparison:
         )
 
     def scores(self, poses: FloatArray) -> FloatArray:
-        """Return scores (k,) of poses ``(k, 4, 4)``: 1 if all visible points agree with the scene."""
+        """Return scores (k,) of poses ``(k, 4, 4)``.
+
+        The score is 1 if all visible points agree with the scene, and -1 if too few points are visible.
+        """
         counts = self.counts(poses)
         visible = counts.sum(axis=1)
         scores = counts @ _WEIGHTS / np.maximum(visible, 1)
         return np.where(visible >= _MIN_VISIBLE * len(self.surface.points_m), scores, -1.0)
 
     def refine(self, T: FloatArray, by: Perturbations) -> tuple[FloatArray, float]:
-        """Return the best pose and its score after rounds of random perturbations that contract.
+        """Return the best pose (4, 4) near ``T`` and its score.
 
-        The score counts points and has no derivative.
+        Each round tries random perturbations, smaller from round to round, since the score is a count and has
+        no derivative.
         """
         rng = np.random.default_rng(0)
         score, trials = -1.0, by.trials

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of objects and measured single views of them, with approximate poses."""
+"""Models of objects and recorded single views of them, with approximate poses."""
 
 from __future__ import annotations
 
@@ -17,15 +17,19 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from evaluation.data_sets.clouds import milk_carton
 
+#: Number of points of a model.
 MODEL_POINTS = 20_000
-#: Frame of the poses of ``visp_rbt_rgbd`` in that of its meshes: x, -z, y. With it the points of
-#: ``dragon.init`` are within 0.6 mm of the mesh; without it they are up to 22 mm away.
+#: Rotation from the frame of the meshes of ``visp_rbt_rgbd`` to the frame of its poses: x, -z, y. With it the
+#: points of ``dragon.init`` are within 0.6 mm of the mesh; without it they are up to 22 mm away.
 _R_POSE_MESH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A model, a scene, and the poses ``T_scene_model`` that are equivalent; none if it is absent."""
+    """A model (n, 3) and a scene (m, 3), metres, and the equivalent poses ``T_scene_model`` (4, 4).
+
+    There is no pose if the scene does not contain the model.
+    """
 
     name: str
     model_m: FloatArray
@@ -34,7 +38,10 @@ class View:
 
 
 def tracked_objects(data: Path, step: int = 1) -> Iterator[View]:
-    """Yield dragon and cube in the frames of ``visp_rbt_rgbd``, at the start poses, moved with the board."""
+    """Yield dragon and cube in every ``step``-th frame of ``visp_rbt_rgbd``.
+
+    Their poses are the start poses of the data set, moved with the board.
+    """
     folder = data / "visp_rbt_rgbd"
     rows = np.loadtxt(folder / "camera_from_board.csv", delimiter=",", skiprows=1)[::step]
     first = np.loadtxt(folder / "camera_from_board.csv", delimiter=",", skiprows=1)[0]
@@ -51,7 +58,7 @@ def tracked_objects(data: Path, step: int = 1) -> Iterator[View]:
 
 
 def absent_objects(data: Path, frames: int) -> Iterator[View]:
-    """Yield dragon and cube with frames of the kitchen, and models of animals with frames of the board."""
+    """Yield dragon and cube with frames of ``seven_scenes_redkitchen``, which contain neither."""
     folder = data / "visp_rbt_rgbd"
     for path in sorted((data / "seven_scenes_redkitchen" / "frames").glob("*.depth.png"))[:: 242 // frames]:
         scene = depth_points(path, 585.0, 585.0, 320.0, 240.0)
@@ -61,10 +68,11 @@ def absent_objects(data: Path, frames: int) -> Iterator[View]:
 
 
 def crops(data: Path, seeds: range) -> Iterator[View]:
-    """Yield parts of measured scenes, cut around a seeded point and moved, with the other half of the points.
+    """Yield parts of recorded scenes as models, one for each seed.
 
-    Radius: 0.25 of the distance to the sensor. Parts of which the residuals about a plane are below 0.1
-    radii are drawn again, since a plane has no pose.
+    A random half of the points is the scene. The model is the part of the other half around a random point,
+    within 0.25 of its distance to the sensor, at a random pose. Parts whose standard deviation across their
+    plane is below 0.1 radii are drawn again, since the pose of a plane is not unique.
     """
     _, table, _ = milk_carton(data)
     frames = sorted((data / "seven_scenes_redkitchen" / "frames").glob("*.depth.png"))
@@ -88,7 +96,10 @@ def crops(data: Path, seeds: range) -> Iterator[View]:
 
 
 def mesh_points(path: Path) -> FloatArray:
-    """Return points on the surface of a Wavefront mesh of triangles or polygons, drawn by area."""
+    """Return random points (n, 3), metres, evenly distributed on the surface of a Wavefront mesh.
+
+    They are in the frame of the poses of ``visp_rbt_rgbd``.
+    """
     vertices, triangles = [], []
     for line in path.read_text().splitlines():
         kind, *fields = line.split() or [""]
@@ -107,7 +118,7 @@ def mesh_points(path: Path) -> FloatArray:
 
 
 def depth_points(path: Path, fx: float, fy: float, cx: float, cy: float) -> FloatArray:
-    """Return the points (n, 3) of a depth image in millimetres."""
+    """Return the points (n, 3), metres, of a depth image in millimetres; x right, y down, z forward."""
     depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     row, column = np.nonzero((depth > 0) & (depth < 65535))
     z = depth[row, column] * 1e-3
@@ -115,10 +126,12 @@ def depth_points(path: Path, fx: float, fy: float, cx: float, cy: float) -> Floa
 
 
 def _pose(row: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of a row (12,) with its upper three rows."""
     return np.vstack([row.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
 
 
 def _cube_rotations() -> tuple[FloatArray, ...]:
+    """Return the 24 rotations (4, 4) of a cube."""
     rotations = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):

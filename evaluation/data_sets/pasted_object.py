@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recorded stereo pairs with a textured object in front of the scene, fixed to the robot or moving."""
+"""Recorded stereo pairs with a pasted textured object, fixed to the robot or moving."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cdff_common.types import FramePair
 
-#: Standard deviation of the noise of the object's images, and blur of the pixels, as of the recorded ones.
+#: Standard deviation of the noise of the object's images, and of their blur, similar to recorded images.
 _NOISE_DN, _BLUR_PX = 1.5, 0.6
 #: Mean and standard deviation of the object's grey levels.
 _MEAN_DN, _CONTRAST_DN = 120.0, 40.0
@@ -21,7 +21,7 @@ _MEAN_DN, _CONTRAST_DN = 120.0, 40.0
 
 @dataclass(frozen=True, slots=True)
 class PlanarObject:
-    """A textured rectangle parallel to the images.
+    """A textured rectangle parallel to the image planes.
 
     Attributes
     ----------
@@ -32,7 +32,8 @@ class PlanarObject:
     depth_m : float
         Distance along the optical axis in the first pair.
     step_m : tuple of float
-        Motion relative to the camera from pair to pair: right, down, forward. Zero for a part of the robot.
+        Motion relative to the camera from pair to pair, metres: right, down, forward. Zero for a part of the
+        robot.
     seed : int
         Seed of texture and noise.
     """
@@ -59,7 +60,7 @@ def paste(pairs: Sequence[FramePair], thing: PlanarObject) -> list[FramePair]:
 
 
 def mask_of(pairs: Sequence[FramePair], thing: PlanarObject, *, right: bool) -> NDArray[np.uint8]:
-    """Return the mask image of an object that does not move: 0 on the object, 255 elsewhere."""
+    """Return the mask image (rows, cols) of an object at rest: 0 on the object, 255 elsewhere."""
     shape = pairs[0].left.image.shape[:2]
     warp = _warp(pairs[0], 0, thing, right=right)
     ones = np.full((thing.size_px[1], thing.size_px[0]), 255.0, np.float32)
@@ -68,7 +69,7 @@ def mask_of(pairs: Sequence[FramePair], thing: PlanarObject, *, right: bool) -> 
 
 
 def _texture(thing: PlanarObject) -> NDArray[np.float32]:
-    """Return grey levels with structures of 2 to 32 px."""
+    """Return grey levels (rows, cols) with structures of 2 to 32 px."""
     columns, rows = thing.size_px
     rng, total = np.random.default_rng(thing.seed), np.zeros((rows, columns), np.float32)
     for scale in (2, 4, 8, 16, 32):
@@ -97,6 +98,7 @@ def _with_object(
     texture: NDArray[np.float32],
     rng: np.random.Generator,
 ) -> FramePair:
+    """Return a pair with the object blended into both images."""
     images = []
     for frame, right in ((pair.left, False), (pair.right, True)):
         warp = _warp(pair, index, thing, right=right)

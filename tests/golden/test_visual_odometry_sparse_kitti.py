@@ -47,7 +47,7 @@ def test_a_recorded_drive_gives_the_recorded_end_position_with_status_ok(real_da
     end_pose = outputs[-1].value.transform
     np.testing.assert_allclose(end_pose.matrix[:3, 3], REFERENCE_END_M, atol=0.06)
     assert np.linalg.norm(end_pose.matrix[:3, 3] - truth[-1, :3, 3]) / PATH_LENGTH_M < 0.0085
-    # Relative errors of focal length and baseline of 0.5 % each over 59.9 m.
+    # Relative standard deviations of focal length and baseline of 0.5 % each, over 59.9 m.
     assert 0.3 < np.sqrt(end_pose.covariance[2, 2]) < 0.6
     assert min(o.quality.metrics["inliers"] for o in outputs[1:]) > 80
 

@@ -35,7 +35,8 @@ def select_strongest_per_cell(
         Features have a response above this.
     config : GridConfig
     mask : BoolArray, shape (rows, cols), optional
-        Pixels at which features may be; local maxima at other pixels suppress no feature.
+        True for pixels at which features may be detected. Other pixels are ignored: they do not suppress
+        features near them.
 
     Returns
     -------

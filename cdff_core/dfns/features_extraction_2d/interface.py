@@ -23,7 +23,8 @@ class FeaturesExtraction2DInputs(DfnInputs):
     image : ndarray of uint8, shape (r,c)
         Grey image.
     mask : ndarray of bool, shape (r,c), optional
-        False for pixels at which no point may be detected, such as those that show the robot.
+        True for pixels at which points may be detected; False for example for pixels that show the robot;
+        default: all.
     """
 
     ARRAYS = ArrayPorts({"image": "uint8[r,c]", "mask": "bool[r,c]"}, optional=["mask"])

@@ -39,6 +39,6 @@ class Orb(Interface[OrbConfig]):
         detector = cv2.ORB.create(
             cfg.features, ORB_SCALE, ORB_LEVELS, patchSize=int(ORB_PATCH_PX), fastThreshold=cfg.threshold_dn
         )
-        found = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
-        points, scores, sizes, angles = arrays_of(found)
+        keypoints = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
+        points, scores, sizes, angles = arrays_of(keypoints)
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

@@ -35,6 +35,6 @@ class Sift(Interface[SiftConfig]):
         """Return the features; raises InputError on an image that is too small."""
         cfg = self.config
         detector = cv2.SIFT.create(cfg.features, contrastThreshold=cfg.contrast_threshold)
-        found = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
-        points, scores, sizes, angles = arrays_of(found)
+        keypoints = detector.detect(checked_image(inputs.image), byte_mask(inputs.mask))
+        points, scores, sizes, angles = arrays_of(keypoints)
         return Outputs(features=points, scores=scores, sizes=sizes, angles=angles)

@@ -264,7 +264,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
 
     def _first_kernel_m(self, guess_covariance: FloatArray | None) -> float:
-        """Return the first kernel width: by the uncertainty of the guess, at most the largest voxel's edge."""
+        """Return the first kernel width by the uncertainty of the guess, at most the largest voxel."""
         cfg = self.config
         largest_m = cfg.voxel_m * (1 << (cfg.levels - 1))
         sigma_m = (
@@ -273,7 +273,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
 
     def _finest_level(self, kernel_m: float) -> int:
-        """Return the first level with voxels as large as the kernel: smaller ones may not contain the plane."""
+        """Return the first level whose voxels are as large as the kernel, so that they contain the plane."""
         level = int(np.ceil(np.log2(max(kernel_m / self.config.voxel_m, 1.0)) - 1e-9))
         return min(level, self.config.levels - 1)
 

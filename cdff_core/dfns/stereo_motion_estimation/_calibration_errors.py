@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of the calibration of a rectified stereo camera as errors of the measurements ``(u, v, d)``."""
+"""Effect of calibration errors of a rectified stereo camera on the measurements ``(u, v, d)``."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from cdff_core.imaging.rectified_camera import RectifiedCamera
 
 
 class CalibrationUncertainty(DfnConfig):
-    """Standard deviations of the calibration; they are constant over a drive.
+    """Standard deviations of calibration errors, which are constant over a drive.
 
-    The defaults are those of a careful calibration with a printed target some months ago. Values of the
-    calibration report of the camera replace them; 0 states that a value is exact.
+    The defaults are assumptions: a careful calibration with a printed target, some months old. Replace them
+    by the values of the calibration report of the camera; 0 means that a parameter is exact.
     """
 
     focal_length_ratio: Annotated[
-        float, Field(ge=0, le=0.2, description="Error of the focal length relative to it")
+        float, Field(ge=0, le=0.2, description="Relative error of the focal length")
     ] = 0.005
-    baseline_ratio: Annotated[
-        float, Field(ge=0, le=0.2, description="Error of the baseline relative to it")
-    ] = 0.005
+    baseline_ratio: Annotated[float, Field(ge=0, le=0.2, description="Relative error of the baseline")] = (
+        0.005
+    )
     principal_point_px: Annotated[
-        float, Field(ge=0, le=50, description="Error of column and row of the principal point")
+        float, Field(ge=0, le=50, description="Error of the column and of the row of the principal point")
     ] = 1.0
     rotation_deg: Annotated[
         float,
@@ -40,11 +40,11 @@ class CalibrationUncertainty(DfnConfig):
     ] = 0.03
     distortion_px: Annotated[
         float,
-        Field(ge=0, le=20, description="Remaining radial distortion of each camera in the image corner"),
+        Field(ge=0, le=20, description="Residual radial distortion of each camera in the image corner"),
     ] = 0.3
 
     def sigmas(self) -> FloatArray:
-        """Return the standard deviations (8,) of the errors of ``measurement_errors``."""
+        """Return the standard deviations (8,) in the order and units of ``measurement_errors``."""
         return np.array(
             [
                 self.focal_length_ratio,
@@ -57,23 +57,32 @@ class CalibrationUncertainty(DfnConfig):
 
 
 def measurement_errors(camera: RectifiedCamera, uvd: FloatArray) -> FloatArray:
-    """Return the errors (n, 3, 8) of measurements (n, 3) for each unit of the calibration errors.
+    """Return the derivatives (n, 3, 8) of measurements with respect to the calibration errors.
 
-    Columns: focal length and baseline (relative), column and row of the principal point (px), rotations of
-    the right camera about the optical axis and the baseline (rad), and the radial distortion of the left and
-    the right camera (px in the corner). The rotation about the vertical shifts disparities by an offset,
-    which is estimated with the motion.
+    Parameters
+    ----------
+    camera : RectifiedCamera
+    uvd : FloatArray, shape (n, 3)
+        Columns, rows and disparities, pixels.
+
+    Returns
+    -------
+    FloatArray, shape (n, 3, 8)
+        Pixels per unit of: focal length and baseline (relative), column and row of the principal point (px),
+        rotations of the right camera about the optical axis and the baseline (rad), radial distortion of the
+        left and the right camera (px in the corner). The rotation about the vertical is not included: it
+        offsets the disparities, and this offset is estimated with the motion.
     """
     u, v, d = (uvd - [camera.cx, camera.cy, 0.0]).T
     corner_px = np.hypot(camera.cx, camera.cy)
-    y, right = v / camera.fy, u - d
-    by_left, by_right = ((x**2 + v**2) / corner_px**3 for x in (u, right))
+    y, u_right = v / camera.fy, u - d
+    left_ratio, right_ratio = ((column**2 + v**2) / corner_px**3 for column in (u, u_right))
     errors = np.zeros((len(uvd), 3, 8))
     errors[:, :, 0] = np.column_stack([u, v, d])
     errors[:, 2, 1] = d
     errors[:, 0, 2] = errors[:, 1, 3] = 1.0
     errors[:, 2, 4] = camera.fx * y
-    errors[:, 2, 5] = right * y
-    errors[:, :, 6] = np.column_stack([u, v, u]) * by_left[:, None]
-    errors[:, 2, 7] = -right * by_right
+    errors[:, 2, 5] = u_right * y
+    errors[:, :, 6] = np.column_stack([u, v, u]) * left_ratio[:, None]
+    errors[:, 2, 7] = -u_right * right_ratio
     return errors

@@ -81,9 +81,10 @@ class StereoMotionEstimationOutputs:
         Part of the covariance due to the noise of these two pairs.
     common_response : ndarray of float64, shape (6,14)
         Effect on the motion, [x y z rx ry rz], of one standard deviation of each error common to all
-        points: offsets of column, row and disparity, magnification, stretch of rows, rotation of the image;
-        and of the calibration: focal length, baseline, column and row of the principal point, rotations
-        about the optical axis and the baseline, distortion of the left and the right camera.
+        points. Columns 0-5, tracking: offsets of column, row and disparity, magnification, stretch of rows,
+        rotation of the image. Columns 6-13, calibration: focal length, baseline, column and row of the
+        principal point, rotations about the optical axis and the baseline, distortion of the left and the
+        right camera.
     calibration_response : ndarray of float64, shape (6,k)
         Derivatives of the motion with respect to the calibration parameters, per pixel.
     inliers : ndarray of bool, shape (n)

@@ -40,8 +40,8 @@ class ReprojectionLmConfig(DfnConfig):
         0.02,
         ge=0,
         le=5,
-        description="Standard deviation of an error of columns and rows common to all points, such as pixel "
-        "locking; 0.003 for simulated images",
+        description="Standard deviation of an error of columns and rows common to all points, for example by "
+        "pixel locking; use 0.003 for simulated images",
     )
     sigma_common_disparity_px: float = Field(
         0.015, ge=0, le=5, description="Standard deviation of a common error of disparities"
@@ -101,8 +101,8 @@ class _System:
     """Linearised problem at an estimate.
 
     ``squared`` are the squared Mahalanobis distances of the residuals, ``projection`` (n, 6 + k, 3) maps
-    residuals to the gradient, ``from_reference`` (n, 3, 3) are the derivatives of the predicted by the
-    reference measurements, ``cost`` is the robust cost.
+    residuals to the gradient, ``from_reference`` (n, 3, 3) is the derivative of the predicted measurements
+    with respect to the reference measurements, ``cost`` is the robust cost.
     """
 
     residuals: FloatArray
@@ -135,8 +135,8 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
     Residual calibration errors affect near and far depths differently and are therefore observable in the
     motion itself [2]_: the calibration parameters are estimated together with the motion, from their prior
     and the derivatives in the two bases, and the covariance of the motion includes their remaining
-    uncertainty. The other errors of the calibration (``CalibrationUncertainty``) are not estimated; their
-    effect is part of the common errors, since they are the same in all pairs.
+    uncertainty. The remaining calibration errors (``CalibrationUncertainty``) are equal in all pairs. They
+    are not estimated, but included in the covariance as common errors.
 
     References
     ----------
@@ -232,7 +232,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
         J = cov.inverse_jacobian(T)  # from the estimated T_current_reference to the motion
-        tracking = [
+        tracking_sigmas = [
             c.sigma_common_px,
             c.sigma_common_px,
             c.sigma_common_disparity_px,
@@ -241,7 +241,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         modes = np.concatenate(
             [_common_modes(system.reference), _calibration_modes(problem.camera, system)], 2
         )
-        sigmas = np.concatenate([tracking, c.calibration.sigmas()])
+        sigmas = np.concatenate([tracking_sigmas, c.calibration.sigmas()])
         common = J @ ((inverse @ (system.projection @ modes).sum(axis=0))[:6] / scale) * sigmas
         by_calibration = -J @ np.linalg.solve(information[:6, :6], information[:6, 6:])
         noise = c.noise_factor * J @ np.linalg.inv(information[:6, :6]) @ J.T
@@ -278,9 +278,9 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
 
 
 def _calibration_modes(camera: RectifiedCamera, system: _System) -> FloatArray:
-    """Return the residuals ``(n, 3, 8)`` due to errors of the calibration, which change both pairs."""
-    in_current = measurement_errors(camera, system.current)
-    return in_current - system.from_reference @ measurement_errors(camera, system.reference)
+    """Return the residuals ``(n, 3, 8)`` per unit of the calibration errors, which affect both pairs."""
+    current_errors = measurement_errors(camera, system.current)
+    return current_errors - system.from_reference @ measurement_errors(camera, system.reference)
 
 
 def _common_modes(reference: FloatArray) -> FloatArray:

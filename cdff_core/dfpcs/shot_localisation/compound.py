@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of ShotLocalisation: try the guess, describe, match, solve, search by views, publish."""
+"""Controller of ShotLocalisation: try the guess, the descriptors, the single-view search; publish."""
 
 from __future__ import annotations
 
@@ -97,7 +97,10 @@ class ShotLocalisation(ShotLocalisationInterface):
     def _localise(
         self, model: Cloud, sample: Sample, guess: Sample | None
     ) -> tuple[Registration | None, Quality]:
-        """Return the registration from the guess if acceptable, otherwise by descriptors or by views."""
+        """Return the registration from the guess, the descriptors or the single-view search.
+
+        Each method is used only if the previous one yields no acceptable pose.
+        """
         scene = self._prepare(sample)
         if guess is not None:
             with suppress(RefusedError):
@@ -108,7 +111,7 @@ class ShotLocalisation(ShotLocalisationInterface):
         try:
             found, quality = self._search(model, scene)
         except InputError as error:
-            # The voxels of a large scene leave too few points of a small model.
+            # With the voxel size of a large scene, too few points of a small model remain.
             found, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
         if "not_found" in quality.reasons and self.config.view_search.enabled:
             found, by_view = self._search_views(sample)
@@ -117,7 +120,7 @@ class ShotLocalisation(ShotLocalisationInterface):
         return found, quality
 
     def _search_views(self, scene: Sample) -> tuple[Registration | None, Quality]:
-        """Return the registration of the points of the model that are visible in the scene."""
+        """Return the registration by the single-view search; a refusal becomes FAILED ``not_found``."""
         if self._view_model is None:
             self._view_model = prepare_model(_finite_points(self._model.sample), self.config.view_search)
         try:
@@ -147,6 +150,7 @@ class ShotLocalisation(ShotLocalisationInterface):
 
 
 def _finite_points(sample: Sample | None) -> FloatArray:
+    """Return the finite points (n, 3) of a cloud, metres; none without a sample."""
     points = np.zeros((0, 3)) if sample is None else np.asarray(sample.value.points_m, np.float64)
     return points[np.isfinite(points).all(axis=1)]
 

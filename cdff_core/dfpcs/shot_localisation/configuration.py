@@ -27,5 +27,5 @@ class ShotLocalisationConfig(MatchingGates, DfpcConfig):
     good_overlap: float = Field(0.6, gt=0, le=1, description="Visible fraction of the model: DEGRADED below")
     view_search: ViewSearchConfig = Field(
         default_factory=ViewSearchConfig,
-        description="Search in a single view, if the descriptors find no pose",
+        description="Search in a single view, used if the descriptors yield no pose",
     )

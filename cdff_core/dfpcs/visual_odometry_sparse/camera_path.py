@@ -65,12 +65,12 @@ class CameraPath:
 
     @property
     def has_velocity(self) -> bool:
-        """True after two measured poses without a gap between them."""
+        """True if the velocity is known: after two measured poses without a gap between them."""
         return bool(self._twist.any())
 
     @property
     def measured_ns(self) -> int:
-        """Time of the last measured pose; raises RefusedError before the first."""
+        """Time of the last measured pose, nanoseconds; raises RefusedError if there is none."""
         return self._last()[0]
 
     def across_gap(self, stamp_ns: int) -> UncertainTransform:

@@ -60,7 +60,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self.store.offer("trajectory", lambda: self._path.trajectory(self._parent, self._child))
 
     def _seeded(self, dfn_id: str) -> Dfn[Any, Any, Any]:
-        """Return a new DFN of a slot with the seed of the context, unless the configuration has one."""
+        """Return a new DFN of a slot, with the seed of the context unless its parameters contain one."""
         node = self.dfn(dfn_id)
         if "seed" not in self.slot_parameters(dfn_id):
             node.configure(node.config.model_copy(update={"seed": self.context.seed}))
@@ -77,7 +77,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return ()
 
     def on_joints(self, sample: Sample) -> Iterable[Output]:
-        """Move the links of the robot in the masks."""
+        """Update the joint positions from which the robot's links are masked."""
         self._masks.set_joints(sample.value)
         return ()
 

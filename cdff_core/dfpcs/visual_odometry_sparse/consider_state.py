@@ -13,8 +13,8 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 
-#: Number of common errors: 6 of tracking (offsets of columns, rows and disparities, magnification, stretch,
-#: rotation) and 8 of the calibration (``CalibrationUncertainty``).
+#: Number of errors common to all points: 6 of tracking (offsets of columns, rows and disparities,
+#: magnification, stretch, rotation) and 8 of the calibration (``CalibrationUncertainty``).
 COMMON = 14
 
 

@@ -33,7 +33,7 @@ class Keyframe:
     basis: FloatArray  # (n, k), undetermined disparity field at the points
     points: FloatArray  # (n, 3), metres, in the left camera
     sharpness: float
-    row_offset_px: float  # of the right image in the centre, by all keyframes
+    row_offset_px: float  # rows of the right image relative to the left at the centre, from all keyframes
 
 
 class KeyframeBuilder:

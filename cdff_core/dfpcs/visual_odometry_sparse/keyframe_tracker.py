@@ -49,15 +49,15 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedPoints:
-    """Points of a keyframe that were found in an image."""
+    """Points of a keyframe that were tracked to an image; a point can have several positions."""
 
-    points: Indices  # (n,), indices in the keyframe
-    matches: FloatArray  # (n, 2), pixels
-    visible: int  # number of points in view
+    points: Indices  # (n,), rows of the keyframe
+    matches: FloatArray  # (n, 2), columns and rows in the image, pixels
+    visible: int  # number of points predicted inside the image
 
     @classmethod
     def merged(cls, parts: Sequence[TrackedPoints]) -> TrackedPoints:
-        """Return the points of several searches, with all their different positions (to 0.5 px)."""
+        """Return the union of several results; positions of a point that agree to 0.5 px are merged."""
         points = np.concatenate([part.points for part in parts])
         matches = np.concatenate([part.matches for part in parts])
         rows = np.column_stack([points, np.rint(2.0 * matches)])
@@ -65,12 +65,12 @@ class TrackedPoints:
         return cls(points[first], matches[first], max(part.visible for part in parts))
 
     def first_of_each(self, selected: BoolArray) -> Indices:
-        """Return the selected rows (k,), only the first of those with the same point."""
+        """Return the rows (k,) of a mask (n,), for each point of the keyframe only its first one."""
         rows = np.flatnonzero(selected)
         return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
 
     def count(self, motion: SelectedMotion) -> int:
-        """Return the number of tracked points without those of other motions."""
+        """Return the number of tracked points that do not belong to a competing motion."""
         return len(self.points) - motion.other_points
 
 
@@ -101,8 +101,8 @@ class KeyframeTracker:
     ) -> Located:
         """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
-        ``bounds`` are the errors of the prediction if wheels or gyro measured it; ``is_continued`` is true if
-        it continues a known velocity. Raises RefusedError if the
+        ``bounds`` are the standard deviations of the prediction if wheels or gyro measured it;
+        ``is_continued`` is true if the prediction continues a known velocity. Raises RefusedError if the
         motion cannot be estimated.
         """
         select = partial(
@@ -112,19 +112,19 @@ class KeyframeTracker:
         try:
             motion = select(tracked)
         except RefusedError:
-            found = self._search(view, keyframe)
-            tracked = self._track(view, keyframe, found)
-            motion = self._select_motion(view, keyframe, found, None, tracked, is_continued=False)
+            T_searched = self._search(view, keyframe)
+            tracked = self._track(view, keyframe, T_searched)
+            motion = self._select_motion(view, keyframe, T_searched, None, tracked, is_continued=False)
         if motion.others:
-            # Each motion is compared with the points that are tracked by its own prediction.
+            # Points of a motion are tracked best with that motion as prediction.
             poses = [motion.scene.pose, *[other.pose for other in motion.others]]
             tracked = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
             motion = select(tracked)
         elif tracked.count(motion) < 0.5 * (tracked.visible - motion.other_points):
             retracked = self._track(view, keyframe, motion.scene.pose)
-            again = select(retracked)
-            if retracked.count(again) > tracked.count(motion):
-                tracked, motion = retracked, again
+            reselected = select(retracked)
+            if retracked.count(reselected) > tracked.count(motion):
+                tracked, motion = retracked, reselected
         inliers = tracked.first_of_each(motion.scene.inliers)
         refined, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
@@ -155,6 +155,7 @@ class KeyframeTracker:
         return out
 
     def _track(self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray) -> TrackedPoints:
+        """Return the points tracked near their predicted pixels, without those on the robot."""
         expected = self._predict(view, keyframe, T_current_keyframe)
         visible = np.flatnonzero(expected.visible & view.is_on_scene(expected.features))
         out = self._tracking.process(
@@ -179,6 +180,7 @@ class KeyframeTracker:
         *,
         is_continued: bool,
     ) -> SelectedMotion:
+        """Return the motion of the scene among those of the tracked points; raises RefusedError."""
         inputs = PerspectiveNPointSolvingInputs(
             points=keyframe.points[tracked.points],
             projections=tracked.matches,
@@ -266,7 +268,7 @@ class KeyframeTracker:
 def _with_covariance(
     refined: StereoMotionEstimationOutputs, added: FloatArray
 ) -> StereoMotionEstimationOutputs:
-    """Return a motion with an additional covariance (6, 6)."""
+    """Return a motion with an additional covariance (6, 6), [x y z rx ry rz]."""
     return replace(
         refined,
         covariance=refined.covariance + added,

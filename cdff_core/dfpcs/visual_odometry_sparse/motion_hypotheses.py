@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Competing rigid motions of the tracked points, and the selection of that of the scene."""
+"""Competing rigid motions among the tracked points, and selection of the motion of the scene."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import GATE, MotionBounds
 
-#: Maximum number of motions, and samples of three points for each but the first: 150 samples contain one
-#: without outliers with 99.9 % if 36 % of the remaining points move together.
+#: Maximum number of motions, and number of samples of three points for each motion after the first: if 36 %
+#: of the remaining points move together, one of 150 samples has no outlier with a probability of 99.9 %.
 _MAX_HYPOTHESES, _SAMPLES = 3, 150
-#: Least number of points, and fraction of the tracked points, of a motion that competes.
+#: Minimum number of points, and minimum fraction of the tracked points, of a competing motion.
 _MIN_POINTS, _MIN_FRACTION = 15, 0.08
-#: Cells of the image, columns and rows, in which the coverage of a motion is counted.
+#: Number of columns and rows of cells in which the coverage of the image is counted.
 _CELLS = (20, 10)
 #: A point contradicts a motion if its error exceeds the threshold of the outlier rejection by this factor.
 _CONTRADICTION = 1.5
-#: Coverage relative to that of the selected motion from which a competing motion makes the selection
-#: uncertain: the smaller part of the image is the scene if an object covers more than half of the texture.
+#: Ratio of the score of a competing motion to that of the selected one above which the selection is
+#: uncertain: an object that covers more than half of the texture has a higher score than the scene.
 MAX_AMBIGUITY = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """Rigid motion of a part of the tracked points.
+    """A rigid motion of some of the tracked points.
 
     Attributes
     ----------
     pose : array, shape (4, 4)
         ``T_current_keyframe``.
     inliers : array of bool, shape (n,)
-        Tracked points that agree with it.
+        Tracked points that agree with the motion.
     coverage : float
-        Fraction of the cells of the image that contain a point that contradicts all other motions.
+        Fraction of the cells of the image with an inlier that contradicts all other motions.
     """
 
     pose: FloatArray
@@ -56,13 +56,16 @@ class SelectedMotion:
 
     Attributes
     ----------
+    scene : Hypothesis
+        The selected motion.
     others : tuple of Hypothesis
-        Competing motions, by coverage.
+        Competing motions, in order of decreasing coverage.
     ambiguity : float
-        Largest score of a competitor relative to that of the scene; the score is the coverage times the
-        likelihood by wheels and gyro.
+        Largest score of a competing motion divided by that of the selected one; the score is the coverage
+        times the likelihood given wheels and gyro.
     prior_ratio : float
-        Difference to the motion by wheels and gyro in units of its bound; 0 without those sensors.
+        Difference from the motion by wheels and gyro divided by the largest plausible difference; 0 without
+        those sensors.
     """
 
     scene: Hypothesis
@@ -78,8 +81,8 @@ class SelectedMotion:
     def selection_covariance(self) -> FloatArray:
         """Return the covariance (6, 6) of ``T_keyframe_current`` due to an uncertain selection.
 
-        It is the second moment of the competing motion about the selected one, with its fraction of
-        the coverage as probability; zero if the selection is certain.
+        It is the second moment of the competing motion about the selected one, weighted by the probability
+        of the competing motion, which follows from the ratio of the scores; zero if the selection is certain.
         """
         if not self.is_ambiguous:
             return np.zeros((6, 6))
@@ -90,17 +93,19 @@ class SelectedMotion:
 
     @property
     def other_points(self) -> int:
-        """Number of points of the competing motions that do not agree with that of the scene."""
+        """Number of inliers of the competing motions that are not inliers of the selected one."""
         return sum(int((other.inliers & ~self.scene.inliers).sum()) for other in self.others)
 
 
 class MotionHypotheses:
-    """Sequential RANSAC [1]_: each motion is estimated from the points that no earlier one explains.
+    """Selection of a motion by sequential RANSAC [1]_.
+
+    Each motion is estimated from the points that are not inliers of an earlier one.
 
     The motion with the largest number of inliers need not be that of the scene: a textured object can have
-    more points than a smooth plain. Points are therefore counted once per cell of the image, since the scene
-    surrounds an object; distant points, which agree with several motions, do not count. The coverage is
-    weighted by the likelihood of the motion by wheels and gyro, if available.
+    more points than a smooth plain. Since the scene surrounds an object, the cells of the image that contain
+    inliers are counted instead; points that agree with several motions, such as distant points, do not count.
+    This coverage is weighted by the likelihood of the motion given wheels and gyro, if available.
 
     References
     ----------
@@ -127,12 +132,14 @@ class MotionHypotheses:
         Parameters
         ----------
         inputs : PerspectiveNPointSolvingInputs
-            Points in the keyframe, their pixels in an image of this shape, and the predicted pose.
+            Points in the frame of the keyframe, metres, their pixels in the image, and the predicted pose.
+        shape : tuple of int
+            Rows and columns of the image.
         bounds : MotionBounds, optional
-            Errors of the predicted pose if it was measured by wheels or gyro.
+            Standard deviations of the predicted pose if it was measured by wheels or gyro.
         is_continued : bool
-            True if the predicted pose continues a known velocity; among motions of similar coverage, the
-            nearest to it is selected.
+            True if the predicted pose continues a known velocity; among motions of similar score, the one
+            nearest to the predicted pose is then selected.
         """
         found = self._find(inputs, shape)
         ratios = [_ratio(bounds, hypothesis.pose, inputs.guess) for hypothesis in found]
@@ -141,22 +148,23 @@ class MotionHypotheses:
         similar = np.flatnonzero(scores > MAX_AMBIGUITY * scores[best])
         if is_continued and len(similar) > 1:
             best = min(similar.tolist(), key=lambda i: _distance_m(found[i].pose, inputs))
-        rivals = np.delete(scores, best)
+        other_scores = np.delete(scores, best)
         others = sorted((h for i, h in enumerate(found) if i != best), key=lambda h: -h.coverage)
         return SelectedMotion(
             scene=found[best],
             others=tuple(others),
-            ambiguity=float(rivals.max(initial=0.0) / scores[best]),
+            ambiguity=float(other_scores.max(initial=0.0) / scores[best]),
             prior_ratio=ratios[best],
         )
 
     def _find(self, inputs: PerspectiveNPointSolvingInputs, shape: tuple[int, int]) -> list[Hypothesis]:
+        """Return the first motion and those that compete with it."""
         first = self._first.process(inputs)
         poses, remaining = [first.camera], np.flatnonzero(~first.inliers)
         errors_px = [_errors_px(first.camera, inputs)]
         threshold_px = self._first.config.threshold_px
-        least = max(_MIN_POINTS, int(np.ceil(_MIN_FRACTION * len(inputs.points))))
-        while len(poses) < _MAX_HYPOTHESES and len(remaining) >= least:
+        min_points = max(_MIN_POINTS, int(np.ceil(_MIN_FRACTION * len(inputs.points))))
+        while len(poses) < _MAX_HYPOTHESES and len(remaining) >= min_points:
             try:
                 out = self._following.process(_subset(inputs, remaining))
             except RefusedError:
@@ -164,7 +172,7 @@ class MotionHypotheses:
             remaining = remaining[~out.inliers]
             errors = _errors_px(out.camera, inputs)
             contradicts_others = np.min(errors_px, axis=0) > _CONTRADICTION * threshold_px
-            if np.sum((errors < threshold_px) & contradicts_others) < least:
+            if np.sum((errors < threshold_px) & contradicts_others) < min_points:
                 break
             poses.append(out.camera)
             errors_px.append(errors)
@@ -184,7 +192,7 @@ class MotionHypotheses:
 
 
 def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> float:
-    """Return the median distance between the points at a pose and at the predicted pose."""
+    """Return the median distance, metres, between the points at a pose (4, 4) and at the predicted pose."""
     if inputs.guess is None:
         return 0.0
     moved, expected = (se3.transform_points(T, inputs.points) for T in (pose, inputs.guess))
@@ -192,9 +200,9 @@ def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> flo
 
 
 def _scores(found: list[Hypothesis], ratios: list[float]) -> FloatArray:
-    """Return the coverage of each motion times its likelihood by wheels and gyro.
+    """Return the scores (k,): the coverage of each motion times its likelihood given wheels and gyro.
 
-    If all contradict those sensors, as with spinning wheels, only the coverage counts.
+    If all motions contradict those sensors, for example because wheels spin, only the coverage counts.
     """
     coverage = np.array([max(hypothesis.coverage, 1e-9) for hypothesis in found])
     sigmas = GATE * np.array(ratios)
@@ -202,12 +210,14 @@ def _scores(found: list[Hypothesis], ratios: list[float]) -> FloatArray:
 
 
 def _ratio(bounds: MotionBounds | None, pose: FloatArray, guess: FloatArray | None) -> float:
+    """Return ``prior_ratio`` of a pose ``T_current_keyframe`` (4, 4)."""
     if bounds is None or guess is None:
         return 0.0
     return bounds.ratio(se3.inverse(guess), se3.inverse(pose))
 
 
 def _subset(inputs: PerspectiveNPointSolvingInputs, indices: np.ndarray) -> PerspectiveNPointSolvingInputs:
+    """Return the inputs with the points of the indices (k,) only."""
     return PerspectiveNPointSolvingInputs(
         points=inputs.points[indices],
         projections=inputs.projections[indices],
@@ -217,7 +227,7 @@ def _subset(inputs: PerspectiveNPointSolvingInputs, indices: np.ndarray) -> Pers
 
 
 def _errors_px(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> FloatArray:
-    """Return the reprojection error of each point (n,); infinite behind the camera."""
+    """Return the reprojection errors (n,), pixels; infinite for points behind the camera."""
     points = se3.transform_points(pose, inputs.points)
     projected = points / np.maximum(points[:, 2:], 1e-6) @ np.asarray(inputs.camera_matrix).T
     errors_px = np.hypot(*(projected[:, :2] - inputs.projections).T)

@@ -22,7 +22,7 @@ _MEMORY_NS, _EXTRAPOLATION_NS = 10_000_000_000, 300_000_000
 #: Translation (3,) and rotation (3, 3) of ``T_left1_left2``; None if no sensor measured it.
 Increment = tuple[FloatArray | None, FloatArray | None]
 
-#: Number of standard deviations of wheels and gyro within which a motion agrees with them.
+#: Number of standard deviations within which a motion agrees with wheels and gyro.
 GATE = 5.0
 #: Standard deviations of the motion by wheels (constant part, slip relative to the distance) and by a gyro
 #: (constant part, bias).
@@ -31,16 +31,19 @@ WHEEL_M, SLIP_RATIO, GYRO_RAD, GYRO_RAD_S = 0.02, 0.2, 0.01, 0.003
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
-    """Standard deviations of a motion by wheels (metres) and gyro (radians); infinite where not measured."""
+    """Standard deviations of the translation by wheels, metres, and of the rotation by the gyro, radians.
+
+    A part that is not measured has an infinite standard deviation.
+    """
 
     sigma_m: float
     sigma_rad: float
 
     @classmethod
     def of_increment(cls, increment: Increment, elapsed_s: float, *, by_gyro: bool) -> MotionBounds | None:
-        """Return the bounds of an increment; None if no sensor measured it.
+        """Return the bounds of an increment over a time in seconds; None if no sensor measured it.
 
-        The rotation by wheels has no bound, since slip changes it.
+        The rotation by wheels is not bounded, since slip changes it.
         """
         translation, rotation = increment
         if translation is None and rotation is None:
@@ -49,7 +52,7 @@ class MotionBounds:
         return cls(sigma_m, GYRO_RAD + GYRO_RAD_S * elapsed_s if by_gyro else np.inf)
 
     def ratio(self, expected: FloatArray, pose: FloatArray) -> float:
-        """Return the difference of two poses in units of the largest one that agrees with the sensors."""
+        """Return the difference of two poses (4, 4) divided by the largest difference within ``GATE``."""
         by_translation = float(np.linalg.norm(pose[:3, 3] - expected[:3, 3])) / self.sigma_m
         angle_rad = float(np.linalg.norm(se3.log_so3(expected[:3, :3].T @ pose[:3, :3])))
         return max(by_translation, angle_rad / self.sigma_rad) / GATE
@@ -111,7 +114,7 @@ class MotionPrior:
         return T_left_left[:3, 3], T_left_left[:3, :3] if R is None else R
 
     def bounds(self, start_ns: int, end_ns: int) -> MotionBounds | None:
-        """Return the errors of ``increment``; None if no sensor measured the motion."""
+        """Return the standard deviations of ``increment``; None if no sensor measured the motion."""
         by_gyro = self._rotation_by_gyro(start_ns, end_ns) is not None
         increment = self.increment(start_ns, end_ns)
         return MotionBounds.of_increment(increment, 1e-9 * (end_ns - start_ns), by_gyro=by_gyro)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pixels of the stereo camera that show the robot: from images, or from the shapes of its URDF."""
+"""Masks of the pixels that show the robot, from images or from the shapes of its URDF."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from cdff_common.types import FramePair, Joints
 from cdff_core.imaging.masks import camera_entry, check_size, decode_mask, eroded
 from cdff_core.imaging.shape_projection import silhouettes
 
-#: Half width of the patches of points, which must not contain pixels of the robot.
+#: Half width of the patch around a point, which must not contain pixels of the robot.
 _PATCH_PX = 8
 
+#: Usable pixels (rows, cols) of the left and the right image; None if all are usable.
 Masks = tuple[BoolArray | None, BoolArray | None]
 
 
 class RobotMasks:
-    """Masks of the left and the right image, by the sensors of the profile."""
+    """Masks of stereo pairs, as the sensors of the profile state them."""
 
     def __init__(self, context: DfpcContext) -> None:
         self._sensors = context.sensors
@@ -42,14 +43,14 @@ class RobotMasks:
         self._body = RobotBody(context) if URDF_MASK in texts else None
 
     def set_joints(self, joints: Joints) -> None:
-        """Set the values of joints; without a mask by the URDF they have no effect."""
+        """Set the positions of joints; they have an effect only on masks by the URDF."""
         if self._body is not None:
             self._body.set_joints(joints)
 
     def of_pair(self, pair: FramePair) -> Masks:
-        """Return the usable pixels of both images, None where all are.
+        """Return the pixels of both images that do not show the robot, with a margin.
 
-        Raises InputError if an image has another size, or the mount of the camera is unknown.
+        Raises InputError if the sizes of mask and image differ, or if the mount of the camera is unknown.
         """
         entry = camera_entry(self._sensors, pair.frame)
         if self._body is not None and entry.get("mask") == URDF_MASK:
@@ -61,7 +62,7 @@ class RobotMasks:
 
 
 class RobotBody:
-    """Shapes of the robot's links at the latest values of its joints; a joint without a value is at 0."""
+    """Shapes of the robot's links at the latest joint positions; a joint without a position is at 0."""
 
     def __init__(self, context: DfpcContext) -> None:
         self._robot, self._frames = context.robot, context.frames
@@ -69,7 +70,7 @@ class RobotBody:
         self._values: dict[str, float] = {}
 
     def set_joints(self, joints: Joints) -> None:
-        """Set the values of joints; raises InputError for one that is not movable in the URDF."""
+        """Set the positions of joints, rad or m; raises InputError for one that is not movable."""
         values = {name: state.position for name, state in zip(joints.names, joints.elements, strict=True)}
         movable = {joint.name for joint in self._model.joints if joint.movable}
         if unknown := sorted(set(values) - movable):
@@ -78,7 +79,7 @@ class RobotBody:
         self._values |= values
 
     def masks(self, pair: FramePair, camera: str) -> tuple[BoolArray, BoolArray]:
-        """Return the pixels of both images that do not show the robot."""
+        """Return the usable pixels of both images; ``camera`` is the frame of the left camera."""
         mount = pair.left.T_robot_sensor
         try:
             mount = mount or self._frames.lookup(f"{self._robot}/base", camera, pair.stamp_ns)
@@ -87,14 +88,15 @@ class RobotBody:
         T_left_base = se3.inverse(mount.matrix)
         shapes = [se3.transform_points(T_left_base, points) for points in self._points_in_base()]
         rows, columns = pair.left.image.shape[:2]
-        to_right = np.array([pair.baseline, 0.0, 0.0])
+        left_to_right_m = np.array([pair.baseline, 0.0, 0.0])
         left, right = (
             eroded(~silhouettes(points, pair.camera_matrix, (rows, columns)), _PATCH_PX)
-            for points in (shapes, [p - to_right for p in shapes])
+            for points in (shapes, [points - left_to_right_m for points in shapes])
         )
         return left, right
 
     def _points_in_base(self) -> list[FloatArray]:
+        """Return the points (n, 3) of each shape in the base frame, metres."""
         T_base_link = {self._model.root: np.eye(4)}
         for joint in self._model.joints:
             value = self._values.get(joint.name, 0.0)

@@ -34,14 +34,15 @@ class StereoView:
     right: NDArray[np.uint8]
     camera_matrix: FloatArray
     baseline: float
-    left_mask: BoolArray | None = None  # pixels that do not show the robot
+    left_mask: BoolArray | None = None  # True for pixels that do not show the robot
     right_mask: BoolArray | None = None
 
     @classmethod
     def from_sample(cls, sample: Sample, masks: RobotMasks | None = None) -> StereoView:
         """Return the view of a sample.
 
-        Raises InputError on lens distortion, an invalid calibration or masks of another image size.
+        Raises InputError on lens distortion, an invalid calibration, or masks whose size differs from that of
+        the images.
         """
         pair: FramePair = sample.value
         check_undistorted(pair.left, pair.right)
@@ -60,8 +61,10 @@ class StereoView:
         )
 
     def is_on_scene(self, features: FloatArray, disparities: FloatArray | None = None) -> BoolArray:
-        """Return which points (n,) do not lie on the robot in the left image or, given disparities, in
-        either image.
+        """Return a mask (n,) of the points that do not lie on the robot in the left image.
+
+        ``features`` (n, 2) are columns and rows, ``disparities`` (n,) pixels; with disparities, the points
+        must not lie on the robot in the right image either.
         """
         is_usable = at_pixels(self.left_mask, features)
         if disparities is None:

@@ -235,7 +235,7 @@ def test_inconsistent_shapes_are_refused() -> None:
 
 
 def right_camera_rotated(points: np.ndarray, rotation: list[float]) -> np.ndarray:
-    """Return columns, rows and disparities of points if the right camera is rotated (rad)."""
+    """Return columns, rows and disparities (n, 3) of points seen with a rotated (rad) right camera."""
     left = points / points[:, 2:] @ CAMERA.T
     right = (points - [BASELINE_M, 0.0, 0.0]) @ se3.exp_so3(np.array(rotation)).T
     return np.column_stack([left[:, :2], left[:, 0] - (right / right[:, 2:] @ CAMERA.T)[:, 0]])
@@ -257,7 +257,7 @@ def test_a_rotation_of_the_right_camera_shifts_disparities_as_stated(
 def test_an_error_of_each_calibration_parameter_changes_the_motion_by_its_stated_response(
     rng: np.random.Generator, mode: int
 ) -> None:
-    """The same error in both pairs, as of a wrong focal length, adds its response to the motion."""
+    """An equal error in both pairs, for example of the focal length, adds its response to the motion."""
     reference, current = stereo_observations(rng, scene(rng), 0.0)
     camera, sigma = RectifiedCamera.from_matrix(CAMERA, BASELINE_M), CalibrationUncertainty().sigmas()[mode]
     wrong = [uvd + 0.1 * sigma * measurement_errors(camera, uvd)[:, :, mode] for uvd in (reference, current)]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial views: orientation of surfaces, range images, and a solid in a rendered view."""
+"""Single views: orientation of surfaces, range images, and localisation of a solid in a rendered view."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ T_TRUE = se3.transform(se3.exp_so3([0.4, -0.5, 0.3]), [0.02, 0.03, 0.6])
 
 
 def solid(count: int = 40_000) -> tuple[Points, Points]:
-    """Return points and outward normals of three joined boxes without symmetry."""
+    """Return points (n, 3), metres, and outward normals (n, 3) of three joined boxes without symmetry."""
     rng = np.random.default_rng(0)
     boxes = [
         ((0.0, 0.0, 0.0), (0.1, 0.03, 0.03)),
@@ -45,7 +45,7 @@ def solid(count: int = 40_000) -> tuple[Points, Points]:
 
 
 def view(T: Points | None) -> Points:
-    """Return a view of a table at 0.7 m, with the solid at a pose: a point for each ray of 1/600."""
+    """Return a view (n, 3) of a table at 0.7 m with the solid at a pose: rays 1/600 apart."""
     row, column = np.mgrid[-160:160, -160:160] / 600.0
     table = np.stack([column, row, np.ones_like(row)], axis=-1).reshape(-1, 3)
     table *= (0.7 / (1.0 + 0.3 * table[:, 1]))[:, None]

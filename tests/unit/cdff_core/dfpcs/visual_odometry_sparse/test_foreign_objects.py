@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A textured object over a fifth of the images: masked, outvoted by the scene, or excluded by the wheels."""
+"""A textured object that covers a fifth of the images is masked, or not selected as the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEP_NS, STEPS = 200_000_000, 6
 TRUE_POSES = drive(STEPS)
 ARM = PlanarObject(corner_px=(0, 130), size_px=(160, 110), depth_m=1.5)
 PASSER_BY = PlanarObject(corner_px=(60, 70), size_px=(170, 105), depth_m=3.0, step_m=(0.03, 0.0, 0.05))
-#: Covers a third of the images, and about as many cells with points as the scene.
+#: An object over a third of the images; it covers about as many cells with points as the scene.
 LARGE = PlanarObject(corner_px=(60, 60), size_px=(200, 130), depth_m=2.0)
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Selection among rigid motions of points: by coverage of the image, wheels, gyro and continuity."""
+"""Selection among rigid motions of points by coverage of the image, wheels, gyro and known velocity."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def motions() -> MotionHypotheses:
 
 
 def inputs(object_share: float, guess: np.ndarray = REST) -> PerspectiveNPointSolvingInputs:
-    """Return points over the image; those in its left part move with the camera and are denser."""
+    """Return points all over the image; those in its left part are denser and move with the camera."""
     rng = np.random.default_rng(4)
     edge_px = object_share * SHAPE[1]
     scene_px = rng.uniform([edge_px, 0.0], [SHAPE[1], SHAPE[0]], (SCENE, 2))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Masks of a profile: images next to it, the shapes of the URDF at the values of its joints, --mask."""
+"""Masks by images of a profile, by the URDF at the positions of its joints, and by ``--mask``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_dev.replay.wiring import with_masks
 from tests.support.corridor import BASELINE_M, CAMERA, SHAPE
 
-#: An arm of 1 m from the base upwards (y of the camera is down), 2 m ahead of the camera.
+#: An arm of 1 m that points upwards, 2 m in front of the camera, whose y axis points down.
 URDF = """<robot name="r"><link name="body"/><link name="arm">
 <collision><origin xyz="0 -0.5 0"/><geometry><box size="0.2 1 0.2"/></geometry></collision></link>
 <joint name="shoulder" type="continuous"><parent link="body"/><child link="arm"/>
