@@ -144,10 +144,10 @@ class Sensor(StrictModel):
     range_m : float or None
         Range, metres; None if unknown.
     mask, mask_right : str
-        Pixels that always show the robot, in the image of a camera or in the left and the right image of a
-        stereo camera. Either the path of an image file, relative to the profile, in which these pixels are
-        black (0); or, for ``mask`` only, ``urdf``: the shapes of the robot's URDF are projected into both
-        images. In a loaded profile the path is replaced by the file in base64.
+        Pixels that always show the robot, in the left and the right image of a stereo camera. Either the path
+        of an image file, relative to the profile, in which these pixels are black (0); or, for ``mask`` only,
+        ``urdf``: the shapes of the robot's URDF are projected into both images. In a loaded profile the path
+        is replaced by the file in base64.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -165,12 +165,10 @@ class Sensor(StrictModel):
 
     @model_validator(mode="after")
     def _check_masks(self) -> Sensor:
-        if self.mask and self.kind not in ("stereo_camera", "camera"):
-            raise ValueError(f"mask of a sensor of kind {self.kind}: expected a camera")
-        if self.mask_right and (self.kind != "stereo_camera" or self.mask == URDF_MASK):
-            raise ValueError(
-                "mask_right: expected a stereo camera, whose mask is not projected from the URDF"
-            )
+        if (self.mask or self.mask_right) and self.kind != "stereo_camera":
+            raise ValueError(f"mask of a sensor of kind {self.kind}: expected a stereo camera")
+        if self.mask_right and URDF_MASK in (self.mask, self.mask_right):
+            raise ValueError(f"mask_right: expected an image; `mask: {URDF_MASK}` applies to both images")
         return self
 
     @model_validator(mode="after")

@@ -23,6 +23,8 @@ _FACING = 0.3
 _CLOSED = 0.4
 #: Neighbours of a point in the graph along which normals get a common sign.
 _NEIGHBOURS = 10
+#: Largest number of pixels of a side of the depth image of a model.
+_MAX_SIDE = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,6 +126,7 @@ def unhidden_points(
     radius = 0.0
     for i in range(n):
         radius = max(radius, abs(points[i, 0]), abs(points[i, 1]), abs(points[i, 2]))
+    pixel = max(pixel, 2.0 * math.sqrt(3.0) * radius / _MAX_SIDE)
     size = int(2.0 * math.sqrt(3.0) * radius / pixel) + 3
     nearest = np.empty(size * size)
     pixels, height = np.empty(n, np.int64), np.empty(n)

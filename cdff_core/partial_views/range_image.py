@@ -23,6 +23,8 @@ _WINDOW = 3
 _MIN_NEIGHBOURS = 4
 #: Largest fraction of points of hidden surfaces in a single view.
 _MAX_HIDDEN = 0.06
+#: Largest number of pixels of a side: repeated points must not make the pixels arbitrarily small.
+_MAX_SIDE = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +73,8 @@ def range_image(points_m: FloatArray) -> RangeImage | None:
     p = p[inside]
     uv = p[:, :2] / p[:, 2:]
     step = spacing(kd_tree(np.column_stack([uv, np.zeros(len(uv))])))
-    pixel = _PIXEL_SPACINGS * step
     low = uv.min(axis=0)
+    pixel = max(_PIXEL_SPACINGS * step, float(np.ptp(uv, axis=0).max()) / _MAX_SIDE)
     column, row = np.floor((uv - low) / pixel).astype(np.int64).T
     depth = np.full((row.max() + 1, column.max() + 1), np.inf)
     np.minimum.at(depth, (row, column), p[:, 2])

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -69,9 +70,18 @@ class TrackedPoints:
         rows = np.flatnonzero(selected)
         return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
 
-    def count(self, motion: SelectedMotion) -> int:
-        """Return the number of tracked points that do not belong to a competing motion."""
-        return len(self.points) - motion.other_points
+    @property
+    def count(self) -> int:
+        """Number of points of the keyframe that were tracked."""
+        return len(np.unique(self.points))
+
+    def count_others(self, motion: SelectedMotion) -> int:
+        """Return the number of points that agree with competing motions only."""
+        return len(np.setdiff1d(self.points[motion.other_inliers], self.points[motion.scene.inliers]))
+
+    def count_scene(self, motion: SelectedMotion) -> int:
+        """Return the number of tracked points that may belong to the scene."""
+        return self.count - self.count_others(motion)
 
 
 class KeyframeTracker:
@@ -118,13 +128,15 @@ class KeyframeTracker:
         if motion.others:
             # Points of a motion are tracked best with that motion as prediction.
             poses = [motion.scene.pose, *[other.pose for other in motion.others]]
-            tracked = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
-            motion = select(tracked)
-        elif tracked.count(motion) < 0.5 * (tracked.visible - motion.other_points):
+            merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
+            with suppress(RefusedError):
+                tracked, motion = merged, select(merged)
+        elif tracked.count < 0.5 * tracked.visible:
             retracked = self._track(view, keyframe, motion.scene.pose)
-            reselected = select(retracked)
-            if retracked.count(reselected) > tracked.count(motion):
-                tracked, motion = retracked, reselected
+            with suppress(RefusedError):
+                reselected = select(retracked)
+                if retracked.count_scene(reselected) > tracked.count:
+                    tracked, motion = retracked, reselected
         inliers = tracked.first_of_each(motion.scene.inliers)
         refined, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
@@ -133,8 +145,8 @@ class KeyframeTracker:
         counts = {
             "features": len(keyframe.features),
             "visible": tracked.visible,
-            "tracked": len(tracked.points),
-            "other_motion_points": motion.other_points,
+            "tracked": tracked.count,
+            "other_motion_points": tracked.count_others(motion),
         }
         metrics = quality.motion_metrics(refined, disparities, counts) | quality.hypothesis_metrics(motion)
         return refined, metrics, quality.motion_reasons(metrics)

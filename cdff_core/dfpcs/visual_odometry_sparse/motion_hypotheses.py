@@ -59,7 +59,7 @@ class SelectedMotion:
     scene : Hypothesis
         The selected motion.
     others : tuple of Hypothesis
-        Competing motions, in order of decreasing coverage.
+        Competing motions, in order of decreasing score.
     ambiguity : float
         Largest score of a competing motion divided by that of the selected one; the score is the coverage
         times the likelihood given wheels and gyro.
@@ -92,9 +92,10 @@ class SelectedMotion:
         return np.asarray(probability * np.outer(difference, difference))
 
     @property
-    def other_points(self) -> int:
-        """Number of inliers of the competing motions that are not inliers of the selected one."""
-        return sum(int((other.inliers & ~self.scene.inliers).sum()) for other in self.others)
+    def other_inliers(self) -> BoolArray:
+        """Tracked points (n,) that agree with a competing motion and not with the selected one."""
+        found = [other.inliers for other in self.others]
+        return np.any(found, axis=0) & ~self.scene.inliers if found else np.zeros_like(self.scene.inliers)
 
 
 class MotionHypotheses:
@@ -148,12 +149,11 @@ class MotionHypotheses:
         similar = np.flatnonzero(scores > MAX_AMBIGUITY * scores[best])
         if is_continued and len(similar) > 1:
             best = min(similar.tolist(), key=lambda i: _distance_m(found[i].pose, inputs))
-        other_scores = np.delete(scores, best)
-        others = sorted((h for i, h in enumerate(found) if i != best), key=lambda h: -h.coverage)
+        others = [i for i in np.argsort(-scores, kind="stable").tolist() if i != best]
         return SelectedMotion(
             scene=found[best],
-            others=tuple(others),
-            ambiguity=float(other_scores.max(initial=0.0) / scores[best]),
+            others=tuple(found[i] for i in others),
+            ambiguity=float(scores[others].max(initial=0.0) / scores[best]),
             prior_ratio=ratios[best],
         )
 

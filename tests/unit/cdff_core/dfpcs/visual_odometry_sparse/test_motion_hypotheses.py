@@ -50,7 +50,7 @@ def is_forward(motion: SelectedMotion) -> bool:
 def test_the_motion_that_covers_the_image_precedes_that_with_more_points() -> None:
     motion = motions().select(inputs(0.22), SHAPE, None, is_continued=False)
     assert is_forward(motion)
-    assert motion.other_points > motion.scene.inliers.sum()
+    assert motion.other_inliers.sum() > motion.scene.inliers.sum()
     assert not motion.is_ambiguous
     assert not motion.selection_covariance().any()
 

@@ -100,7 +100,8 @@ def test_a_profile_has_its_mask_image_next_to_it(tmp_path: Path) -> None:
     [
         ("absent.png", "stereo_camera", "absent.png"),
         ("urdf", "stereo_camera", "no URDF"),
-        ("deck.png", "lidar", "expected a camera"),
+        ("deck.png", "lidar", "expected a stereo camera"),
+        ("deck.png\n        mask_right: urdf", "stereo_camera", "mask_right: expected an image"),
     ],
 )
 def test_wrong_masks_of_a_profile_are_refused(tmp_path: Path, mask: str, kind: str, fault: str) -> None:
