@@ -91,16 +91,22 @@ class Estimate:
         H[:, self.clone_errors(name)], H[:, end_errors] = relative_jacobians(clone, end_pose)
         return se3.inverse(clone) @ end_pose, H
 
-    def corrected(self, correction: FloatArray, covariance: FloatArray, gain_H: FloatArray) -> Estimate:
+    def corrected(
+        self, correction: FloatArray, covariance: FloatArray, gain_H: FloatArray, *, is_relative: bool
+    ) -> Estimate:
         """Return the estimate after a correction (n,) with its covariance; ``gain_H`` is K H (n, n).
 
         A rotation of the whole trajectory about the vertical changes no measured motion, so that increments
         must not reduce its variance. Its errors ``(phi x p, phi, phi x v)`` depend on position and velocity:
         if the covariance after a correction referred to the previous state, the next correction would reduce
         it. The covariance of the right-invariant errors ``dp - phi x p`` and ``dv - phi x v`` [2]_, which do
-        not change with the state, is therefore preserved.
+        not change with the state, is therefore preserved after a measurement that ``is_relative``. An
+        absolute pose measures the position itself; its covariance does not depend on the corrected rotation.
         """
         new = self.with_correction(correction)
+        cross = self.cross_covariance - gain_H @ self.cross_covariance
+        if not is_relative:
+            return replace(new, covariance=covariance, cross_covariance=cross)
         J = np.eye(len(correction))
         J[POSITION, ROTATION] = -se3.skew(new.pose[:3, 3] - self.pose[:3, 3])
         J[VELOCITY, ROTATION] = -se3.skew(new.velocity - self.velocity)
@@ -108,7 +114,6 @@ class Estimate:
             first = self.clone_errors(name).start
             moved = new.clones[name].pose[:3, 3] - clone.pose[:3, 3]
             J[first : first + 3, first + 3 : first + 6] = -se3.skew(moved)
-        cross = self.cross_covariance - gain_H @ self.cross_covariance
         return replace(new, covariance=symmetrised(J @ covariance @ J.T), cross_covariance=J @ cross)
 
     def with_correction(self, correction: FloatArray) -> Estimate:

@@ -262,12 +262,16 @@ class Estimator:
             measured = se3.inverse(first) @ T.matrix
             noise = rotate_covariance(noise, first[:3, :3].T)
             expected, H = estimate.relative_motion(name)
-        residual = pose_error(measured, expected)
+        residual, is_relative = pose_error(measured, expected), T_site_frame is None
         try:
             if self._config.fixes.weighting == "kalman":
-                corrected = kalman_corrected(estimate, self._fix_correction, residual, H, noise)
+                corrected = kalman_corrected(
+                    estimate, self._fix_correction, residual, H, noise, is_relative=is_relative
+                )
             else:
-                corrected = self._intersect(estimate, expected, measured, residual, H, noise)
+                corrected = self._intersect(
+                    estimate, expected, measured, residual, H, noise, is_relative=is_relative
+                )
         except RefusedError as error:
             return estimate, MeasurementResult(False, ("fix_refused", *error.reasons))
         return corrected, MeasurementResult(True)
@@ -280,6 +284,8 @@ class Estimator:
         residual: FloatArray,
         H: FloatArray,
         noise: FloatArray,
+        *,
+        is_relative: bool,
     ) -> Estimate:
         """Correct by covariance intersection of the measured pose; other errors follow by correlation."""
         P = estimate.covariance
@@ -298,4 +304,4 @@ class Estimator:
         W = joined.covariance @ ((1.0 - joined.weight) * np.linalg.inv(noise + _JITTER))
         covariance = P - G @ PH.T + G @ joined.covariance @ G.T
         K = G @ W
-        return estimate.corrected(K @ residual, covariance, K @ H)
+        return estimate.corrected(K @ residual, covariance, K @ H, is_relative=is_relative)

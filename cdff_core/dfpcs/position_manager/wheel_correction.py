@@ -30,13 +30,19 @@ _LEAST_VARIANCE = 1e-10
 
 
 def kalman_corrected(
-    estimate: Estimate, dfn: Dfn[Any, Any, Any], residual: FloatArray, H: FloatArray, noise: FloatArray
+    estimate: Estimate,
+    dfn: Dfn[Any, Any, Any],
+    residual: FloatArray,
+    H: FloatArray,
+    noise: FloatArray,
+    *,
+    is_relative: bool = True,
 ) -> Estimate:
     """Return the estimate after a Kalman correction; raises RefusedError if the innovation is too large."""
     out = dfn.process(
         KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
     )
-    return estimate.corrected(out.correction, out.covariance, out.gain @ H)
+    return estimate.corrected(out.correction, out.covariance, out.gain @ H, is_relative=is_relative)
 
 
 def corrected_by_wheels(
