@@ -33,6 +33,7 @@ def demo(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-028")
 def test_every_request_of_the_simulated_traverse_is_satisfied(traverse: Path) -> None:
     process = demo("--once")
