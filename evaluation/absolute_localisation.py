@@ -72,7 +72,8 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         report["mola_covariance"], squared = mola_covariance(path, progress)
         report["real"] = {
             "GradientCorrelation": {
-                f"MOLA, {name}": squared_error(values, 2) for name, values in squared.items()
+                f"MOLA, {name}": squared_error(round(float(np.mean(values)), 3), 2, len(values))
+                for name, values in squared.items()
             }
         }
     return report

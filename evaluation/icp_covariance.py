@@ -28,6 +28,7 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
 from evaluation.data_sets.clouds import devon_halves, kitti_pair, small_gicp_pair
 from evaluation.real import RealRow
+from evaluation.record import squared_error
 from evaluation.runs.icp import IMPLEMENTATIONS, localise, make_dfpc
 from evaluation.scenes.terrain import scan_pair
 
@@ -61,12 +62,9 @@ def _on_real_clouds(results: dict[str, Any]) -> dict[str, dict[str, Any]]:
     measured = {name: rows for name, rows in results.items() if rows["real"]}
     return {
         implementation: {
-            name: {
-                "squared_error": rows[implementation]["mean_nees"],
-                "degrees_of_freedom": 6,
-                "trials": rows[implementation]["trials"],
-            }
+            name: squared_error(row["mean_nees"], 6, row["trials"] - row["refused"])
             for name, rows in measured.items()
+            if "mean_nees" in (row := rows[implementation])
         }
         for implementation in IMPLEMENTATIONS
         if next(iter(measured.values()))[implementation].get("covariance_kind") == "calibrated"

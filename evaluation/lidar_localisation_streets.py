@@ -26,6 +26,7 @@ from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from evaluation.data_sets.clouds import kitti_pair, small_gicp_pair
 from evaluation.icp_covariance import halves
 from evaluation.real import RealRow
+from evaluation.record import squared_error
 
 #: Page that contains the table of this evaluation.
 PAGE = "lidar_localisation"
@@ -63,9 +64,9 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 def _squared_errors(results: dict[str, Any]) -> dict[str, Any]:
     """Return the figures that ``cdff check`` reads: squared errors on measured sweeps without added noise."""
     return {
-        name: {"squared_error": row["mean_nees"], "degrees_of_freedom": 6, "trials": row["localised"]}
+        name: squared_error(row["mean_nees"], 6, row["localised"])
         for name, row in results.items()
-        if name != "the same with vegetation"
+        if row["localised"] and name != "the same with vegetation"
     }
 
 

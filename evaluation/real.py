@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results on real sensors: one table of all evaluations that compare with other programs on measured data.
+"""Table of the results on measured data, beside those of other programs where a program exists.
 
-An evaluation takes part by a function ``real_rows(figures) -> list[RealRow]``. ``python -m evaluation real``
-runs all of them and writes ``docs/evaluation/real.md``.
+Each evaluation with a function ``real_rows(figures) -> list[RealRow]`` adds rows. ``python -m evaluation
+real`` runs these evaluations and writes ``docs/evaluation/real.md``.
 """
 
 from __future__ import annotations
@@ -38,12 +38,20 @@ class RealRow(NamedTuple):
 
 
 def members(available: Mapping[str, ModuleType]) -> list[str]:
-    """Return the names of the evaluations that take part."""
+    """Return the names of the evaluations that have ``real_rows``."""
     return [name for name, module in available.items() if hasattr(module, "real_rows")]
 
 
 def table(available: Mapping[str, ModuleType], figures: Mapping[str, dict[str, Any]]) -> str:
-    """Return the table of all rows; ``figures`` are the results by evaluation."""
+    """Return the table in Markdown.
+
+    Parameters
+    ----------
+    available : mapping of str to module
+        Evaluations by name.
+    figures : mapping of str to dict
+        Recorded results of each evaluation that has ``real_rows``.
+    """
     lines = ["| evaluation | quantity | before | CDFF | other programs | required |", "|---" * 6 + "|"]
     for name in members(available):
         lines += [f"| `{name}` | {' | '.join(row)} |" for row in available[name].real_rows(figures[name])]

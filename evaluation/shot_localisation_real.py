@@ -47,7 +47,7 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         "tracked_objects": lambda: tracked_objects(data, FRAME_STEP),
         "crops": lambda: crops(data, CROP_SEEDS),
         "milk_carton": lambda: iter([_milk(data)]),
-        "absent_objects": lambda: absent_objects(data, 5),
+        "absent_objects": lambda: absent_objects(data, every=48),
     }
     return {name: _evaluate_views(sets[name](), progress) for name in parts}
 

@@ -540,7 +540,7 @@ def _with_mask_images(robot: Robot, folder: Path) -> Robot:
 
 
 def _with_files(profile: Profile, path: Path) -> Profile:
-    """Return the profile with its URDF documents and mask images loaded; raises ConfigurationError."""
+    """Replace the paths of URDF documents and mask images by their content; raises ConfigurationError."""
     robots = []
     for robot in profile.robots:
         robot = _with_mask_images(robot, path.parent)

@@ -40,6 +40,10 @@ Pairs = tuple[Float, Float]
 _MIN_POINTS = 100
 
 
+class FewPointsError(InputError):
+    """Too few points of a cloud remain in voxels of the size that the other cloud requires."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
     """A point cloud prepared for registration: thinned, without outliers."""
@@ -145,7 +149,7 @@ class CloudMatcher:
                 PointCloudDownsamplingInputs(points=cloud.points_m, edge_m=voxel_m)
             ).points
             if len(points) < _MIN_POINTS:
-                raise InputError(
+                raise FewPointsError(
                     f"{len(points)} points remain of {len(cloud.points_m)} in voxels of {voxel_m:.3g} m"
                 )
             normals = self._normals.process(NormalsEstimationInputs(points=points)).normals

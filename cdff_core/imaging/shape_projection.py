@@ -20,7 +20,7 @@ _LARGEST_PX = 1e6
 def silhouettes(
     shapes_m: Iterable[FloatArray], camera_matrix: FloatArray, shape: tuple[int, int]
 ) -> BoolArray:
-    """Return the pixels (rows, cols) that show one of the shapes.
+    """Return a mask of bool, shape (rows, columns), that is True where a shape covers the pixel.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Surface of a model: outward normals, and the points that are visible from each of a set of directions."""
+"""Points and outward normals of a model, and which of the points a viewer sees from each direction."""
 
 from __future__ import annotations
 

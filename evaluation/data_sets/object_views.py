@@ -57,10 +57,10 @@ def tracked_objects(data: Path, step: int = 1) -> Iterator[View]:
             yield View(f"{name} {frame}", models[name], scene, tuple(T @ S for S in symmetries))
 
 
-def absent_objects(data: Path, frames: int) -> Iterator[View]:
-    """Yield dragon and cube with frames of ``seven_scenes_redkitchen``, which contain neither."""
+def absent_objects(data: Path, every: int) -> Iterator[View]:
+    """Yield dragon and cube with every so many frames of ``seven_scenes_redkitchen``, without these objects."""
     folder = data / "visp_rbt_rgbd"
-    for path in sorted((data / "seven_scenes_redkitchen" / "frames").glob("*.depth.png"))[:: 242 // frames]:
+    for path in sorted((data / "seven_scenes_redkitchen" / "frames").glob("*.depth.png"))[::every]:
         scene = depth_points(path, 585.0, 585.0, 320.0, 240.0)
         for name in ("dragon", "cube"):
             model = mesh_points(folder / "models" / name / f"{name}.obj")

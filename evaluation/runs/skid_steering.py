@@ -80,7 +80,7 @@ def _wheels(
     _, _, heading, _, _ = _at(motion, t_s - DELAY_S).T
     slip = rng.normal(0.0, 0.01) + 0.03 * np.sin(2 * np.pi * t_s / rng.uniform(5.0, 40.0))
     steps = np.hypot(*np.diff(_at(motion, t_s - DELAY_S)[:, :2], axis=0).T) * (1.0 + slip[1:])
-    # The errors of both poses of an increment add up to the alternation.
+    # Successive poses have opposite errors, each half of the alternation of the increment between them.
     pose_error_m = 0.5 * ALTERNATION * np.append(steps, 0.0) * (-1.0) ** np.arange(len(t_s))
     forward = steps + np.diff(pose_error_m)
     turns = (1.0 + rng.normal(0.0, 0.04)) * np.diff(heading) + rng.normal(0.0, 1.5e-3) * steps

@@ -17,7 +17,7 @@ _COARSER = 3
 
 
 class Surface:
-    """Points of a surface; derived quantities are computed on first use.
+    """Points of a surface; normals, roughness and the thinned copy are computed when they are first read.
 
     Parameters
     ----------

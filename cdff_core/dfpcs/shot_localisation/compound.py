@@ -17,7 +17,7 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality, Status
 from cdff_common.types import TransformWithCovariance
 from cdff_core.cloud_matching.acceptance import registration_quality
-from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, Registration, displacement_m
+from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, FewPointsError, Registration, displacement_m
 from cdff_core.cloud_matching.reference import ReferenceCloud
 from cdff_core.cloud_matching.search import AlignmentSearch
 from cdff_core.dfpcs.shot_localisation.configuration import ShotLocalisationConfig
@@ -110,8 +110,7 @@ class ShotLocalisation(ShotLocalisationInterface):
                     return registration, quality
         try:
             found, quality = self._search(model, scene)
-        except InputError as error:
-            # With the voxel size of a large scene, too few points of a small model remain.
+        except FewPointsError as error:  # of a small model, with the voxel size of a large scene
             found, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
         if "not_found" in quality.reasons and self.config.view_search.enabled:
             found, by_view = self._search_views(sample)

@@ -38,8 +38,8 @@ class VisualOdometrySparseInterface(Dfpc):
 
     @abstractmethod
     def on_joints(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Joints. Joint positions of the robot, for masks of the links of its
-        URDF that the cameras see.
+        """Process an input of type Joints. Joint positions of the robot; with them the links of its
+        URDF are projected into the images and masked.
         """
 
     @abstractmethod

@@ -126,7 +126,7 @@ class KeyframeTracker:
             tracked = self._track(view, keyframe, T_searched)
             motion = self._select_motion(view, keyframe, T_searched, None, tracked, is_continued=False)
         if motion.others:
-            # Points of a motion are tracked best with that motion as prediction.
+            # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
             poses = [motion.scene.pose, *[other.pose for other in motion.others]]
             merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
             with suppress(RefusedError):

@@ -31,4 +31,9 @@ def test_the_candidates_keep_the_position_and_the_axis_of_the_lidar() -> None:
     np.testing.assert_allclose(candidates[:, :3, 3], np.tile(T[:3, 3], (len(candidates), 1)))
     np.testing.assert_allclose(candidates[:, :3, 2], np.tile(T[:3, 2], (len(candidates), 1)), atol=1e-12)
     angles_rad = se3.rotation_angle(candidates[:, :3, :3] @ T[:3, :3].T)
-    assert np.degrees(np.max(angles_rad)) == 180.0 or np.degrees(np.max(angles_rad)) > 175.0
+    assert np.degrees(np.max(angles_rad)) > 175.0
+    # With the pose itself, the candidates divide the circle into equal steps.
+    about_axis = se3.log_so3(T[:3, :3].T @ candidates[:, :3, :3])[:, 2]
+    angles_deg = np.sort(np.mod(np.degrees(np.append(about_axis, 0.0)), 360.0))
+    np.testing.assert_allclose(np.diff(angles_deg), 360.0 / (len(candidates) + 1), atol=1e-6)
+    assert len(candidates) == 71
