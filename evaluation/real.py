@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Table of the results on measured data, beside those of other programs where a program exists.
+"""Table of the results on measured data, next to those of other programs where a program exists.
 
 Each evaluation with a function ``real_rows(figures) -> list[RealRow]`` adds rows. ``python -m evaluation
 real`` runs these evaluations and writes ``docs/evaluation/real.md``.
