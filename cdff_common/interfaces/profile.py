@@ -521,7 +521,9 @@ def read_mask(path: Path) -> str:
     try:
         return base64.b64encode(path.read_bytes()).decode("ascii")
     except OSError as error:
-        raise ConfigurationError(f"mask {path}: {error}") from error
+        raise ConfigurationError(
+            f"mask {path}: cannot be read ({error.strerror}), expected an image such as a PNG"
+        ) from error
 
 
 def _with_mask_images(robot: Robot, folder: Path) -> Robot:

@@ -14,6 +14,8 @@ from cdff_common.geometry.se3 import FloatArray
 #: Maximum and minimum number of readings from whose differences the noise is estimated.
 _NOISE_READINGS, _MIN_NOISE_READINGS = 60, 20
 
+#: Ratio of an interval to the median one from which readings are missing in it.
+_GAP = 1.8
 #: Age of a reading up to which an IMU counts as present, nanoseconds.
 _MAX_AGE_NS = 1_000_000_000
 
@@ -73,8 +75,10 @@ class ImuBuffer:
         if last - first < _MIN_NOISE_READINGS:
             return None, None
         differences = np.diff(np.array(self._readings[first:last]), axis=0)
-        period_s = (self._stamps_ns[last - 1] - self._stamps_ns[first]) * 1e-9 / (last - first - 1)
-        variance = 0.5 * np.mean(np.square(differences).reshape(-1, 2, 3), axis=(0, 2))
+        intervals_s = np.diff(self._stamps_ns[first:last]) * 1e-9
+        is_successive = intervals_s < _GAP * np.median(intervals_s)
+        period_s = float(np.mean(intervals_s[is_successive]))
+        variance = 0.5 * np.mean(np.square(differences[is_successive]).reshape(-1, 2, 3), axis=(0, 2))
         force, rate = np.sqrt(variance * period_s)
         return float(force), float(rate)
 
