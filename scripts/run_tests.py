@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run the tests: first those that only compute, in parallel, then those that start processes, one by one.
+"""Run the tests in two parts at the same time: tests that start processes, and tests that only compute.
+
+Tests that start processes run one by one and first, because they wait for services within time limits. Tests
+that only compute run in parallel at the lowest priority, in the processor time that is left. The output of the
+tests that start processes is printed when the other part has ended.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
@@ -15,12 +19,16 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import IO
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build"
 NO_TESTS_COLLECTED = 5
 PROCESSES = "integration or e2e"
+#: Folders without tests that start processes, which need not be collected for these.
+COMPUTE_ONLY = [f"--ignore=tests/{folder}" for folder in ("contract", "golden", "interop", "unit")]
+LOWEST_PRIORITY = 19
 
 
 def main() -> int:
@@ -34,36 +42,40 @@ def main() -> int:
     (BUILD / "traceability.json").unlink(missing_ok=True)
     selected = "soak" if args.soak else "not soak" if args.slow else "not soak and not slow"
     started = time.monotonic()
-    parts = {
-        "compute": [
-            "-m",
-            f"not ({PROCESSES}) and {selected}",
-            "-n",
-            args.workers,
-            "--dist",
-            "loadfile",
-            *rest,
-        ],
-        "processes": ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *rest],
-    }
-    codes = {name: _pytest(name, arguments) for name, arguments in parts.items()}
-    counts = _counts(BUILD / f"junit-{name}.xml" for name in parts)
+    output = BUILD / "processes.log"
+    with output.open("wb") as log:
+        processes = _start(
+            "processes",
+            ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *COMPUTE_ONLY, *rest],
+            stdout=log,
+        )
+        compute = _start(
+            "compute",
+            ["-m", f"not ({PROCESSES}) and {selected}", "-n", args.workers, "--dist", "loadfile", *rest],
+            priority=LOWEST_PRIORITY,
+        )
+        codes = [compute.wait(), processes.wait()]
+    print(output.read_text(encoding="utf-8", errors="replace"))
+    counts = _counts(BUILD / f"junit-{name}.xml" for name in ("compute", "processes"))
     seconds = time.monotonic() - started
     words = [f"{counts[word]} {word}" for word in ("failed", "passed", "skipped", "errors") if counts[word]]
     print(f"\n==== {', '.join(words) or 'no tests ran'} in {seconds:.2f}s ====")
-    return next((code for code in codes.values() if code), 0)
+    return next((code for code in codes if code not in (0, NO_TESTS_COLLECTED)), 0)
 
 
-def _pytest(name: str, arguments: list[str]) -> int:
-    """Run pytest; threads are limited, because the processes already use all cores."""
+def _start(
+    name: str, arguments: list[str], stdout: IO[bytes] | None = None, priority: int = 0
+) -> subprocess.Popen[bytes]:
+    """Start pytest; threads are limited, because the processes already use all cores."""
     caps = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
     report = BUILD / f"junit-{name}.xml"
     report.unlink(missing_ok=True)
     command = [sys.executable, "-m", "pytest", f"--junitxml={report}", *arguments]
-    code = subprocess.run(
-        command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, check=False
-    ).returncode
-    return 0 if code == NO_TESTS_COLLECTED else code
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=caps | os.environ, stdin=subprocess.DEVNULL, stdout=stdout
+    )
+    os.setpriority(os.PRIO_PROCESS, process.pid, priority)  # inherited by the workers that it starts
+    return process
 
 
 def _counts(reports: Iterable[Path]) -> dict[str, int]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import random
@@ -90,8 +91,10 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or not outcomes:
         return
     TRACEABILITY.parent.mkdir(exist_ok=True)
-    try:
-        earlier = json.loads(TRACEABILITY.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        earlier = {}
-    TRACEABILITY.write_text(json.dumps(earlier | outcomes, indent=1, sort_keys=True), encoding="utf-8")
+    with TRACEABILITY.with_suffix(".lock").open("w") as lock:  # two parts of a run may end at the same time
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            earlier = json.loads(TRACEABILITY.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            earlier = {}
+        TRACEABILITY.write_text(json.dumps(earlier | outcomes, indent=1, sort_keys=True), encoding="utf-8")

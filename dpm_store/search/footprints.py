@@ -13,6 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Select, select
 
@@ -23,6 +24,8 @@ from dpm_store.engine.database import DIALECTS, Database, dialect_of
 FloatArray = NDArray[np.float64]
 #: Cells of the grid of an outline along its longer side.
 _CELLS = 48
+#: Radii in cells, by which gaps between occupied cells are closed until these are connected.
+_CLOSING_RADII = (1, 2, 4, 8)
 #: Corners of an outline; with more it is replaced by its hull.
 _MAX_CORNERS = 256
 #: Largest fraction of the box that a footprint covers; above it the box is used.
@@ -95,24 +98,32 @@ def outline(occupied: NDArray[np.bool_], left: float, top: float, cell_w: float,
     """Return a ring around all occupied cells ``(rows, cols)``, row 0 at the top, with gaps closed."""
     import shapely
 
-    x0, y0, x1, y1 = [], [], [], []
-    for row in np.flatnonzero(occupied.any(axis=1)):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], occupied[row].view(np.int8), [0]])))
-        for start, end in edges.reshape(-1, 2):
-            x0.append(left + start * cell_w)
-            x1.append(left + end * cell_w)
-            y0.append(top - (row + 1) * cell_h)
-            y1.append(top - row * cell_h)
-    shape = shapely.union_all(shapely.box(x0, y0, x1, y1))
-    gap_m = max(cell_w, cell_h)
-    while shape.geom_type != "Polygon" and gap_m < 64 * max(cell_w, cell_h):
-        shape = shapely.union_all(
-            [shape, shape.buffer(gap_m, join_style="bevel").buffer(-gap_m, join_style="bevel")]
+    def polygon_of(occupied: NDArray[np.bool_]) -> Any:
+        change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+        (row, start), (_, end) = np.nonzero(change == 1), np.nonzero(change == -1)
+        boxes = shapely.box(
+            left + start * cell_w, top - (row + 1) * cell_h, left + end * cell_w, top - row * cell_h
         )
-        gap_m *= 2.0
+        return shapely.union_all(boxes)
+
+    shape = polygon_of(occupied)
+    for radius in _CLOSING_RADII:
+        if shape.geom_type == "Polygon":
+            break
+        occupied = _closed(occupied, radius)
+        shape = polygon_of(occupied)
     if shape.geom_type != "Polygon" or len(shape.exterior.coords) > _MAX_CORNERS:
         shape = shapely.convex_hull(shape)
     return np.array(shape.exterior.coords)[:-1]
+
+
+def _closed(occupied: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """Return the morphological closing by a square of ``2 radius + 1`` cells, which contains every occupied cell."""
+    closed = np.pad(occupied, 2 * radius)
+    for reduce in (np.any, np.all):  # dilation, then erosion
+        for axis in (0, 1):
+            closed = reduce(sliding_window_view(closed, 2 * radius + 1, axis=axis), axis=-1)
+    return closed
 
 
 @cache

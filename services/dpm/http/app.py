@@ -71,8 +71,20 @@ def create_app(context: Context) -> FastAPI:
 
 
 def openapi() -> dict[str, Any]:
-    """Return the OpenAPI document without a running DPM, for the reference page."""
-    return _app_with_routes().openapi()
+    """Return the OpenAPI document, which is the same for every application of a process.
+
+    The lock is necessary because FastAPI cannot build the document in several threads at once.
+    """
+    with _OPENAPI_LOCK:
+        return _openapi_document()
+
+
+@functools.cache
+def _openapi_document() -> dict[str, Any]:
+    """Build the document with the model of problem documents, which every operation references."""
+    document = FastAPI.openapi(_app_with_routes())
+    document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = Problem.model_json_schema()
+    return document
 
 
 def _app_with_routes() -> FastAPI:
@@ -80,19 +92,5 @@ def _app_with_routes() -> FastAPI:
     for module in MODULES[:-1]:
         app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(checked_query)])
     app.include_router(page.router)
-    app.openapi = functools.partial(_openapi_document, app)  # type: ignore[method-assign]
+    app.openapi = openapi  # type: ignore[method-assign]
     return app
-
-
-def _openapi_document(app: FastAPI) -> dict[str, Any]:
-    """Return the OpenAPI document with the model of problem documents, which every operation references.
-    The lock is necessary because FastAPI cannot build the document in several threads at once.
-    """
-    with _OPENAPI_LOCK:
-        if app.openapi_schema is None:
-            document = FastAPI.openapi(app)
-            document.setdefault("components", {}).setdefault("schemas", {})["Problem"] = (
-                Problem.model_json_schema()
-            )
-            app.openapi_schema = document
-        return app.openapi_schema
