@@ -188,7 +188,9 @@ class ViewSearch:
         coarse = self.comparison(side.coarse, cfg.coarse_factor)
         best = np.argsort(-coarse.scores(poses), kind="stable")[: cfg.hypotheses]
         first, last = (p.scaled(diameter_m) for p in (_FIRST_REFINEMENT, _LAST_REFINEMENT))
-        refined = sorted((coarse.refine(poses[i], first, self._seed) for i in best), key=lambda pair: -pair[1])
+        refined = sorted(
+            (coarse.refine(poses[i], first, self._seed) for i in best), key=lambda pair: -pair[1]
+        )
         distinct: list[FloatArray] = []
         for T, _ in refined:
             if not any(self.is_same(T, other) for other in distinct):
