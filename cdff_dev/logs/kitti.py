@@ -8,7 +8,7 @@ suite. CVPR. doi:10.1109/CVPR.2012.6248074
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,7 @@ class KittiLog:
         CodecError
             If an image or a scan cannot be read.
         """
-        readers = {
+        readers: dict[str, tuple[Collection[int], Callable[[int, int], Any]]] = {
             PAIR: (self._pairs, self._pair),
             SCAN: (self._scans, self._scan),
             TRUTH: (self._truth, self._pose),

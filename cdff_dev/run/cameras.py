@@ -69,7 +69,7 @@ def stereo_pair(
     )
     if stereo.is_rectified:
         for camera, image in ((stereo.left, pair.left), (stereo.right, pair.right)):
-            check_image_size(camera, *image.image.shape[:2], calibration)
+            check_image_size(camera, image.image.shape[0], image.image.shape[1], calibration)
         return pair
     return FramePair(
         baseline=stereo.baseline_m,
@@ -101,5 +101,5 @@ def _with_pose(right: Frame, stereo: StereoCalibration, left_frame: str) -> Fram
 
 
 def _with_camera_model(camera: CameraModel, frame: Frame, calibration: str) -> Frame:
-    check_image_size(camera, *frame.image.shape[:2], calibration)
+    check_image_size(camera, frame.image.shape[0], frame.image.shape[1], calibration)
     return with_image(frame, frame.image, camera=camera)
