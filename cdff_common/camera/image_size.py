@@ -37,13 +37,13 @@ def check_image_size(camera: CameraModel, rows: int, cols: int, source: str) -> 
     offsets = abs(camera.cx / cols - 0.5), abs(camera.cy / rows - 0.5)
     if max(offsets) > _MAX_DECENTRING:
         raise InputError(
-            f"{source}: principal point {camera.cx:.1f}, {camera.cy:.1f} in images of {cols} x {rows} pixels: "
-            f"expected within {_MAX_DECENTRING:.0%} of the size from the middle; the calibration is of another "
-            "camera or image size"
+            f"{source}: principal point {camera.cx:.1f}, {camera.cy:.1f} in images of {cols} x {rows} "
+            f"pixels: expected within {_MAX_DECENTRING:.0%} of the size from the middle; the calibration is "
+            "of another camera or image size"
         )
     if not _MIN_FOCAL_WIDTHS <= camera.fx / cols <= _MAX_FOCAL_WIDTHS:
         raise InputError(
             f"{source}: focal length {camera.fx:.1f} in images of {cols} x {rows} pixels: expected "
-            f"{_MIN_FOCAL_WIDTHS * cols:.0f} to {_MAX_FOCAL_WIDTHS * cols:.0f}; the calibration is of another "
-            "camera or image size"
+            f"{_MIN_FOCAL_WIDTHS * cols:.0f} to {_MAX_FOCAL_WIDTHS * cols:.0f}; the calibration is of "
+            "another camera or image size"
         )

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GeoTIFF of maps and of single-band float images.
 
-Written with float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named after the frame;
-times and layer names are stored in the tags, so that maps are read back identically.
+Written with float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named
+after the frame; times and layer names are stored in the tags, so that maps are read back identically.
 """
 
 from __future__ import annotations
@@ -288,8 +288,8 @@ def _unit_error(crs: Any) -> str:
     if crs.is_geographic:
         return (
             "its coordinates are degrees of longitude and latitude, expected metres: project it, for example "
-            "with `gdalwarp -t_srs EPSG:326NN -r bilinear IN OUT` (NN: UTM zone), or with the local projection "
-            "of another body"
+            "with `gdalwarp -t_srs EPSG:326NN -r bilinear IN OUT` (NN: UTM zone), or on another body with a "
+            "local projection"
         )
     name, factor = crs.linear_units_factor if crs.is_projected else ("metre", 1.0)
     if abs(factor - 1.0) > 1e-9:

@@ -113,7 +113,7 @@ class ViewLocaliser:
         best: ViewCandidate,
         metrics: Mapping[str, float],
     ) -> Registration:
-        """Return the registration of the visible points, or the pose of the search if the view contradicts it."""
+        """Return the registration of the visible points, or, if the view contradicts it, the pose found."""
         surface = best.side.surface
         visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])
         R_scene_view, t = image.R_view_scene.T, -model.centre_m
