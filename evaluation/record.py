@@ -47,12 +47,16 @@ def write(
     return path
 
 
-def squared_error(mean: float, degrees_of_freedom: int, trials: int) -> dict[str, Any]:
+def squared_error(
+    mean: float, degrees_of_freedom: int, trials: int, pairs: int | None = None
+) -> dict[str, Any]:
     """Return the entry of ``figures.real.{implementation}.{data set}`` for a mean squared error e' P^-1 e.
 
+    ``pairs`` is the number of different pairs of clouds or maps, if some trials differ only in the guess.
     ``cdff check`` refuses a covariance called calibrated without such entries.
     """
-    return {"squared_error": mean, "degrees_of_freedom": degrees_of_freedom, "trials": trials}
+    entry = {"squared_error": mean, "degrees_of_freedom": degrees_of_freedom, "trials": trials}
+    return entry if pairs is None else entry | {"pairs": pairs}
 
 
 def _git(root: Path, *arguments: str) -> str:

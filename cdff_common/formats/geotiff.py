@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """GeoTIFF of maps and of single-band float images.
 
-Float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named after the frame;
-times and layer names are stored in the tags, so that maps are read back identically.
+Written with float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named
+after the frame; times and layer names are stored in the tags, so that maps are read back identically.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import CdffError, InputError
 from cdff_common.formats.file_source import Readable, Source, load
 from cdff_common.raster.geometry import MAX_CELLS, GridGeometry
+from cdff_common.raster.resample import area_means
 
 if TYPE_CHECKING:
     from cdff_common.types import ElevationMap, NavigationMap
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 #: Bands of a ``dem``, in order.
 DEM_BANDS = ("mean", "variance", "min", "max", "count", "age_s")
 _FALLBACK_FRAME = "site"
+#: Relative difference of width and height up to which a cell is square.
+_SQUARE_TOLERANCE = 1e-9
 
 
 def engineering_crs(frame: str) -> str:
@@ -62,7 +66,11 @@ def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) ->
 def read_map(
     source: Readable, type_name: str = "ElevationMap", *, frame: str | None = None
 ) -> ElevationMap | NavigationMap:
-    """Read a map; a foreign single-band GeoTIFF becomes an elevation map with only the layer ``mean``.
+    """Read a map; a foreign GeoTIFF becomes an elevation map of its band ``mean``, else of its first band.
+
+    If the cells of a foreign elevation model are not square, or their edges are not multiples of the cell
+    size, its heights are averaged over the cells of a grid that meets both; the layer ``variance`` is then
+    the variance of the heights within each cell.
 
     Parameters
     ----------
@@ -75,31 +83,48 @@ def read_map(
     Raises
     ------
     CodecError
-        With the file name, if it is not a raster with square cells in rows from the top.
+        With the file name, if it is not a raster in rows from north to south or reverse, or its coordinates
+        are not in metres.
     """
     from cdff_common.types import ElevationMap, NavigationMap
 
     s = load(source)
-    bands, (resolution_m, xmin_m, ymax_m), tags = read_bands(s)
+    raster = _read_raster(s)
+    bands, tags = raster.bands, raster.tags
     if type_name not in ("ElevationMap", "NavigationMap"):
         raise InputError(f"type {type_name!r}: expected ElevationMap or NavigationMap")
     if tags.get("CDFF_TYPE", type_name) != type_name:
         raise s.error(f"contains a {tags['CDFF_TYPE']}, expected a {type_name}")
-    if type_name == "ElevationMap" and "CDFF_TYPE" not in tags and "mean" not in bands:
-        bands = {"mean": next(iter(bands.values()))}
-    rows, cols = next(iter(bands.values())).shape
     dtypes = tags.get("CDFF_DTYPES", "").split(",")
     if len(dtypes) == len(bands) and all(re.fullmatch(r"[fiu][1248]", d) for d in dtypes):
         bands = {n: b.astype(d) for (n, b), d in zip(bands.items(), dtypes, strict=True)}
+    frame = tags.get("CDFF_FRAME") or frame or _FALLBACK_FRAME
     try:
-        geometry = GridGeometry(
-            tags.get("CDFF_FRAME") or frame or _FALLBACK_FRAME, resolution_m, xmin_m, ymax_m, rows, cols
-        )
+        if type_name == "ElevationMap" and "CDFF_TYPE" not in tags:
+            geometry, bands = _elevation_on_grid(raster, frame)
+        else:
+            geometry = GridGeometry(frame, *raster.square_placement(), *raster.shape)
         map_class = ElevationMap if type_name == "ElevationMap" else NavigationMap
         t0_ns, t1_ns = int(tags.get("CDFF_T0_NS", "0")), int(tags.get("CDFF_T1_NS", "0"))
         return map_class.from_layers(geometry, bands, t0_ns=t0_ns, t1_ns=t1_ns)
     except (CdffError, ValueError) as error:
         raise s.error(str(error)) from error
+
+
+def _elevation_on_grid(raster: _Raster, frame: str) -> tuple[GridGeometry, dict[str, NDArray[Any]]]:
+    """Return the grid and the layers of a foreign elevation model; raises InputError."""
+    if raster.unit_error:
+        raise InputError(raster.unit_error)
+    bands: dict[str, NDArray[Any]] = dict(raster.bands)
+    if "mean" not in bands:
+        bands = {"mean": next(iter(bands.values()))}
+    cell_m = max(raster.width_m, raster.height_m)
+    grid = GridGeometry.aligned(frame, cell_m, raster.bounds)
+    is_square = abs(raster.width_m - raster.height_m) <= _SQUARE_TOLERANCE * cell_m
+    if is_square and grid.shape == raster.shape:
+        return grid, bands
+    mean, variance = area_means(bands["mean"], raster.bounds, grid)
+    return grid, {"mean": mean.astype(np.float32), "variance": variance.astype(np.float32)}
 
 
 def write_bands(
@@ -172,13 +197,54 @@ def read_bands(
     Raises
     ------
     CodecError
-        If it is not a raster, has more than 2**30 cells, or its cells are not square and in rows from the
-        top.
+        If it is not a raster, has more than 2**30 cells, or its cells are not square and in rows parallel to
+        the x axis.
     """
+    s = load(source)
+    raster = _read_raster(s)
+    try:
+        return raster.bands, raster.square_placement(), raster.tags
+    except InputError as error:
+        raise s.error(str(error)) from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Raster:
+    """Bands (rows, cols) from north to south and from west to east, with the placement of the cells."""
+
+    bands: dict[str, NDArray[np.float32]]
+    tags: dict[str, str]
+    width_m: float  # of a cell along x
+    height_m: float  # of a cell along y
+    xmin_m: float
+    ymax_m: float
+    unit_error: str  # why the coordinates are not in metres; empty if they are, or their unit is unknown
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, cols = next(iter(self.bands.values())).shape
+        return rows, cols
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Outer edges (xmin, ymin, xmax, ymax)."""
+        rows, cols = self.shape
+        ymin_m, xmax_m = self.ymax_m - rows * self.height_m, self.xmin_m + cols * self.width_m
+        return self.xmin_m, ymin_m, xmax_m, self.ymax_m
+
+    def square_placement(self) -> tuple[float, float, float]:
+        """Return ``(resolution, xmin, ymax)``; raises InputError if the cells are not square."""
+        if abs(self.width_m - self.height_m) > _SQUARE_TOLERANCE * self.width_m:
+            raise InputError(f"cells of {self.width_m} x {self.height_m}: expected square cells")
+        return self.width_m, self.xmin_m, self.ymax_m
+
+
+def _read_raster(s: Source) -> _Raster:
+    """Return the bands of a GeoTIFF and their placement; raises CodecError."""
     import rasterio
     from rasterio.io import MemoryFile
 
-    s = load(source)
     try:
         # GeoTIFF only: other GDAL drivers follow references to files and hosts.
         with _quietly(), MemoryFile(s.data) as memory, memory.open(driver="GTiff") as file:
@@ -189,18 +255,46 @@ def read_bands(
             size = file.width * file.height * sum(np.dtype(kind).itemsize for kind in file.dtypes)
             s.check_claim(size, f"{file.count} bands of {file.height} x {file.width}")
             t = file.transform
-            if t.b or t.d or (abs(t.a + t.e) > 1e-9 * abs(t.a) and not t.is_identity):
-                raise s.error(f"transform {tuple(t)[:6]}: expected square cells, row 0 at the top")
+            if t.b or t.d:
+                raise s.error(
+                    f"transform {tuple(t)[:6]}: expected rows parallel to the x axis; rotate it with gdalwarp"
+                )
             names = [d or f"band{i}" for i, d in enumerate(file.descriptions, start=1)]
             if len(set(names)) != len(names):
                 names = [f"band{i}" for i in range(1, file.count + 1)]
-            stack = file.read(masked=True).astype(np.float32).filled(np.nan)
+            stored = file.read(masked=True)
+            scale, offset = (np.reshape(v, (-1, 1, 1)) for v in (file.scales, file.offsets))
+            if np.any(scale != 1.0) or np.any(offset != 0.0):
+                stored = stored * scale + offset
+            stack = stored.astype(np.float32).filled(np.nan)
             tags = {str(k): str(v) for k, v in file.tags().items()}
-            # GDAL has already converted pixel-is-point to pixel-is-area.
-            placement = (float(t.a), float(t.c), float(t.f))
+            unit_error = _unit_error(file.crs)
     except rasterio.errors.RasterioError as error:
         raise s.error(f"not a readable raster: {error}") from error
-    return dict(zip(names, stack, strict=True)), placement, tags
+    # GDAL has already converted pixel-is-point to pixel-is-area. The identity is the transform of an image.
+    xmin_m, ymax_m = float(t.c), float(t.f)
+    if t.e > 0 and not t.is_identity:
+        stack, ymax_m = stack[:, ::-1], ymax_m + t.e * stack.shape[1]
+    if t.a < 0:
+        stack, xmin_m = stack[:, :, ::-1], xmin_m + t.a * stack.shape[2]
+    bands = dict(zip(names, np.ascontiguousarray(stack), strict=True))
+    return _Raster(bands, tags, abs(float(t.a)), abs(float(t.e)), xmin_m, ymax_m, unit_error)
+
+
+def _unit_error(crs: Any) -> str:
+    """Return why the coordinates of a CRS are not in metres, or an empty string."""
+    if not crs:
+        return ""
+    if crs.is_geographic:
+        return (
+            "its coordinates are degrees of longitude and latitude, expected metres: project it, for example "
+            "with `gdalwarp -t_srs EPSG:326NN -r bilinear IN OUT` (NN: UTM zone), or on another body with a "
+            "local projection"
+        )
+    name, factor = crs.linear_units_factor if crs.is_projected else ("metre", 1.0)
+    if abs(factor - 1.0) > 1e-9:
+        return f"its coordinates are in {name}, expected metres: project it with gdalwarp -t_srs"
+    return ""
 
 
 @contextmanager

@@ -1,6 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Aggregation of fine cells to coarser ones by pooling; cells are never refined."""
+"""Aggregation of fine cells to coarser ones by pooling, and area means on a grid with other edges; cells are
+never refined.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +18,8 @@ from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.statistics import CellStatistics
 
 _RELATIVE_TOLERANCE = 1e-6
+#: Minimum observed fraction of the area of a cell of ``area_means``.
+_MIN_AREA = 0.9
 
 
 def integer_factor(fine_m: float, coarse_m: float) -> int:
@@ -115,3 +119,57 @@ def largest_of_blocks(
             np.where(np.isneginf(largest), np.nan, largest).astype(layer.dtype) if is_float else largest
         )
     return coarse_layers, coarse
+
+
+def area_means(
+    heights: NDArray[Any], bounds: tuple[float, float, float, float], target: GridGeometry
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean and the variance of heights in the cells of a grid, weighted by the common area.
+
+    A cell needs observed heights on 90 % of its area, so that its mean is not displaced. On a plane the mean
+    is the height of the centre, exactly if the cells have equal size or one is a multiple of the other, else
+    to 8 % of the difference between adjacent cells. The variance is that of the heights within the cell: the
+    loss of detail by the resampling.
+
+    Parameters
+    ----------
+    heights : NDArray, shape (rows, cols)
+        Row 0 at the top; NaN where unobserved.
+    bounds : tuple of float
+        Outer edges (xmin, ymin, xmax, ymax) of the heights in the frame of the target, metres.
+    target : GridGeometry
+
+    Returns
+    -------
+    mean, variance : NDArray[np.float64], of the shape of ``target``
+        NaN where too little is observed.
+    """
+    xmin, ymin, xmax, ymax = bounds
+    rows, cols = heights.shape
+    r = target.resolution_m
+    down = _overlaps((target.ymax_m - ymax) / r, (target.ymax_m - ymin) / r, rows, target.rows)
+    right = _overlaps((xmin - target.xmin_m) / r, (xmax - target.xmin_m) / r, cols, target.cols)
+    observed = np.isfinite(heights)
+    offset = float(np.mean(heights[observed], dtype=np.float64)) if observed.any() else 0.0
+    z = np.where(observed, heights - offset, 0.0)
+    area, first, second = (
+        np.asarray((right @ (down @ values).T).T) for values in (observed.astype(np.float64), z, z * z)
+    )
+    area = np.where(area >= _MIN_AREA, area, np.nan)
+    mean = first / area
+    return mean + offset, np.maximum(second / area - mean**2, 0.0)
+
+
+def _overlaps(start: float, end: float, count: int, target_count: int) -> Any:
+    """Return the sparse matrix (target_count, count) of the overlaps of cells with target cells of size 1.
+
+    ``count`` cells divide the interval from ``start`` to ``end``.
+    """
+    from scipy.sparse import csr_array
+
+    edges = start + (end - start) / count * np.arange(count + 1)
+    cuts = np.unique(np.concatenate([edges, np.arange(target_count + 1)]))
+    middles = 0.5 * (cuts[1:] + cuts[:-1])
+    cell, target = np.searchsorted(edges, middles) - 1, np.floor(middles).astype(np.int64)
+    use = (cell >= 0) & (cell < count) & (target >= 0) & (target < target_count)
+    return csr_array((np.diff(cuts)[use], (target[use], cell[use])), shape=(target_count, count))

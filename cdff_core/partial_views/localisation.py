@@ -12,12 +12,14 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.geometry.kdtree import kd_tree
 from cdff_common.geometry.plane_fits import plane_fits
 from cdff_common.geometry.voxels import voxel_means
 from cdff_common.interfaces.product import CovarianceKind, Quality
 from cdff_core.cloud_matching.acceptance import main_components
 from cdff_core.cloud_matching.matcher import Registration, refine_and_assess
+from cdff_core.dfns.registration_3d.interface import Registration3DOutputs
 from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentInputs
 from cdff_core.partial_views.configuration import ViewSearchConfig
 from cdff_core.partial_views.range_image import RangeImage, range_image
@@ -50,9 +52,10 @@ class ViewLocaliser:
         assess: Dfn[Any, Any, Any],
         cfg: ViewSearchConfig,
         good_agreement: float,
+        seed: int = 0,
     ) -> None:
         self._refine, self._assess, self._cfg = refine, assess, cfg
-        self._good_agreement = good_agreement
+        self._good_agreement, self._seed = good_agreement, seed
 
     def localise(self, model: ViewModel, scene_m: FloatArray) -> tuple[Registration | None, Quality]:
         """Return the registration of the model in a scene, None if it fails, and its quality.
@@ -72,7 +75,7 @@ class ViewLocaliser:
         image = range_image(scene_m)
         if image is None:
             return None, Quality.failed("not_found", "several_views")
-        search = ViewSearch(model, scene_m, image, self._cfg)
+        search = ViewSearch(model, scene_m, image, self._cfg, self._seed)
         candidates = search.candidates()
         best_score = candidates[0].score if candidates else 0.0
         if best_score < self._cfg.min_score:
@@ -90,6 +93,7 @@ class ViewLocaliser:
             return None, Quality.failed("not_found", reason, metrics=metrics)
         registration = self._register(search, image, model, best, metrics)
         degraded = ["symmetric_model"] if equivalent else []
+        degraded += [] if registration.step.iterations else ["not_refined"]
         weak = registration.assessment.agreement < self._good_agreement
         # The outline of the model constrains these directions too, but is not part of the covariance.
         degraded += [f"weak:{name}" for name in main_components(registration.assessment.directions[weak])]
@@ -109,7 +113,7 @@ class ViewLocaliser:
         best: ViewCandidate,
         metrics: Mapping[str, float],
     ) -> Registration:
-        """Return the registration of the visible points; without refinement if the view contradicts it."""
+        """Return the registration of the visible points, or, if the view contradicts it, the pose found."""
         surface = best.side.surface
         visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])
         R_scene_view, t = image.R_view_scene.T, -model.centre_m
@@ -125,6 +129,22 @@ class ViewLocaliser:
         score = float(search.comparison(surface).scores(refined[None])[0])
         if score >= best.score - 0.5 * self._cfg.min_margin and search.is_same(refined, best.T):
             return registration
+        return self._without_refinement(source, target, T, search.pose_covariance(), model, metrics)
+
+    def _without_refinement(
+        self,
+        source: _Surface,
+        target: _Surface,
+        T: FloatArray,
+        covariance: FloatArray,
+        model: ViewModel,
+        metrics: Mapping[str, float],
+    ) -> Registration:
+        """Return the assessed pose ``T_view_model`` (4, 4) of the search.
+
+        ``covariance`` (6, 6) is that of the search, about the centre of the model; it is added to that of the
+        assessment, which assumes a registered pose.
+        """
         assessment = self._assess.process(
             RegistrationAssessmentInputs(
                 source=source.points_m,
@@ -134,8 +154,16 @@ class ViewLocaliser:
                 transform=T,
             )
         )
-        step = replace(registration.step, transform=T)
-        return Registration(step, assessment, 0.0, metrics)
+        to_centre, from_centre = (se3.transform(np.eye(3), c) for c in (model.centre_m, -model.centre_m))
+        of_search = compose_covariance(T @ to_centre, covariance, from_centre, np.zeros((6, 6)))
+        return Registration(
+            Registration3DOutputs(
+                transform=T, residual_scale_m=assessment.rms_m, iterations=0, converged=False
+            ),
+            replace(assessment, covariance=assessment.covariance + of_search),
+            0.0,
+            metrics,
+        )
 
 
 def _alternatives(

@@ -34,8 +34,9 @@ _FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
 _LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
 #: Poses that differ by less than this, in diameters and radians, are one hypothesis.
 _SAME_M, _SAME_RAD = 0.1, 0.35
-#: Minimum fraction of the points of a model that a symmetry maps to its surface.
-_SYMMETRIC = 0.95
+#: Minimum fraction of the points of a model that a symmetry maps to its surface; a small part, such as the
+#: handle of a cup, breaks the symmetry.
+_SYMMETRIC = 0.995
 #: Minimum tolerance in standard deviations of the noise of the scene.
 _SIGMAS = 3.0
 
@@ -122,9 +123,14 @@ class ViewSearch:
     """
 
     def __init__(
-        self, model: ViewModel, scene_m: FloatArray, image: RangeImage, cfg: ViewSearchConfig
+        self,
+        model: ViewModel,
+        scene_m: FloatArray,
+        image: RangeImage,
+        cfg: ViewSearchConfig,
+        seed: int = 0,
     ) -> None:
-        self._model, self._image, self._cfg = model, image, cfg
+        self._model, self._image, self._cfg, self._seed = model, image, cfg, seed
         view = scene_m @ image.R_view_scene.T
         is_resolved = view[:, 2] * image.spacing * cfg.min_pixels < model.diameter_m
         self.near_m = view[is_resolved]
@@ -152,9 +158,20 @@ class ViewSearch:
         """Return whether two poses are one hypothesis."""
         return _is_same(first, second, self._model.diameter_m, factor)
 
+    def pose_covariance(self) -> FloatArray:
+        """Return the covariance (6, 6), [x y z rx ry rz] in the frame of the view, of a pose without
+        registration.
+
+        Depths that differ by less than ``tolerance_m`` agree, so that the surface of the model is known with
+        the standard deviation of a uniform distribution of this half width.
+        """
+        sigma_m = self.tolerance_m / np.sqrt(3.0)
+        sigma_rad = sigma_m / (0.5 * self._model.diameter_m)
+        return np.asarray(np.diag(np.square([sigma_m] * 3 + [sigma_rad] * 3)))
+
     def _references(self) -> tuple[IntArray, IntArray, IntArray]:
         """Return the rows of reference points, and ``start`` and ``index`` of their neighbours."""
-        rng, points = np.random.default_rng(0), self._points
+        rng, points = np.random.default_rng(self._seed), self._points
         diameter_m = self._model.diameter_m
         relief = _relief(points, _RELIEF_RADIUS * diameter_m, rng)
         rows = np.flatnonzero(relief > self._cfg.relief * diameter_m)
@@ -171,7 +188,9 @@ class ViewSearch:
         coarse = self.comparison(side.coarse, cfg.coarse_factor)
         best = np.argsort(-coarse.scores(poses), kind="stable")[: cfg.hypotheses]
         first, last = (p.scaled(diameter_m) for p in (_FIRST_REFINEMENT, _LAST_REFINEMENT))
-        refined = sorted((coarse.refine(poses[i], first) for i in best), key=lambda pair: -pair[1])
+        refined = sorted(
+            (coarse.refine(poses[i], first, self._seed) for i in best), key=lambda pair: -pair[1]
+        )
         distinct: list[FloatArray] = []
         for T, _ in refined:
             if not any(self.is_same(T, other) for other in distinct):
@@ -179,7 +198,7 @@ class ViewSearch:
             if len(distinct) == cfg.finalists:
                 break
         exact = self.comparison(side.coarse)
-        final = np.stack([exact.refine(T, last)[0] for T in distinct])
+        final = np.stack([exact.refine(T, last, self._seed)[0] for T in distinct])
         scores = self.comparison(side.surface).scores(final)
         return [ViewCandidate(T, float(score), side) for T, score in zip(final, scores, strict=True)]
 

@@ -79,13 +79,13 @@ class ViewComparison:
         scores = counts @ _WEIGHTS / np.maximum(visible, 1)
         return np.where(visible >= _MIN_VISIBLE * len(self.surface.points_m), scores, -1.0)
 
-    def refine(self, T: FloatArray, by: Perturbations) -> tuple[FloatArray, float]:
+    def refine(self, T: FloatArray, by: Perturbations, seed: int) -> tuple[FloatArray, float]:
         """Return the best pose (4, 4) near ``T`` and its score.
 
         Each round tries random perturbations, smaller from round to round, since the score is a count and has
         no derivative.
         """
-        rng = np.random.default_rng(0)
+        rng = np.random.default_rng(seed)
         score, trials = -1.0, by.trials
         for i in range(by.rounds):
             sigma_m, sigma_rad = (_CONTRACTION**i * sigma for sigma in (by.sigma_m, by.sigma_rad))

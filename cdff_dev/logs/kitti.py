@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""KITTI odometry folders as logs: rectified grey pairs and, if available, true poses.
+"""KITTI odometry folders as logs: rectified grey pairs, Velodyne scans and true poses, if available.
 
 Geiger, A., Lenz, P., Urtasun, R. (2012). Are we ready for autonomous driving? The KITTI vision benchmark
 suite. CVPR. doi:10.1109/CVPR.2012.6248074
@@ -8,22 +8,24 @@ suite. CVPR. doi:10.1109/CVPR.2012.6248074
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cdff_common.camera import read_stereo
+from cdff_common.camera import check_image_size, read_stereo
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.product import Header
 from cdff_common.types import FramePair, TransformWithCovariance
+from cdff_dev.logs.kitti_velodyne import read_scan, scan_files
 from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams, recorded_header
 
 ROBOT = "kitti"
-PAIR, TRUTH = f"/{ROBOT}/navcam.pair", f"/{ROBOT}/truth.pose"
+PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
+_CAMERA, _LIDAR = f"{ROBOT}/navcam_left", f"{ROBOT}/lidar"
 #: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
 _IMAGE_FOLDERS = (
     ("image_0", "image_1"),
@@ -41,96 +43,133 @@ _PERIOD_US = 100_000
 
 
 def is_kitti(folder: Path) -> bool:
-    """Return True if a folder contains folders of left and right images and a calibration."""
-    pairs = any((folder / left).is_dir() and (folder / right).is_dir() for left, right in _IMAGE_FOLDERS)
-    return pairs and any((folder / name).is_file() for name in _CALIBRATIONS)
+    """Return True if a folder contains folders of left and right images, or of Velodyne scans."""
+    return _has_images(folder) or bool(scan_files(folder))
 
 
 class KittiLog:
     """A KITTI sequence as a ``LogSource``; raises InputError if its files are inconsistent.
 
-    Streams are ``/kitti/navcam.pair`` (FramePair) and, if ``poses.txt`` or ``poses/NN.txt`` exists,
-    ``/kitti/truth.pose``: the pose of the left camera (``kitti/navcam_left``) in its first pose
-    (``kitti/vo``). Stamps are those of ``times.txt``; without it they are multiples of 100 ms from 0.
+    Streams, each if its files exist, are ``/kitti/navcam.pair`` (FramePair) of the images,
+    ``/kitti/lidar.scan`` (LidarScan) of ``velodyne/NNNNNN.bin`` in the frame ``kitti/lidar``, and
+    ``/kitti/truth.pose`` of ``poses.txt`` or ``poses/NN.txt``: the pose of the left camera
+    (``kitti/navcam_left``) in its first pose (``kitti/vo``). Stamps are those of ``times.txt``; without it
+    they are multiples of 100 ms from 0.
+
+    Parameters
+    ----------
+    folder : Path
+    calibration : Path, optional
+        Calibration of the stereo camera; by default ``calib_kitti.txt``, else ``calib.txt``.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._left, self._right = _images(folder)
-        self.camera_matrix, self.baseline_m = _calibration(folder, self._left[0])
-        n = len(self._left)
-        self._stamps_ns = _stamps(folder, n)
-        self._truth = _truth(folder, n)
-        span = (int(self._stamps_ns[0]), int(self._stamps_ns[-1]))
-        self.streams: dict[str, StreamInfo] = {PAIR: StreamInfo("FramePair", n, *span)}
-        if self._truth is not None:
-            self.streams[TRUTH] = StreamInfo("TransformWithCovariance", n, *span)
+    def __init__(self, folder: Path, calibration: Path | None = None) -> None:
+        scans, pairs = scan_files(folder), []
+        if _has_images(folder) or not scans:
+            pairs = _images(folder)
+            self.camera_matrix, self.baseline_m = _calibration(folder, calibration, pairs[0][0])
+        elif calibration is not None:
+            raise InputError(f"{folder}: no images for the calibration {calibration}")
+        n = len(pairs) or max(scans) + 1
+        truth = _truth(folder, n)
+        self._stamps_ns = _stamps(folder, max(n, max(scans, default=0) + 1))
+        self._pairs, self._scans = dict(enumerate(pairs)), scans
+        self._truth = {} if truth is None else dict(enumerate(truth))
+        self.streams = {
+            name: StreamInfo(type_name, len(items), *self._span(items))
+            for name, type_name, items in (
+                (PAIR, "FramePair", self._pairs),
+                (SCAN, "LidarScan", self._scans),
+                (TRUTH, "TransformWithCovariance", self._truth),
+            )
+            if items
+        }
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
 
-        An image is read when its sample is yielded.
+        A file is read when its sample is yielded.
 
         Raises
         ------
         InputError
             If a stream is not in the log.
         CodecError
-            If an image cannot be read.
+            If an image or a scan cannot be read.
         """
+        readers: dict[str, tuple[Collection[int], Callable[[int, int], Any]]] = {
+            PAIR: (self._pairs, self._pair),
+            SCAN: (self._scans, self._scan),
+            TRUTH: (self._truth, self._pose),
+        }
         names = chosen_streams(self.streams, streams)
-        for i in range(len(self._left)):
+        for i in range(len(self._stamps_ns)):
             for name in names:
-                stamp_ns = int(self._stamps_ns[i])
-                value = self._pair(i, stamp_ns) if name == PAIR else self._pose(i, stamp_ns)
-                yield LogSample(
-                    name, self.streams[name].type_name, stamp_ns, i, value, _header(name, i, stamp_ns)
-                )
+                items, read = readers[name]
+                if i in items:
+                    stamp_ns = int(self._stamps_ns[i])
+                    header = _header(name, i, stamp_ns)
+                    type_name = self.streams[name].type_name
+                    yield LogSample(name, type_name, stamp_ns, i, read(i, stamp_ns), header)
 
     def close(self) -> None:
         """Do nothing: no file is kept open."""
 
+    def _span(self, items: Collection[int]) -> tuple[int, int]:
+        """Return the first and the last stamp of the samples with the given numbers."""
+        return int(self._stamps_ns[min(items)]), int(self._stamps_ns[max(items)])
+
     def _pair(self, i: int, stamp_ns: int) -> Any:
+        left, right = self._pairs[i]
         return FramePair.from_images(
-            _read_grey(self._left[i]),
-            _read_grey(self._right[i]),
+            _read_grey(left),
+            _read_grey(right),
             baseline_m=self.baseline_m,
             camera_matrix=self.camera_matrix,
             stamp_ns=stamp_ns,
-            sensor=f"{ROBOT}/navcam_left",
+            sensor=_CAMERA,
         )
 
+    def _scan(self, i: int, stamp_ns: int) -> Any:
+        return read_scan(self._scans[i], _LIDAR, stamp_ns)
+
     def _pose(self, i: int, stamp_ns: int) -> Any:
-        assert self._truth is not None  # the stream exists only with true poses
         return TransformWithCovariance.from_transform(
             UncertainTransform(self._truth[i]),
             parent=f"{ROBOT}/vo",
-            child=f"{ROBOT}/navcam_left",
+            child=_CAMERA,
             stamp_ns=stamp_ns,
             producer=ROBOT,
         )
 
 
 def _header(stream: str, seq: int, stamp_ns: int) -> Header:
-    camera = f"{ROBOT}/navcam_left"
-    if stream == PAIR:
-        return recorded_header(stream, seq, stamp_ns, frame=camera, producer=f"{ROBOT}/navcam")
-    return recorded_header(
-        stream, seq, stamp_ns, frame=f"{ROBOT}/vo", child=camera, producer=f"{ROBOT}/truth"
-    )
+    if stream == TRUTH:
+        frames = {"frame": f"{ROBOT}/vo", "child": _CAMERA, "producer": f"{ROBOT}/truth"}
+    elif stream == SCAN:
+        frames = {"frame": _LIDAR, "producer": _LIDAR}
+    else:
+        frames = {"frame": _CAMERA, "producer": f"{ROBOT}/navcam"}
+    return recorded_header(stream, seq, stamp_ns, **frames)
 
 
-def _images(folder: Path) -> tuple[list[Path], list[Path]]:
+def _has_images(folder: Path) -> bool:
+    return any((folder / left).is_dir() and (folder / right).is_dir() for left, right in _IMAGE_FOLDERS)
+
+
+def _images(folder: Path) -> list[tuple[Path, Path]]:
+    """Return the files of the left and right images."""
     for left_name, right_name in _IMAGE_FOLDERS:
         left, right = sorted((folder / left_name).glob("*.png")), sorted((folder / right_name).glob("*.png"))
         if left and [p.name for p in left] == [p.name for p in right]:
-            return left, right
+            return list(zip(left, right, strict=True))
         if left or right:
             raise InputError(
                 f"{folder}: {len(left)} images in {left_name}, {len(right)} in {right_name}: expected images "
                 "with equal names"
             )
     known = " or ".join(f"{a} and {b}" for a, b in _IMAGE_FOLDERS)
-    raise InputError(f"{folder}: expected a KITTI sequence with images in {known}")
+    raise InputError(f"{folder}: expected a KITTI sequence with images in {known}, or with velodyne/*.bin")
 
 
 def _read_grey(path: Path) -> Any:
@@ -160,29 +199,27 @@ def _rows(path: Path, columns: int) -> FloatArray:
     return np.array(rows)
 
 
-def _calibration(folder: Path, image: Path) -> tuple[FloatArray, float]:
+def _calibration(folder: Path, chosen: Path | None, image: Path) -> tuple[FloatArray, float]:
     """Return the camera matrix ``(3, 3)`` of the left camera, and the baseline, metres.
 
-    They are of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras. Raises
-    InputError if the principal point lies outside the image: then the calibration is of another camera.
+    They are of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras of the
+    ``chosen`` file or that of the folder. Raises InputError if the calibration does not fit the images.
     """
-    path = next((folder / name for name in _CALIBRATIONS if (folder / name).is_file()), None)
+    files = [folder / name for name in _CALIBRATIONS] if chosen is None else [chosen]
+    path = next((file for file in files if file.is_file()), None)
     if path is None:
-        raise InputError(f"{folder}: expected {' or '.join(_CALIBRATIONS)}")
+        raise InputError(
+            f"{folder}: {' or '.join(map(str, files))} not found; name the file with --calibration"
+        )
     is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
     calibration = read_stereo(path, *_COLOUR_CAMERAS) if is_colour else read_stereo(path)
     if not calibration.is_rectified:
         raise InputError(
             f"{path}: expected a rectified pair with the right camera to the right of the left camera"
         )
-    matrix = calibration.left.matrix
     rows, cols = _read_grey(image).shape
-    if not (0.0 < matrix[0, 2] < cols and 0.0 < matrix[1, 2] < rows):
-        raise InputError(
-            f"{path}: principal point {matrix[0, 2]:.1f}, {matrix[1, 2]:.1f} outside the images of "
-            f"{cols} x {rows} pixels; the calibration is of another camera"
-        )
-    return matrix, calibration.baseline_m
+    check_image_size(calibration.left, rows, cols, str(path))
+    return calibration.left.matrix, calibration.baseline_m
 
 
 def _has_rows(path: Path, names: Collection[str]) -> bool:
@@ -197,7 +234,9 @@ def _stamps(folder: Path, n: int) -> np.ndarray:
         return np.arange(n, dtype=np.int64) * (_PERIOD_US * 1000)
     times_s = _rows(path, 1)[:, 0]
     if len(times_s) < n or np.any(np.diff(times_s[:n]) <= 0):
-        raise InputError(f"{path}: {len(times_s)} times for {n} images, expected one per image, ascending")
+        raise InputError(
+            f"{path}: {len(times_s)} times for {n} images or scans, expected one each, ascending"
+        )
     return np.round(times_s[:n] * 1e6).astype(np.int64) * 1000
 
 
@@ -216,5 +255,5 @@ def _truth(folder: Path, n: int) -> FloatArray | None:
         return None
     rows = _rows(path, 12).reshape(-1, 3, 4)
     if len(rows) < n:
-        raise InputError(f"{path}: {len(rows)} poses for {n} images")
+        raise InputError(f"{path}: {len(rows)} poses for {n} images or scans")
     return se3.transform(se3.normalise_rotation(rows[:n, :, :3]), rows[:n, :, 3])

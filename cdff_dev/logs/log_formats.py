@@ -13,7 +13,7 @@ from cdff_dev.logs.source import LogSource
 from cdff_dev.logs.writer import chunk_files
 
 
-def open_log(path: str | Path) -> LogSource:
+def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
     """Open a log of any format.
 
     Parameters
@@ -22,18 +22,20 @@ def open_log(path: str | Path) -> LogSource:
         A ``.msg`` file, a folder of such files, a glob pattern such as ``run_*.msg``, the base name
         ``NAME.msg`` of a log split into ``NAME_000000000.msg``, ``NAME_000000001.msg``, …, or a folder in the
         KITTI odometry layout.
+    calibration : Path, optional
+        Calibration of the stereo camera of a KITTI folder.
 
     Raises
     ------
     InputError
-        If no file matches.
+        If no file matches, or a calibration is given for a log of another format.
     """
     where = Path(path)
     if where.is_dir():
         from cdff_dev.logs.kitti import KittiLog, is_kitti
 
         if is_kitti(where):
-            return KittiLog(where)
+            return KittiLog(where, calibration)
         files = sorted(where.glob("*.msg"))
     elif where.is_file():
         files = [where]
@@ -41,6 +43,8 @@ def open_log(path: str | Path) -> LogSource:
         files = [Path(p) for p in sorted(glob.glob(str(path)))]  # noqa: PTH207
     else:
         files = chunk_files(where.parent, where.stem) if where.suffix == ".msg" else []
+    if calibration is not None:
+        raise InputError(f"log {path}: contains its own cameras; a calibration is for a KITTI folder")
     if not files:
         raise InputError(f"log {path}: no such file, folder of .msg files or pattern that matches any")
     return LogReader(files)

@@ -49,6 +49,13 @@ def register(nouns: Any) -> None:
         metavar="FILE",
         help="image whose black pixels show the robot, for the left camera; a second --mask is for the right",
     )
+    parser.add_argument(
+        "--calibration",
+        metavar="FILE",
+        type=Path,
+        help="calibration of the stereo camera of a KITTI folder (OpenCV, Kalibr or KITTI; default: "
+        "calib_kitti.txt, calib.txt)",
+    )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
     parser.add_argument("--seed", type=int, default=None, help="seed of the random numbers of the DFPC")
     parser.add_argument("--out", metavar="DIR", help="folder for outputs.msg, summary.json and <port>.tum")
@@ -65,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
-    with closing(open_log(args.log)) as log:
+    with closing(open_log(args.log, args.calibration)) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from cdff_common.camera import CameraModel, StereoCalibration, read_camera, read_stereo
-from cdff_common.errors import InputError
+from cdff_common.camera import CameraModel, StereoCalibration, check_image_size, read_camera, read_stereo
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Frame, FrameCameraModelT, FramePair
 from cdff_core.imaging.frames import with_image
@@ -70,7 +69,7 @@ def stereo_pair(
     )
     if stereo.is_rectified:
         for camera, image in ((stereo.left, pair.left), (stereo.right, pair.right)):
-            _check_size(camera, image, calibration)
+            check_image_size(camera, image.image.shape[0], image.image.shape[1], calibration)
         return pair
     return FramePair(
         baseline=stereo.baseline_m,
@@ -102,15 +101,5 @@ def _with_pose(right: Frame, stereo: StereoCalibration, left_frame: str) -> Fram
 
 
 def _with_camera_model(camera: CameraModel, frame: Frame, calibration: str) -> Frame:
-    _check_size(camera, frame, calibration)
+    check_image_size(camera, frame.image.shape[0], frame.image.shape[1], calibration)
     return with_image(frame, frame.image, camera=camera)
-
-
-def _check_size(camera: CameraModel, frame: Frame, calibration: str) -> None:
-    """Raise InputError if an image does not have the size for which the camera is calibrated."""
-    rows, cols = frame.image.shape[:2]
-    if camera.rows and camera.cols and (camera.rows, camera.cols) != (rows, cols):
-        raise InputError(
-            f"{calibration}: for {camera.cols} x {camera.rows} pixels, the image has {cols} x {rows}: "
-            "expected an image of the calibrated size"
-        )

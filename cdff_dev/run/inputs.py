@@ -208,13 +208,15 @@ def _with_calibration(port: Port, files: list[str], metadata: _Metadata) -> Any:
     """Return an image or a stereo pair with its cameras.
 
     ``files`` is ``IMAGE,CAMERA[,NAME]`` or, for a pair, ``LEFT,RIGHT,CAMERA[,NAME,NAME]``, where CAMERA is a
-    calibration file and NAME is the name of a camera in it.
+    calibration file and NAME is the name of a camera in it; or ``FOLDER,CAMERA`` for a KITTI folder.
     """
     from cdff_dev.run.cameras import stereo_pair, with_camera
 
     images, form = 1, "IMAGE,CAMERA[,NAME]"
     if port.type_name == "FramePair":
         images, form = 2, "LEFT,RIGHT,CAMERA[,NAME,NAME]"
+    if len(files) == 2 and Path(files[0]).is_dir():
+        return _from_log(port.type_name, Path(files[0]), Path(files[1]))
     if len(files) not in (images + 1, 2 * images + 1):
         raise InputError(f"{port.attribute}={','.join(files)}: expected {form}")
     calibration, names = files[images], files[images + 1 :]
@@ -253,9 +255,9 @@ _READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Metadata], An
 }
 
 
-def _from_log(type_name: str, path: Path) -> Any:
+def _from_log(type_name: str, path: Path, calibration: Path | None = None) -> Any:
     """Return the first sample of the type in a log."""
-    with closing(open_log(path)) as log:
+    with closing(open_log(path, calibration)) as log:
         streams = [name for name, info in log.streams.items() if info.type_name == type_name]
         sample = next(iter(log.samples(streams)), None) if streams else None
         if sample is None:

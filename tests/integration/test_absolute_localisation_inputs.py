@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+import rasterio
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from cdff_common.cli import main
 from cdff_common.codecs import encode
@@ -77,6 +78,35 @@ def test_plain_geotiffs_of_one_band_are_localised_by_the_names_of_the_contract(
     T = np.array(pose["value"]["T"])
     centre = np.array([corner[0] + 62 * cell_m, corner[1] - 50 * cell_m, 0.0, 1.0])
     np.testing.assert_allclose((T @ centre - centre)[:2] / cell_m, [3.0, -5.0], atol=0.02)
+
+
+@pytest.mark.parametrize(("orbital_cell_m", "rover_cell_m"), [(10.0, 10.0), (10.0, 15.0), (15.0, 10.0)])
+def test_geotiffs_with_any_edges_and_the_coarser_one_on_either_port_are_localised(
+    tmp_path: Path, orbital_cell_m: float, rover_cell_m: float
+) -> None:
+    shift_m = np.array([23.7, -31.2])
+    relief = 10.0 * gaussian_filter(np.random.default_rng(0).normal(0.0, 20.0, (300, 300)), 6.0)
+
+    def write(name: str, cell_m: float, offset_m: np.ndarray, size_m: float, moved_m: np.ndarray) -> None:
+        """Write heights around the middle of the ground; edges are not multiples of the cell."""
+        corner = np.array([513_003.3, 5_400_004.7]) + offset_m * [1.0, -1.0]
+        n = round(size_m / cell_m)
+        row, col = (np.indices((n, n)) + 0.5) * cell_m
+        at = np.stack([offset_m[1] + row, offset_m[0] + col]) / 10.0 - 0.5
+        profile = {"driver": "GTiff", "count": 1, "height": n, "width": n, "dtype": "float32"}
+        transform = rasterio.Affine(cell_m, 0, corner[0] + moved_m[0], 0, -cell_m, corner[1] + moved_m[1])
+        with rasterio.open(tmp_path / name, "w", transform=transform, crs="EPSG:32633", **profile) as file:
+            file.write(map_coordinates(relief, at, order=3).astype(np.float32), 1)
+
+    write("orbital.tif", orbital_cell_m, np.zeros(2), 3000.0, np.zeros(2))
+    write("rover.tif", rover_cell_m, np.array([1000.0, 1100.0]), 750.0, -shift_m)
+    inputs = [f"orbital_map={tmp_path}/orbital.tif", f"rover_map={tmp_path}/rover.tif"]
+    assert main(["run", "absolute_localisation", *inputs, "--out", str(tmp_path / "out")]) == 0
+    pose = json.loads((tmp_path / "out" / "outputs.json").read_text(encoding="utf-8"))["outputs"]["pose"]
+    T = np.array(pose["value"]["T"])
+    centre = np.array([514_378.3, 5_398_529.7, 0.0, 1.0])
+    error_m = (T @ (centre - [*shift_m, 0.0, 0.0]) - centre)[:2]
+    assert np.abs(error_m).max() < 0.1 * max(orbital_cell_m, rover_cell_m)
 
 
 def test_a_port_given_by_two_of_its_names_is_refused(tmp_path: Path) -> None:

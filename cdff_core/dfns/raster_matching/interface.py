@@ -22,9 +22,10 @@ class RasterMatchingInputs(DfnInputs):
     Attributes
     ----------
     reference : ElevationMap
-        Map that is searched, layer mean; heights are compared in its cells.
+        Map that is searched, layer mean; heights are compared in its cells, or in those of the template if
+        these are larger.
     template : ElevationMap
-        Map to locate, layer mean; its cells are not larger than those of the reference.
+        Map to locate, layer mean.
     guess : ndarray of float64, shape (4,4), optional
         T_reference_template, centre of the search; default: the identity.
     reach : ndarray of float64, shape (2), optional

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -13,10 +13,12 @@ from scipy import fft
 from scipy.ndimage import map_coordinates
 
 from cdff_common.arrays import FloatArray, IntArray
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import GridGeometry, horn_gradient
+from cdff_common.raster.resample import area_means
+from cdff_common.types import ElevationMap
 from cdff_core.dfns.raster_matching._correlation import correlation, transform_field
 from cdff_core.dfns.raster_matching._refinement import HeightSurface, Placement, refine_placement
 from cdff_core.dfns.raster_matching.interface import Inputs, Interface, Outputs
@@ -45,7 +47,7 @@ class MaskedGradientCorrelationConfig(DfnConfig):
         0.7, gt=0, le=1, description="Minimum fraction of the template that lies on the reference"
     )
     min_relief: float = Field(
-        0.01, ge=0, le=10, description="Minimum root mean square deviation of the slope from its mean"
+        0.001, ge=0, le=10, description="Minimum root mean square deviation of the slope from its mean"
     )
     covariance_inflation: float = Field(1.0, gt=0, le=1000, description="Calibrated factor on the covariance")
     floor_cells: float = Field(
@@ -95,8 +97,8 @@ class MaskedGradientCorrelation(Interface[MaskedGradientCorrelationConfig]):
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the candidates, best first; raises InputError or RefusedError."""
-        c = self.config
+        """Return the candidates, best first; raises RefusedError."""
+        c, inputs = self.config, _with_coarse_reference(inputs)
         points, centre = _points(inputs)
         guess = np.eye(4) if inputs.guess is None else np.asarray(inputs.guess, dtype=np.float64)
         reach_m, reach_rad = (c.search_m, np.radians(c.search_deg)) if inputs.reach is None else inputs.reach
@@ -227,14 +229,21 @@ class MaskedGradientCorrelation(Interface[MaskedGradientCorrelationConfig]):
         )
 
 
+def _with_coarse_reference(inputs: Inputs) -> Inputs:
+    """Return the inputs with a reference whose cells are at least as large as those of the template."""
+    template, reference = inputs.template.geometry, inputs.reference.geometry
+    if template.resolution_m <= reference.resolution_m * (1.0 + 1e-9):
+        return inputs
+    grid = GridGeometry.aligned(reference.frame, template.resolution_m, reference.bounds)
+    mean, _ = area_means(inputs.reference.layer("mean"), reference.bounds, grid)
+    stamps = {"t0_ns": inputs.reference.t0_ns, "t1_ns": inputs.reference.t1_ns}
+    coarse = ElevationMap.from_layers(grid, {"mean": mean.astype(np.float32)}, **stamps)
+    return replace(inputs, reference=coarse)
+
+
 def _points(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
     """Return the centres and heights of the template's observed cells ``(n, 3)``, and their mean ``(3,)``."""
-    template, reference = inputs.template.geometry, inputs.reference.geometry
-    if template.resolution_m > reference.resolution_m * (1.0 + 1e-9):
-        raise InputError(
-            f"template with cells of {template.resolution_m} m: expected at most those of the reference, "
-            f"{reference.resolution_m} m"
-        )
+    template = inputs.template.geometry
     z = inputs.template.layer("mean").astype(np.float64)
     observed = np.isfinite(z)
     if not observed.any():

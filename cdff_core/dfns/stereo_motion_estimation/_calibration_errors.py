@@ -56,7 +56,17 @@ class CalibrationUncertainty(DfnConfig):
         )
 
 
-def measurement_errors(camera: RectifiedCamera, uvd: FloatArray) -> FloatArray:
+def corner_radius_px(camera: RectifiedCamera, *measurements: FloatArray) -> float:
+    """Return the distance of the image corner from the principal point, pixels, at least 1.
+
+    It is that of the first pixel, or that of the farthest measurement (n, 3) if the principal point is not in
+    the middle of the image, as after cropping.
+    """
+    pixels = np.concatenate([np.zeros((1, 2)), *(uvd[:, :2] for uvd in measurements)])
+    return float(np.hypot(*(pixels - [camera.cx, camera.cy]).T).max(initial=1.0))
+
+
+def measurement_errors(camera: RectifiedCamera, uvd: FloatArray, corner_px: float) -> FloatArray:
     """Return the derivatives (n, 3, 8) of measurements with respect to the calibration errors.
 
     Parameters
@@ -64,6 +74,8 @@ def measurement_errors(camera: RectifiedCamera, uvd: FloatArray) -> FloatArray:
     camera : RectifiedCamera
     uvd : FloatArray, shape (n, 3)
         Columns, rows and disparities, pixels.
+    corner_px : float
+        Distance of the image corner from the principal point, pixels.
 
     Returns
     -------
@@ -74,7 +86,6 @@ def measurement_errors(camera: RectifiedCamera, uvd: FloatArray) -> FloatArray:
         offsets the disparities, and this offset is estimated with the motion.
     """
     u, v, d = (uvd - [camera.cx, camera.cy, 0.0]).T
-    corner_px = np.hypot(camera.cx, camera.cy)
     y, u_right = v / camera.fy, u - d
     left_ratio, right_ratio = ((column**2 + v**2) / corner_px**3 for column in (u, u_right))
     errors = np.zeros((len(uvd), 3, 8))

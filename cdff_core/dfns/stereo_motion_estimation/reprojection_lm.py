@@ -16,6 +16,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
     CalibrationUncertainty,
+    corner_radius_px,
     measurement_errors,
 )
 from cdff_core.dfns.stereo_motion_estimation.interface import Inputs, Interface, Outputs
@@ -279,8 +280,10 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
 
 def _calibration_modes(camera: RectifiedCamera, system: _System) -> FloatArray:
     """Return the residuals ``(n, 3, 8)`` per unit of the calibration errors, which affect both pairs."""
-    current_errors = measurement_errors(camera, system.current)
-    return current_errors - system.from_reference @ measurement_errors(camera, system.reference)
+    corner_px = corner_radius_px(camera, system.reference, system.current)
+    current_errors = measurement_errors(camera, system.current, corner_px)
+    reference_errors = measurement_errors(camera, system.reference, corner_px)
+    return np.asarray(current_errors - system.from_reference @ reference_errors)
 
 
 def _common_modes(reference: FloatArray) -> FloatArray:

@@ -156,7 +156,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
 
     def _locate(self, sample: Sample, orbital: ElevationMap, segment: ElevationMap) -> Output:
         """Predict the hypotheses, match the segment, fuse, assess; return the pose of the best hypothesis."""
-        cell_m = float(orbital.geometry.resolution_m)
+        cell_m = max(float(m.geometry.resolution_m) for m in (orbital, segment))
         prior = self._predict(centre(segment), cell_m)
         try:
             candidates = self._match.process(

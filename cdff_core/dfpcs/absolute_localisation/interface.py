@@ -30,8 +30,8 @@ class AbsoluteLocalisationInterface(Dfpc):
 
     @abstractmethod
     def on_orbital(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type ElevationMap. The orbital model, layer mean, cells at least as
-        large as the patches'; from the DPM or a GeoTIFF, stored until the next one.
+        """Process an input of type ElevationMap. The orbital model, layer mean; from the DPM or a
+        GeoTIFF, stored until the next one.
         """
 
     @abstractmethod

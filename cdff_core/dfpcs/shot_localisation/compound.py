@@ -43,7 +43,11 @@ class ShotLocalisation(ShotLocalisationInterface):
         self._model = ReferenceCloud(self._prepare)
         self._view_model: ViewModel | None = None
         self._views = ViewLocaliser(
-            self.dfn("refine"), self.dfn("assess"), self.config.view_search, self.config.good_agreement
+            self.dfn("refine"),
+            self.dfn("assess"),
+            self.config.view_search,
+            self.config.good_agreement,
+            self.context.seed,
         )
         self.forget()
         self.store.offer("model", self._model.cloud)

@@ -122,9 +122,12 @@ class KeyframeTracker:
         try:
             motion = select(tracked)
         except RefusedError:
-            T_searched = self._search(view, keyframe)
-            tracked = self._track(view, keyframe, T_searched)
-            motion = self._select_motion(view, keyframe, T_searched, None, tracked, is_continued=False)
+            # The bounds of wheels or gyro hold for the prediction, not for the pose that the search found.
+            select = partial(
+                self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=False
+            )
+            tracked = self._track(view, keyframe, self._search(view, keyframe))
+            motion = select(tracked)
         if motion.others:
             # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
             poses = [motion.scene.pose, *[other.pose for other in motion.others]]

@@ -12,6 +12,7 @@ from cdff_common.raster import (
     aggregate,
     delivered_resolution,
 )
+from cdff_common.raster.resample import area_means
 
 T_NS = 1_700_000_000_000_000_000
 
@@ -73,3 +74,30 @@ def test_cell_sizes_that_cannot_be_aggregated_are_refused(
 def test_aggregating_by_less_than_one_is_refused(rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match="factor"):
         aggregate(patch(rng, 0.5, (0, 0, 2, 2))[1], 0)
+
+
+def test_area_means_of_a_whole_number_of_cells_are_block_means(rng: np.random.Generator) -> None:
+    heights = rng.normal(1000.0, 1.0, (8, 6))
+    mean, variance = area_means(heights, (0.0, 0.0, 6.0, 8.0), GridGeometry("site", 2.0, 0.0, 8.0, 4, 3))
+    blocks = heights.reshape(4, 2, 3, 2)
+    np.testing.assert_allclose(mean, blocks.mean(axis=(1, 3)))
+    np.testing.assert_allclose(variance, blocks.var(axis=(1, 3)), atol=1e-9)
+
+
+@pytest.mark.parametrize(("cell_m", "atol"), [(1.0, 1e-9), (2.0, 1e-9), (1.5, 0.04), (1.1, 0.04)])
+def test_area_means_of_a_plane_are_the_heights_of_the_centres(cell_m: float, atol: float) -> None:
+    bounds = (0.7, -19.7, 20.7, 0.3)
+    row, col = np.indices((20, 20)) + 0.5
+    grid = GridGeometry.aligned("site", cell_m, bounds)
+    mean, _ = area_means(0.5 * col - 0.25 * row, bounds, grid)
+    x, y = grid.centres_m()
+    inner = (np.abs(x - 10.7) < 7.0) & (np.abs(y + 9.7) < 7.0)
+    np.testing.assert_allclose(mean[inner], (0.5 * (x - 0.7) - 0.25 * (0.3 - y))[inner], atol=atol)
+
+
+def test_area_means_are_unobserved_where_less_than_nine_tenths_are_observed() -> None:
+    heights = np.ones((4, 4))
+    heights[1, 1] = np.nan
+    mean, variance = area_means(heights, (0.0, 0.0, 4.0, 4.0), GridGeometry("site", 2.0, 0.0, 4.0, 2, 3))
+    np.testing.assert_array_equal(np.isnan(mean), [[True, False, True], [False, False, True]])
+    np.testing.assert_array_equal(np.isnan(variance), np.isnan(mean))

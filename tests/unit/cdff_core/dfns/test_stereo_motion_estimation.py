@@ -11,6 +11,7 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_core.dfns.stereo_motion_estimation._calibration_errors import (
     CalibrationUncertainty,
+    corner_radius_px,
     measurement_errors,
 )
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationInputs
@@ -248,7 +249,7 @@ def test_a_rotation_of_the_right_camera_shifts_disparities_as_stated(
     points = scene(rng)
     exact, rotated = (right_camera_rotated(points, r) for r in ([0.0, 0.0, 0.0], rotation))
     camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
-    stated = 1e-4 * measurement_errors(camera, exact)[:, :, mode]
+    stated = 1e-4 * measurement_errors(camera, exact, corner_radius_px(camera))[:, :, mode]
     scale_px = float(np.abs(rotated - exact).max())
     np.testing.assert_allclose(rotated - exact, stated, atol=0.02 * scale_px)
 
@@ -260,7 +261,11 @@ def test_an_error_of_each_calibration_parameter_changes_the_motion_by_its_stated
     """An equal error in both pairs, for example of the focal length, adds its response to the motion."""
     reference, current = stereo_observations(rng, scene(rng), 0.0)
     camera, sigma = RectifiedCamera.from_matrix(CAMERA, BASELINE_M), CalibrationUncertainty().sigmas()[mode]
-    wrong = [uvd + 0.1 * sigma * measurement_errors(camera, uvd)[:, :, mode] for uvd in (reference, current)]
+    corner_px = corner_radius_px(camera, reference, current)
+    wrong = [
+        uvd + 0.1 * sigma * measurement_errors(camera, uvd, corner_px)[:, :, mode]
+        for uvd in (reference, current)
+    ]
     nominal, perturbed = (
         make_node().process(
             StereoMotionEstimationInputs(
@@ -272,3 +277,13 @@ def test_an_error_of_each_calibration_parameter_changes_the_motion_by_its_stated
     error = cov.pose_error(perturbed.motion, nominal.motion)
     expected = 0.1 * nominal.common_response[:, 6 + mode]
     np.testing.assert_allclose(error, expected, atol=0.05 * float(np.abs(expected).max()) + 1e-7)
+
+
+def test_a_principal_point_in_the_first_pixel_has_finite_calibration_errors(rng: np.random.Generator) -> None:
+    camera = RectifiedCamera(fx=500.0, fy=500.0, cx=0.0, cy=0.0, baseline_m=BASELINE_M)
+    uvd = np.column_stack([rng.uniform(0.0, 640.0, 20), rng.uniform(0.0, 480.0, 20), np.full(20, 10.0)])
+    corner_px = corner_radius_px(camera, uvd)
+    assert corner_px == pytest.approx(np.hypot(uvd[:, 0], uvd[:, 1]).max())
+    shift_px = np.abs(measurement_errors(camera, uvd, corner_px)[:, :2, 6])
+    assert 0.0 < shift_px.max() <= 1.0
+    assert corner_radius_px(camera, np.zeros((1, 3))) == 1.0

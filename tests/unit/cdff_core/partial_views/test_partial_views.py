@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_core.dfns.registration_3d.interface import Registration3DInputs, Registration3DOutputs
 from cdff_core.partial_views.configuration import ViewSearchConfig
 from cdff_core.partial_views.localisation import ViewLocaliser
 from cdff_core.partial_views.model_surface import model_surface, sphere_directions
@@ -137,3 +139,41 @@ def test_a_scene_that_is_too_far_is_refused() -> None:
     assert image is not None
     with pytest.raises(RefusedError):
         ViewSearch(prepare_model(solid(8000)[0], cfg), scene, image, cfg)
+
+
+def test_a_cup_with_a_handle_is_not_symmetric() -> None:
+    rng = np.random.default_rng(0)
+    angle, z = rng.uniform(0.0, 2.0 * np.pi, 20_000), rng.uniform(0.0, 0.1, 20_000)
+    cup = np.stack([0.04 * np.cos(angle), 0.04 * np.sin(angle), z], axis=1)
+    handle = np.array([0.04, -0.004, 0.04]) + rng.random((600, 3)) * [0.025, 0.008, 0.015]
+    turned = se3.transform(se3.exp_so3([0.0, 0.0, 1.5]), np.zeros(3))
+    for points, expected in ((cup, True), (np.vstack([cup, handle]), False)):
+        model = prepare_model(points, ViewSearchConfig())
+        T_axis = se3.transform(np.eye(3), -model.centre_m)
+        T = T_axis @ turned @ se3.inverse(T_axis)
+        assert model.is_symmetry(T, 0.04 * model.diameter_m) is expected
+
+
+class WrongRegistration:
+    """Registration that ends 10 cm from its guess."""
+
+    def process(self, inputs: Registration3DInputs) -> Registration3DOutputs:
+        assert inputs.guess is not None
+        T = se3.transform(np.eye(3), [0.1, 0.0, 0.0]) @ inputs.guess
+        return Registration3DOutputs(transform=T, residual_scale_m=0.001, iterations=5, converged=True)
+
+
+def test_a_view_that_contradicts_the_registration_yields_the_pose_and_covariance_of_the_search() -> None:
+    from cdff_common.interfaces.registry import Registry
+
+    assess = Registry.default().make_dfn("registration_assessment")
+    assess.configure({})
+    cfg = ViewSearchConfig()
+    localiser = ViewLocaliser(WrongRegistration(), assess, cfg, 0.7, seed=3)  # type: ignore[arg-type]
+    found, quality = localiser.localise(prepare_model(solid()[0], cfg), view(T_TRUE))
+    assert found is not None, quality
+    assert "not_refined" in quality.reasons
+    error = pose_error(T_TRUE, found.T_target_source)
+    squared = error @ np.linalg.solve(found.transform.covariance, error)
+    assert squared < 16.8  # 99 % quantile of chi2 with 6 degrees of freedom
+    assert np.sqrt(found.transform.covariance[:3, :3].trace()) < 0.02

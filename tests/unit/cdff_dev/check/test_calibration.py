@@ -32,6 +32,11 @@ def test_a_record_on_real_data_within_the_band_has_no_fault(tmp_path: Path) -> N
     assert calibration_faults(tmp_path, description(Accurate="icp")) == []
 
 
+def test_one_data_set_with_small_errors_is_no_fault_if_others_are_larger(tmp_path: Path) -> None:
+    write_record(tmp_path, {"Accurate": {"next": GOOD, "halves": GOOD | {"squared_error": 0.1}}})
+    assert calibration_faults(tmp_path, description(Accurate="icp")) == []
+
+
 def test_nothing_is_required_of_a_formal_covariance(tmp_path: Path) -> None:
     assert calibration_faults(tmp_path, description()) == []
 
@@ -43,7 +48,9 @@ def test_nothing_is_required_of_a_formal_covariance(tmp_path: Path) -> None:
         ({"Fast": {"kitti 94": GOOD}}, "no figures.real.Accurate"),
         ({"Accurate": {"kitti 94": GOOD | {"squared_error": 15.1}}}, "15.1: expected at most 15"),
         ({"Accurate": {"kitti 94": GOOD | {"squared_error": float("nan")}}}, "nan: expected at most 15"),
-        ({"Accurate": {"kitti 94": GOOD | {"trials": 5}}}, "5 trials: expected at least 6"),
+        ({"Accurate": {"kitti 94": GOOD | {"trials": 5}}}, "5 pairs of data: expected at least 6"),
+        ({"Accurate": {"kitti 94": GOOD | {"pairs": 1}}}, "1 pairs of data: expected at least 6"),
+        ({"Accurate": {"kitti 94": GOOD | {"squared_error": 0.5}}}, "0.0833: expected at least 0.1"),
         ({"Accurate": {"kitti 94": {"trials": 6}}}, "degrees_of_freedom, squared_error is missing"),
         (
             {"Accurate": {"kitti 94": GOOD, "devon": GOOD | {"squared_error": 74.0}}},

@@ -13,11 +13,13 @@ import pytest
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import se3
+from cdff_common.interfaces.description import Port
 from cdff_dev.logs import open_log
-from cdff_dev.logs.kitti import PAIR, TRUTH, KittiLog, is_kitti
+from cdff_dev.logs.kitti import PAIR, SCAN, TRUTH, KittiLog, is_kitti
+from cdff_dev.run.inputs import read_inputs
 
-P0 = "7.0e+02 0 4.5 0 0 7.0e+02 2.8 0 0 0 1 0"
-P1 = "7.0e+02 0 4.5 -3.5e+02 0 7.0e+02 2.8 0 0 0 1 0"
+P0 = "7.0e+00 0 4.5 0 0 7.0e+00 2.8 0 0 0 1 0"
+P1 = "7.0e+00 0 4.5 -3.5e+00 0 7.0e+00 2.8 0 0 0 1 0"
 
 
 def sequence(folder: Path, left: str = "image_0", right: str = "image_1", n: int = 3) -> Path:
@@ -37,7 +39,7 @@ def test_pairs_carry_images_calibration_and_stamps(tmp_path: Path) -> None:
     pair = samples[2].value
     assert (pair.left.image[0, 0], pair.right.image[0, 0]) == (20, 21)
     assert pair.baseline == pytest.approx(0.5)
-    np.testing.assert_allclose(pair.left.camera_matrix, [[700, 0, 4.5], [0, 700, 2.8], [0, 0, 1]])
+    np.testing.assert_allclose(pair.left.camera_matrix, [[7, 0, 4.5], [0, 7, 2.8], [0, 0, 1]])
     assert samples[1].header is not None
     assert samples[1].header.frame == "kitti/navcam_left"
 
@@ -80,12 +82,80 @@ def test_poses_of_the_benchmark_are_found_by_the_number_of_the_sequence(tmp_path
     assert KittiLog(folder).streams[TRUTH].count == 3
 
 
-def test_a_calibration_that_does_not_fit_the_images_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "right", "message"),
+    [
+        (" 4.5 ", " 600 ", "principal point 600.0, 2.8 in images of 8 x 6"),
+        (" 4.5 ", " 5.7 ", "within 20% of the size"),
+        (" 2.8 ", " 1.7 ", "principal point 4.5, 1.7"),
+        ("7.0e+00 0 4.5", "1.5e+00 0 4.5", "focal length 1.5"),
+        ("7.0e+00 0 4.5", "8.1e+01 0 4.5", "focal length 81.0"),
+    ],
+)
+def test_a_calibration_that_does_not_fit_the_images_is_refused(
+    tmp_path: Path, wrong: str, right: str, message: str
+) -> None:
     folder = sequence(tmp_path / "06")
-    text = (folder / "calib.txt").read_text(encoding="utf-8").replace(" 4.5 ", " 600 ")
+    text = (folder / "calib.txt").read_text(encoding="utf-8").replace(wrong, right)
     (folder / "calib.txt").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="outside the images of 8 x 6"):
+    with pytest.raises(InputError, match=message):
         KittiLog(folder)
+
+
+def test_a_calibration_of_the_command_line_precedes_those_of_the_folder(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    mine = tmp_path / "mine.txt"
+    mine.write_text(f"{P0}\n{P1.replace('-3.5', '-2.8')}\n", encoding="utf-8")
+    assert KittiLog(folder, mine).baseline_m == pytest.approx(0.4)
+    pair = Port(name="pair", type="FramePair")
+    value = read_inputs([pair], {"pair": f"{folder},{mine}"})["pair"]
+    assert value.baseline == pytest.approx(0.4)
+    with pytest.raises(InputError, match="--calibration"):
+        open_log(folder, tmp_path / "missing.txt")
+    (tmp_path / "log.msg").write_bytes(b"")
+    with pytest.raises(InputError, match="is for a KITTI folder"):
+        open_log(tmp_path / "log.msg", mine)
+
+
+def scans(folder: Path, *numbers: int) -> None:
+    (folder / "velodyne").mkdir(parents=True)
+    for number in numbers:
+        rows = np.array([[5.0, 0.1 * number, -1.7, 0.5], [3.0, 4.0, 0.5, 1.0]], "<f4")
+        (folder / "velodyne" / f"{number:06d}.bin").write_bytes(rows.tobytes())
+
+
+def test_scans_are_read_with_the_stamps_of_the_images_of_their_number(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    scans(folder, 0, 2)
+    log = open_log(folder)
+    assert log.streams[SCAN].count == 2
+    assert [(s.stream, s.stamp_ns) for s in log.samples([PAIR, SCAN])] == [
+        (SCAN, 0),
+        (PAIR, 0),
+        (PAIR, 100_000_000),
+        (SCAN, 200_000_000),
+        (PAIR, 200_000_000),
+    ]
+    sample = list(log.samples([SCAN]))[1]
+    np.testing.assert_allclose(sample.value.points_m[0], [5.0, 0.2, -1.7], atol=1e-6)
+    assert sample.header is not None
+    assert sample.value.frame == sample.header.frame == "kitti/lidar"
+
+
+def test_a_folder_of_scans_needs_neither_images_nor_a_calibration(tmp_path: Path) -> None:
+    scans(tmp_path / "06", 4, 5)
+    log = open_log(tmp_path / "06")
+    assert list(log.streams) == [SCAN]
+    assert [s.stamp_ns for s in log.samples()] == [400_000_000, 500_000_000]
+    with pytest.raises(InputError, match="no images for the calibration"):
+        KittiLog(tmp_path / "06", tmp_path / "calib.txt")
+
+
+def test_a_file_that_is_not_a_scan_is_reported_when_it_is_read(tmp_path: Path) -> None:
+    scans(tmp_path / "06", 0)
+    (tmp_path / "06" / "velodyne" / "000000.bin").write_bytes(b"text")
+    with pytest.raises(CodecError, match=r"000000\.bin"):
+        list(open_log(tmp_path / "06").samples())
 
 
 def test_open_log_recognises_a_kitti_folder(tmp_path: Path) -> None:
@@ -111,7 +181,7 @@ def test_inconsistent_folders_are_refused_by_name(tmp_path: Path) -> None:
         ("calib.txt", f"P0: {P1}\nP1: {P0}\n", "expected a rectified pair"),
         ("calib.txt", "P0: 1 2 3\n", "size 3"),
         ("times.txt", "0.0\n0.1\n0.1\n", "ascending"),
-        ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 images"),
+        ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", "1 poses for 3 images or scans"),
         ("poses.txt", "1 0 0 zero 0 1 0 0 0 0 1 0\n", "zero"),
     ],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from cdff_common.errors import ConfigurationError, InputError, RefusedError
+from cdff_common.errors import ConfigurationError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap
@@ -143,8 +143,15 @@ def test_holes_of_the_reference_are_ignored() -> None:
     np.testing.assert_allclose(outputs.transforms[0][:2, 3], T[:2, 3], atol=0.1)
 
 
-def test_a_template_of_larger_cells_and_an_invalid_parameter_are_refused() -> None:
-    with pytest.raises(InputError, match="cells of 2"):
-        match(template(np.eye(4), cell_m=2.0))
+@pytest.mark.parametrize("cell_m", [1.5, 2.0])
+def test_a_template_of_larger_cells_is_located_on_averaged_cells(cell_m: float) -> None:
+    T = upright(2.0, 3.3, -4.2, 7.0)
+    outputs = match(template(T, cell_m=cell_m))
+    at = (T @ [*outputs.centre, 1.0])[:2]
+    np.testing.assert_allclose((outputs.transforms[0] @ [*outputs.centre, 1.0])[:2], at, atol=0.15)
+    assert outputs.explained[0] > 0.95
+
+
+def test_an_invalid_parameter_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="search_m"):
         match(template(np.eye(4)), search_m=-1.0)
