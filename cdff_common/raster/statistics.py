@@ -250,12 +250,12 @@ class CellStatistics:
 
 def _check_rounding(heights_m: NDArray[np.floating], resolution_m: float) -> None:
     """Raise InputError if heights (n,) are so large that float32 rounds them by more than the limit."""
-    largest_m = np.float32(np.abs(heights_m).max(initial=0.0))
-    if np.isfinite(largest_m) and not np.spacing(largest_m) <= _MAX_ROUNDING_CELLS * resolution_m:
+    largest_m = min(float(np.abs(heights_m).max(initial=0.0)), float(np.finfo(np.float32).max))
+    step_m, limit_m = np.spacing(np.float32(largest_m)), _MAX_ROUNDING_CELLS * resolution_m
+    if step_m > limit_m:
         raise InputError(
-            f"height {largest_m:.4g} m: float32 has steps of {np.spacing(largest_m):.2g} m there, expected at "
-            f"most {_MAX_ROUNDING_CELLS * resolution_m:.2g} m in cells of {resolution_m:g} m; use a datum near "
-            "the terrain"
+            f"height {largest_m:.4g} m: float32 has steps of {step_m:.2g} m there, expected at most "
+            f"{limit_m:.2g} m in cells of {resolution_m:g} m; use a datum near the terrain"
         )
 
 

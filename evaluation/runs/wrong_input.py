@@ -131,7 +131,7 @@ def _row(
 
 
 def pose_error_sigmas(T_true: FloatArray) -> Callable[[TransformWithCovariance], float]:
-    """Return a function that returns the largest error of a pose over its six axes, in standard deviations."""
+    """Return a function for the largest error of a pose over its six axes, in standard deviations."""
 
     def largest(value: TransformWithCovariance) -> float:
         T = value.transform

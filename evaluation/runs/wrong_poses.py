@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def cases(data: Path) -> Iterator[Case]:
                 name,
                 f"{port}: {fault}",
                 output,
-                lambda fault=fault, samples=samples, port=port: _faulty(samples, port, fault),  # type: ignore[misc]
+                partial(_faulty, samples, port, fault),
                 error_sigmas,
                 context,
             )

@@ -20,7 +20,7 @@ class BundleAdjustmentConfig(DfpcConfig):
         ge=0,
         le=0.2,
         description=(
-            "Standard deviation of the relative error of focal lengths that are not estimated; the default is an "
-            "assumption, 0 means that they are exact"
+            "Standard deviation of the relative error of focal lengths that are not estimated; the default "
+            "is an assumption, 0 means that they are exact"
         ),
     )
