@@ -36,6 +36,8 @@ from cdff_common.raster.geometry import GridGeometry
 NEVER_NS = np.iinfo(np.int64).min
 #: Layers of an elevation map, float32, NaN where unobserved.
 ELEVATION_LAYERS = ("mean", "variance", "min", "max", "count", "age_s")
+#: Largest rounding step of a height, in cells: a slope between neighbours is then exact to 6 degrees.
+_MAX_ROUNDING_CELLS = 0.1
 
 FloatGrid = NDArray[np.float64]
 Arrays = tuple[FloatGrid, FloatGrid, FloatGrid, FloatGrid, FloatGrid, NDArray[np.int64]]
@@ -149,10 +151,11 @@ class CellStatistics:
         Raises
         ------
         InputError
-            If a layer is missing or has another shape than the grid.
+            If a layer is missing or has another shape than the grid, or float32 rounds the heights.
         """
         arrays = checked_layers(geometry, layers, ELEVATION_LAYERS)
         observed = np.flatnonzero(np.isfinite(arrays["mean"]) & (arrays["count"] > 0))
+        _check_rounding(arrays["mean"].reshape(-1)[observed], geometry.resolution_m)
         values = {name: arrays[name].reshape(-1)[observed].astype(np.float64) for name in ELEVATION_LAYERS}
         result = cls.empty(geometry)
         result.count.reshape(-1)[observed] = values["count"]
@@ -166,9 +169,13 @@ class CellStatistics:
         return result
 
     def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
-        """Return the layers, float32, NaN where unobserved; ``age_s`` refers to ``t1_ns``."""
+        """Return the layers, float32, NaN where unobserved; ``age_s`` refers to ``t1_ns``.
+
+        Raises InputError if float32 rounds the heights.
+        """
         from cdff_common.raster._kernels import fill_layers
 
+        _check_rounding(self.mean[self.observed], self.geometry.resolution_m)
         stack = np.empty((len(ELEVATION_LAYERS), *self.geometry.shape), dtype=np.float32)
         fill_layers(*self._flat, t1_ns, stack.reshape(len(stack), -1))
         return dict(zip(ELEVATION_LAYERS, stack, strict=True))
@@ -238,6 +245,17 @@ class CellStatistics:
             np.where(keep, self.minimum, np.inf),
             np.where(keep, self.maximum, -np.inf),
             np.where(keep, self.newest_ns, NEVER_NS),
+        )
+
+
+def _check_rounding(heights_m: NDArray[np.floating], resolution_m: float) -> None:
+    """Raise InputError if heights (n,) are so large that float32 rounds them by more than the limit."""
+    largest_m = min(float(np.abs(heights_m).max(initial=0.0)), float(np.finfo(np.float32).max))
+    step_m, limit_m = np.spacing(np.float32(largest_m)), _MAX_ROUNDING_CELLS * resolution_m
+    if step_m > limit_m:
+        raise InputError(
+            f"height {largest_m:.4g} m: float32 has steps of {step_m:.2g} m there, expected at most "
+            f"{limit_m:.2g} m in cells of {resolution_m:g} m; use a datum near the terrain"
         )
 
 

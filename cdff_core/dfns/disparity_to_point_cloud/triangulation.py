@@ -24,15 +24,28 @@ class TriangulationConfig(DfnConfig):
 
     sigma_px: float = Field(0.3, gt=0, le=10, description="Standard deviation of the disparities")
     max_depth_sigma_m: float = Field(
-        0.3, gt=0, le=1000, description="Largest standard deviation of the depth of a point that is kept"
+        0.3,
+        gt=0,
+        le=1000,
+        description="Largest standard deviation of the depth of a point that is kept, by the noise",
     )
     min_depth_m: float = Field(0.3, ge=0, description="Smallest depth that is kept")
     max_depth_m: float = Field(100.0, gt=0, description="Largest depth that is kept")
+    focal_length_ratio: float = Field(
+        0.005, ge=0, le=0.2, description="Standard deviation of the relative error of the focal length"
+    )
+    baseline_ratio: float = Field(
+        0.005, ge=0, le=0.2, description="Standard deviation of the relative error of the baseline"
+    )
     step_px: int = Field(1, ge=1, le=64, description="Step in columns and rows between the pixels used")
 
 
 class Triangulation(Interface[TriangulationConfig]):
-    """Triangulation by ``z = f B / d``, with the first-order error ``sigma_z = z^2 / (f B) sigma_d`` [1]_."""
+    """Triangulation by ``z = f B / d``, with the first-order error ``sigma_z = z^2 / (f B) sigma_d`` [1]_.
+
+    An error of focal length or baseline changes all depths by the same ratio. One pair of images does not
+    reveal it. The defaults are assumptions: a careful calibration with a printed target, some months old.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the points; raises InputError if the camera matrix is missing or the sizes differ."""
@@ -58,7 +71,10 @@ class Triangulation(Interface[TriangulationConfig]):
         z_m, row, col = z_m[is_valid], row * cfg.step_px, col * cfg.step_px
         points = np.stack([(col - K[0, 2]) * z_m / K[0, 0], (row - K[1, 2]) * z_m / K[1, 1], z_m], axis=1)
         return Outputs(
-            points=points, depth_sigma_m=sigma_m[is_valid], intensity=self._intensity(inputs, row, col)
+            points=points,
+            depth_sigma_m=sigma_m[is_valid],
+            scale_sigma=float(np.hypot(cfg.focal_length_ratio, cfg.baseline_ratio)),
+            intensity=self._intensity(inputs, row, col),
         )
 
     @staticmethod

@@ -262,7 +262,8 @@ def _window(inputs: Inputs, middle: FloatArray, reach_m: float) -> tuple[GridGeo
     if window is None or min(window.shape) < 3:
         raise RefusedError(f"no cell of the reference lies within {reach_m:.0f} m of the guess", ("outside",))
     heights = inputs.reference.layer("mean")[geometry.slices_of(window)].astype(np.float64)
-    if not np.isfinite(heights).any():
+    heights[~np.isfinite(heights)] = np.nan
+    if np.isnan(heights).all():
         raise RefusedError(
             f"no cell of the reference within {reach_m:.0f} m of the guess is observed", ("outside",)
         )

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from cdff_common.types import BundleProblem, LandmarkMap, PoseTrajectory
 from cdff_core.dfns.bundle_optimization.interface import BundleOptimizationInputs, BundleOptimizationOutputs
 from cdff_core.dfpcs.bundle_adjustment.configuration import BundleAdjustmentConfig
 from cdff_core.dfpcs.bundle_adjustment.interface import BundleAdjustmentInterface
+from cdff_core.dfpcs.bundle_adjustment.lens_uncertainty import lens_covariances
 
 #: Variance of unit weight in units of ``sigma_px`` squared: DEGRADED above (residuals of three sigma).
 _MAX_UNIT_VARIANCE = 9.0
@@ -30,6 +32,8 @@ class BundleAdjustment(BundleAdjustmentInterface):
     def setup(self) -> None:
         """Create the DFN; offer the store item."""
         self._adjust = self.dfn("adjust")
+        self._adjust_again = self.dfn("adjust")
+        self._adjust_again.configure(self._adjust_again.config.model_copy(update={"covariances": "none"}))
         self.forget()
         self.store.offer("last_problem", lambda: self._problem)
 
@@ -46,6 +50,8 @@ class BundleAdjustment(BundleAdjustmentInterface):
             quality = Quality.failed(f"bad_problem:{error}")
             return [self._output("problem", sample, frame, None, quality)]
         quality = self._quality(adjusted)
+        if quality.covariance_kind is not CovarianceKind.NONE:
+            adjusted = self._with_lens_uncertainty(adjusted)
         if quality.status is Status.FAILED:
             return [self._output("problem", sample, frame, None, quality)]
         self._problem = adjusted.problem
@@ -93,6 +99,15 @@ class BundleAdjustment(BundleAdjustmentInterface):
         metrics = {name: value for name, value in metrics.items() if np.isfinite(value)}
         return Quality(
             status, tuple(reasons), CovarianceKind.FORMAL if has_covariances else CovarianceKind.NONE, metrics
+        )
+
+    def _with_lens_uncertainty(self, adjusted: BundleOptimizationOutputs) -> BundleOptimizationOutputs:
+        """Return the outputs with the uncertainty of fixed focal lengths in their covariances."""
+        poses, points = lens_covariances(self._adjust_again, adjusted.problem, self.config.focal_length_ratio)
+        return replace(
+            adjusted,
+            pose_covariances=adjusted.pose_covariances + poses,
+            point_covariances=adjusted.point_covariances + points,
         )
 
     def _trajectory(self, adjusted: BundleOptimizationOutputs, frame: str) -> PoseTrajectory | None:

@@ -10,8 +10,17 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class BundleAdjustmentConfig(DfpcConfig):
-    """Parameters of the DFN slot, and the noise of the observations."""
+    """Parameters of the DFN slot, and the errors of observations and lenses."""
 
     sigma_px: float = Field(
         1.0, gt=0, le=100, description="Standard deviation of an observed column or row, pixels"
+    )
+    focal_length_ratio: float = Field(
+        0.005,
+        ge=0,
+        le=0.2,
+        description=(
+            "Standard deviation of the relative error of focal lengths that are not estimated; the default "
+            "is an assumption, 0 means that they are exact"
+        ),
     )

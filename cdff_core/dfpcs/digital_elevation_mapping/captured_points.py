@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.errors import FrameNotFoundError
+from cdff_common.errors import FrameNotFoundError, RefusedError
 from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
@@ -21,6 +22,7 @@ from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalEleva
 from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints
 from cdff_core.dfpcs.digital_elevation_mapping.pose_history import PoseHistory
 from cdff_core.dfpcs.digital_elevation_mapping.stereo_pair_gate import StereoPairGate
+from cdff_core.imaging.stereo_consistency import compile_kernels, pair_consistency
 
 Points = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -30,6 +32,18 @@ _SWEEP_RANGE_CELLS = 240
 _RANGE_M = 100.0
 #: Fraction of the standard deviation of a disparity that is common to neighbouring disparities.
 _STEREO_COMMON = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorPoints:
+    """Points of a capture in the frame of its sensor."""
+
+    points_m: Points  # (n, 3)
+    stamps_ns: Stamps  # (n,)
+    sigma_m: Points  # (n,), standard deviation of the noise along the ray
+    intensity: Points  # (n,)
+    scale_sigma: float = 0.0  # of the relative error that all distances have in common
+    notes: tuple[str, ...] = ()  # reasons for DEGRADED
 
 
 class CaptureProjector:
@@ -46,6 +60,7 @@ class CaptureProjector:
         self._deskewing, self._disparity = dfn("deskewing"), dfn("disparity")
         self._triangulation = dfn("triangulation")
         self.pairs = StereoPairGate(config)
+        compile_kernels()
 
     def without_pose(self, sample: Sample) -> CapturePoints:
         """Return the points of a cloud in the map's frame, without gates and without pose variance."""
@@ -70,20 +85,21 @@ class CaptureProjector:
 
         ``at_ns`` replaces the times of all points. Raises FrameNotFoundError if the mount of the sensor is
         unknown, ExtrapolationError if the poses do not enclose the capture or leave a gap in it, InputError
-        if it is malformed.
+        if it is malformed, RefusedError if the images of a pair do not show the same scene.
         """
         c, T_body_sensor = self._config, self._extrinsics(sample)
         t1_ns = sample.stamp_ns if at_ns is None else at_ns
         T_map_body = self._poses.at(t1_ns)
         if sample.port == "stereo" and not self.pairs.is_due(t1_ns, T_map_body.matrix[:3, 3]):
             return None
-        points, stamps, sigma_m, intensity = self._sensor_points(sample)
-        raw_points = len(points)
-        range_m = np.linalg.norm(points, axis=1)
+        measured = self._sensor_points(sample)
+        raw_points = len(measured.points_m)
+        range_m = np.linalg.norm(measured.points_m, axis=1)
         near_m, far_m = self._ranges_m(sample)
         in_range = (range_m >= c.min_range_m) & (range_m <= far_m)  # false for NaN
         points, stamps, sigma_m, intensity, range_m = (
-            a[in_range] for a in (points, stamps, sigma_m, intensity, range_m)
+            a[in_range]
+            for a in (measured.points_m, measured.stamps_ns, measured.sigma_m, measured.intensity, range_m)
         )
         if len(points) == 0:
             empty, frame = np.empty(0), self._poses.map_frame
@@ -106,7 +122,7 @@ class CaptureProjector:
         noise_m2 = (sigma_m * above_m / range_m) ** 2  # vertical part of the noise along the ray
         pose_m2 = deskewed.height_variance
         if sample.port == "stereo":
-            pose_m2 = pose_m2 + _STEREO_COMMON**2 * noise_m2
+            pose_m2 = pose_m2 + _STEREO_COMMON**2 * noise_m2 + (measured.scale_sigma * above_m) ** 2
         lowest_m = -np.inf if c.min_height_m is None else c.min_height_m
         highest_m = np.inf if c.max_height_m is None else c.max_height_m
         keep = (above_m >= lowest_m) & (above_m <= highest_m)
@@ -123,6 +139,7 @@ class CaptureProjector:
             frame=self._poses.map_frame,
             pose=T_map_body,
             origin_m=origin_m,
+            notes=measured.notes,
         )
 
     def _extrinsics(self, sample: Sample) -> UncertainTransform:
@@ -142,28 +159,42 @@ class CaptureProjector:
                 raise
             return stated
 
-    def _sensor_points(self, sample: Sample) -> tuple[Points, Stamps, Points, Points]:
-        """Return points ``(n, 3)`` in the sensor's frame, stamps, noise along the ray (m) and intensity."""
+    def _sensor_points(self, sample: Sample) -> SensorPoints:
+        """Return the points of a capture; raises RefusedError if a pair does not show one scene."""
         value = sample.value
         if sample.port == "scan":
             age_ns = (value.t1_ns - value.t0_ns) - value.time_offset_us.astype(np.int64) * 1000
             sigma_m = np.full(len(value.points_m), self._config.range_sigma_m)
             intensity = _intensity(value.intensity, len(sigma_m))
-            return value.points_m.astype(np.float64), sample.stamp_ns - age_ns, sigma_m, intensity
-        if sample.port == "stereo":
-            disparity = self._disparity.process(
-                DisparityImageInputs(left=value.left, right=value.right)
-            ).disparity
-            cloud = self._triangulation.process(
-                DisparityToPointCloudInputs(disparity=disparity, baseline_m=value.baseline, left=value.left)
+            return SensorPoints(
+                value.points_m.astype(np.float64), sample.stamp_ns - age_ns, sigma_m, intensity
             )
-            points, intensity = cloud.points, cloud.intensity.astype(np.float64)
-            sigma_m = cloud.depth_sigma_m * np.linalg.norm(points, axis=1) / points[:, 2]
-        else:
-            points = value.points_m
-            sigma_m = np.full(len(points), self._config.range_sigma_m)
-            intensity = _intensity(value.intensity, len(points))
-        return points, np.full(len(points), sample.stamp_ns, dtype=np.int64), sigma_m, intensity
+        if sample.port == "stereo":
+            return self._stereo_points(sample)
+        points = value.points_m
+        sigma_m = np.full(len(points), self._config.range_sigma_m)
+        stamps = np.full(len(points), sample.stamp_ns, dtype=np.int64)
+        return SensorPoints(points, stamps, sigma_m, _intensity(value.intensity, len(points)))
+
+    def _stereo_points(self, sample: Sample) -> SensorPoints:
+        """Return the points of a stereo pair, whose disparities are tested at the corners of the image."""
+        pair = sample.value
+        disparity = self._disparity.process(DisparityImageInputs(left=pair.left, right=pair.right)).disparity
+        cloud = self._triangulation.process(
+            DisparityToPointCloudInputs(disparity=disparity, baseline_m=pair.baseline, left=pair.left)
+        )
+        consistency = pair_consistency(pair, disparity)
+        if failures := consistency.failures():
+            raise RefusedError(f"stereo pair: {', '.join(failures)}", failures)
+        points = cloud.points
+        return SensorPoints(
+            points,
+            np.full(len(points), sample.stamp_ns, dtype=np.int64),
+            cloud.depth_sigma_m * np.linalg.norm(points, axis=1) / points[:, 2],
+            cloud.intensity.astype(np.float64),
+            cloud.scale_sigma,
+            tuple(consistency.deficiencies()),
+        )
 
     def _ranges_m(self, sample: Sample) -> tuple[float, float]:
         """Return the maximum range of points of a patch, and of points of the far map.

@@ -16,6 +16,7 @@ from cdff_common.errors import (
     FrameNotFoundError,
     InputError,
     ProductNotFoundError,
+    RefusedError,
 )
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality, Status
@@ -163,6 +164,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             self._patch.drops["no_extrinsics"] += 1
         except InputError:
             self._patch.drops["malformed"] += 1
+        except RefusedError as refusal:
+            self._patch.drops[refusal.reasons[0].split(":")[0]] += 1
         else:
             if points is not None:
                 # Stereo is not aligned: its distant points are biased.

@@ -47,6 +47,7 @@ class CapturePoints(MapPoints):
     pose: UncertainTransform | None = None
     origin_m: NDArray[np.float64] | None = None  # (3,), position of the sensor at that time
     correction_m: float = 0.0  # translation of the capture by its alignment with the map
+    notes: tuple[str, ...] = ()  # reasons for DEGRADED
 
 
 @dataclass(slots=True)
@@ -59,10 +60,16 @@ class Patch:
     raw_points: int = 0  # number of points before the gates
 
     def add(self, points: CapturePoints) -> None:
-        """Add a capture; without points within the gates only its raw points are counted."""
+        """Add a capture; without points within the gates only its raw points are counted, without any point
+        it is dropped. The first note of each kind is stored.
+        """
         self.raw_points += points.raw_points
+        if not points.raw_points:
+            self.drops["no_points"] += 1
         if len(points.points_m):
             self.captures.append(points)
+            known = {note.split(":")[0] for note in self.notes}
+            self.notes |= {note for note in points.notes if note.split(":")[0] not in known}
 
     @property
     def points(self) -> int:

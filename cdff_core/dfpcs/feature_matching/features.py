@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_core.dfns.features_description_2d.interface import FeaturesDescription2DInputs
 from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
@@ -63,8 +64,16 @@ class FeatureMatcher:
         self._slots = slots
 
     def view(self, sample: Sample) -> FeatureView:
-        """Detect and describe the points of an image; raises InputError on distortion or another type."""
+        """Detect and describe the points of an image.
+
+        Raises InputError on distortion, another pixel type, or a camera matrix that is not finite.
+        """
         check_undistorted(sample.value)
+        if not np.isfinite(sample.value.camera_matrix).all():
+            raise InputError(
+                f"camera matrix {sample.value.camera_matrix.tolist()}: expected finite numbers, or zeros if "
+                "the camera is unknown"
+            )
         image = grey_image(sample.value)
         points, descriptors = [], []
         for slot in ("blobs", "corners"):

@@ -18,6 +18,7 @@ from cdff_core.dfns.disparity_to_point_cloud.interface import DisparityToPointCl
 from cdff_core.dfns.n_view_triangulation.interface import NViewTriangulationInputs, NViewTriangulationOutputs
 from cdff_core.dfpcs.triangulation.configuration import TriangulationConfig
 from cdff_core.dfpcs.triangulation.interface import TriangulationInterface
+from cdff_core.imaging.stereo_consistency import compile_kernels, pair_consistency
 
 #: Minimum fraction of valid points and maximum variance of unit weight: landmarks are DEGRADED otherwise.
 _MIN_VALID_FRACTION, _MAX_UNIT_VARIANCE = 0.5, 4.0
@@ -35,6 +36,7 @@ class Triangulation(TriangulationInterface):
         """Create the DFNs; offer the store items."""
         self._triangulate, self._disparity = self.dfn("triangulate"), self.dfn("disparity")
         self._depth = self.dfn("depth")
+        compile_kernels()
         self._landmarks: LandmarkMap | None = None
         self._cloud: Pointcloud | None = None
         self._sigmas: DoubleSequence | None = None
@@ -79,8 +81,12 @@ class Triangulation(TriangulationInterface):
         if n < _MIN_POINTS:
             reason = f"few_points:{n}<{_MIN_POINTS}"
             return [self._failed("cloud", sample, (sample.id,), frame, "no_points", reason)]
+        consistency = pair_consistency(pair, disparity)
+        if failures := consistency.failures():
+            return [self._failed("cloud", sample, (sample.id,), frame, *failures)]
         keep = slice(None, None, -(-n // self.config.max_points))
-        points, sigma = dense.points[keep], dense.depth_sigma_m[keep]
+        points = dense.points[keep]
+        sigma = np.hypot(dense.depth_sigma_m[keep], dense.scale_sigma * points[:, 2])
         self._cloud = Pointcloud.from_points(
             points, frame=frame, stamp_ns=sample.stamp_ns, intensity=dense.intensity[keep]
         )
@@ -89,8 +95,9 @@ class Triangulation(TriangulationInterface):
             "points": len(points),
             "density": float(np.isfinite(disparity.image).mean()),
             "median_depth_sigma_m": float(np.median(sigma)),
+            **consistency.metrics(),
         }
-        quality = Quality(covariance_kind=CovarianceKind.FORMAL, metrics=metrics)
+        quality = Quality.from_reasons(consistency.deficiencies(), CovarianceKind.FORMAL, metrics)
         return [self._output("cloud", sample, (sample.id,), frame, self._cloud, quality)]
 
     def _triangulate_matches(self) -> Iterable[Output]:

@@ -144,3 +144,15 @@ def test_a_map_without_a_layer_or_of_another_shape_is_refused() -> None:
         CellStatistics.from_layers(grid(), {k: v for k, v in layers.items() if k != "variance"}, T_NS)
     with pytest.raises(InputError, match="shape"):
         CellStatistics.from_layers(grid(), {**layers, "mean": np.zeros((2, 2))}, T_NS)
+
+
+def test_heights_that_float32_rounds_by_more_than_a_tenth_of_a_cell_are_refused(
+    rng: np.random.Generator,
+) -> None:
+    layers = CellStatistics.from_points(grid(), cloud(rng, datum_m=1e5), stamps_ns=T_NS).to_layers(T_NS)
+    far = CellStatistics.from_points(grid(), cloud(rng, datum_m=1e6), stamps_ns=T_NS)
+    with pytest.raises(InputError, match=r"height 1e\+06 m: float32 has steps of 0.062 m"):
+        far.to_layers(T_NS)
+    layers["mean"] = layers["mean"] + np.float32(1e9)
+    with pytest.raises(InputError, match="use a datum near the terrain"):
+        CellStatistics.from_layers(grid(), layers, T_NS)

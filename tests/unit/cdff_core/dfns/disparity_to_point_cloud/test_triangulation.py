@@ -56,6 +56,11 @@ def test_the_depth_sigma_equals_the_scatter_of_repeated_measurements(rng: np.ran
     assert np.std(out.points[:, 2]) == pytest.approx(np.median(out.depth_sigma_m), rel=0.05)
 
 
+def test_the_common_error_is_that_of_focal_length_and_baseline() -> None:
+    out = triangulate(np.full((4, 4), 20.0), focal_length_ratio=0.003, baseline_ratio=0.004)
+    assert out.scale_sigma == pytest.approx(0.005)
+
+
 def test_points_too_uncertain_or_out_of_range_are_omitted() -> None:
     disparity = np.array([[50.0, 20.0, 10.0, 5.0]])  # 2, 5, 10, 20 m
     assert triangulate(disparity, sigma_px=0.5, max_depth_sigma_m=0.6).points[:, 2].tolist() == [

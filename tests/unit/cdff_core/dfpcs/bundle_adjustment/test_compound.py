@@ -12,6 +12,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import BundleProblem
+from cdff_common.types.columns import pack_poses
 from evaluation.scenes.bundles import cost, ring
 
 
@@ -76,3 +77,20 @@ def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None
     (failed,) = make_configured_dfpc().step(Sample("problem", 0, 0, BundleProblem()))
     assert failed.quality.status is Status.FAILED
     assert failed.quality.reasons[0].startswith("bad_problem")
+
+
+def test_the_covariances_contain_the_error_of_fixed_focal_lengths() -> None:
+    problem, true_poses, truth = ring(8, 60, 6)
+    fixed = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 6, np.uint8))
+    poses = np.concatenate([true_poses[:2], problem.cameras.matrices[2:]])
+    fixed = replace(fixed, poses=pack_poses(poses, "cameras"))
+    values = np.array(problem.lenses.values)
+    values[:, :2] *= 1.01
+    longer = replace(problem, cameras=fixed, lenses=replace(problem.lenses, values=values))
+    ratios = {}
+    for ratio in (0.0, 0.005):
+        *_, landmarks = make_configured_dfpc(focal_length_ratio=ratio).step(Sample("problem", 0, 0, longer))
+        sigmas = np.sqrt(np.einsum("nii->ni", landmarks.value.covariances))
+        ratios[ratio] = np.quantile(np.abs(landmarks.value.data.positions - truth) / sigmas, 0.9)
+    assert ratios[0.0] > 4.0
+    assert ratios[0.005] < 3.0

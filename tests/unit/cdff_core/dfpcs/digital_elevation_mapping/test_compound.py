@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +15,14 @@ from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.raster import CellStatistics, GridGeometry
-from cdff_common.types import ElevationMap, FramePair, LidarScan, Pointcloud, TransformWithCovariance
+from cdff_common.types import (
+    Array3D,
+    ElevationMap,
+    FramePair,
+    LidarScan,
+    Pointcloud,
+    TransformWithCovariance,
+)
 from cdff_core.dfpcs.digital_elevation_mapping.compound import DigitalElevationMapping
 
 MS = 1_000_000
@@ -394,31 +402,55 @@ def test_two_runs_are_equal_bit_for_bit(rng: np.random.Generator) -> None:
     assert [o.value for o in first] == [o.value for o in second]
 
 
-def test_a_stereo_pair_of_a_wall_gives_a_map_of_the_wall(rng: np.random.Generator) -> None:
+def wall(rng: np.random.Generator, lower_px: int = 0, *, exchanged: bool = False) -> FramePair:
+    """Return a stereo pair of a wall 4 m away; the right image is too low, or exchanged with the left one."""
     import cv2
 
     texture = cv2.GaussianBlur(rng.uniform(0, 255, (200, 320)).astype(np.float32), (0, 0), 1.2)
     left = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     x, y = np.meshgrid(np.arange(320, dtype=np.float32), np.arange(200, dtype=np.float32))
-    right = cv2.remap(left, x + 20, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)  # 4 m away
-    K = np.array([[400.0, 0, 160], [0, 400, 100], [0, 0, 1]])
-    T_base_camera = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.0, 0.0, 1.0])
-    node = dem("Stereo", frames=False, disparity={"num_disparities": 32})
-    pair = FramePair.from_images(
-        left,
-        right,
+    right = cv2.remap(left, x + 20, y - lower_px, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    images = (right, left) if exchanged else (left, right)
+    return FramePair.from_images(
+        *images,
         baseline_m=0.2,
-        camera_matrix=K,
+        camera_matrix=np.array([[400.0, 0, 160], [0, 400, 100], [0, 0, 1]]),
         stamp_ns=0,
         sensor="mana/navcam_left",
-        T_robot_sensor=UncertainTransform.exact(T_base_camera),
+        T_robot_sensor=UncertainTransform.exact(
+            se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.0, 0.0, 1.0])
+        ),
     )
+
+
+def map_pair(pair: FramePair) -> list[Output]:
+    node = dem("Stereo", frames=False, disparity={"num_disparities": 32})
     node.step(pose(0))
-    out = [*node.step(Sample("stereo", 0, 0, pair)), *node.finish()]
+    return [*node.step(Sample("stereo", 0, 0, pair)), *node.finish()]
+
+
+def test_a_stereo_pair_of_a_wall_gives_a_map_of_the_wall(rng: np.random.Generator) -> None:
+    out = map_pair(wall(rng))
     points = next(o for o in out if o.port == "cloud").value.points_m
     assert np.median(points[:, 0]) == pytest.approx(4.0, abs=0.03)
     assert 0.0 < points[:, 2].min() < 0.3
     assert 1.8 < points[:, 2].max() < 2.1
+
+
+def test_pairs_with_a_row_offset_are_degraded_and_pairs_of_two_scenes_or_without_texture_are_dropped(
+    rng: np.random.Generator,
+) -> None:
+    (lower, *_), (exchanged, *_) = map_pair(wall(rng, 1)), map_pair(wall(rng, exchanged=True))
+    assert lower.quality.status is Status.DEGRADED
+    assert any(reason.startswith("row_error:1.0") for reason in lower.quality.reasons)
+    assert exchanged.quality.reasons[0].startswith(("dropped_stereo_mismatch:1", "dropped_no_points:1"))
+    flat = np.full((200, 320), 90, np.uint8)
+    both = wall(rng)
+    frame = replace(both.left, data=Array3D.from_array(flat))
+    black = replace(both, left=frame, right=frame)
+    (failed, *_) = map_pair(black)
+    assert failed.quality.status is Status.FAILED
+    assert failed.quality.reasons[0] == "dropped_no_points:1"
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,14 @@ def test_a_right_image_waits_for_its_left_image_until_forget_is_called() -> None
     assert not list(dfpc.step(Sample("right", 3000, 0, right)))
 
 
+def test_a_camera_matrix_that_is_not_finite_fails_with_the_reason() -> None:
+    left, right = corridor()
+    wrong = Frame.from_image(np.array(left.image), stamp_ns=0, camera_matrix=np.full((3, 3), np.nan))
+    (failed,) = process_pair(make_configured_dfpc(), wrong, right)
+    assert failed.quality.status is Status.FAILED
+    assert failed.quality.reasons[0].startswith("bad_left:camera matrix")
+
+
 def test_an_image_without_texture_or_of_wrong_type_fails_with_the_reason() -> None:
     flat = frame(np.full((100, 120), 90, np.uint8))
     (output,) = process_pair(make_configured_dfpc(), flat, flat)

@@ -79,9 +79,26 @@ def test_a_stereo_pair_becomes_a_cloud_with_grey_values_and_the_uncertainty_of_i
     points = cloud.value.points_m
     assert np.median(points[:, 2]) == pytest.approx(depth_m, rel=0.01)
     sigmas = dfpc.store.get("depth_sigmas").values
-    assert np.allclose(sigmas, points[:, 2] ** 2 / (K[0, 0] * 0.2) * 0.3)
+    noise_m = points[:, 2] ** 2 / (K[0, 0] * 0.2) * 0.3
+    calibration_m = np.hypot(0.005, 0.005) * points[:, 2]
+    assert np.allclose(sigmas, np.hypot(noise_m, calibration_m))
     pixels = np.rint(points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]).astype(int)
     assert np.array_equal(cloud.value.intensity, left[pixels[:, 1], pixels[:, 0]])
+
+
+def test_exchanged_images_fail_and_a_row_offset_is_degraded() -> None:
+    image = np.clip(texture(3, 512), 0, 255).astype(np.uint8)
+    rows, columns = SHAPE
+    left, right = (np.ascontiguousarray(image[:rows, start : start + columns]) for start in (0, 12))
+    lower = np.roll(right, 1, axis=0)
+    qualities = []
+    for images in ((right, left), (left, lower)):
+        pair = FramePair.from_images(*images, baseline_m=0.2, camera_matrix=K, stamp_ns=1000)
+        (cloud,) = process(make_configured_dfpc(disparity={"num_disparities": 32}), stereo=pair)
+        qualities.append(cloud.quality)
+    assert qualities[0].status is Status.FAILED
+    assert qualities[1].status is Status.DEGRADED
+    assert qualities[1].reasons[0].startswith("row_error:1.0")
 
 
 def test_unusable_input_fails_with_the_reason_and_much_noise_is_degraded() -> None:
