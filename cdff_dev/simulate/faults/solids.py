@@ -153,25 +153,38 @@ def cast(solids: Sequence[Solid], origins: FloatArray, directions: FloatArray) -
     normals, velocity = np.zeros((*shape, 3)), np.zeros((*shape, 3))
     albedo, on_rover = np.zeros(shape), np.zeros(shape, dtype=bool)
     for solid in solids:
-        R, centre = solid.poses[:, :3, :3], solid.poses[:, None, :3, 3]
+        group, ray = _close_rays(solid, origins, directions)
+        R, centre = solid.poses[group, :3, :3], solid.poses[group, :3, 3]
         half = 0.5 * np.array(solid.box.size_m)
-        o = np.einsum("gij,gki->gkj", R, origins - centre)
-        d = np.einsum("gij,gki->gkj", R, directions)
+        o = np.einsum("nij,ni->nj", R, origins[group, ray if origins.shape[1] > 1 else 0] - centre)
+        d = np.einsum("nij,ni->nj", R, directions[group, ray])
         d = np.where(np.abs(d) < 1e-12, 1e-12, d)
-        near = (-np.copysign(half, d) - o) / d
-        far = (np.copysign(half, d) - o) / d
-        entry = near.max(axis=2)
-        group, ray = np.nonzero((entry < far.min(axis=2)) & (entry > _CLEARANCE_M) & (entry < t))
-        t[group, ray] = entry[group, ray]
-        axis = near[group, ray].argmax(axis=1)
-        sign = -np.sign(np.take_along_axis(d[group, ray], axis[:, None], axis=1))
-        normals[group, ray] = sign * R[group, :, axis]
-        origin = np.broadcast_to(o, d.shape)[group, ray]
-        local = origin + entry[group, ray, None] * d[group, ray]
-        albedo[group, ray] = solid.box.albedo * (1.0 + solid.box.contrast * _texture(local, axis))
-        velocity[group, ray] = solid.velocity_m_s[group]
-        on_rover[group, ray] = solid.on_rover
+        near, far = (-np.copysign(half, d) - o) / d, (np.copysign(half, d) - o) / d
+        entry = near.max(axis=1)
+        hit = (entry < far.min(axis=1)) & (entry > _CLEARANCE_M) & (entry < t[group, ray])
+        axis = near[hit].argmax(axis=1)
+        sign = -np.sign(np.take_along_axis(d[hit], axis[:, None], axis=1))
+        at = group[hit], ray[hit]
+        t[at] = entry[hit]
+        normals[at] = sign * np.take_along_axis(R[hit], axis[:, None, None], axis=2)[:, :, 0]
+        texture = _texture(o[hit] + entry[hit, None] * d[hit], axis)
+        albedo[at] = solid.box.albedo * (1.0 + solid.box.contrast * texture)
+        velocity[at] = solid.velocity_m_s[group[hit]]
+        on_rover[at] = solid.on_rover
     return SolidHits(t, normals, albedo, velocity, on_rover)
+
+
+def _close_rays(
+    solid: Solid, origins: FloatArray, directions: FloatArray
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return group and index of the rays whose lines meet the sphere around a solid."""
+    to_centre = solid.poses[:, None, :3, 3] - origins
+    along = np.einsum("gki,gki->gk", np.broadcast_to(to_centre, directions.shape), directions)
+    length = np.einsum("gki,gki->gk", directions, directions)
+    distance = np.einsum("gki,gki->gk", to_centre, to_centre)
+    squared_radius = 0.25 * float(np.sum(np.square(solid.box.size_m)))
+    group, ray = np.nonzero(distance - along**2 / length <= squared_radius)
+    return group, ray
 
 
 def _texture(local_m: FloatArray, axis: NDArray[np.intp]) -> FloatArray:
