@@ -21,9 +21,15 @@ from cdff_common.types import ElevationMap
 from cdff_core.runtime import Runner
 from cdff_dev.compare.elevation import compare
 from cdff_dev.logs import open_log
+from cdff_dev.simulate.faults.camera import CameraFaults
+from cdff_dev.simulate.faults.lidar import LidarFaults
+from cdff_dev.simulate.faults.model import Faults
+from cdff_dev.simulate.faults.spinning_lidar import draw_mount
+from cdff_dev.simulate.faults.stereo_camera import draw_eyes
 from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.store import describe, simulated_log
 from cdff_dev.simulate.traverse import levelled
+from cdff_dev.simulate.world import generator
 
 ROBOT = "mana"
 #: Scenarios by use; their grounds differ in spectrum, slope, craters, rocks and seed.
@@ -134,7 +140,7 @@ def pose_scores(drive: HardDrive, results: Sequence[Product], sensor: str | None
     Parameters
     ----------
     sensor : str or None
-        Sensor whose motion since the first pose is estimated; None: the poses are ``T_site_base``.
+        Sensor, navcam_left or lidar, whose motion since the first pose is estimated; None: the poses are ``T_site_base``.
 
     Notes
     -----
@@ -201,6 +207,17 @@ def _expected_poses(drive: HardDrive, located: Sequence[Product], sensor: str | 
     true = [drive.true_pose(p.header.t1_ns) for p in located]
     if sensor is None:
         return true
-    mount = drive.context.frames.lookup(f"{ROBOT}/base", f"{ROBOT}/{sensor}", int(drive.stamps_ns[0])).matrix
+    mount = _true_mount(drive.scenario, sensor)
     T_frame_site = located[0].value.transform.matrix @ se3.inverse(true[0] @ mount)
     return [T_frame_site @ T @ mount for T in true]
+
+
+def _true_mount(scenario: Scenario, sensor: str) -> FloatArray:
+    """Return the true ``T_base_sensor``: an estimate of a sensor's own motion does not contain mount errors."""
+    faults = scenario.faults or Faults()
+    if sensor == "lidar":
+        rng = generator(scenario, "fault_lidar_rig", 0)
+        return draw_mount(scenario.lidar, faults.lidar or LidarFaults(), rng)
+    assert scenario.navcam is not None  # all hard scenarios have a camera
+    rng = generator(scenario, "fault_camera_rig", 0)
+    return draw_eyes(scenario.navcam, faults.camera or CameraFaults(), rng)[0].T_base_camera

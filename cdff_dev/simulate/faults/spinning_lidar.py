@@ -24,7 +24,15 @@ from cdff_dev.simulate.faults.lidar import (
 )
 from cdff_dev.simulate.faults.solids import body_solids, cast, object_solids
 from cdff_dev.simulate.lidar import Scan, column_times_us, directions, measured, reflectance
+from cdff_dev.simulate.scenario import Lidar
 from cdff_dev.simulate.world import World, generator
+
+
+def draw_mount(model: Lidar, faults: LidarFaults, rng: np.random.Generator) -> FloatArray:
+    """Return the true ``T_base_lidar``, shape (4, 4)."""
+    error = faults.mount or MountError()
+    R = se3.exp_so3(math.radians(error.rotation_sigma_deg) * rng.standard_normal(3))
+    return model.mount.matrix() @ se3.transform(R, error.translation_sigma_m * rng.standard_normal(3))
 
 
 class FaultyLidar:
@@ -43,10 +51,8 @@ class FaultyLidar:
         self._motion, self._all_faults = world.motions[robot], scenario.faults
         self._faults = scenario.faults.lidar or LidarFaults()
         rng = generator(scenario, "fault_lidar_rig", sorted(scenario.robots).index(robot))
-        mount, rings = self._faults.mount or MountError(), self._faults.rings or RingOffsets()
-        R = se3.exp_so3(math.radians(mount.rotation_sigma_deg) * rng.standard_normal(3))
-        error = se3.transform(R, mount.translation_sigma_m * rng.standard_normal(3))
-        self._T_base_lidar = self._model.mount.matrix() @ error
+        self._T_base_lidar = draw_mount(self._model, self._faults, rng)
+        rings = self._faults.rings or RingOffsets()
         self._ring_offset_m = rings.range_sigma_m * rng.standard_normal(self._model.rings)
         elevation_rad = math.radians(rings.elevation_sigma_deg) * rng.standard_normal(self._model.rings)
         self._beams = _tilted(directions(self._model), elevation_rad[None, :], 0.0)
