@@ -76,13 +76,13 @@ def evaluate_drive(drive: HardDrive) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of poses and of elevation maps."""
     lines = [
-        "| scenario | compound | faults | end error | RMS error | squared error by covariance, end (median) | "
-        "DEGRADED | FAILED | OK poses beyond 3 σ |",
+        "| scenario | compound | faults | end error | RMS error | squared error by covariance, end (median) "
+        "| DEGRADED | FAILED | OK poses beyond 3 σ |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     maps = [
-        "| scenario | faults | bias | RMSE | RMSE without shift and tilt | within the 90 % interval | DEGRADED, "
-        "FAILED |",
+        "| scenario | faults | bias | RMSE | RMSE without shift and tilt | within the 90 % interval "
+        "| DEGRADED, FAILED |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, scenario in figures["faults"].items():

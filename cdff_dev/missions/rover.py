@@ -82,8 +82,8 @@ class Rover:
         self._world, self._scenario, self.robot = world, world.scenario, robot
         if self._scenario.faults is not None:
             raise ConfigurationError(
-                f"scenario {self._scenario.name}: faults: expected none, because driven rovers do not simulate "
-                "them; use cdff simulate, or remove the section"
+                f"scenario {self._scenario.name}: faults: expected none, because driven rovers do not "
+                "simulate them; use cdff simulate, or remove the section"
             )
         self._scene, self._wheel_relief = scene, wheel_relief
         self._index = sorted(self._scenario.robots).index(robot)

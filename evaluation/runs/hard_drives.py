@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Simulate the hard scenarios with and without their faults, run DFPCs on them, and compare with the truth."""
+"""Simulate the hard scenarios with or without faults, run DFPCs, and compare with the truth."""
 
 from __future__ import annotations
 
@@ -140,7 +140,8 @@ def pose_scores(drive: HardDrive, results: Sequence[Product], sensor: str | None
     Parameters
     ----------
     sensor : str or None
-        Sensor, navcam_left or lidar, whose motion since the first pose is estimated; None: the poses are ``T_site_base``.
+        Sensor, navcam_left or lidar, whose motion since the first pose is estimated; None: the poses are
+        ``T_site_base``.
 
     Notes
     -----
@@ -213,7 +214,7 @@ def _expected_poses(drive: HardDrive, located: Sequence[Product], sensor: str | 
 
 
 def _true_mount(scenario: Scenario, sensor: str) -> FloatArray:
-    """Return the true ``T_base_sensor``: an estimate of a sensor's own motion does not contain mount errors."""
+    """Return the true ``T_base_sensor``: the estimated motion of a sensor has no errors of its mount."""
     faults = scenario.faults or Faults()
     if sensor == "lidar":
         rng = generator(scenario, "fault_lidar_rig", 0)

@@ -66,7 +66,7 @@ class Exposure(StrictModel):
 
 
 class Glare(StrictModel):
-    """Veiling glare: sunlight scattered in the lens, radiance proportional to the inverse square of the angle.
+    """Veiling glare: sunlight scattered in the lens; its radiance decreases with the square of the angle.
 
     It occurs if no terrain hides the sun and the sun is within the hood's angle of the optical axis.
 
@@ -116,7 +116,7 @@ _HOOD_EDGE_DEG = 10.0
 
 
 def blurred(image: Float32Array, displacement_px: FloatArray) -> Float32Array:
-    """Return an image ``(rows, columns)``, averaged along the displacement ``(rows, columns, 2)`` of each pixel."""
+    """Return an image ``(rows, columns)``, averaged along the displacements ``(rows, columns, 2)``."""
     rows, columns = image.shape
     longest = float(np.abs(displacement_px).max(initial=0.0))
     if longest < 0.05:
@@ -146,7 +146,7 @@ def veil(glare: Glare, directions: FloatArray, axis: FloatArray, sun: FloatArray
 
 
 def dust_map(dust: LensDust, rows: int, columns: int, rng: np.random.Generator) -> Float32Array:
-    """Return the fraction of the light ``(rows, columns)`` that dust removes; specks may lie beyond the edge."""
+    """Return the fraction of the light ``(rows, columns)`` that dust removes."""
     transmission = np.ones((rows, columns), dtype=np.float32)
     v, u = np.mgrid[0:rows, 0:columns].astype(np.float32)
     for _ in range(dust.specks):

@@ -16,10 +16,10 @@ from cdff_common.interfaces.dfn import StrictModel
 
 
 class Vibration(StrictModel):
-    """Vibration of the chassis while the rover moves: harmonics of the rate at which grousers meet the ground.
+    """Vibration of the moving chassis: harmonics of the rate at which grousers meet the ground.
 
-    The amplitude is proportional to the speed. The IMU has no anti-aliasing filter: frequencies above half its
-    rate are aliased.
+    The amplitude is proportional to the speed. The IMU has no anti-aliasing filter: frequencies above half
+    its rate are aliased.
 
     Source: narrow-band vibration of rotating parts, Griffin (1990), Handbook of Human Vibration.
     """

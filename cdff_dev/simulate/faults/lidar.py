@@ -57,8 +57,8 @@ class RangeWalk(StrictModel):
     The leading edge is linear. The lidar is calibrated on a perpendicular target of reflectance 0.6 at the
     reference range, where the error is zero; echoes below the threshold are lost.
 
-    Source: Amann et al. (2001), Laser ranging: a critical review of usual techniques for distance measurement,
-    Optical Engineering 40(1).
+    Source: Amann et al. (2001), Laser ranging: a critical review of usual techniques for distance
+    measurement, Optical Engineering 40(1).
     """
 
     rise_m: Annotated[float, Field(ge=0, description="length of the leading edge (c/2 times rise time), m")]
@@ -109,7 +109,7 @@ DUST_REFLECTANCE = 0.05
 
 
 def beam_offsets(beam: BeamWidth | None) -> tuple[FloatArray, FloatArray]:
-    """Return the angles ``(k, 2)`` of the rays of a beam from its axis, radians, and their weights ``(k,)``."""
+    """Return the angles ``(k, 2)`` of the rays of a beam from its axis, radians, and weights ``(k,)``."""
     if beam is None:
         return np.zeros((1, 2)), np.ones(1)
     phase = np.arange(6) * math.pi / 3.0

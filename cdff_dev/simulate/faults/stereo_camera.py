@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The stereo camera with the faults of a scenario: renders pairs of a rover that moves during the exposure."""
+"""The stereo camera with the faults of a scenario: renders pairs of a rover that moves meanwhile."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cdff_dev.simulate.scenario import Navcam
 from cdff_dev.simulate.surface import Float32Array, sun_direction
 from cdff_dev.simulate.world import World, generator
 
-#: Depth that stands for the sky when image motion is computed, metres.
+#: Depth of the sky for the computation of image motion, metres.
 _SKY_M = 1e6
 
 

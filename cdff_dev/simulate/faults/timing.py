@@ -33,8 +33,8 @@ class Clock(StrictModel):
     def _check_bursts(self) -> Clock:
         if self.loss / self.burst > 1.0 - self.loss:
             raise ValueError(
-                f"loss {self.loss} with bursts of {self.burst} samples: expected at most burst / (1 + burst); "
-                "use longer bursts"
+                f"loss {self.loss} with bursts of {self.burst} samples: expected at most "
+                "burst / (1 + burst); use longer bursts"
             )
         return self
 

@@ -46,7 +46,8 @@ def drive() -> HardDrive:
     stamps_ns = np.arange(5) * SECOND_NS
     truth = se3.transform(np.tile(np.eye(3), (5, 1, 1)), np.column_stack([np.arange(5.0), *np.zeros((2, 5))]))
     context = DfpcContext(ROBOT, FrameGraph())
-    return HardDrive(Scenario.model_validate(data), context, {}, stamps_ns, truth, None)  # type: ignore[arg-type]
+    scenario = Scenario.model_validate(data)
+    return HardDrive(scenario, context, {}, stamps_ns, truth, None)  # type: ignore[arg-type]
 
 
 def product(seq: int, x_m: float | None, status: Status = Status.OK) -> Product:
