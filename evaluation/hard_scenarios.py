@@ -115,7 +115,7 @@ def _pose_cells(row: dict[str, Any]) -> str:
 def _map_cells(row: dict[str, Any]) -> str:
     flags = f"{100 * row['degraded']:.0f} %, {100 * row['failed']:.0f} %"
     if "rmse_m" not in row:
-        return f"no map | – | – | – | {flags}"
+        return f"no overlap with the terrain | – | – | – | {flags}"
     millimetres = " | ".join(
         f"{1e3 * row[name]:.0f} mm" for name in ("bias_m", "rmse_m", "rmse_without_shift_and_tilt_m")
     )

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.errors import InputError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.se3 import FloatArray
@@ -189,12 +190,15 @@ def status_scores(results: Sequence[Product]) -> dict[str, Any]:
 
 
 def elevation_scores(drive: HardDrive, results: Sequence[Product]) -> dict[str, Any]:
-    """Return the errors of the last elevation map, and the counts by status of all maps."""
+    """Return the errors of the last elevation map, if it overlaps the truth, and the counts by status."""
     row = status_scores(results)
     maps = [p.value for p in results if p.value is not None]
     if not maps:
         return row
-    comparison = compare(maps[-1], drive.terrain)
+    try:
+        comparison = compare(maps[-1], drive.terrain)
+    except InputError:
+        return row  # the estimated position is outside the true terrain, and with it the map
     aligned = compare(maps[-1], drive.terrain, remove_shift=True)
     names = ("bias_m", "rmse_m", "nmad_m", "within_90_percent")
     return row | {
