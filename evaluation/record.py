@@ -39,7 +39,7 @@ def write(
     path = root / "docs" / "evaluation" / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     results = {"evaluation": name, "provenance": origin or provenance(root), "figures": figures}
-    if part:
+    if part and path.is_file():
         part_results, results = results, json.loads(path.read_text(encoding="utf-8"))
         results["figures"] |= figures
         results["provenance"].setdefault("parts", {})[part] = part_results["provenance"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.errors import ConflictError, InputError
+from cdff_common.errors import ConfigurationError, ConflictError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.geometry.se3 import FloatArray
@@ -80,6 +80,11 @@ class Rover:
 
     def __init__(self, world: World, robot: str, scene: Any, wheel_relief: Relief) -> None:
         self._world, self._scenario, self.robot = world, world.scenario, robot
+        if self._scenario.faults is not None:
+            raise ConfigurationError(
+                f"scenario {self._scenario.name}: faults: expected none, because driven rovers do not "
+                "simulate them; use cdff simulate, or remove the section"
+            )
         self._scene, self._wheel_relief = scene, wheel_relief
         self._index = sorted(self._scenario.robots).index(robot)
         self.tick_s = 1.0 / self._scenario.lidar.rate_hz

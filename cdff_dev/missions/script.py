@@ -13,7 +13,8 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.yaml_file import read_mapping
-from cdff_dev.simulate.scenario import NotNegative, Positive, Scenario
+from cdff_dev.simulate.fields import NotNegative, Positive
+from cdff_dev.simulate.scenario import Scenario
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 #: Mission seconds per second of real time.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.scenario import Lidar
 from cdff_dev.simulate.surface import Float32Array
@@ -56,8 +57,7 @@ def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.G
     """
     import open3d as o3d
 
-    beams = directions(model)
-    offset_us = np.round(np.arange(model.columns) * model.sweep_s / model.columns * 1e6).astype(np.uint32)
+    beams, offset_us = directions(model), column_times_us(model)
     T_site_lidar = motion.poses(t0_s + offset_us.astype(np.float64) * 1e-6) @ model.mount.matrix()
     rays = np.empty((model.columns, model.rings, 6), dtype=np.float32)
     rays[..., :3] = T_site_lidar[:, None, :3, 3]
@@ -65,12 +65,34 @@ def scan(model: Lidar, scene: Any, motion: Motion, t0_s: float, rng: np.random.G
     hits = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
     range_m = hits["t_hit"].numpy().astype(np.float64)
     cosine = np.abs(np.einsum("cri,cri->cr", hits["primitive_normals"].numpy(), rays[..., 3:]))
+    return measured(model, range_m, 1000.0 * reflectance(hits["geometry_ids"].numpy()) * cosine, rng)
+
+
+def reflectance(geometry: NDArray[np.uint32]) -> FloatArray:
+    """Return the reflectance of hits on rocks (geometry 1 of the scene), terrain and nothing."""
+    return np.where(geometry == 1, 0.75, 0.6)
+
+
+def column_times_us(model: Lidar) -> NDArray[np.uint32]:
+    """Return the time ``(columns,)`` of each column since the start of a revolution, microseconds."""
+    return np.round(np.arange(model.columns) * model.sweep_s / model.columns * 1e6).astype(np.uint32)
+
+
+def measured(model: Lidar, range_m: FloatArray, intensity: FloatArray, rng: np.random.Generator) -> Scan:
+    """Return the scan of the measured ranges, with noise and without undetected points.
+
+    Parameters
+    ----------
+    range_m : NDArray[np.float64], shape (columns, rings)
+        Infinite where there is no echo.
+    intensity : NDArray[np.float64], shape (columns, rings)
+        1000 times reflectance and cosine of incidence.
+    """
     noise = model.range_sigma_m * rng.standard_normal(range_m.shape)
     dropped = rng.random(range_m.shape) < model.dropout
     speckle = 1.0 + 0.08 * rng.standard_normal(range_m.shape)
     detected = np.isfinite(range_m) & (range_m > model.range_min_m) & (range_m < model.range_max_m) & ~dropped
     column, ring = np.nonzero(detected)
-    points = (beams[detected] * (range_m + noise)[detected][:, None]).astype(np.float32)
-    reflectance = np.where(hits["geometry_ids"].numpy() == 1, 0.75, 0.6)
-    intensity = np.clip(1000.0 * reflectance * cosine * speckle, 0, 1000)[detected]
-    return Scan(points, offset_us[column], intensity.astype(np.uint16), ring.astype(np.uint16))
+    points = (directions(model)[detected] * (range_m + noise)[detected][:, None]).astype(np.float32)
+    counts = np.clip(intensity * speckle, 0, 1000)[detected].astype(np.uint16)
+    return Scan(points, column_times_us(model)[column], counts, ring.astype(np.uint16))

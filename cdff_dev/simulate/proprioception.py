@@ -12,6 +12,9 @@ import numpy as np
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.faults import imu, wheels
+from cdff_dev.simulate.faults.imu import ImuFaults
+from cdff_dev.simulate.faults.wheels import WheelFaults
 from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.scenario import Imu, Wheels
 
@@ -22,6 +25,14 @@ class ImuTrack:
 
     acc_m_s2: FloatArray
     gyro_rad_s: FloatArray
+
+
+def faulty_imu_readings(
+    track: ImuTrack, model: ImuFaults, motion: Motion, t_s: FloatArray, rng: np.random.Generator
+) -> ImuTrack:
+    """Return the readings at times ``(n,)`` with the faults of the IMU."""
+    moving = (t_s, np.abs(motion.distance(t_s, 1)), motion.distance(t_s))
+    return ImuTrack(*imu.disturbed(model, track.acc_m_s2, track.gyro_rad_s, moving, rng))
 
 
 def imu_readings(
@@ -64,15 +75,23 @@ class WheelTrack:
     covariances: FloatArray
 
 
-def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.random.Generator) -> WheelTrack:
+def wheel_odometry(
+    model: Wheels,
+    motion: Motion,
+    t_s: FloatArray,
+    rng: np.random.Generator,
+    faults: tuple[WheelFaults, np.random.Generator] | None = None,
+) -> WheelTrack:
     """Return the odometry at times ``(n,)``.
+
+    ``faults`` are the faults of the wheels and the generator of their random numbers.
 
     Slip, the relative difference between wheel rotation and motion, grows uphill and varies as an
     Ornstein-Uhlenbeck process. Sideways slip on cross slopes is not measured. The yaw of skid steering has a
     gain error and noise. The odometry is planar: it starts at the identity and has no tilt, for which the
     covariance accounts.
     """
-    poses = motion.poses(t_s)
+    poses = motion.poses(t_s if faults is None else np.maximum(t_s - faults[0].delay_s, 0.0))
     n = len(t_s)
     steps = se3.inverse(poses[:-1]) @ poses[1:]
     forward = steps[:, 0, 3]
@@ -87,6 +106,8 @@ def wheel_odometry(model: Wheels, motion: Motion, t_s: FloatArray, rng: np.rando
     dy = steps[:, 1, 3] + model.side_slip_per_slope * cross_slope * distance
     gain = 1.0 + model.yaw_gain_sigma * rng.standard_normal()
     dyaw = gain * yaw + model.yaw_noise_rad_sqrt_m * np.sqrt(distance) * rng.standard_normal(n - 1)
+    if faults is not None:
+        dx, dy, dyaw = wheels.disturbed(faults[0], dx, dy, dyaw, faults[1])
     return _accumulate(model, dx, dy, dyaw)
 
 

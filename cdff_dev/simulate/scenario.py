@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -20,13 +19,11 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_common.resources import deploy_folder, resolve
+from cdff_dev.simulate.faults.model import Faults
+from cdff_dev.simulate.fields import Mount, NotNegative, Positive
 
 #: Folder of the shipped scenarios.
 SCENARIO_FOLDER = deploy_folder() / "simulation"
-
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector3 = tuple[float, float, float]
 
 
 class Spectrum(StrictModel):
@@ -100,22 +97,6 @@ class TerrainModel(StrictModel):
     rocks: Rocks
     plains: tuple[Plain, ...] | None = None
     surface: Surface | None = Field(None, description="required if there are cameras")
-
-
-class Mount(StrictModel):
-    """Pose ``T_base_sensor`` of a sensor.
-
-    An unrotated sensor frame has the axes of the base (x forward, z up).
-    """
-
-    xyz_m: Vector3
-    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
-
-    def matrix(self) -> FloatArray:
-        """Return ``T_base_sensor``, shape (4, 4); roll, pitch and yaw are about the fixed axes x, y and z."""
-        roll, pitch, yaw = (math.radians(a) for a in self.rpy_deg)
-        R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-        return se3.transform(R, self.xyz_m)
 
 
 #: Columns: the axes of a camera frame (x right, y down, z forward) in a frame with x forward and z up.
@@ -249,6 +230,7 @@ class Scenario(StrictModel):
     truth_rate_hz: Positive
     truth_map_m: Positive | None = Field(None, description="cell size of the true map; default 0.05 m")
     robots: Annotated[dict[str, RoverPath], Field(min_length=1)]
+    faults: Faults | None = Field(None, description="faults of the sensors; without it the sensors have none")
 
     @model_validator(mode="after")
     def _check_surface_for_cameras(self) -> Scenario:

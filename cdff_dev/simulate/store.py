@@ -36,11 +36,12 @@ def code_digest() -> str:
     libraries.
     """
     digest = hashlib.sha256()
-    sources = [p for p in Path(__file__).parent.glob("*.py") if p.name not in _NOT_IN_SAMPLES]
+    package = Path(__file__).parent
+    sources = [p for p in package.rglob("*.py") if p.name not in _NOT_IN_SAMPLES]
     for path in sorted(sources):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
-    for package in ("numpy", "scipy", "open3d-cpu"):
-        digest.update(f"{package}={version(package)}\0".encode())
+        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for library in ("numpy", "scipy", "open3d-cpu"):
+        digest.update(f"{library}={version(library)}\0".encode())
     return digest.hexdigest()[:16]
 
 

@@ -196,12 +196,12 @@ def make_appearance(
     vertices, triangles = relief.mesh()
     normals = vertex_normals(vertices, triangles)
     ground_radiance = _lit(
-        normals @ sun.astype(np.float32), _sunlit(scene, vertices + 0.02 * normals, sun), surface.ambient
+        normals @ sun.astype(np.float32), sunlit(scene, vertices + 0.02 * normals, sun), surface.ambient
     )
     rock_normals = vertex_normals(rocks.vertices, rocks.triangles)
     rock_radiance = rocks.albedo * _lit(
         rock_normals @ sun.astype(np.float32),
-        _sunlit(scene, rocks.vertices + 0.01 * rock_normals, sun),
+        sunlit(scene, rocks.vertices + 0.01 * rock_normals, sun),
         surface.ambient,
     )
     vertex_radiance = np.concatenate([ground_radiance, rock_radiance]).astype(np.float32)
@@ -213,7 +213,7 @@ def _lit(cosine: Float32Array, sunlit: Float32Array, ambient: float) -> Float32A
     return np.asarray(ambient + (1.0 - ambient) * np.clip(cosine, 0.0, None) * sunlit, dtype=np.float32)
 
 
-def _sunlit(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Float32Array:
+def sunlit(scene: Any, points: Float32Array, sun: NDArray[np.float64]) -> Float32Array:
     """Return 1 for points ``(n, 3)`` in sunlight, 0 for those in shadow."""
     import open3d as o3d
 
@@ -240,12 +240,12 @@ def _bake_ground(
     gy, gx = np.gradient(z, texel)
     cosine = (sun[2] - gx * sun[0] - gy * sun[1]) / np.sqrt(1 + gx**2 + gy**2)
     points = np.stack([x.ravel(), y.ravel(), z.ravel() + 0.01], axis=1).astype(np.float32)
-    sunlit = gaussian_filter(_sunlit(scene, points, sun).reshape(n, n), 0.8, mode="nearest")
+    light = gaussian_filter(sunlit(scene, points, sun).reshape(n, n), 0.8, mode="nearest")
     patches = fractal_tile(rng, n, texel, (4 * texel, 0.6 * half), 0.25, 1.0)
     patches /= max(float(np.std(patches)), 1e-12)
     albedo = np.clip(1.0 + surface.albedo_contrast * patches, 0.35, 1.8)
     return Texture.from_image(
-        (albedo * _lit(cosine.astype(np.float32), sunlit, surface.ambient)).astype(np.float32),
+        (albedo * _lit(cosine.astype(np.float32), light, surface.ambient)).astype(np.float32),
         texel,
         -half,
         wraps=False,

@@ -7,7 +7,7 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -24,8 +24,12 @@ from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time, TransformWithCovariance
 from cdff_dev.logs.source import split_stream
 from cdff_dev.simulate.camera import StereoCamera
+from cdff_dev.simulate.faults.model import Faults
+from cdff_dev.simulate.faults.spinning_lidar import FaultyLidar
+from cdff_dev.simulate.faults.stereo_camera import FaultyStereoCamera
+from cdff_dev.simulate.faults.timing import Timing, stamps
 from cdff_dev.simulate.lidar import scan
-from cdff_dev.simulate.proprioception import imu_readings, wheel_odometry
+from cdff_dev.simulate.proprioception import faulty_imu_readings, imu_readings, wheel_odometry
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.world import World, cast_scene, generator, make_world, true_heights
 
@@ -70,6 +74,8 @@ class _Renderer:
     def __init__(self, world: World) -> None:
         self._world = world
         self._scene = cast_scene(world.relief, world.rocks)
+        self._faulty_cameras: dict[str, FaultyStereoCamera] = {}
+        self._faulty_lidars: dict[str, FaultyLidar] = {}
         if world.scenario.navcam is not None and world.appearance is not None:
             vertices, triangles = world.relief.mesh()
             meshes = (triangles, world.rocks.triangles) if len(world.rocks.triangles) else (triangles,)
@@ -79,14 +85,31 @@ class _Renderer:
 
     def render(self, task: tuple[str, str, int]) -> Any:
         kind, robot, index = task
-        scenario = self._world.scenario
+        scenario, faults = self._world.scenario, self._world.scenario.faults
         motion = self._world.motions[robot]
-        rng = generator(scenario, kind, sorted(scenario.robots).index(robot), index)
+        robot_index = sorted(scenario.robots).index(robot)
+        rng = generator(scenario, kind, robot_index, index)
         if kind == "navcam" and scenario.navcam is not None:
             t_s = sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)[index] * 1e-6
+            if faults is not None:
+                fault_rng = generator(scenario, "fault_navcam", robot_index, index)
+                return self._faulty_camera(robot).pair(t_s, rng, fault_rng)
             return self._camera.pair(motion.poses(np.array([t_s]))[0], rng)
         t0_s = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[index] * 1e-6
+        if faults is not None:
+            fault_rng = generator(scenario, "fault_lidar", robot_index, index)
+            return self._faulty_lidar(robot).scan(t0_s, rng, fault_rng)
         return scan(scenario.lidar, self._scene, motion, t0_s, rng)
+
+    def _faulty_camera(self, robot: str) -> FaultyStereoCamera:
+        if robot not in self._faulty_cameras:
+            self._faulty_cameras[robot] = FaultyStereoCamera(self._world, robot, self._camera)
+        return self._faulty_cameras[robot]
+
+    def _faulty_lidar(self, robot: str) -> FaultyLidar:
+        if robot not in self._faulty_lidars:
+            self._faulty_lidars[robot] = FaultyLidar(self._world, robot, self._scene)
+        return self._faulty_lidars[robot]
 
 
 #: Renderers of a worker process, by the file of their world.
@@ -132,28 +155,52 @@ def _pose(
     return pose
 
 
+def stamped_samples(
+    scenario: Scenario, robot: str, sensor: str, t_us: np.ndarray
+) -> Iterator[tuple[int, int]]:
+    """Yield index and stamp, microseconds since the epoch, of each sample that arrives.
+
+    The samples are measured at the times ``(n,)``; their indices are the sequence numbers.
+    """
+    timing = (scenario.faults and scenario.faults.timing) or Timing()
+    clock = getattr(timing, sensor)
+    if clock is None:
+        yield from ((i, int(us)) for i, us in enumerate(t_us))
+        return
+    rng = generator(scenario, f"clock_{sensor}", sorted(scenario.robots).index(robot))
+    stamped_us, arrives = stamps(clock, t_us, rng)
+    yield from ((int(i), int(stamped_us[i])) for i in np.flatnonzero(arrives))
+
+
 def proprioceptive_entries(world: World, robot: str) -> Iterator[Entry]:
     """Yield the samples of IMU and wheels, and the true poses, of one rover."""
     scenario, motion = world.scenario, world.motions[robot]
+    faults = scenario.faults or Faults()
     index = sorted(scenario.robots).index(robot)
-    epoch_ns = scenario.epoch_ns
 
     t_us = sample_times_us(scenario.imu.rate_hz, scenario.duration_s)
     imu = imu_readings(
         scenario.imu, motion, t_us * 1e-6, scenario.gravity_m_s2, generator(scenario, "imu", index)
     )
+    if faults.imu is not None:
+        fault_rng = generator(scenario, "fault_imu", index)
+        imu = faulty_imu_readings(imu, faults.imu, motion, t_us * 1e-6, fault_rng)
     stream = f"/{robot}/imu.sample"
-    for i, us in enumerate(t_us):
-        at = epoch_ns + int(us) * 1000
+    for i, us in stamped_samples(scenario, robot, "imu", t_us):
+        at = scenario.epoch_ns + us * 1000
         value = IMUSensors(Time.from_ns(at), imu.acc_m_s2[i], imu.gyro_rad_s[i], np.zeros(3))
         yield Entry(stream, at, _header(scenario, stream, i, at, at, f"{robot}/imu"), value)
 
     t_us = sample_times_us(scenario.wheels.rate_hz, scenario.duration_s)
-    wheels = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, generator(scenario, "wheels", index))
+    wheel_faults = None
+    if faults.wheels is not None:
+        wheel_faults = (faults.wheels, generator(scenario, "fault_wheels", index))
+    rng = generator(scenario, "wheels", index)
+    wheels = wheel_odometry(scenario.wheels, motion, t_us * 1e-6, rng, wheel_faults)
     yield from _poses(
         scenario,
         f"/{robot}/wheels.odometry",
-        t_us,
+        stamped_samples(scenario, robot, "wheels", t_us),
         wheels.poses,
         wheels.covariances,
         f"{robot}/odom",
@@ -163,22 +210,24 @@ def proprioceptive_entries(world: World, robot: str) -> Iterator[Entry]:
     t_us = sample_times_us(scenario.truth_rate_hz, scenario.duration_s)
     true_poses = motion.poses(t_us * 1e-6)
     no_covariance = np.zeros((len(true_poses), 6, 6))
+    true_times = [(i, int(us)) for i, us in enumerate(t_us)]
     yield from _poses(
-        scenario, f"/{robot}/truth.pose", t_us, true_poses, no_covariance, "site", f"{robot}/base"
+        scenario, f"/{robot}/truth.pose", true_times, true_poses, no_covariance, "site", f"{robot}/base"
     )
 
 
 def _poses(
     scenario: Scenario,
     stream: str,
-    t_us: np.ndarray,
+    samples: Iterable[tuple[int, int]],
     T: FloatArray,
     covariance: FloatArray,
     parent: str,
     child: str,
 ) -> Iterator[Entry]:
-    for i, us in enumerate(t_us):
-        at = scenario.epoch_ns + int(us) * 1000
+    """Yield poses; ``samples`` are their indices and stamps in microseconds since the epoch."""
+    for i, us in samples:
+        at = scenario.epoch_ns + us * 1000
         yield Entry(
             stream,
             at,
@@ -191,13 +240,15 @@ def _rendered_entries(scenario: Scenario, robot: str) -> Iterator[Entry]:
     """Yield the stereo pairs and lidar scans of one rover, without values."""
     if scenario.navcam is not None:
         stream, frame = f"/{robot}/navcam.pair", f"{robot}/navcam_left"
-        for i, us in enumerate(sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)):
-            at = scenario.epoch_ns + int(us) * 1000
+        t_us = sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)
+        for i, us in stamped_samples(scenario, robot, "navcam", t_us):
+            at = scenario.epoch_ns + us * 1000
             yield Entry(stream, at, _header(scenario, stream, i, at, at, frame), render=("navcam", robot, i))
     stream = f"/{robot}/lidar.scan"
     sweep_us = round(scenario.lidar.sweep_s * 1e6)
-    for i, us in enumerate(sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]):
-        t0_ns = scenario.epoch_ns + int(us) * 1000
+    t_us = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]
+    for i, us in stamped_samples(scenario, robot, "lidar", t_us):
+        t0_ns = scenario.epoch_ns + us * 1000
         t1_ns = t0_ns + sweep_us * 1000
         yield Entry(
             stream,

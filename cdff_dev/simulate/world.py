@@ -17,7 +17,25 @@ from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.surface import Appearance, make_appearance
 
 #: Streams of random numbers: each sensor has its own, so that a change of one sensor does not affect others.
-STREAMS = {"relief": 0, "rocks": 1, "appearance": 2, "navcam": 3, "lidar": 4, "imu": 5, "wheels": 6}
+STREAMS = {
+    "relief": 0,
+    "rocks": 1,
+    "appearance": 2,
+    "navcam": 3,
+    "lidar": 4,
+    "imu": 5,
+    "wheels": 6,
+    "fault_camera_rig": 7,
+    "fault_navcam": 8,
+    "fault_lidar_rig": 9,
+    "fault_lidar": 10,
+    "fault_imu": 11,
+    "fault_wheels": 12,
+    "clock_navcam": 13,
+    "clock_lidar": 14,
+    "clock_imu": 15,
+    "clock_wheels": 16,
+}
 
 
 def generator(scenario: Scenario, stream: str, *indices: int) -> np.random.Generator:

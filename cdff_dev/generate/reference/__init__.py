@@ -7,7 +7,16 @@ from __future__ import annotations
 import re
 
 from cdff_dev.generate.artefacts import Artefact
-from cdff_dev.generate.reference import command_line, descriptions, endpoints, keys, profile, states, types
+from cdff_dev.generate.reference import (
+    command_line,
+    descriptions,
+    endpoints,
+    keys,
+    profile,
+    sensor_faults,
+    states,
+    types,
+)
 from cdff_dev.tree import Tree
 
 
@@ -19,6 +28,7 @@ def pages(tree: Tree) -> list[Artefact]:
         **types.pages(),
         "keys.md": keys.page(),
         "profile.md": profile.page(),
+        "sensor-faults.md": sensor_faults.page(),
         "endpoints.md": endpoints.page(),
         "cli.md": command_line.page(),
         "state-machines.md": states.page(),

@@ -6,31 +6,36 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic import BaseModel
+
 from cdff_common.interfaces.profile import Profile
 from cdff_dev.generate.python_source import render
 
 
 def page() -> str:
     """Return the page of the sections of a profile, in the order in which they occur in a profile."""
-    schema = Profile.model_json_schema()
-    sections = [("Profile", schema)]
-    listed = {"Profile"}
+    sections = [
+        (name, section.get("description", "").partition("Attributes\n")[0].strip(), rows(section))
+        for name, section in model_sections(Profile)
+    ]
+    return render("profile.md.j2", sections=sections)
+
+
+def model_sections(model: type[BaseModel]) -> list[tuple[str, dict[str, Any]]]:
+    """Return the name and JSON Schema of a model and of the models in its fields, in order of occurrence."""
+    schema = model.model_json_schema()
+    sections = [(model.__name__, schema)]
+    listed = {model.__name__}
     for _, section in sections:
         for field in section.get("properties", {}).values():
             for name in _references(field):
                 if name not in listed and "properties" in schema["$defs"][name]:
                     listed.add(name)
                     sections.append((name, schema["$defs"][name]))
-    return render(
-        "profile.md.j2",
-        sections=[
-            (name, section.get("description", "").partition("Attributes\n")[0].strip(), _rows(section))
-            for name, section in sections
-        ],
-    )
+    return sections
 
 
-def _rows(section: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+def rows(section: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Return name, type, default and description of each field."""
     required = set(section.get("required", ()))
     attributes = _attributes(section.get("description", ""))

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from cdff_common.codecs import encode
-from cdff_common.errors import ConflictError, InputError
+from cdff_common.errors import ConfigurationError, ConflictError, InputError
 from cdff_dev.logs import LogSample
 from cdff_dev.missions.driven_log import GrowingLog
 from cdff_dev.missions.rover import Rover
+from cdff_dev.simulate.faults.model import Faults
 from cdff_dev.simulate.lidar import directions
+from cdff_dev.simulate.relief import Relief
 from cdff_dev.simulate.world import World
 
 MS = 1_000_000
@@ -204,3 +206,9 @@ def test_a_rate_that_is_not_a_multiple_of_the_tick_is_refused(world: World) -> N
     uneven = replace(world, scenario=world.scenario.model_copy(update={"wheels": wheels}))
     with pytest.raises(InputError, match=r"wheels\.rate_hz 7 at lidar\.rate_hz 2"):
         GrowingLog(uneven, None)
+
+
+def test_a_scenario_with_sensor_faults_is_refused(world: World, scene: Any, smoothed_relief: Relief) -> None:
+    scenario = world.scenario.model_copy(update={"faults": Faults()})
+    with pytest.raises(ConfigurationError, match="cdff simulate"):
+        Rover(replace(world, scenario=scenario), "mana", scene, smoothed_relief)

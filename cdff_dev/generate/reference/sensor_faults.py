@@ -1,0 +1,35 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``sensor-faults.md``: all simulated sensor faults with their parameters and sources, from their models."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cdff_dev.generate.python_source import render
+from cdff_dev.generate.reference.profile import model_sections, rows
+from cdff_dev.simulate.faults.model import Faults
+
+#: Sign of each bound of JSON Schema.
+_BOUNDS = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+
+
+def page() -> str:
+    """Return the page of the section ``faults`` of a scenario."""
+    sections = [
+        (
+            name,
+            " ".join(section.get("description", "").replace("\n\n", "\0").split()).replace("\0", "\n\n"),
+            [
+                (field, type_, default, _range(section["properties"][field]), meaning)
+                for field, type_, default, meaning in rows(section)
+            ],
+        )
+        for name, section in model_sections(Faults)
+    ]
+    return render("sensor_faults.md.j2", sections=sections)
+
+
+def _range(field: dict[str, Any]) -> str:
+    """Return the bounds of a number."""
+    return ", ".join(f"{sign} {field[key]:g}" for key, sign in _BOUNDS.items() if key in field)
