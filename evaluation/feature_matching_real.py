@@ -112,7 +112,7 @@ def _compare_with_reference(
 
 
 def _covariance_of_unit_translation(pair: PosedPair, T: Float) -> Float:
-    """Return the covariance (6, 6) of the true pose, perpendicular to the translation of T and per baseline."""
+    """Return the covariance (6, 6) of the true pose with the translation of length 1 of T."""
     scale = np.eye(6)
     scale[:3, :3] = (np.eye(3) - np.outer(T[:3, 3], T[:3, 3])) / np.linalg.norm(pair.T_left_right[:3, 3])
     return np.asarray(scale @ pair.covariance @ scale.T)

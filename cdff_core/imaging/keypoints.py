@@ -25,8 +25,8 @@ def arrays_of(points: Sequence[cv2.KeyPoint]) -> tuple[FloatArray, FloatArray, F
 def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> list[cv2.KeyPoint]:
     """Return the keypoints at which SIFT computes descriptors, numbered by ``class_id``.
 
-    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The image is
-    not doubled for the smallest points, which takes longer than their descriptors.
+    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The image
+    is not doubled for the smallest points, which takes longer than their descriptors.
     """
     ratio = np.maximum(sizes, 1e-3) / (2.0 * _SIFT_SIGMA_PX)
     step = np.rint(_SIFT_LAYERS * np.log2(ratio)).astype(np.int64)

@@ -39,7 +39,7 @@ class CalibrationConfig(DfnConfig):
         0.003,
         ge=0,
         le=1,
-        description="Error of the optical axis: principal point relative to the focal length, and tilt of the image plane",
+        description="Error of the principal point relative to the focal length, and of the tilt, radians",
     )
     lens_edge_px: float = Field(
         1.0,

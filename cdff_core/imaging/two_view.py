@@ -77,8 +77,8 @@ class LensErrors:
     Attributes
     ----------
     axis_rad : float
-        Of the direction of the optical axis, which moves the principal point and tilts the image plane. A
-        calibration hardly separates both from a rotation of the camera, so they are larger than its residuals.
+        Of the direction of the optical axis, which moves the principal point and tilts the image plane.
+        A calibration hardly separates both from a rotation of the camera: they exceed its residuals.
     edge_px : float
         Of the displacement at the edge by each of focal lengths, skew and radial distortion, pixels.
     """

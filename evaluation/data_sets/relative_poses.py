@@ -21,8 +21,8 @@ from evaluation.data_sets.image_pairs import Image
 
 Float = NDArray[np.float64]
 
-#: Standard deviations of the lever arm from depth to colour camera, and of one pose of KinectFusion: the depth of
-#: neighbouring frames agrees within 1 to 3 mm (README of the set), which is 0.1 degrees at 2 m.
+#: Standard deviations of the lever arm from depth to colour camera, and of one pose of KinectFusion: the
+#: depth of neighbouring frames agrees within 1 to 3 mm (README of the set), which is 0.1 degrees at 2 m.
 _KITCHEN_LEVER_M, _KITCHEN_SIGMA_M, _KITCHEN_SIGMA_RAD = (0.025, 0.005, 0.005), 0.003, np.radians(0.1)
 #: Nominal camera matrix of the sensor; the lens distortion is not known.
 _KITCHEN_CAMERA = np.array([[525.0, 0.0, 320.0], [0.0, 525.0, 240.0], [0.0, 0.0, 1.0]])
@@ -43,7 +43,7 @@ class PosedPair:
     is_stereo : bool
         True for a stereo rig, whose calibration is more accurate than the pose of a moving camera.
     covariance : ndarray, shape (6, 6)
-        Of the true pose, metres and radians; 0 if it is more accurate than the results that it judges.
+        Of the true pose, metres and radians; 0 if it is more accurate than the results.
     """
 
     set_name: str
@@ -139,7 +139,7 @@ def _kitchen(data: Path, stride: int) -> Iterator[PosedPair]:
 def _kitchen_covariance(T: Float) -> Float:
     """Return the covariance (6, 6) of the pose of the colour camera, given that of the depth camera.
 
-    The lever arm between the cameras, known to its length along x and to 5 mm across, enters with the rotation.
+    The lever arm between the cameras, of unknown sign along x, enters with the rotation.
     """
     lever = (T[:3, :3] - np.eye(3)) @ np.diag(_KITCHEN_LEVER_M)
     covariance = np.zeros((6, 6))

@@ -42,7 +42,7 @@ _GOOD_INLIERS = 30
 _MAX_PLANAR_RATIO = 0.95
 #: Squared error divided by that of the next best pose, above which the transform is DEGRADED.
 _MAX_AMBIGUITY = 0.8
-#: Standard deviation of the direction of the translation, above which it is unknown and the transform DEGRADED.
+#: Standard deviation of the direction of the translation above which no direction is stated.
 _MAX_DIRECTION_SIGMA_DEG = 10.0
 #: Models and the store items of their matrices.
 _MATRIX_ITEMS = {
