@@ -25,11 +25,12 @@ def arrays_of(points: Sequence[cv2.KeyPoint]) -> tuple[FloatArray, FloatArray, F
 def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> list[cv2.KeyPoint]:
     """Return the keypoints at which SIFT computes descriptors, numbered by ``class_id``.
 
-    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte.
+    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The image
+    is not doubled for the smallest points, which takes longer than their descriptors.
     """
     ratio = np.maximum(sizes, 1e-3) / (2.0 * _SIFT_SIGMA_PX)
     step = np.rint(_SIFT_LAYERS * np.log2(ratio)).astype(np.int64)
-    octave = np.maximum((step - 1) // _SIFT_LAYERS, -1)
+    octave = np.maximum((step - 1) // _SIFT_LAYERS, 0)
     layer = np.clip(step - _SIFT_LAYERS * octave, 1, _SIFT_LAYERS)
     return _keypoints(points, sizes, angles, (octave & 255) | (layer << 8))
 

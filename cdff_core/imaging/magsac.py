@@ -36,7 +36,10 @@ class CalibrationConfig(DfnConfig):
     """Standard deviations of the errors of camera models; 0 for exact ones."""
 
     principal_point_ratio: float = Field(
-        0.003, ge=0, le=1, description="Error of the principal point, relative to the focal length"
+        0.003,
+        ge=0,
+        le=1,
+        description="Error of the principal point relative to the focal length, and of the tilt, radians",
     )
     lens_edge_px: float = Field(
         1.0,

@@ -76,30 +76,33 @@ class LensErrors:
 
     Attributes
     ----------
-    centre_ratio : float
-        Of the principal point, in focal lengths. A calibration hardly separates it from a rotation of the
-        camera, so it is larger than the residuals of the calibration.
+    axis_rad : float
+        Of the direction of the optical axis, which moves the principal point and tilts the image plane.
+        A calibration hardly separates both from a rotation of the camera: they exceed its residuals.
     edge_px : float
-        Of the displacement at the edge by each of focal lengths, skew, radial distortion and tilt of the
-        image plane, pixels.
+        Of the displacement at the edge by each of focal lengths, skew and radial distortion, pixels.
     """
 
-    centre_ratio: float
+    axis_rad: float
     edge_px: float
 
     def displacements(self, points: FloatArray, K: FloatArray) -> FloatArray:
         """Return the displacements ``(n, 2, 8)`` of pixels by errors of one sigma of eight parameters.
 
-        Principal point (2), focal lengths (2), skew (1), radial distortion (1), tilt (2).
+        Principal point (2), tilt (2), focal lengths (2), skew (1), radial distortion (1).
         """
         offset = points - K[:2, 2]
+        x, y = (offset / np.array([K[0, 0], K[1, 1]])).T
         u, v = (offset / max(float(np.linalg.norm(offset, axis=1).max()), 1e-9)).T
-        r2, zero, centre = u**2 + v**2, np.zeros(len(u)), np.full(len(u), self.centre_ratio)
-        columns = [centre * K[0, 0], zero, u, zero, 0.5 * v, u * r2, u**2, u * v]
-        rows = [zero, centre * K[1, 1], zero, v, 0.5 * u, v * r2, u * v, v**2]
-        result = np.stack([np.stack(columns, axis=1), np.stack(rows, axis=1)], axis=1)
-        result[:, :, 2:] *= self.edge_px
-        return result
+        r2, zero, one = u**2 + v**2, np.zeros(len(u)), np.ones(len(u))
+        of_axis = self.axis_rad * np.array(
+            [
+                [K[0, 0] * one, zero, K[0, 0] * x**2, K[0, 0] * x * y],
+                [zero, K[1, 1] * one, K[1, 1] * x * y, K[1, 1] * y**2],
+            ]
+        )
+        of_edge = self.edge_px * np.array([[u, zero, 0.5 * v, u * r2], [zero, v, 0.5 * u, v * r2]])
+        return np.concatenate([of_axis, of_edge], axis=1).transpose(2, 0, 1)
 
 
 def homogeneous(points: FloatArray) -> FloatArray:

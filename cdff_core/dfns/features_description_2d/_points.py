@@ -28,16 +28,16 @@ class PointsConfig(DfnConfig):
 def arrays_of(
     inputs: Inputs, size_px: float, upright: bool
 ) -> tuple[ByteArray, FloatArray, FloatArray, FloatArray]:
-    """Return image, points ``(n, 2)``, sizes and angles ``(n,)``; absent ones get default values."""
+    """Return image, points ``(n, 2)``, sizes and angles ``(n,)``; absent and NaN ones get default values."""
     image, points = np.ascontiguousarray(inputs.image), np.array(inputs.features, np.float64)
     n = len(points)
-    sizes = np.full(n, size_px) if inputs.sizes is None else np.array(inputs.sizes, np.float64)
+    sizes = np.full(n, np.nan) if inputs.sizes is None else np.array(inputs.sizes, np.float64)
+    angles = np.full(n, np.nan) if inputs.angles is None else np.array(inputs.angles, np.float64)
+    sizes[np.isnan(sizes)] = size_px
     if upright:
-        angles = np.zeros(n)
-    elif inputs.angles is None:
-        angles = centroid_angles(image, points)
-    else:
-        angles = np.array(inputs.angles, np.float64)
+        angles[:] = 0.0
+    elif (unknown := np.isnan(angles)).any():
+        angles[unknown] = centroid_angles(image, points[unknown])
     return image, points, sizes, angles
 
 

@@ -25,9 +25,9 @@ class FeaturesDescription2DInputs(DfnInputs):
     features : ndarray of float64, shape (n,2)
         Column and row of each point, pixels.
     sizes : ndarray of float64, shape (n), optional
-        Diameter of each point, pixels; default: the configured value.
+        Diameter of each point, pixels; NaN or absent: that of a corner.
     angles : ndarray of float64, shape (n), optional
-        Direction of each point, degrees clockwise from x; default: computed from the surrounding grey
+        Direction of each point, degrees clockwise from x; NaN or absent: computed from the surrounding grey
         values.
     """
 

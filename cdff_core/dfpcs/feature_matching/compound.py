@@ -42,7 +42,7 @@ _GOOD_INLIERS = 30
 _MAX_PLANAR_RATIO = 0.95
 #: Squared error divided by that of the next best pose, above which the transform is DEGRADED.
 _MAX_AMBIGUITY = 0.8
-#: Standard deviation of the direction of the translation above which the transform is DEGRADED.
+#: Standard deviation of the direction of the translation above which no direction is stated.
 _MAX_DIRECTION_SIGMA_DEG = 10.0
 #: Models and the store items of their matrices.
 _MATRIX_ITEMS = {
@@ -94,16 +94,18 @@ class FeatureMatching(FeatureMatchingInterface):
         input_ids = (self._left.sample.id, sample.id)
         try:
             right = self._matcher.view(sample)
-            verified = self._match(self._left, right)
+            verified, unguided = self._match(self._left, right)
         except InputError as error:
             return [self._failed(sample, input_ids, f"bad_right:{error}")]
         except RefusedError as refusal:
             return [self._failed(sample, input_ids, "no_common_scene", *refusal.reasons)]
         outputs = [self._matches(sample, input_ids, verified)]
-        return [*outputs, *self._transform(self._left, right, input_ids, verified)]
+        return [*outputs, *self._transform(self._left, right, input_ids, verified, unguided.inliers)]
 
-    def _match(self, left: FeatureView, right: FeatureView) -> VerifiedPairs:
-        """Return the pairs verified by their common geometry; raises RefusedError if there is none."""
+    def _match(self, left: FeatureView, right: FeatureView) -> tuple[VerifiedPairs, VerifiedPairs]:
+        """Return all verified pairs, and those found without the epipolar lines; raises RefusedError if the
+        pairs have no common geometry.
+        """
         try:
             verified = self._verify(self._matcher.match(left, right))
         except RefusedError:
@@ -112,9 +114,9 @@ class FeatureMatching(FeatureMatchingInterface):
             verified = self._verify(self._matcher.match(left, right, limit=None))
         guided = self._matcher.match_along_lines(left, right, verified.fundamental_matrix)
         if guided is None or len(guided) <= verified.count:
-            return verified
+            return verified, verified
         verified_guided = self._verify(guided, verified)
-        return verified_guided if verified_guided.count > verified.count else verified
+        return (verified_guided if verified_guided.count > verified.count else verified), verified
 
     def _verify(self, pairs: PointPairs, previous: VerifiedPairs | None = None) -> VerifiedPairs:
         """Fit fundamental matrix and homography, and verify the pairs by one of them.
@@ -156,10 +158,19 @@ class FeatureMatching(FeatureMatchingInterface):
         )
 
     def _transform(
-        self, left: FeatureView, right: FeatureView, input_ids: tuple[str, ...], v: VerifiedPairs
+        self,
+        left: FeatureView,
+        right: FeatureView,
+        input_ids: tuple[str, ...],
+        v: VerifiedPairs,
+        inliers: PointPairs,
     ) -> Iterable[Output]:
-        """Return the relative pose of the cameras if both are known; FAILED if it is undetermined."""
-        K, inliers = (left.camera, right.camera), v.inliers
+        """Return the relative pose of the cameras if both are known; FAILED if it is undetermined.
+
+        It is estimated from pairs found without the epipolar lines (``inliers``): wrong pairs found near the
+        lines of a model, as on a repeated pattern, agree with its errors.
+        """
+        K = (left.camera, right.camera)
         if K[0] is None or K[1] is None:
             return []
         try:
@@ -184,7 +195,7 @@ class FeatureMatching(FeatureMatchingInterface):
         limits = (
             ("planar", v.planar_ratio, _MAX_PLANAR_RATIO),
             ("ambiguous", model.ambiguity, _MAX_AMBIGUITY),
-            ("small_baseline_sigma_deg", sigma_deg, _MAX_DIRECTION_SIGMA_DEG),
+            ("small_baseline", sigma_deg, _MAX_DIRECTION_SIGMA_DEG),
         )
         reasons = [f"{name}:{value:.3g}>{limit:g}" for name, value, limit in limits if value > limit]
         metrics = {
@@ -193,8 +204,11 @@ class FeatureMatching(FeatureMatchingInterface):
             "direction_sigma_deg": sigma_deg,
             "ambiguity": model.ambiguity,
         }
+        covariance = pose.covariance
+        if sigma_deg > _MAX_DIRECTION_SIGMA_DEG:
+            covariance = _without_direction(pose.transform, covariance)
         value = TransformWithCovariance.from_transform(
-            UncertainTransform(pose.transform, pose.covariance),
+            UncertainTransform(pose.transform, covariance),
             parent=self._frame(left.sample, "left"),
             child=self._frame(right.sample, "right"),
             stamp_ns=right.sample.stamp_ns,
@@ -229,3 +243,14 @@ class FeatureMatching(FeatureMatchingInterface):
             return None
         descriptors = self._left.descriptors.astype(np.float64)
         return VisualPointFeatureVector2D.from_arrays(self._left.points, descriptors)
+
+
+def _without_direction(transform: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of a transform if any direction of its unit translation is as likely.
+
+    The difference of a uniformly distributed unit vector from the stated one t has ``I / 3 + t t'``.
+    """
+    t, result = transform[:3, 3], np.zeros((6, 6))
+    result[:3, :3] = np.eye(3) / 3.0 + np.outer(t, t)
+    result[3:, 3:] = covariance[3:, 3:]
+    return result

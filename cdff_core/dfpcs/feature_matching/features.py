@@ -21,7 +21,7 @@ from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
 #: Points of each image that the first search compares; the search along epipolar lines uses all of them.
-SEARCHED_POINTS = 3000
+SEARCHED_POINTS = 2500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,25 +75,33 @@ class FeatureMatcher:
                 "the camera is unknown"
             )
         image = grey_image(sample.value)
-        points, descriptors = [], []
-        for slot in ("blobs", "corners"):
-            if slot not in self._slots:
-                continue
-            detected = self._slots[slot].process(FeaturesExtraction2DInputs(image=image))
-            if "describe" not in self._slots:
-                return FeatureView(
-                    sample, image, detected.features, np.zeros((len(detected.features), 0), np.uint8)
-                )
-            described = self._slots["describe"].process(
-                FeaturesDescription2DInputs(
-                    image=image, features=detected.features, sizes=detected.sizes, angles=detected.angles
-                )
+        rows = np.concatenate(
+            [self._detect(slot, image) for slot in ("blobs", "corners") if slot in self._slots]
+        )
+        points = np.ascontiguousarray(rows[:, :2])
+        if "describe" not in self._slots:
+            return FeatureView(sample, image, points, np.zeros((len(points), 0), np.uint8))
+        described = self._slots["describe"].process(
+            FeaturesDescription2DInputs(
+                image=image,
+                features=points,
+                sizes=np.ascontiguousarray(rows[:, 2]),
+                angles=np.ascontiguousarray(rows[:, 3]),
             )
-            order = np.argsort(-detected.scores, kind="stable")
-            order = order[described.valid[order]]
-            points.append(detected.features[order])
-            descriptors.append(described.descriptors[order])
-        return FeatureView(sample, image, np.concatenate(points), np.concatenate(descriptors))
+        )
+        return FeatureView(sample, image, points[described.valid], described.descriptors[described.valid])
+
+    def _detect(self, slot: str, image: NDArray[np.uint8]) -> FloatArray:
+        """Return column, row, size and angle ``(n, 4)`` of the points, by decreasing score.
+
+        Size and angle are NaN if the detector has none.
+        """
+        detected = self._slots[slot].process(FeaturesExtraction2DInputs(image=image))
+        unknown = np.full(len(detected.features), np.nan)
+        sizes = unknown if detected.sizes is None else detected.sizes
+        angles = unknown if detected.angles is None else detected.angles
+        order = np.argsort(-detected.scores, kind="stable")
+        return np.column_stack([detected.features, sizes, angles])[order]
 
     def match(self, left: FeatureView, right: FeatureView, limit: int | None = SEARCHED_POINTS) -> PointPairs:
         """Return the pairs with similar descriptors among the first ``limit`` points of each image (None: all),

@@ -147,3 +147,25 @@ def test_the_hand_marked_points_of_the_satellite_mock_up_are_matched_within_five
     for source, sink in zip(pair.points, pair.partners, strict=True):
         errors = np.maximum(np.hypot(*(value.sources_px - source).T), np.hypot(*(value.sinks_px - sink).T))
         assert errors.min() <= 5.0
+
+
+def test_the_pose_does_not_use_pairs_found_along_epipolar_lines() -> None:
+    dfpc = make_configured_dfpc()
+    left, right = corridor()
+    views = [dfpc._matcher.view(Sample(port, 0, 0, f)) for port, f in (("left", left), ("right", right))]
+    verified, unguided = dfpc._match(*views)
+    assert verified.count > unguided.count
+    _, transform = process_pair(dfpc, left, right)
+    assert transform.quality.metrics["inliers"] <= unguided.count
+
+
+def test_a_small_baseline_is_named_and_claims_no_direction() -> None:
+    rng = np.random.default_rng(0)
+    T_right = se3.transform(se3.exp_so3([0.0, 0.02, 0.0]), [0.05, 0.0, 0.0])
+    left, right = (frame(render(T, rng), camera=True) for T in (T_WORLD_LEFT, T_right))
+    _, transform = process_pair(make_configured_dfpc(), left, right)
+    assert transform.quality.status is Status.DEGRADED
+    assert any(reason.startswith("small_baseline:") for reason in transform.quality.reasons)
+    T, covariance = transform.value.transform.matrix, transform.value.transform.covariance
+    np.testing.assert_allclose(covariance[:3, :3], np.eye(3) / 3.0 + np.outer(T[:3, 3], T[:3, 3]), atol=1e-9)
+    assert np.degrees(np.linalg.norm(cov.pose_error(T_right, T)[3:])) < 1.0
