@@ -28,6 +28,8 @@ _WINDOW_S, _MIN_WINDOWS = 1.0, 15
 _RESOLUTION_RAD = 1e-4
 #: Ratio of a difference of offsets to its standard deviation from which stamps are corrected.
 _SIGNIFICANT = 3.0
+#: Difference of rotations in a window from which it is ignored: the odometry was reset or has failed.
+_MAX_DIFFERENCE_RAD = 0.5
 _BOUND_NS = int(_BOUND_S * 1e9)
 
 
@@ -88,7 +90,7 @@ class TimeOffset:
         return mean, float(np.sqrt(weight @ (self._grid_s - mean) ** 2 + _STEP_S**2 / 12.0))
 
     def _compare(self, start: _Angle, end: _Angle, imu: ImuBuffer) -> None:
-        """Add a window to the sums unless readings of the IMU are missing."""
+        """Add a window to the sums unless readings are missing or no offset explains the rotation."""
         stamps, _, rates = imu.around(start.stamp_ns - _BOUND_NS, end.stamp_ns + _BOUND_NS)
         t_s = (stamps - start.stamp_ns) * 1e-9
         length_s = (end.stamp_ns - start.stamp_ns) * 1e-9
@@ -98,6 +100,8 @@ class TimeOffset:
         angle = np.concatenate([[0.0], np.cumsum(steps)])
         by_gyro = np.interp(length_s + self._grid_s, t_s, angle) - np.interp(self._grid_s, t_s, angle)
         by_odometry = end.angle_rad - start.angle_rad
+        if np.abs(by_gyro - by_odometry).min() > _MAX_DIFFERENCE_RAD:
+            return
         self._windows += 1
         self._sums += [by_odometry, by_odometry**2]
         self._gyro_sums += [by_gyro, by_gyro**2, by_gyro * by_odometry]

@@ -20,8 +20,18 @@ def heading_rad(t_s: float) -> float:
     return 0.3 * np.sin(0.9 * t_s) + 0.5 * np.sin(0.37 * t_s + 1.0)
 
 
-def applied_s(delay_s: float, rng: np.random.Generator, seconds: int = 60, turns: float = 1.0) -> float:
-    """Return the offset in use after a drive with wheels whose stamps are late by ``delay_s``."""
+def applied_s(
+    delay_s: float,
+    rng: np.random.Generator,
+    seconds: int = 60,
+    *,
+    turns: float = 1.0,
+    reset_s: float | None = None,
+) -> float:
+    """Return the offset in use after a drive with wheels whose stamps are late by ``delay_s``.
+
+    At ``reset_s`` the heading of the wheels jumps.
+    """
     imu, graph = ImuBuffer(40_000_000_000), FrameGraph()
     graph.set_static("site", "mana/odom", UncertainTransform.exact(np.eye(4)))
     imu.T_base_imu = np.eye(4)
@@ -32,6 +42,7 @@ def applied_s(delay_s: float, rng: np.random.Generator, seconds: int = 60, turns
         imu.insert(stamp_ns, np.zeros(3), np.array([0.0, 0.0, rate + 2e-3]) + 0.01 * rng.standard_normal(3))
         if k % 5 == 0:
             angle = 0.95 * turns * heading_rad(t_s - delay_s) + 1e-3 * rng.standard_normal()
+            angle += 2.0 if reset_s is not None and t_s >= reset_s else 0.0
             T = UncertainTransform.exact(se3.transform(se3.exp_so3([0.0, 0.0, angle]), np.zeros(3)))
             correction.corrected(Measurement(stamp_ns, "odometry", T, "mana/odom", "mana/base"))
     return correction.applied_s.get("odometry", 0.0)
@@ -48,3 +59,7 @@ def test_synchronised_stamps_are_hardly_changed(rng: np.random.Generator) -> Non
 
 def test_stamps_are_kept_while_the_robot_drives_straight(rng: np.random.Generator) -> None:
     assert applied_s(0.1, rng, turns=0.0) == 0.0
+
+
+def test_a_reset_of_the_wheels_does_not_hide_the_delay(rng: np.random.Generator) -> None:
+    assert applied_s(0.1, rng, reset_s=30.0) == pytest.approx(-0.1, abs=0.03)
