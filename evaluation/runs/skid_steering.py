@@ -3,8 +3,9 @@
 """Simulate the measurements of a skid-steered rover on level ground: wheels, IMU and visual odometry.
 
 The wheel poses are alternately too far ahead and too far back, lag by a constant delay, slip and skid; the
-IMU vibrates. The images of the camera are stamped late, and its baseline has an error of calibration. No value is a parameter of the filter. The slip is not the filter's Gauss-Markov process: its mean,
-amplitude and period are random.
+IMU vibrates. The images of the camera are stamped late, and its baseline has an error of calibration. No
+value is a parameter of the filter. The slip is not the filter's Gauss-Markov process: its mean, amplitude and
+period are random.
 """
 
 from __future__ import annotations

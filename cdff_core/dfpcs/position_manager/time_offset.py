@@ -57,7 +57,7 @@ class TimeOffset:
         self._gyro_sums = np.zeros((3, len(self._grid_s)))
 
     def add(self, stamp_ns: int, rotation: FloatArray, imu: ImuBuffer, *, restart: bool) -> None:
-        """Add the rotation (3, 3) of the body at a time; poses in another order than that of time are ignored."""
+        """Add the rotation (3, 3) of the body at a time; late poses are ignored."""
         previous = self._latest
         if previous is not None and stamp_ns <= previous.stamp_ns:
             return
@@ -117,7 +117,7 @@ class StampCorrection:
         self.applied_s: dict[str, float] = {}
 
     def corrected(self, m: Measurement) -> Measurement:
-        """Return an odometry's measurement at the time of the IMU; no increment crosses a change of the offset."""
+        """Return a measurement at the time of the IMU; no increment crosses a change of the offset."""
         offset, applied_s = (
             self._offsets.setdefault(m.source, TimeOffset()),
             self.applied_s.get(m.source, 0.0),
