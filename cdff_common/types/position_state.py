@@ -66,7 +66,7 @@ class PositionStateFilter(Message):
     body : NDArray[np.float64], shape (n, 7)
         T_site_base.
     vectors : NDArray[np.float64], shape (n, 3)
-        velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s2), slip; gravity (m/s2, 0 unknown), 0, 0.
+        velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s2), slip; gravity (m/s2, 0 unknown), wheel speed (m/s), consecutive refusals; per clone factor on variances, refusals, 0.
     names : tuple[str, ...]
         of the clones.
     stamps : NDArray[np.int64], shape (n,)

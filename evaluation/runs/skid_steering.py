@@ -3,8 +3,9 @@
 """Simulate the measurements of a skid-steered rover on level ground: wheels, IMU and visual odometry.
 
 The wheel poses are alternately too far ahead and too far back, lag by a constant delay, slip and skid; the
-IMU vibrates. No value is a parameter of the filter. The slip is not the filter's Gauss-Markov process: its mean,
-amplitude and period are random.
+IMU vibrates. The images of the camera are stamped late, and its baseline has an error of calibration. No
+value is a parameter of the filter. The slip is not the filter's Gauss-Markov process: its mean, amplitude and
+period are random.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ ALTERNATION, DELAY_S = 0.17, 0.1
 GRAVITY_M_S2, VIBRATION_M_S2, GYRO_NOISE_RAD_S, GYRO_BIAS_RAD_S = 9.81, 0.75, 0.01, 5e-4
 #: Standard deviation of the noise of an increment of visual odometry: translation, rotation.
 CAMERA_SIGMA = np.array([1e-3] * 3 + [3e-4] * 3)
+#: Delay of the stamps of visual odometry, seconds, and standard deviation of its scale error by calibration.
+CAMERA_DELAY_S, CAMERA_SCALE_SIGMA = 0.06, 0.003
 #: Variances that the wheels state with every pose.
 STATED = np.diag([1e-3] * 5 + [0.03])
 _T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.3, 0.0, 0.5])
@@ -112,13 +115,14 @@ def _imu(motion: FloatArray, duration_s: float, rng: np.random.Generator) -> lis
 
 def _camera(motion: FloatArray, duration_s: float, rng: np.random.Generator) -> list[Sample]:
     t_s = np.arange(0.0, duration_s, 1.0 / CAMERA_HZ)
-    true_poses = _poses(motion, t_s) @ _T_BASE_CAMERA
+    true_poses = _poses(motion, t_s - CAMERA_DELAY_S) @ _T_BASE_CAMERA
+    scale = 1.0 + CAMERA_SCALE_SIGMA * rng.standard_normal()
     T, C, samples = np.eye(4), np.zeros((6, 6)), []
     for k, t in enumerate(t_s):
         if k:
             noise = CAMERA_SIGMA * rng.standard_normal(6)
             step = se3.inverse(true_poses[k - 1]) @ true_poses[k]
-            measured = se3.transform(se3.exp_so3(noise[3:]) @ step[:3, :3], step[:3, 3] + noise[:3])
+            measured = se3.transform(se3.exp_so3(noise[3:]) @ step[:3, :3], scale * step[:3, 3] + noise[:3])
             C = compose_covariance(T, C, measured, np.diag(CAMERA_SIGMA**2))
             T = T @ measured
         samples.append(_pose_sample("visual_odometry", k, t, T, C, "vo", "camera"))

@@ -94,8 +94,13 @@ class DistanceModel(Interface[DistanceModelConfig]):
 
 
 def _pose_noise(inputs: Inputs, second: FloatArray, mount: FloatArray) -> FloatArray:
-    """Return half of a constant stated covariance (6, 6) in the body's second frame; zero if it changes."""
+    """Return half of a constant stated covariance (6, 6) in the body's second frame.
+
+    It is zero if the stated covariance changes, and for equal poses, because encoders at rest have no noise.
+    """
     C1, C2 = inputs.first_covariance, inputs.second_covariance
+    if np.array_equal(inputs.first, inputs.second):
+        return np.zeros((6, 6))
     if C1 is None or C2 is None or not np.allclose(C1, C2, rtol=1e-6, atol=0.0):
         return np.zeros((6, 6))
     J = compose_jacobians(mount, se3.inverse(mount))[0] @ rotation_blocks(mount[:3, :3] @ second[:3, :3].T)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from cdff_common.errors import InputError
@@ -12,7 +13,7 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.types import PoseTrajectory, PositionState, TransformWithCovariance
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimator import Estimator, Measurement
+from cdff_core.dfpcs.position_manager.estimator import ODOMETRIES, Estimator, Measurement
 from cdff_core.dfpcs.position_manager.filter_state import Checkpoint
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
@@ -23,6 +24,7 @@ from cdff_core.dfpcs.position_manager.mission_time import MissionTime
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
 from cdff_core.dfpcs.position_manager.publication import Publisher
 from cdff_core.dfpcs.position_manager.source_monitor import SourceMonitor
+from cdff_core.dfpcs.position_manager.time_offset import StampCorrection
 from cdff_core.dfpcs.position_manager.transform_query import TransformQuery
 
 _NS = 1e9
@@ -45,6 +47,7 @@ class PositionManager(PositionManagerInterface):
         self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * _NS))
         self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * _NS))
         self._mission_time, self._sources = MissionTime(c), SourceMonitor(c)
+        self._stamps = StampCorrection(self._imu, self._frames)
         self._initialiser = Initialiser(c, self.dfn("levelling"), self._imu, self._frames)
         self._query = TransformQuery(
             self._frames, self._timeline, self._history, t.extrapolation_s, self.name
@@ -143,6 +146,11 @@ class PositionManager(PositionManagerInterface):
         """Return ``T_site_base`` at the pinned times."""
         return self._query.get_pins()
 
+    @property
+    def stamp_offsets_s(self) -> dict[str, float]:
+        """Offset added to the stamps of each odometry to obtain the time of the IMU, seconds."""
+        return {source: offset for source, offset in self._stamps.applied_s.items() if offset}
+
     def state(self) -> PositionState | None:
         """Return timeline, pins, joints and the newest estimate of the filter; None before the start."""
         if not self._history.is_started:
@@ -189,6 +197,9 @@ class PositionManager(PositionManagerInterface):
 
     def _estimate(self, sample: Sample, measurement: Measurement) -> Iterator[Output]:
         """Insert a measurement by its time, process it and all later ones, publish the pose."""
+        if measurement.source in ODOMETRIES:
+            measurement = self._stamps.corrected(measurement)
+            sample = replace(sample, stamp_ns=measurement.stamp_ns)
         if measurement.stamp_ns < self._history.oldest.stamp_ns:
             self._sources.count_refusal(sample.port)
             return

@@ -40,6 +40,8 @@ class Clone:
     measured: UncertainTransform  # measurement ``T_origin_sensor`` at that time
     stamp_ns: int
     refusals: int = 0  # number of increments since this clone that were refused
+    #: Factor on the variances of the source by the statistics of its innovations.
+    noise_factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +60,8 @@ class Estimate:
     consecutive_refusals: int = 0  # number of increments refused one after the other
     #: Speed by the wheels (m/s), averaged over about a second; negative backwards.
     wheel_speed_m_s: float = 0.0
+    #: Squared Mahalanobis norm of the last innovation relative to its expected value.
+    innovation_ratio: float = 1.0
 
     @classmethod
     def at_start(
@@ -140,7 +144,8 @@ class Estimate:
         ``pose_covariance`` (6, 6), in axes of the base, is that of the noise of the measured pose. The clone
         contains this noise, because the increments that end and start at the pose have it in common.
         """
-        clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns)}
+        factor = self.noise_factor(name)
+        clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns, noise_factor=factor)}
         n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)
         covariance, cross = np.empty((size, size)), np.empty((size, len(TIMELINE_ERRORS)))
         covariance[:n, :n], cross[:n] = self.covariance, self.cross_covariance
@@ -151,6 +156,14 @@ class Estimate:
         if pose_covariance is not None:
             covariance[clone_errors, clone_errors] += rotate_covariance(pose_covariance, self.pose[:3, :3])
         return replace(self, covariance=covariance, cross_covariance=cross, clones=clones)
+
+    def noise_factor(self, name: str) -> float:
+        """Return the factor on the variances of a source; 1 without increments of it."""
+        return self.clones[name].noise_factor if name in self.clones else 1.0
+
+    def with_noise_factor(self, name: str, factor: float) -> Estimate:
+        """Return the estimate with another factor on the variances of a source."""
+        return replace(self, clones={**self.clones, name: replace(self.clones[name], noise_factor=factor)})
 
     def with_refusal(self, name: str) -> Estimate:
         """Return the estimate with one more refused increment since a clone."""

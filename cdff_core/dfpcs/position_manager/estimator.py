@@ -24,9 +24,11 @@ from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.estimate import POSE, SLIP, TIMELINE_ERRORS, Clone, Estimate
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.innovation_statistics import REFUSED_RATIO, adapted_factor
 from cdff_core.dfpcs.position_manager.wheel_correction import corrected_by_wheels, kalman_corrected
 
-#: Ports whose measurements are absolute poses.
+#: Ports whose measurements are relative to the origin of an odometry, and ports of absolute poses.
+ODOMETRIES = ("odometry", "visual_odometry", "lidar_odometry")
 FIXES = ("fix", "absolute_fix")
 #: Standard deviation of an unknown velocity (without IMU, or after refused increments): that of a car.
 UNKNOWN_SPEED_SIGMA_M_S = 15.0
@@ -179,14 +181,17 @@ class Estimator:
             )
         if estimate.consecutive_refusals >= _MAX_REFUSALS:
             estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
-        factor = _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
+        factor = clone.noise_factor * _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
         try:
             corrected = self._apply_increment(estimate, replace(m, scale=m.scale * factor), clone)
         except RefusedError as error:
             refused = replace(estimate, consecutive_refusals=estimate.consecutive_refusals + 1)
-            return refused.with_refusal(m.source), MeasurementResult(
-                False, (f"{m.source}_refused", *error.reasons)
-            )
+            noise_factor = adapted_factor(clone.noise_factor, REFUSED_RATIO)
+            return refused.with_refusal(m.source).with_noise_factor(
+                m.source, noise_factor
+            ), MeasurementResult(False, (f"{m.source}_refused", *error.reasons))
+        noise_factor = adapted_factor(clone.noise_factor, corrected.innovation_ratio)
+        corrected = corrected.with_noise_factor(m.source, noise_factor)
         return replace(corrected, consecutive_refusals=0), MeasurementResult(True)
 
     def _is_origin_lost(self, m: Measurement, clone: Clone) -> bool:

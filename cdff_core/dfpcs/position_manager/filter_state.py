@@ -54,12 +54,15 @@ class Checkpoint:
             stamps[[n.after_gap for n in nodes]],
         )
         clones = list(estimate.clones.values())
-        gravity = [self.gravity_m_s2 or 0.0, 0.0, 0.0]
+        scalars = [self.gravity_m_s2 or 0.0, estimate.wheel_speed_m_s, float(estimate.consecutive_refusals)]
+        noise = [[c.noise_factor, float(c.refusals), 0.0] for c in clones]
         filtered = PositionStateFilter(
             start=pack_poses(self.T_odom_base.matrix[None], _FIELD),
             start_covariance=_to_row(self.T_odom_base.covariance)[None],
             body=pack_poses(estimate.pose[None], _FIELD),
-            vectors=np.array([estimate.velocity, *estimate.biases.reshape(2, 3), estimate.slip, gravity]),
+            vectors=np.array(
+                [estimate.velocity, *estimate.biases.reshape(2, 3), estimate.slip, scalars, *noise]
+            ),
             names=tuple(estimate.clones),
             stamps=np.array([c.stamp_ns // 1000 for c in clones], dtype=np.int64),
             poses=pack_poses(np.array([c.pose for c in clones]), _FIELD),
@@ -90,10 +93,12 @@ class Checkpoint:
         ]
         poses = unpack_poses(f.poses, _FIELD)
         clones = {
-            name: Clone(pose, m, int(stamp) * 1000)
-            for name, pose, m, stamp in zip(f.names, poses, measured, f.stamps, strict=True)
+            name: Clone(pose, m, int(stamp) * 1000, refusals=int(noise[1]), noise_factor=float(noise[0]))
+            for name, pose, m, stamp, noise in zip(
+                f.names, poses, measured, f.stamps, f.vectors[5:], strict=True
+            )
         }
-        velocity, gyro, force, slip, gravity = f.vectors
+        velocity, gyro, force, slip, scalars = f.vectors[:5]
         estimate = Estimate(
             stamp_ns=nodes[-1].stamp_ns,
             pose=unpack_poses(f.body, _FIELD)[0],
@@ -103,11 +108,13 @@ class Checkpoint:
             covariance=f.covariance.reshape(size, size).copy(),
             cross_covariance=np.zeros((size, 9)),
             clones=clones,
+            wheel_speed_m_s=float(scalars[1]),
+            consecutive_refusals=int(scalars[2]),
         )
         start = UncertainTransform(unpack_poses(f.start, _FIELD)[0], _from_row(f.start_covariance[0]))
         pins = {int(t) * 1000 for t in links.pins}
         joints = _joints_from_message(message.joints)
-        return cls(estimate, nodes, pins, start, float(gravity[0]) or None, joints)
+        return cls(estimate, nodes, pins, start, float(scalars[0]) or None, joints)
 
 
 def _check_sizes(message: PositionState) -> None:
@@ -119,7 +126,7 @@ def _check_sizes(message: PositionState) -> None:
         "covariances": (len(links.covariances), 9 * n),
         "start": (len(f.start), 1),
         "body": (len(f.body), 1),
-        "vectors": (len(f.vectors), 5),
+        "vectors": (len(f.vectors), 5 + c),
         "stamps": (len(f.stamps), c),
         "poses": (len(f.poses), c),
         "measured": (len(f.measured), c),

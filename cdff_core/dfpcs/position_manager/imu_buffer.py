@@ -40,6 +40,11 @@ class ImuBuffer:
         """Time from the oldest to the newest reading, nanoseconds."""
         return self._stamps_ns[-1] - self._stamps_ns[0] if self._stamps_ns else 0
 
+    @property
+    def newest_ns(self) -> int:
+        """Time of the newest reading, nanoseconds; -1 without readings."""
+        return self._stamps_ns[-1] if self._stamps_ns else -1
+
     def has_readings(self, start_ns: int, end_ns: int) -> bool:
         """Return whether there is a reading in an interval or shortly before it."""
         first = bisect_left(self._stamps_ns, start_ns - _MAX_AGE_NS)

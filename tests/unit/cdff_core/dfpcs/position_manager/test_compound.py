@@ -202,8 +202,8 @@ def test_covariance_grows_with_path_length_and_hardly_shrinks_at_a_change_of_sou
     samples = [wheels(t) for t in times(10, 12)] + [visual(t) for t in times(5, 12) if not 4.0 < t < 8.0]
     out = poses(feed(manager(odometry={"timeout_s": 0.5}), samples))
     sigma = [np.sqrt(np.trace(o.value.transform.covariance[:3, :3])) for o in out]
-    # Vision after the gap measures the slip, which is correlated with that in the gap.
-    assert np.all(np.diff(sigma) > -0.02 * np.array(sigma[1:]))
+    # Vision after the gap measures the slip, which is correlated with that in the gap: a twentieth at most.
+    assert np.all(np.diff(sigma) > -0.05 * np.array(sigma[1:]))
     by_wheels = [s for s, o in zip(sigma, out, strict=True) if o.quality.reasons[0] == "source:wheels"]
     assert by_wheels[-1] - by_wheels[0] > 5 * (sigma[5] - sigma[0])
 
