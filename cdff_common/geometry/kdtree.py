@@ -205,12 +205,60 @@ def nearest_row(
 
 
 @njit(cache=True)
+def nearest_two(
+    tree: KdTree,
+    x: float,
+    y: float,
+    z: float,
+    row: int,
+    row_d2: float,
+    gate: float,
+    nodes: Int,
+    bounds: Float,
+) -> tuple[int, float, float]:  # pragma: no cover - compiled
+    """Return the reordered row nearest to a point, its squared distance, and a lower bound of the distance to
+    all other points: that of the second nearest one, at most ``gate``.
+
+    Parameters
+    ----------
+    row, row_d2 : int, float
+        Initial candidate: a row (or -1) and its squared distance (or infinity).
+    gate : float
+        Distance beyond which points are not searched.
+    nodes, bounds : ndarray, shapes (40,) and (40, 4)
+        Scratch, see ``scratch``.
+    """
+    best, best_d2, second_d2 = row, row_d2, gate * gate
+    node, depth = 0, 0
+    d2 = ox = oy = oz = 0.0
+    while True:
+        leaf, depth = _leaf_below(tree, x, y, z, node, depth, d2, ox, oy, oz, second_d2, nodes, bounds)
+        for i in range(tree.start[leaf], tree.start[leaf + 1]):
+            dx, dy, dz = tree.points[i, 0] - x, tree.points[i, 1] - y, tree.points[i, 2] - z
+            d = dx * dx + dy * dy + dz * dz
+            if d < second_d2 and i != row:
+                if d < best_d2:
+                    second_d2 = min(best_d2, second_d2)
+                    best, best_d2 = i, d
+                else:
+                    second_d2 = d
+        while depth > 0 and bounds[depth - 1, 0] >= second_d2:
+            depth -= 1
+        if depth == 0:
+            return best, best_d2, np.sqrt(second_d2)
+        depth -= 1
+        node = nodes[depth]
+        d2, ox, oy, oz = bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3]
+
+
+@njit(cache=True)
 def nearest_rows(
-    tree: KdTree, x: float, y: float, z: float, rows: Int, d2s: Float, nodes: Int, bounds: Float
+    tree: KdTree, x: float, y: float, z: float, worst: float, rows: Int, d2s: Float, nodes: Int, bounds: Float
 ) -> int:  # pragma: no cover - compiled
-    """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first; return their number."""
+    """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first, with squared distances below
+    ``worst``; return their number.
+    """
     count, filled = len(rows), 0
-    worst = np.inf
     node, depth = 0, 0
     d2 = ox = oy = oz = 0.0
     while True:
@@ -238,7 +286,7 @@ def nearest_rows(
 
 @njit(cache=True)
 def scratch() -> tuple[Int, Float]:  # pragma: no cover - compiled
-    """Return the stacks for ``nearest_row`` and ``nearest_rows``, to be reused by many queries."""
+    """Return the stacks for ``nearest_row``, ``nearest_two`` and ``nearest_rows``, to be reused by many queries."""
     return np.empty(_DEPTH, np.int64), np.empty((_DEPTH, 4))
 
 
@@ -263,7 +311,9 @@ def _neighbours_all(
     nodes, bounds = scratch()
     rows, d2s = np.empty(count, np.int64), np.empty(count)
     for i in range(len(queries)):
-        filled = nearest_rows(tree, queries[i, 0], queries[i, 1], queries[i, 2], rows, d2s, nodes, bounds)
+        filled = nearest_rows(
+            tree, queries[i, 0], queries[i, 1], queries[i, 2], np.inf, rows, d2s, nodes, bounds
+        )
         for j in range(filled):
             distance[i, j], row[i, j] = np.sqrt(d2s[j]), tree.order[rows[j]]
     return distance, row

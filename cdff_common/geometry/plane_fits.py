@@ -32,9 +32,16 @@ def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragm
     nodes, bounds = scratch()
     rows, d2s = np.empty(count, np.int64), np.empty(count)
     scatter, vectors, mean, values = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    worst = np.inf
     for k in range(n):
         p = tree.points[k]
-        size = nearest_rows(tree, p[0], p[1], p[2], rows, d2s, nodes, bounds)
+        size = nearest_rows(tree, p[0], p[1], p[2], worst, rows, d2s, nodes, bounds)
+        if k + 1 < n and size == count:
+            # The neighbours of this point bound the distance to the most distant neighbour of the next one.
+            q, step2 = tree.points[k + 1], 0.0
+            for c in range(3):
+                step2 += (q[c] - p[c]) ** 2
+            worst = 1.000001 * (math.sqrt(d2s[size - 1]) + math.sqrt(step2)) ** 2 + 1e-300
         mean[:] = 0.0
         for j in range(size):
             for c in range(3):
@@ -52,11 +59,52 @@ def plane_fits(tree: KdTree, count: int) -> tuple[Float, Float, Float]:  # pragm
             scatter[2, 1] += y * z
             scatter[2, 2] += z * z
         scatter /= size
-        eigen(scatter, values, vectors)
         i = tree.order[k]
+        if not _flat_eigen(scatter, values, normals[i]):
+            eigen(scatter, values, vectors)
+            normals[i] = vectors[:, 0]
         for c in range(3):
-            normals[i, c], means[i, c], variances[i, c] = vectors[c, 0], mean[c], max(values[c], 0.0)
+            means[i, c], variances[i, c] = mean[c], max(values[c], 0.0)
     return normals, means, variances
+
+
+@njit(cache=True)
+def _flat_eigen(m: Float, values: Float, axis: Float) -> bool:  # pragma: no cover - compiled
+    """Compute eigenvalues (3,), ascending, and the eigenvector (3,) of the least one, of a lower symmetric
+    matrix; return False if the least two eigenvalues are too close for it.
+
+    Closed form (Smith 1961, doi:10.1145/355578.366316): the eigenvector is normal to the rows of
+    ``m - value I``.
+    """
+    xx, yy, zz, xy, xz, yz = m[0, 0], m[1, 1], m[2, 2], m[1, 0], m[2, 0], m[2, 1]
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    p = math.sqrt((a * a + b * b + c * c + 2.0 * (xy * xy + xz * xz + yz * yz)) / 6.0)
+    if p <= 1e-12 * mean:
+        return False
+    determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    angle = math.acos(min(max(0.5 * determinant / (p * p * p), -1.0), 1.0)) / 3.0
+    values[2] = mean + 2.0 * p * math.cos(angle)
+    values[0] = mean + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0)
+    values[1] = 3.0 * mean - values[0] - values[2]
+    if values[1] - values[0] <= 1e-3 * values[2]:
+        return False
+    a, b, c = xx - values[0], yy - values[0], zz - values[0]
+    square = 0.0
+    for x, y, z in (
+        (xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy),
+        (xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz),
+        (b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz),
+    ):
+        if x * x + y * y + z * z > square:
+            square = x * x + y * y + z * z
+            axis[0], axis[1], axis[2] = x, y, z
+    length = math.sqrt(square)
+    x, y, z = axis[0] / length, axis[1] / length, axis[2] / length
+    axis[0], axis[1], axis[2] = x, y, z
+    # The quotient has a smaller rounding error than the root.
+    values[0] = xx * x * x + yy * y * y + zz * z * z + 2.0 * (xy * x * y + xz * x * z + yz * y * z)
+    return True
 
 
 @njit(cache=True)

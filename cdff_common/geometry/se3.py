@@ -307,3 +307,15 @@ def is_transform(T: ArrayLike, tolerance: float = 1e-6) -> bool:
     )
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return determinant > 0.0 and all(-tolerance <= error <= tolerance for error in errors)
+
+
+def are_transforms(T: ArrayLike, tolerance: float = 1e-6) -> NDArray[np.bool_]:
+    """Return whether each of the ``(n, 4, 4)`` arrays is a finite rigid transform within ``tolerance``."""
+    m = np.asarray(T, dtype=np.float64)
+    R = m[:, :3, :3]
+    with np.errstate(invalid="ignore", over="ignore"):
+        errors = np.abs(R @ np.swapaxes(R, 1, 2) - _EYE).max(axis=(1, 2), initial=0.0)
+        last_row = np.abs(m[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0)
+        determinant = np.einsum("ni,ni->n", R[:, 0], np.cross(R[:, 1], R[:, 2]))
+    is_finite = np.isfinite(m).all(axis=(1, 2))
+    return np.asarray(is_finite & (errors <= tolerance) & (last_row <= tolerance) & (determinant > 0.0))

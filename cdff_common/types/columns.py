@@ -27,8 +27,8 @@ def pack_poses(matrices: ArrayLike, where: str) -> NDArray[np.float64]:
     rigid.
     """
     T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
-    bad = [i for i in range(len(T)) if not se3.is_transform(T[i], tolerance=1e-5)]
-    if bad:
+    bad = np.flatnonzero(~se3.are_transforms(T, tolerance=1e-5))
+    if len(bad):
         raise InputError(f"{where} matrix {bad[0]}: {T[bad[0]].tolist()}, expected a rigid transform")
     poses = np.empty((len(T), 7))
     poses[:, :3] = T[:, :3, 3]

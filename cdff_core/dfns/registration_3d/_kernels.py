@@ -4,23 +4,53 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
-from cdff_common.geometry.kdtree import KdTree, nearest_row, scratch
+from cdff_common.geometry.kdtree import KdTree, nearest_two, scratch
 from cdff_common.geometry.small_vectors import cross, rotated
 
 #: Kernel numbers of ``weight_of`` by name.
 KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
 
 
+class Pairs(NamedTuple):
+    """Pairs of the source's points with points of the target, reused by the next iteration.
+
+    Attributes
+    ----------
+    row : ndarray of int64, shape (n,)
+        Row in the target's tree of the nearest point, or -1.
+    moved : ndarray, shape (n, 3)
+        The transformed source.
+    bound_m : ndarray, shape (n,)
+        Lower bound of the distance to all other points of the target.
+    """
+
+    row: IntArray
+    moved: FloatArray
+    bound_m: FloatArray
+
+
+@njit(cache=True)
+def no_pairs(count: int) -> Pairs:  # pragma: no cover - compiled
+    """Return the pairs of ``count`` points before the first search."""
+    return Pairs(np.full(count, -1), np.zeros((count, 3)), np.full(count, -np.inf))
+
+
 @njit(cache=True)
 def pair(
-    tree: KdTree, source: FloatArray, T: FloatArray, gate: float, row: IntArray, moved: FloatArray
+    tree: KdTree, source: FloatArray, T: FloatArray, gate: float, pairs: Pairs
 ) -> int:  # pragma: no cover
     """Transform the source, and pair each point with the nearest one of the target within a gate; return the
     number of pairs.
+
+    A point that moved by s is at least ``bound_m - s`` from the points it was not paired with. It is searched
+    again only if its pair is farther than that, so most searches of late iterations are omitted without a
+    change of the result (Greenspan and Godin 2001, doi:10.1109/IM.2001.924426).
 
     Parameters
     ----------
@@ -31,28 +61,27 @@ def pair(
         T_target_source.
     gate : float
         Largest distance of a pair, metres.
-    row : ndarray of int64, shape (n,)
-        Input: row in the tree where the search of each point starts (its pair of the previous iteration), or
-        -1. Output: row of the nearest point, or -1.
-    moved : ndarray, shape (n, 3)
-        Output: the transformed source.
+    pairs : Pairs
+        Pairs of the previous iteration, replaced by those of this one.
     """
     nodes, bounds = scratch()
+    row, moved, bound_m = pairs
     count = 0
-    limit = gate * gate
     for i in range(len(source)):
         x, y, z = rotated(T, source[i, 0], source[i, 1], source[i, 2])
         x, y, z = x + T[0, 3], y + T[1, 3], z + T[2, 3]
+        sx, sy, sz = x - moved[i, 0], y - moved[i, 1], z - moved[i, 2]
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, z
-        best, best_d2, j = -1, limit, row[i]
+        others, j, d2 = bound_m[i] - np.sqrt(sx * sx + sy * sy + sz * sz), row[i], np.inf
         if j >= 0:
             dx, dy, dz = tree.points[j, 0] - x, tree.points[j, 1] - y, tree.points[j, 2] - z
             d2 = dx * dx + dy * dy + dz * dz
-            if d2 < limit:
-                best, best_d2 = j, d2
-        best, _ = nearest_row(tree, x, y, z, best, best_d2, nodes, bounds)
-        row[i] = best
-        count += best >= 0
+        if others < gate and not (others > 0.0 and d2 <= others * others):
+            j, d2, others = nearest_two(tree, x, y, z, j, d2, gate, nodes, bounds)
+        if d2 >= gate * gate:
+            j, others = -1, min(others, np.sqrt(d2))
+        row[i], bound_m[i] = j, others
+        count += j >= 0
     return count
 
 

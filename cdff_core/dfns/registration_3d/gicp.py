@@ -77,11 +77,10 @@ class Gicp(Interface[GicpConfig]):
         T = np.array(result.T_target_source)
         T[:3, :3] = se3.normalise_rotation(T[:3, :3])
         T = se3.transform(T[:3, :3], T[:3, 3] + centre - T[:3, :3] @ _preimage(T_guess, centre))
-        moved = np.empty_like(source)
-        row = np.full(len(source), -1)
-        _kernels.pair(tree, source, T, gate_m, row, moved)
+        pairs = _kernels.no_pairs(len(source))
+        _kernels.pair(tree, source, T, gate_m, pairs)
         normals = _surface.tree_normals(tree, cfg.neighbours, inputs.target_normals)
-        residual_m = _kernels.plane_distances(tree.points, normals, row, moved)
+        residual_m = _kernels.plane_distances(tree.points, normals, pairs.row, pairs.moved)
         return Outputs(
             transform=T,
             residual_scale_m=median_sigma(residual_m),

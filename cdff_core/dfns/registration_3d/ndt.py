@@ -14,7 +14,7 @@ from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
 from cdff_common.geometry.kdtree import kd_tree, spacing
 from cdff_common.geometry.robust import median_sigma
-from cdff_core.dfns.registration_3d import _kernels, _surface
+from cdff_core.dfns.registration_3d import _kernels, _steps, _surface
 from cdff_core.dfns.registration_3d._cells import fit_cells
 from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
@@ -98,20 +98,22 @@ class Ndt(Interface[NdtConfig]):
             moved = se3.transform_points(T, source)
             gate_m = max(gate_m, _surface.initial_gate_m(cells.tree, moved, 0.0))
         gate_m = min(gate_m, cfg.max_distance_m or gate_m)
-        row, moved = np.full(len(source), -1), np.empty_like(source)
-        steps: list[FloatArray] = []
-        converged = False
-        while len(steps) < cfg.max_iterations and not converged:
-            count = _kernels.pair(cells.tree, source, T, gate_m, row, moved)
+        pairs = _kernels.no_pairs(len(source))
+        steps = np.empty((cfg.max_iterations, 6))
+        converged, iterations = False, 0
+        while iterations < cfg.max_iterations and not converged:
+            count = _kernels.pair(cells.tree, source, T, gate_m, pairs)
             if count < _surface.MIN_PAIRS:
                 raise _surface.too_few_pairs_error(count, len(source), gate_m)
-            centre, radius_m = _kernels.centre_and_radius(row, moved)
+            centre, radius_m = _kernels.centre_and_radius(pairs.row, pairs.moved)
             H, g = _kernels.distribution_equations(
-                cells.tree.points, cells.information, row, moved, centre, radius_m, cfg.width
+                cells.tree.points, cells.information, pairs.row, pairs.moved, centre, radius_m, cfg.width
             )
-            T, step = _surface.apply_step(T, H, g, centre, radius_m)
-            steps.append(step)
-            converged = gate_m <= final_gate_m and _surface.has_converged(steps, tolerance_m)
+            steps[iterations] = _steps.newton_step(H, g)
+            T = _steps.moved_by(T, steps[iterations], centre, radius_m)
+            iterations += 1
+            converged = gate_m <= final_gate_m and _steps.has_converged(steps[:iterations], tolerance_m)
             gate_m = max(final_gate_m, _ANNEALING * gate_m)
-        distances_m = _kernels.plane_distances(cells.tree.points, cells.normals, row, moved)
-        return T, max(median_sigma(distances_m), 1e-9), len(steps), converged
+        distances_m = _kernels.plane_distances(cells.tree.points, cells.normals, pairs.row, pairs.moved)
+        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
+        return T, max(median_sigma(distances_m), 1e-9), iterations, converged

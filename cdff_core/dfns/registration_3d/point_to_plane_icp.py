@@ -9,17 +9,15 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
 from cdff_common.geometry.kdtree import kd_tree, spacing
-from cdff_common.geometry.robust import median_sigma
-from cdff_core.dfns.registration_3d import _kernels, _surface
+from cdff_core.dfns.registration_3d import _surface
+from cdff_core.dfns.registration_3d._kernels import KERNELS
+from cdff_core.dfns.registration_3d._plane_iterations import Limits, iterate
 from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
-#: Minimum gate in robust standard deviations of the residuals.
-_GATE_PER_SCALE = 6.0
-#: Factor on the gate per iteration.
-_ANNEALING = 0.8
+#: Number of points, at least, of which the median spacing is computed.
+_SPACING_SAMPLE = 2000
 
 
 class PointToPlaneIcpConfig(_surface.RegistrationConfig):
@@ -75,39 +73,29 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
         source, target, T = _surface.prepare_clouds(inputs, cfg, min_target=cfg.neighbours)
         tree = kd_tree(target)
         normals = _surface.tree_normals(tree, cfg.neighbours, inputs.target_normals)
-        spacing_m = spacing(tree)
+        spacing_m = spacing(tree, _SPACING_SAMPLE)
         final_gate_m = cfg.max_distance_m or cfg.gate_spacings * spacing_m
-        tolerance_m = cfg.tolerance_m or 1e-3 * spacing_m
         gate_m = max(final_gate_m, cfg.first_distance_m or 0.0)
         if cfg.first_distance_m is None:
             moved = se3.transform_points(T, source)
             gate_m = max(gate_m, _surface.initial_gate_m(tree, moved, cfg.first_radii))
-        row, moved = np.full(len(source), -1), np.empty_like(source)
-        converged, length = False, 1.0
-        steps: list[FloatArray] = []
-        while len(steps) < cfg.max_iterations and not converged:
-            count = _kernels.pair(tree, source, T, gate_m, row, moved)
-            if count < _surface.MIN_PAIRS:
-                raise _surface.too_few_pairs_error(count, len(source), gate_m)
-            distances_m = _kernels.plane_distances(tree.points, normals, row, moved)
-            scale_m = max(median_sigma(distances_m), 1e-9)
-            # The kernel is wide while the gate is wide: otherwise rings on the ground that match each other
-            # would outweigh the structures of the scene.
-            width_m = max(cfg.kernel_scales * scale_m, cfg.kernel_gates * gate_m)
-            centre, radius_m = _kernels.centre_and_radius(row, moved)
-            kernel = _kernels.KERNELS[cfg.kernel]
-            H, g = _kernels.plane_equations(
-                tree.points, normals, row, moved, centre, radius_m, width_m, kernel
-            )
-            is_final_gate = gate_m <= final_gate_m or gate_m <= _GATE_PER_SCALE * scale_m
-            steps.append(_surface.newton_step(H, g))
-            length = _surface.step_length(steps, length != 1.0) if is_final_gate else 1.0
-            T = _surface.moved_by(T, length * steps[-1], centre, radius_m)
-            converged = is_final_gate and _surface.has_converged(steps, tolerance_m)
-            gate_m = max(final_gate_m, _GATE_PER_SCALE * scale_m, _ANNEALING * gate_m)
+        limits = Limits(
+            first_gate_m=gate_m,
+            final_gate_m=final_gate_m,
+            tolerance_m=cfg.tolerance_m or 3e-3 * spacing_m,
+            kernel=KERNELS[cfg.kernel],
+            kernel_scales=cfg.kernel_scales,
+            kernel_gates=cfg.kernel_gates,
+            max_iterations=cfg.max_iterations,
+            min_pairs=_surface.MIN_PAIRS,
+        )
+        result = iterate(tree, normals, source, T, limits)
+        if result.pairs < limits.min_pairs:
+            raise _surface.too_few_pairs_error(result.pairs, len(source), result.gate_m)
+        T[:3, :3], T[:3, 3] = se3.normalise_rotation(result.T[:3, :3]), result.T[:3, 3]
         return Outputs(
             transform=T,
-            residual_scale_m=scale_m,
-            iterations=len(steps),
-            converged=converged,
+            residual_scale_m=result.scale_m,
+            iterations=result.iterations,
+            converged=result.converged,
         )

@@ -16,6 +16,8 @@ Float = NDArray[np.float64]
 
 #: Minimum ratio of the numbers of points of two levels that differ in resolution.
 _MIN_RATIO = 2
+#: Number of points, at least, of which the median spacing is computed.
+_SPACING_SAMPLE = 2000
 
 
 class Level:
@@ -35,7 +37,7 @@ class Level:
         """Median distance of a point to its nearest neighbour."""
         from cdff_common.geometry.kdtree import kd_tree, spacing
 
-        return spacing(kd_tree(self.points_m))
+        return spacing(kd_tree(self.points_m), _SPACING_SAMPLE)
 
     def thinned(self, ratio: int) -> Level:
         """Return a level with about ``ratio`` times fewer points."""

@@ -74,6 +74,20 @@ def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
     assert not se3.is_transform(np.diag([1.0, 1.0, -1.0, 1.0]))
 
 
+def test_many_transforms_are_checked_as_one_is(rng: np.random.Generator) -> None:
+    T = se3.exp_se3(rng.normal(size=(12, 6)))
+    T[0, 0, 0] += 1e-4
+    T[1, 3, 3] = 2.0
+    T[2, 0, 3] = np.nan
+    T[3, :3, :3] *= -1.0
+    T[4, 1, 1] = np.inf
+    T[5] = 0.0
+    expected = [se3.is_transform(matrix) for matrix in T]
+    assert expected == [False] * 6 + [True] * 6
+    assert se3.are_transforms(T).tolist() == expected
+    assert se3.are_transforms(np.zeros((0, 4, 4))).tolist() == []
+
+
 def test_the_inverse_right_jacobian_is_the_derivative_of_the_logarithm(rng: np.random.Generator) -> None:
     xi = rng.normal(size=(20, 6)) * np.array([1e-4, 1e-2, 0.3, 1.0])[np.arange(20) % 4, None]
     step = 1e-6 * np.eye(6)
