@@ -184,10 +184,18 @@ class Estimate:
             clones=clones,
         )
 
-    def with_velocity_sigma(self, sigma_m_s: float) -> Estimate:
-        """Return the estimate with an uncorrelated velocity of standard deviation ``sigma_m_s``."""
+    def with_velocity_sigma(self, sigma_m_s: float, interval_s: float = 0.0) -> Estimate:
+        """Return the estimate whose velocity has the standard deviation ``sigma_m_s`` and no earlier correlation.
+
+        The error of the velocity results from unknown accelerations during ``interval_s`` before the estimate
+        (white noise), which have displaced the position: otherwise a position measured a moment later would
+        attribute the displacement of the whole interval to that moment.
+        """
         P, cross = self.covariance.copy(), self.cross_covariance.copy()
+        variance = sigma_m_s**2 * np.eye(3)
         P[VELOCITY] = P[:, VELOCITY] = 0.0
-        P[VELOCITY, VELOCITY] = sigma_m_s**2 * np.eye(3)
+        P[VELOCITY, VELOCITY] = variance
+        P[POSITION, VELOCITY] = P[VELOCITY, POSITION] = variance * interval_s / 2.0
+        P[POSITION, POSITION] += variance * interval_s**2 / 3.0
         cross[VELOCITY] = 0.0
         return replace(self, covariance=P, cross_covariance=cross, consecutive_refusals=0)

@@ -180,7 +180,11 @@ class Estimator:
                 False, (f"{m.source}_attached",)
             )
         if estimate.consecutive_refusals >= _MAX_REFUSALS:
-            estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
+            used_ns = min(
+                (c.stamp_ns for c in estimate.clones.values() if c.refusals), default=clone.stamp_ns
+            )
+            interval_s = (m.stamp_ns - used_ns) * 1e-9
+            estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S, interval_s)
         factor = clone.noise_factor * _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
         try:
             corrected = self._apply_increment(estimate, replace(m, scale=m.scale * factor), clone)

@@ -186,3 +186,30 @@ def test_thinning_does_not_change_the_covariance_of_a_motion() -> None:
     assert timeline.stamps_ns == [0, 1_000_000_000, 2_000_000_000]
     np.testing.assert_allclose(timeline.motion(0, estimate.stamp_ns).covariance, before_thinning, rtol=1e-6)
     np.testing.assert_allclose(np.diagonal(before_thinning), 8.0 * np.diagonal(step), rtol=1e-6)
+
+
+def test_the_displacement_of_refused_increments_is_not_attributed_to_the_last_moment() -> None:
+    imu = ImuBuffer(10_000_000_000)
+    imu.T_base_imu = np.eye(4)
+    for k in range(101):
+        imu.insert(k * 10_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3))
+    estimator = Estimator(PositionManagerConfig(), dfn, imu, RobotFrames("mana", FrameGraph(), ""))
+    estimator.gravity_m_s2 = 9.81
+    start = UncertainTransform(np.eye(4), 1e-8 * np.eye(6))
+    covariance = 1e-6 * np.eye(6)
+    at_rest = Estimate.at_start(0, start, 0.01, np.zeros(6), np.full(9, 1e-3))
+    for source in ("odometry", "visual_odometry"):
+        at_rest = at_rest.with_clone(source, UncertainTransform(np.eye(4), covariance)).with_refusal(source)
+    turned = UncertainTransform(se3.transform(se3.exp_so3([0.0, 0.0, 3.0]), [0.0, 0.0, 0.0]), covariance)
+    moved = UncertainTransform(se3.transform(np.eye(3), [0.5, 0.0, 0.0]), covariance)
+    unknown, result = estimator.update(
+        replace(at_rest, consecutive_refusals=3),
+        Measurement(690_000_000, "odometry", turned, "mana/odom", "mana/base"),
+    )
+    assert result.is_refused
+    after, result = estimator.update(
+        unknown, Measurement(700_000_000, "visual_odometry", moved, "mana/vo", "mana/base")
+    )
+    assert result.used
+    assert after.pose[0, 3] == pytest.approx(0.5, abs=0.01)
+    assert 0.0 < after.velocity[0] < 2 * 0.5 / 0.7
