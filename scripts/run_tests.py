@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Run the tests in two parts at the same time: tests that start processes, and tests that only compute.
 
-Tests that start processes run one by one and first, because they wait for services within time limits. Tests
-that only compute run in parallel at the lowest priority, in the processor time that is left. The output of the
-tests that start processes is printed when the other part has ended.
+Tests that start processes run one by one and first, because they wait for services within time limits.
+Tests that only compute run in parallel at the lowest priority, in the remaining processor time. The output of
+the tests that start processes is printed when the other part has ended.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.

@@ -118,7 +118,7 @@ def outline(occupied: NDArray[np.bool_], left: float, top: float, cell_w: float,
 
 
 def _closed(occupied: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """Return the morphological closing by a square of ``2 radius + 1`` cells, which contains every occupied cell."""
+    """Return the closing by a square of ``2 radius + 1`` cells; it contains every occupied cell."""
     closed = np.pad(occupied, 2 * radius)
     for reduce in (np.any, np.all):  # dilation, then erosion
         for axis in (0, 1):

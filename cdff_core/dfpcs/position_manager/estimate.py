@@ -185,7 +185,7 @@ class Estimate:
         )
 
     def with_velocity_sigma(self, sigma_m_s: float, interval_s: float = 0.0) -> Estimate:
-        """Return the estimate whose velocity has the standard deviation ``sigma_m_s`` and no earlier correlation.
+        """Return the estimate with a velocity of standard deviation ``sigma_m_s``, uncorrelated with the past.
 
         The error of the velocity results from unknown accelerations during ``interval_s`` before the estimate
         (white noise), which have displaced the position: otherwise a position measured a moment later would

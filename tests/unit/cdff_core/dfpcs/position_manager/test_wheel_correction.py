@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,7 +86,9 @@ def test_the_noise_of_the_imu_is_measured_by_differences_of_its_readings(rng: np
 
 
 @pytest.mark.slow
-def test_a_real_skid_steered_rover_is_followed_better_than_by_wheel_speed_and_gyro(real_data) -> None:  # type: ignore[no-untyped-def]
+def test_a_real_skid_steered_rover_is_followed_better_than_by_wheel_speed_and_gyro(
+    real_data: Callable[[str], Path],
+) -> None:
     path: Path = real_data(husky.FILE)
     report = evaluation.evaluate_drive(husky.read_drive(path), evaluation.SETS)
     error_m = report["error_m"]
