@@ -448,7 +448,7 @@ def _with_covariance(
 def _with_correlation(scores: FloatArray, cells: IntArray) -> FloatArray:
     """Return ``sum(s s')`` ``(d, d)`` of scores ``(n, d)``, enlarged where those of one cell are correlated.
 
-    Cluster-robust covariance ([6]_): neighbouring pairs have the same error of the lens or of a moving object.
+    Cluster-robust covariance ([6]_): neighbouring pairs share the error of the lens or of a moving object.
     Sums over few cells are uncertain, so the result is never smaller than without correlation.
     """
     products = np.asarray(scores.T @ scores)

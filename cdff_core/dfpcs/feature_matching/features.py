@@ -104,7 +104,7 @@ class FeatureMatcher:
         return np.column_stack([detected.features, sizes, angles])[order]
 
     def match(self, left: FeatureView, right: FeatureView, limit: int | None = SEARCHED_POINTS) -> PointPairs:
-        """Return the pairs with similar descriptors among the first ``limit`` points of each image (None: all),
+        """Return the pairs of similar descriptors among the first ``limit`` points of each image (None: all),
         or the tracked points.
         """
         if "track" in self._slots:
