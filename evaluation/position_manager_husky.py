@@ -68,7 +68,7 @@ def evaluate_drive(drive: husky.Drive, sets: dict[str, tuple[str, ...]]) -> dict
         estimate_s = (trajectory.stamps_ns - start_ns) * 1e-9
         errors[name] = _error_m(drive, estimate_s, trajectory.matrices[:, :2, 3])
         nees[name] = round(float(np.mean(triangle_nees(drive, node))), 2)
-        offsets[name] = {port: round(value, 3) for port, value in node.stamp_offsets_s.items()}
+        offsets[name] = {port: round(value, 3) for port, value in node.stamps.applied_s.items() if value}
     degrees_of_freedom = 3 * len(triangle_nees(drive, node))
     band = chi2.ppf([0.025, 0.975], degrees_of_freedom) * 3 / degrees_of_freedom
     return {

@@ -28,10 +28,18 @@ class AcceptanceGates(StrictModel):
         default=0.25, gt=0, le=1, description="RMS residual in units of the overlap gate: FAILED above"
     )
     min_agreement: float = Field(
-        default=0.5, ge=0, le=1, description="Agreement of both clouds along a direction: FAILED below"
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Agreement: fraction of the pose information along an eigenvector on which the normals "
+        "of both clouds agree (1 structure, 0 noise); FAILED below, in any direction",
     )
     good_agreement: float = Field(
-        default=0.7, ge=0, le=1, description="Agreement of both clouds along a direction: DEGRADED below"
+        default=0.7,
+        ge=0,
+        le=1,
+        description="Agreement: fraction of the pose information along an eigenvector on which the normals "
+        "of both clouds agree (1 structure, 0 noise); DEGRADED below, in any direction",
     )
 
 

@@ -123,13 +123,13 @@ class Search:
     ) -> Iterator[Slice]:
         """Yield candidates in the query's order, in slices of about as many as the page needs."""
         epoch = self._epoch(connection)
-        in_buckets = self._in_buckets(connection, query, boxes)
-        if epoch is None or not in_buckets:
+        index_boxes = self._index_boxes(connection, query, boxes)
+        if epoch is None or not index_boxes:
             return
         count = query.limit + query.limit // 16 + 1
         newest_first = query.order is not Order.OLDEST
         collected = Slice(LATEST_NS, -LATEST_NS, [])
-        for piece in slices(connection, query, in_buckets, epoch, count):
+        for piece in slices(connection, query, index_boxes, epoch, count):
             after, until = min(collected.after_ns, piece.after_ns), max(collected.until_ns, piece.until_ns)
             collected = Slice(after, until, collected.entries + piece.entries)
             if len(collected.entries) >= count:
@@ -146,8 +146,8 @@ class Search:
         The condition is None without boxes or without products.
         """
         epoch = self._epoch(connection)
-        in_buckets = self._in_buckets(connection, query, boxes)
-        if epoch is None or not in_buckets:
+        index_boxes = self._index_boxes(connection, query, boxes)
+        if epoch is None or not index_boxes:
             return None, {}
         t_s = (
             -math.inf if query.t0_ns is None else (query.t0_ns - epoch) / NS_PER_S,
@@ -157,7 +157,7 @@ class Search:
         indexes = self._dialect.INDEXES[:1] if query.as_of_ns is None else self._dialect.INDEXES
         ordinal = schema.products.c.ordinal
         overlapping = or_(*(ordinal.in_(self._dialect.candidates(index)) for index in indexes))
-        return overlapping, self._dialect.candidate_values(in_buckets, t_s)
+        return overlapping, self._dialect.candidate_values(index_boxes, t_s)
 
     def _epoch(self, connection: Connection) -> int | None:
         if self._epoch_ns is None:  # set by the first product, then constant
@@ -214,10 +214,14 @@ class Search:
         )
         return connection.execute(rows, ordinals).all()
 
-    def _in_buckets(
+    def _index_boxes(
         self, connection: Connection, query: Query, boxes: Sequence[tuple[int, Sequence[float]]]
     ) -> list[IndexBox]:
-        """Return boxes of the index: one for each of the query's types in the frame of a box."""
+        """Return the boxes to search in the spatial index, as (bucket, box).
+
+        A bucket is the part of the index for one frame and one product type; each box is repeated for every
+        bucket of its frame that the query's types select.
+        """
         frames = {frame for frame, _ in boxes}
         return [
             (bucket, box)

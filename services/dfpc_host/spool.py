@@ -194,5 +194,8 @@ def _remove(path: Path) -> None:
 
 
 def spool_folder() -> Path:
-    """Return the folder of the outboxes, ``CDFF_DATA_DIR/dfpc``, shared with the DFPC states."""
+    """Return the folder of the outboxes, ``CDFF_DATA_DIR/dfpc``.
+
+    It also contains the checkpoint file of each DFPC, ``{robot}/{dfpc}.state``.
+    """
     return data_dir_of() / "dfpc"

@@ -30,7 +30,11 @@ class SupportConfig(DfnConfig):
 
 
 def checked_support(inputs: Inputs, cfg: SupportConfig) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return points, normals, keypoints and radius in metres; raises InputError if they do not fit."""
+    """Return points, normals and keypoints as checked arrays (N, 3), and the radius of the support in metres.
+
+    The radius is the first that is given: the input, ``radius_m``, or ``radius_spacings`` times the median
+    point spacing. Raises InputError for an array of another shape, values that are not finite or a radius ≤ 0.
+    """
     points = checked_points(inputs.points, least=2)
     normals = checked_points(inputs.normals, "normals")
     keypoints = checked_points(inputs.keypoints, "keypoints")

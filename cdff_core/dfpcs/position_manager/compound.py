@@ -28,8 +28,6 @@ from cdff_core.dfpcs.position_manager.time_offset import StampCorrection
 from cdff_core.dfpcs.position_manager.transform_query import TransformQuery
 
 _NS = 1e9
-#: Minimum interval of wheel poses, nanoseconds; poses that follow sooner are skipped.
-_WHEEL_PERIOD_NS = 45_000_000
 
 
 class PositionManager(PositionManagerInterface):
@@ -47,13 +45,12 @@ class PositionManager(PositionManagerInterface):
         self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * _NS))
         self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * _NS))
         self._mission_time, self._sources = MissionTime(c), SourceMonitor(c)
-        self._stamps = StampCorrection(self._imu, self._frames)
+        self.stamps = StampCorrection(self._imu, self._frames)
         self._initialiser = Initialiser(c, self.dfn("levelling"), self._imu, self._frames)
         self._query = TransformQuery(
             self._frames, self._timeline, self._history, t.extrapolation_s, self.name
         )
         self._publisher = Publisher(c, self._timeline, self._sources, self._frames.base, self.name)
-        self._wheels_ns = -(1 << 62)
         history, base = self._history, self._frames.base
         self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if history.is_started else None)
         self.store.offer("pose", lambda: self.get_pose("site", base, -1) if history.is_started else None)
@@ -86,11 +83,8 @@ class PositionManager(PositionManagerInterface):
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
         """Process a pose of the wheels; poses at a higher rate are skipped."""
-        if self._history.is_started:
-            if 0 <= sample.stamp_ns - self._wheels_ns < _WHEEL_PERIOD_NS:
-                return
-            self._wheels_ns = max(self._wheels_ns, sample.stamp_ns)
-        yield from self.on_visual_odometry(sample)
+        if not (self._history.is_started and self._sources.is_too_frequent(sample)):
+            yield from self.on_visual_odometry(sample)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
         """Process a pose of any source; after a FAILED pose the next increment is omitted."""
@@ -146,11 +140,6 @@ class PositionManager(PositionManagerInterface):
         """Return ``T_site_base`` at the pinned times."""
         return self._query.get_pins()
 
-    @property
-    def stamp_offsets_s(self) -> dict[str, float]:
-        """Offset added to the stamps of each odometry to obtain the time of the IMU, seconds."""
-        return {source: offset for source, offset in self._stamps.applied_s.items() if offset}
-
     def state(self) -> PositionState | None:
         """Return timeline, pins, joints and the newest estimate of the filter; None before the start."""
         if not self._history.is_started:
@@ -198,7 +187,7 @@ class PositionManager(PositionManagerInterface):
     def _estimate(self, sample: Sample, measurement: Measurement) -> Iterator[Output]:
         """Insert a measurement by its time, process it and all later ones, publish the pose."""
         if measurement.source in ODOMETRIES:
-            measurement = self._stamps.corrected(measurement)
+            measurement = self.stamps.corrected(measurement)
             sample = replace(sample, stamp_ns=measurement.stamp_ns)
         if measurement.stamp_ns < self._history.oldest.stamp_ns:
             self._sources.count_refusal(sample.port)

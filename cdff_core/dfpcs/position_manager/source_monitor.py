@@ -26,6 +26,8 @@ _ODOMETRIES = ("visual_odometry", "lidar_odometry")
 #: Frequent accurate sources: while one of them is used, poses from wheels and IMU are not published.
 _FREQUENT = (*_ODOMETRIES, "fix")
 _ACCURATE = (*_FREQUENT, "absolute_fix")
+#: Minimum interval of wheel poses, nanoseconds; poses that follow sooner are skipped.
+_WHEEL_PERIOD_NS = 45_000_000
 #: Factor on the variances of a DEGRADED measurement.
 _DEGRADED_SCALE = 25.0
 
@@ -39,6 +41,7 @@ class SourceMonitor:
         self._scales |= dict.fromkeys(FIXES, config.fixes.scale)
         self._timeout_ns = odometry.timeout_s * 1e9
         self._start_ns = 0
+        self._wheels_ns = -(1 << 62)
         self._used_ns: dict[str, int] = {}
         self._failed: set[str] = set()
         self._refusals: dict[str, int] = {}
@@ -49,6 +52,13 @@ class SourceMonitor:
     def start(self, stamp_ns: int) -> None:
         """Set the start of the timeline."""
         self._start_ns = stamp_ns
+
+    def is_too_frequent(self, sample: Sample) -> bool:
+        """Return whether a wheel pose follows the last one too soon; otherwise it becomes the last one."""
+        if 0 <= sample.stamp_ns - self._wheels_ns < _WHEEL_PERIOD_NS:
+            return True
+        self._wheels_ns = max(self._wheels_ns, sample.stamp_ns)
+        return False
 
     def mark_failed(self, source: str) -> None:
         """Record that a source FAILED: no increment ends at its next pose."""
