@@ -16,6 +16,7 @@ from cdff_dev.tree import Tree
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow  # `make lint` checks the same
 @pytest.mark.req("CDFF-DEV-042")
 @pytest.mark.parametrize("group", GROUPS)
 def test_generated_files_are_up_to_date(group: str) -> None:

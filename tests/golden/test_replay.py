@@ -71,6 +71,7 @@ def test_the_trajectory_starts_at_identity_and_the_output_log_can_be_read(replay
     assert np.allclose(outputs[-1].value.transform.matrix, T[-1], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_another_seed_changes_the_configuration_hash(
     real_data: Callable[[str], Path], tmp_path: Path
 ) -> None:

@@ -74,6 +74,7 @@ def test_outliers_are_rejected_and_do_not_affect_the_result(rng: np.random.Gener
     assert np.linalg.norm(cov.pose_error(T_REFERENCE_CURRENT, outputs.motion)[:3]) < 0.005
 
 
+@pytest.mark.slow
 def test_errors_are_consistent_with_the_covariance(rng: np.random.Generator) -> None:
     """The 99.9 % interval of the mean NEES of 150 trials is 5.1 to 6.9; Cauchy weights widen it slightly."""
     exact = dict.fromkeys(CalibrationUncertainty.model_fields, 0.0)

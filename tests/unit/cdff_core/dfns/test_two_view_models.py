@@ -36,7 +36,10 @@ def ratios() -> dict[str, float]:
 
 
 @pytest.mark.req("CDFF-CORE-093")
-@pytest.mark.parametrize("model", ["fundamental", "homography", "essential", "transform"])
+@pytest.mark.parametrize(
+    "model",
+    [pytest.param("fundamental", marks=pytest.mark.slow), "homography", "essential", "transform"],
+)
 def test_the_covariances_of_models_are_consistent_with_their_errors(
     model: str, ratios: dict[str, float]
 ) -> None:

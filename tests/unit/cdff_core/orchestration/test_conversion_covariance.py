@@ -76,6 +76,7 @@ def test_a_composed_pose_includes_the_errors_of_both_edges(rng: np.random.Genera
     assert reasons == (conversion.CROSS_COVARIANCE_DROPPED,)
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-021")
 def test_a_transformed_trajectory_includes_the_error_of_the_frame(
     rng: np.random.Generator,

@@ -53,6 +53,7 @@ def test_every_sample_is_labelled_simulated(samples: list[tuple[Entry, Any]]) ->
     assert len({e.header.id for e, _ in samples}) == len(samples)
 
 
+@pytest.mark.slow
 def test_the_same_scenario_gives_the_same_bytes_for_any_number_of_workers(
     scenario: Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -47,12 +47,11 @@ def dpm(tmp_path: Path, clock: ManualClock, empty_store: Path) -> Iterator[Dpm]:
 
 
 @pytest.fixture
-def http(dpm: Dpm, tmp_path: Path) -> TestClient:
-    """A client of the HTTP interface of the DPM, without a bus."""
-    settings = Settings(tmp_path, max_body_bytes=2 << 20)
-    return TestClient(
-        create_app(Context(dpm, settings)), base_url="http://127.0.0.1:8080", raise_server_exceptions=False
-    )
+def http(dpm: Dpm, tmp_path: Path) -> Iterator[TestClient]:
+    """A client of the HTTP interface of the DPM, without a bus; one event loop serves all its requests."""
+    app = create_app(Context(dpm, Settings(tmp_path, max_body_bytes=2 << 20)))
+    with TestClient(app, base_url="http://127.0.0.1:8080", raise_server_exceptions=False) as client:
+        yield client
 
 
 @pytest.fixture

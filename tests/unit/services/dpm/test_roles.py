@@ -6,6 +6,7 @@ import hashlib
 import json
 import logging
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgpack
@@ -47,7 +48,7 @@ def key_of(role: str) -> dict[str, str]:
 
 
 @pytest.fixture
-def guarded(dpm: Dpm, tmp_path: Path) -> TestClient:
+def guarded(dpm: Dpm, tmp_path: Path) -> Iterator[TestClient]:
     """A server off loopback with one key of each role."""
     keys = tmp_path / "keys"
     lines = [
@@ -59,7 +60,8 @@ def guarded(dpm: Dpm, tmp_path: Path) -> TestClient:
         tmp_path, host="0.0.0.0", hosts=("dpm.example",), keys_file=keys, max_body_bytes=2 << 20
     )
     app = create_app(Context(dpm, settings))
-    return TestClient(app, base_url="http://dpm.example", raise_server_exceptions=False)
+    with TestClient(app, base_url="http://dpm.example", raise_server_exceptions=False) as client:
+        yield client
 
 
 def concrete(path: str) -> str:

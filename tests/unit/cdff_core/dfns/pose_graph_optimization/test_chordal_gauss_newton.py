@@ -211,6 +211,7 @@ def test_a_component_with_a_prior_has_no_fixed_vertex() -> None:
     np.testing.assert_allclose(outputs.graph.vertices.matrices, [prior, prior @ step], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_errors_of_many_trials_are_consistent_with_the_covariances() -> None:
     errors, covariances = [], None
     for seed in range(150):

@@ -191,6 +191,7 @@ def test_flat_ground_is_degenerate_and_the_odometry_constrains_the_pose() -> Non
     assert rover.error_m(last_outputs[-1]) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-CORE-076")
 def test_in_degenerate_directions_sigma_grows_linearly_with_the_path_length() -> None:
     rover = Rover(flat_ground)
@@ -253,6 +254,7 @@ def test_the_covariance_after_a_restart_is_in_the_axes_of_the_keyframe(
         np.testing.assert_allclose(R @ in_keyframe[block, block] @ R.T, in_map[block, block], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rover_that_moved_while_not_mapping_is_relocalised_without_a_guess(
     ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
 ) -> None:
@@ -268,6 +270,7 @@ def test_a_rover_that_moved_while_not_mapping_is_relocalised_without_a_guess(
     assert max(rover.error_m(o) for o in localised) < 0.3
 
 
+@pytest.mark.slow
 def test_without_relocalisation_no_pose_in_the_map_is_published(
     rover_after_lap: tuple[Rover, list[Output]],
 ) -> None:
@@ -312,6 +315,7 @@ def test_the_first_sweep_of_a_map_is_checkpointed(ground: Ground) -> None:
     assert restarted.error_m(poses[-1]) < 0.3
 
 
+@pytest.mark.slow
 def test_the_map_of_another_rover_is_connected_by_a_loop(ground: Ground) -> None:
     path = laps(ground, 1.0)
     half = len(path) // 2

@@ -281,6 +281,7 @@ def without_window(pairs: list[FramePair]) -> tuple[Output, NDArray[np.float64]]
     return last, disturbance(pairs, last, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("window", "rotation_ratio"), [(2, 0.5), (4, 0.2)])
 def test_a_window_of_keyframes_reduces_the_effect_of_a_noisy_one(
     pairs: list[FramePair],

@@ -23,6 +23,7 @@ def motion(rng: np.random.Generator, noise: float = 1e-6) -> ConsiderState:
     return ConsiderState(STEP, noise * np.eye(6), 1e-3 * rng.normal(size=(6, COMMON + 2)))
 
 
+@pytest.mark.slow
 def test_the_covariance_with_common_errors_agrees_with_a_monte_carlo_simulation(
     rng: np.random.Generator,
 ) -> None:
