@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mutation test: the tests run on code with one small change; a change that no test notices survives.
 
-The mutants are a random sample of the numerics and of the decision code. Each runs against the tests that call
-the changed function, in a copy of the tree.
+The mutants are a random sample of the numerics and of the decision code. Each runs against the tests that are
+nearest to the changed function, in a copy of the tree.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from evaluation.record import provenance
 from evaluation.runs.mutants import Mutant, mutants
 from evaluation.runs.mutation_tests import MutationTests
 
@@ -39,38 +40,61 @@ def evaluate(
 ) -> dict[str, Any]:
     """Return the outcome of each sampled mutant: killed, timeout, survived or equivalent."""
     equivalent = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
+    known = _Progress(ROOT)
     results = []
     with MutationTests(ROOT) as tests:
-        tests.trace(progress)
         for number, (part, mutant) in enumerate(sample(ROOT, seed, count)):
             progress(f"mutation: {number + 1} of {count}, {mutant.path}")
-            answer = tests.run(mutant)
-            outcome = {"failed": "killed", "timeout": "timeout"}.get(answer["outcome"], "survived")
-            row = {"part": part, "line": mutant.line, "mutant": mutant.key, "outcome": outcome}
-            if outcome == "survived" and mutant.key in equivalent:
+            answer = known.answers.get(mutant.key) or known.add(mutant.key, tests.run(mutant))
+            row = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
+            if row["outcome"] == "survived" and mutant.key in equivalent:
                 row |= {"outcome": "equivalent", "reason": equivalent[mutant.key]}
-            results.append(row | {"test": answer["test"], "tests": answer["selected"]})
+            results.append(row)
+        tests.check_without_change(row["test"] for row in results)
     counts = Counter(row["outcome"] for row in results)
     return {"seed": seed, "count": count, "killed_ratio": killed_ratio(counts), "mutants": results}
 
 
+class _Progress:
+    """Answers of an interrupted evaluation of the same commit; none with uncommitted changes."""
+
+    def __init__(self, root: Path) -> None:
+        origin = provenance(root)
+        self._path = root / "build" / f"mutation_{origin['commit']}.json"
+        if origin["tree_differs"]:
+            self._path.unlink(missing_ok=True)
+        self.answers: dict[str, dict[str, str]] = (
+            json.loads(self._path.read_text(encoding="utf-8")) if self._path.is_file() else {}
+        )
+
+    def add(self, key: str, answer: dict[str, str]) -> dict[str, str]:
+        self.answers[key] = answer
+        self._path.parent.mkdir(exist_ok=True)
+        self._path.write_text(json.dumps(self.answers, indent=1), encoding="utf-8")
+        return answer
+
+
 def sample(root: Path, seed: int, count: int) -> Iterator[tuple[str, Mutant]]:
-    """Yield ``count`` mutants with their part of the code, drawn from all mutants of each part."""
-    generator = random.Random(seed)
-    for part, (share, folders) in PARTS_OF_CODE.items():
-        files = sorted(file for folder in folders for file in (root / folder).rglob("*.py"))
-        sources = {
-            str(file.relative_to(root)): file.read_bytes()
-            for file in files
-            if not _NOT_SAMPLED & {*file.relative_to(root).parts}
-        }
-        candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]
-        generator.shuffle(candidates)
-        missing = round(share * count)
-        for mutant in candidates:
-            if missing and _is_valid(mutant, sources[mutant.path]):
-                missing -= 1
-                yield part, mutant
+    """Yield ``count`` mutants with their part of the code; a smaller sample is the start of a larger one."""
+    drawn = {part: _drawn(root, part, seed) for part in PARTS_OF_CODE}
+    sizes = dict.fromkeys(PARTS_OF_CODE, 0)
+    for number in range(1, count + 1):
+        part = max(sizes, key=lambda p: PARTS_OF_CODE[p][0] * number - sizes[p])
+        sizes[part] += 1
+        yield part, next(drawn[part])
+
+
+def _drawn(root: Path, part: str, seed: int) -> Iterator[Mutant]:
+    """Yield the valid mutants of a part of the code in random order."""
+    files = sorted(file for folder in PARTS_OF_CODE[part][1] for file in (root / folder).rglob("*.py"))
+    sources = {
+        str(file.relative_to(root)): file.read_bytes()
+        for file in files
+        if not _NOT_SAMPLED & {*file.relative_to(root).parts}
+    }
+    candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]
+    random.Random(f"{seed} {part}").shuffle(candidates)
+    yield from (mutant for mutant in candidates if _is_valid(mutant, sources[mutant.path]))
 
 
 def _is_valid(mutant: Mutant, source: bytes) -> bool:

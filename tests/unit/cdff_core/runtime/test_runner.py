@@ -114,9 +114,7 @@ def test_a_requested_pose_has_the_header_of_its_frames_and_time(dfpc: Dfpc) -> N
 
 def test_a_requested_map_has_the_frame_resolution_and_interval_of_its_cells(dfpc: Dfpc) -> None:
     flat = elevation(1.0)
-    stamped = ElevationMap.from_layers(
-        flat.geometry, {"mean": flat.layer("mean")}, t0_ns=3000, t1_ns=7000
-    )
+    stamped = ElevationMap.from_layers(flat.geometry, {"mean": flat.layer("mean")}, t0_ns=3000, t1_ns=7000)
     header = Runner(dfpc).provenance("map", stamped)
     assert (header["frame"], header.get("child"), header["resolution_m"]) == ("site", None, 0.1)
     assert (header["t0_ns"], header["t1_ns"]) == (3000, 7000)

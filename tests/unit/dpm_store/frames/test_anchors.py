@@ -71,7 +71,7 @@ def test_the_distance_between_two_sites_has_the_covariance_of_their_anchors(stor
 def test_an_anchor_with_an_infinite_or_negative_sigma_is_refused(
     store: Store, name: str, sigma: float
 ) -> None:
-    with pytest.raises(InputError, match="sigma .* expected 0 or more"):
+    with pytest.raises(InputError, match=r"sigma .* expected 0 or more"):
         store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), **{name: sigma})
     assert store.frames.current() == ()
 

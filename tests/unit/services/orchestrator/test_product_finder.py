@@ -160,7 +160,8 @@ def test_a_degraded_product_is_delivered_as_degraded() -> None:
 
 
 @pytest.mark.parametrize(
-    ("product", "robot", "pooled"), [("dem", "any", True), ("dem", "mana", False), ("pointcloud", "any", False)]
+    ("product", "robot", "pooled"),
+    [("dem", "any", True), ("dem", "mana", False), ("pointcloud", "any", False)],
 )
 def test_only_elevation_of_any_robot_is_pooled(product: str, robot: str, pooled: bool) -> None:
     wanted = request(type=product, robot=robot, region="bbox:0,0,1,1")
@@ -184,4 +185,6 @@ def test_a_frame_is_known_if_it_is_connected_at_any_time() -> None:
     assert finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
     dpm.pose_error = FrameNotFoundError("no edge")
     assert not finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
-    assert [p[:3] for p in dpm.poses[1:]] == [(r, o, "mana/odom") for r in ROBOTS for o in ("site", f"{r}/base")]
+    assert [p[:3] for p in dpm.poses[1:]] == [
+        (r, o, "mana/odom") for r in ROBOTS for o in ("site", f"{r}/base")
+    ]
