@@ -20,7 +20,7 @@ from evaluation.runs.mutants import Mutant
 from evaluation.runs.nearest_tests import NearestTests
 
 #: Numbers of test files that are run one group after the other, nearest first.
-GROUPS = (2, 4)
+GROUPS = (2, 6)
 #: Limit of the CPU time of one group, seconds.
 LIMIT_S = 45
 #: Limit of the elapsed time relative to that of the CPU time, on a machine that others use too.

@@ -4,16 +4,21 @@
 
 from __future__ import annotations
 
+import math
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path, PurePosixPath
 
 _PACKAGES = ("cdff_common", "cdff_core", "dpm_store", "services")
-#: Weights of a test file: of the same name, in the mirrored folder, with an import of the file, in the
-#: mirrored folder of a file that imports it, and for each name of class, function and module in its text.
-_SAME_NAME, _SAME_FOLDER, _IMPORT, _IMPORTER_FOLDER, _WORD = 3, 3, 4, 2, 1
-
-
+#: Weights of a test file with an import of the file, of the same name, in the mirrored folder, in one above it,
+#: and in the mirrored folder of a file that imports it. A name of class, function or module in the text counts
+#: the more, the more often it occurs and the fewer test files have it.
+_IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE, _IMPORTER_FOLDER = 6, 4, 4, 2, 4
+#: Logarithm of the ratio of all test files to those with a name, below which it is too common.
+_LEAST_RARITY = 1.5
+#: Number of imports between a file and one that counts as using it.
+_IMPORT_LEVELS = 2
 #: Test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs.
 _PARAMETERS = "tests/contract/test_generated.py::test_generated_files_are_up_to_date[reference]"
 
@@ -29,34 +34,48 @@ class NearestTests:
         self._tests = {str(file.relative_to(root)): _words_and_text(file) for file in tests}
         sources = [file for package in _PACKAGES for file in (root / package).rglob("*.py")]
         self._sources = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in sources}
+        self._importers: dict[str, set[str]] = {}
 
     def ranked(self, path: str, function: str) -> list[str]:
-        """Return the test files that have something in common with a function of a file, nearest first."""
+        """Return all test files, those that are nearest to a function of a file first."""
         file = PurePosixPath(path)
-        names = {file.stem, *function.split(".")} - {"", "__init__", "__post_init__"}
+        names = {file.stem, *file.stem.split("_"), *function.split(".")}
         if path.startswith("cdff_core/df"):
             names.add(file.parent.name)
-        folders = {str(PurePosixPath(importer).parent) for importer in self.importers(path)}
+        folders = self._folders_of_importers(path)
         pattern = _import_of(path)
         scores = {}
         for test, (words, text) in self._tests.items():
-            mirrored = PurePosixPath(test).relative_to("tests").relative_to(PurePosixPath(test).parts[1])
-            folder = str(mirrored.parent)
-            score = _WORD * len(names & words) + _IMPORT * bool(pattern.search(text))
-            score += _SAME_NAME * (mirrored.name == f"test_{file.name}")
-            if folder == str(file.parent):
-                score += _SAME_FOLDER
-            elif folder in folders:
+            mirrored = PurePosixPath(*PurePosixPath(test).parts[2:])
+            score = _IMPORT * bool(pattern.search(text))
+            score += sum((1 + math.log(words[name])) * self._rarity(name) for name in names & words.keys())
+            if mirrored.parent == file.parent:
+                score += _SAME_FOLDER + _SAME_NAME * (mirrored.name == f"test_{file.name}")
+            elif mirrored.parent in list(file.parents)[:2]:
+                score += _FOLDER_ABOVE
+            elif mirrored.parent in folders:
                 score += _IMPORTER_FOLDER
-            if score:
-                scores[test] = score
+            scores[test] = score
         nearest = sorted(scores, key=lambda t: (-scores[t], len(self._tests[t][1]), t))
         return nearest if function or not path.startswith("cdff_core/df") else [_PARAMETERS, *nearest]
 
+    def _folders_of_importers(self, path: str) -> set[PurePosixPath]:
+        files = {path}
+        for _ in range(_IMPORT_LEVELS):
+            files |= {importer for file in files for importer in self.importers(file)}
+        return {PurePosixPath(file).parent for file in files}
+
+    def _rarity(self, name: str) -> float:
+        count = sum(name in words for words, _ in self._tests.values())
+        rarity = math.log(len(self._tests) / count)
+        return rarity if rarity > _LEAST_RARITY else 0.0
+
     def importers(self, path: str) -> set[str]:
         """Return the files that import a file by its module's name."""
-        pattern = _import_of(path)
-        return {source for source, text in self._sources.items() if pattern.search(text)}
+        if path not in self._importers:
+            pattern = _import_of(path)
+            self._importers[path] = {name for name, text in self._sources.items() if pattern.search(text)}
+        return self._importers[path]
 
     def importers_with_kernels(self, path: str) -> set[str]:
         """Return the files with compiled functions that import a file, directly or through such files."""
@@ -69,9 +88,9 @@ class NearestTests:
         return reached
 
 
-def _words_and_text(file: Path) -> tuple[set[str], str]:
+def _words_and_text(file: Path) -> tuple[Counter[str], str]:
     text = file.read_text(encoding="utf-8")
-    return set(re.findall(r"\w+", text)), text
+    return Counter(re.findall(r"\w+", text)), text
 
 
 @cache

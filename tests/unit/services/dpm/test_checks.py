@@ -100,7 +100,7 @@ def test_frames_of_products_and_of_the_own_robot_are_known(dpm: Dpm) -> None:
     with pytest.raises(FrameNotFoundError, match="mana/map"):
         names.check_known("mana/map")
     names.check_of_robot("mana/map", "mana")
-    with pytest.raises(InputError, match="a product of mana: .*minnie/map"):
+    with pytest.raises(InputError, match=r"a product of mana: .*minnie/map"):
         names.check_of_robot("minnie/map", "mana")
     dpm.writer.put(*put_arguments(cloud_in("mana/map"), "pointcloud", 1, frame="mana/map"))
     names.check_known("mana/map")
