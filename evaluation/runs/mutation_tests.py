@@ -39,7 +39,6 @@ class MutationTests:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = root
         self._folder = tempfile.TemporaryDirectory(prefix="mutation-")
         self._tree = Path(self._folder.name) / "tree"
         shutil.copytree(root, self._tree, ignore=_NOT_COPIED, symlinks=True)
@@ -101,11 +100,13 @@ class MutationTests:
         compiled = {cached: cached.read_bytes() for cached in self._compiled(mutant.path)}
         for cached in compiled:
             cached.unlink()
-        file.write_bytes(mutant.applied(file.read_bytes()))
+        source, times = file.read_bytes(), file.stat()
+        file.write_bytes(mutant.applied(source))
         try:
             return self._run(group)
         finally:
-            shutil.copy2(self._root / mutant.path, file)
+            file.write_bytes(source)
+            os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
             for cached in self._compiled(mutant.path):
                 cached.unlink()
             for cached, content in compiled.items():
