@@ -7,5 +7,6 @@ an evaluation. The dictionary is written to ``docs/evaluation/NAME.json``, with 
 Python version and machine. ``draw(figures) -> bytes`` returns the diagram ``docs/evaluation/NAME.svg``.
 ``table(figures) -> str`` returns the tables. They replace the text between the comments ``<!-- written by …
 -->`` and ``<!-- until here -->`` in ``docs/evaluation/NAME.md``, or in the page that the module names in
-``PAGE``. ``OPTIONS`` are the options of the command line that ``evaluate`` also takes, with their defaults. The argument ``figures`` of both functions is the dictionary that ``evaluate`` returned.
+``PAGE``. The argument ``figures`` of both functions is the dictionary that ``evaluate`` returned.
+``OPTIONS`` are the options of the command line that ``evaluate`` also takes, with their defaults.
 """

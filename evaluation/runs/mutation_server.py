@@ -3,8 +3,8 @@
 """Process that runs tests in forks of itself, so that libraries are imported only once.
 
 Each line of standard input is a JSON object with ``arguments`` of pytest, ``cpu_s`` and ``wall_s`` (limits).
-Each line of standard output is the result: ``outcome`` (passed, failed or timeout), ``test`` (the first failed
-one) and ``seconds`` (CPU).
+Each line of standard output is the result: ``outcome`` (passed, failed or timeout), ``test`` (the first that
+failed) and ``seconds`` (CPU).
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ class MutationTests:
     def run(self, mutant: Mutant) -> dict[str, str]:
         """Return the outcome of a mutant (killed, timeout or survived) and the first test that failed.
 
-        A run beyond the time limit counts as timeout only if the same tests keep the limit without the change.
+        A run beyond the time limit counts as timeout only if the same tests keep it without the change.
         """
         ranked = self._nearest.ranked(mutant.path, mutant.function)
         start = 0

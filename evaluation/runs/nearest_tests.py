@@ -11,9 +11,9 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 
 _PACKAGES = ("cdff_common", "cdff_core", "dpm_store", "services")
-#: Weights of a test file with an import of the file, of the same name, in the mirrored folder, in one above it,
-#: and in the mirrored folder of a file that imports it. A name of class, function or module in the text counts
-#: the more, the more often it occurs and the fewer test files have it.
+#: Weights of a test file with an import of the file, of the same name, in the mirrored folder, in one above,
+#: and in the mirrored folder of a file that imports it. A name of class, function or module in the text
+#: counts the more, the more often it occurs and the fewer test files have it.
 _IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE, _IMPORTER_FOLDER = 6, 4, 4, 2, 4
 #: Logarithm of the ratio of all test files to those with a name, below which it is too common.
 _LEAST_RARITY = 1.5

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,8 @@ def request(**parameters: str) -> ProductRequest:
 
 
 def finder(dpm: DpmDouble) -> ProductFinder:
-    return ProductFinder(dpm, ManualClock(NOW_S * S), load_profile(PROFILE))  # type: ignore[arg-type]  # double
+    clock, profile = ManualClock(NOW_S * S), load_profile(PROFILE)
+    return ProductFinder(dpm, clock, profile)  # type: ignore[arg-type]  # double
 
 
 def test_elevation_of_any_robot_is_one_window_of_all_robots_in_the_requested_frame() -> None:
@@ -171,6 +173,21 @@ def test_only_elevation_of_any_robot_is_pooled(product: str, robot: str, pooled:
     assert coverage.requested != 0
 
 
+def test_the_cells_of_a_region_are_larger_than_those_of_the_stored_product() -> None:
+    wanted = request(type="dem", region="bbox:0,0,12,12")
+    products = finder(DpmDouble())
+    found, _ = products.find(wanted, ROBOTS, 1e9)
+    assert found is not None
+    fine = products.coverage(wanted, ROBOTS, found[0], 1e9, 10.0)
+    coarse_candidate = replace(found[0].candidate, resolution_m=2.0)
+    coarse = products.coverage(wanted, ROBOTS, replace(found[0], candidate=coarse_candidate), 1e9, 10.0)
+    assert fine.requested.bit_count() == 24 * 24
+    assert coarse.requested.bit_count() == 4 * 4
+    failed = replace(found[0], candidate=replace(coarse_candidate, status="FAILED"))
+    assert coarse.stored != 0
+    assert products.coverage(wanted, ROBOTS, failed, 1e9, 10.0).stored == 0
+
+
 def test_a_robot_at_an_unknown_position_may_reach_the_whole_region() -> None:
     dpm = DpmDouble()
     wanted = request(type="dem", region="bbox:500,500,501,501")
@@ -185,6 +202,6 @@ def test_a_frame_is_known_if_it_is_connected_at_any_time() -> None:
     assert finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
     dpm.pose_error = FrameNotFoundError("no edge")
     assert not finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
-    assert [p[:3] for p in dpm.poses[1:]] == [
-        (r, o, "mana/odom") for r in ROBOTS for o in ("site", f"{r}/base")
-    ]
+    queried = [(robot, parent) for robot in ROBOTS for parent in ("site", f"{robot}/base")]
+    assert [pose[:2] for pose in dpm.poses[1:]] == queried
+    assert {pose[2] for pose in dpm.poses} == {"mana/odom"}
