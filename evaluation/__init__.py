@@ -8,4 +8,5 @@ Python version and machine. ``draw(figures) -> bytes`` returns the diagram ``doc
 ``table(figures) -> str`` returns the tables. They replace the text between the comments ``<!-- written by …
 -->`` and ``<!-- until here -->`` in ``docs/evaluation/NAME.md``, or in the page that the module names in
 ``PAGE``. The argument ``figures`` of both functions is the dictionary that ``evaluate`` returned.
+``OPTIONS`` are the options of the command line that ``evaluate`` also takes, with their defaults.
 """

@@ -52,6 +52,8 @@ def main(argv: list[str] | None = None) -> int:
         "--draft", action="store_true", help="print the results only; also with uncommitted changes"
     )
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
+    parser.add_argument("--seed", type=int, help="seed of the sample, for evaluations that draw one")
+    parser.add_argument("--count", type=int, help="size of the sample, for evaluations that draw one")
     args = parser.parse_args(argv)
     data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
     if not data.is_dir():
@@ -80,7 +82,9 @@ def main(argv: list[str] | None = None) -> int:
             "can name; --draft prints the results without writing them"
         )
     for name, part in map(_split, args.names or available):
-        figures = available[name].evaluate(data, _show_progress, **({"parts": (part,)} if part else {}))
+        options = {"parts": (part,)} if part else {}
+        options |= _options(available[name], args)
+        figures = available[name].evaluate(data, _show_progress, **options)
         sys.stdout.write(f"{name}: {json.dumps(figures)}\n")
         if args.draft:
             continue
@@ -90,6 +94,12 @@ def main(argv: list[str] | None = None) -> int:
     if not args.draft:
         _draw_real(available)
     return 0
+
+
+def _options(module: ModuleType, args: argparse.Namespace) -> dict[str, Any]:
+    """Return the given options that an evaluation has; its ``OPTIONS`` are their names and defaults."""
+    names = getattr(module, "OPTIONS", {})
+    return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 
 def _draw_real(available: dict[str, ModuleType]) -> None:

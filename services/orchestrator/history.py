@@ -78,7 +78,7 @@ class HistoryForwarder:
             self._stop.wait(_COLLECT_S)
 
     def _add(self, batch: list[dict[str, Any]], record: Mapping[str, Any]) -> list[dict[str, Any]]:
-        if int(record.get("n", 0)) <= (batch[-1]["number"] if batch else self._acknowledged):
+        if int(record["n"]) <= (batch[-1]["number"] if batch else self._acknowledged):
             return batch
         batch.append(entry_of(record))
         if len(batch) < _BATCH:

@@ -98,3 +98,57 @@ def test_partial_coverage_and_degraded_status_are_reported() -> None:
         "coverage: 0.800 of the region holds data",
     ]
     assert assess(replace(GOOD, coverage=1.0), request, NOW_NS).differences == []
+
+
+def test_a_candidate_exactly_at_each_limit_is_accepted_and_one_just_beyond_is_not() -> None:
+    s = 1_000_000_000
+    at_limit = (
+        {"t1_ns": NOW_NS - 60 * s},
+        {"t1_ns": NOW_NS + 2 * s},
+        {"coverage": 0.5},
+        {"resolution_m": 0.05 * 1.0009},
+    )
+    beyond = (
+        {"t1_ns": NOW_NS - 60 * s - 1},
+        {"t1_ns": NOW_NS + 2 * s + 1},
+        {"coverage": 0.4999},
+        {"resolution_m": 0.05 * 1.0011},
+    )
+    for fields in at_limit:
+        assert assess(replace(GOOD, **fields), REQUEST, NOW_NS).differences == []  # type: ignore[arg-type]
+    for fields in beyond:
+        assert not assess(replace(GOOD, **fields), REQUEST, NOW_NS).satisfies  # type: ignore[arg-type]
+
+
+def test_the_age_of_a_map_at_a_requested_time_is_relative_to_that_time() -> None:
+    request = replace(REQUEST, t_ns=NOW_NS - 40_000_000_000)
+    assert assess(replace(GOOD, t1_ns=NOW_NS - 100_000_000_000), request, NOW_NS).satisfies
+    assert "ahead" in assess(GOOD, request, NOW_NS).unmet
+
+
+def test_coverage_is_not_assessed_without_region_or_coverage() -> None:
+    for candidate, request in (
+        (replace(GOOD, coverage=None), REQUEST),
+        (replace(GOOD, coverage=0.0), replace(REQUEST, region=None)),
+    ):
+        assert assess(candidate, request, NOW_NS).differences == []
+
+
+def test_a_capture_ahead_of_the_clock_has_age_zero() -> None:
+    ahead = replace(GOOD, t1_ns=NOW_NS + 5, oldest_t1_ns=NOW_NS + 4)
+    assert (ahead.age_s(NOW_NS), ahead.oldest_age_s(NOW_NS)) == (0.0, 0.0)
+
+
+def test_equal_candidates_are_ranked_by_id_and_fewer_shortfalls_come_before_coverage() -> None:
+    fine = replace(GOOD, id="z")
+    coarse = replace(GOOD, id="b", resolution_m=1.0, coverage=1.0)
+    for candidates, expected_id in (([fine, GOOD], "a"), ([coarse, fine], "z")):
+        choice = best_candidate(candidates, REQUEST, NOW_NS)
+        assert choice is not None
+        assert choice[0].id == expected_id
+
+
+def test_a_delivery_states_robot_frame_resolution_coverage_and_status() -> None:
+    summary = delivery_summary(GOOD, assess(GOOD, REQUEST, NOW_NS), NOW_NS, "site")
+    fields = ("robot", "frame", "resolution_m", "coverage", "status")
+    assert tuple(summary[name] for name in fields) == ("mana", "site", 0.05, 0.8, "OK")

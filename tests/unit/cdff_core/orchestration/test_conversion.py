@@ -82,6 +82,28 @@ def test_a_trajectory_in_another_frame_includes_the_errors_of_poses_and_frame(
         np.testing.assert_allclose(converted.covariances[i], expected.covariance, atol=1e-9)
 
 
+def test_a_value_that_already_is_in_the_frame_is_returned_unchanged(rng: np.random.Generator) -> None:
+    wrong = some_transform(rng)
+    t = PoseTrajectory.from_arrays([STAMP_NS], [np.eye(4)], None, parent="odom", child="mana/base")
+    assert conversion.trajectory_in(t, wrong, "odom") is t
+    c = Pointcloud.from_points(np.zeros((2, 3)), frame="odom", stamp_ns=STAMP_NS)
+    assert conversion.cloud_in(c, wrong, "odom") is c
+    region = parse_region("bbox:0,0,1,1")
+    assert conversion.region_in(region, np.eye(4)) is region
+
+
+def test_an_unknown_covariance_of_a_pose_remains_unknown_in_another_frame(rng: np.random.Generator) -> None:
+    T, covariances = some_transform(rng), np.stack([np.eye(6), np.full((6, 6), np.nan)])
+    t = PoseTrajectory.from_arrays(
+        [STAMP_NS, STAMP_NS + 1000], [np.eye(4)] * 2, covariances, parent="odom", child="mana/base"
+    )
+    converted = conversion.trajectory_in(t, T, "site").covariances
+    assert converted is not None
+    assert np.isfinite(converted[0]).all()
+    assert np.isnan(converted[1]).all()
+    assert conversion.trajectory_in(t, UncertainTransform(T.matrix), "site").covariances is None
+
+
 def test_clouds_are_transformed_cropped_downsampled_and_merged_with_their_point_fields(
     rng: np.random.Generator,
 ) -> None:

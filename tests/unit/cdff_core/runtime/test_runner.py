@@ -15,8 +15,9 @@ from cdff_common.interfaces import registry
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Sample
 from cdff_common.interfaces.product import Status, product_id
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import ElevationMap, TransformWithCovariance
 from cdff_core.runtime import Runner
+from tests.support.dpm_products import elevation
 
 PLUGIN = Path(__file__).parents[3] / "integration" / "plugin"
 
@@ -54,6 +55,75 @@ def test_an_older_or_repeated_sample_of_a_port_is_dropped_and_counted(dfpc: Dfpc
     assert not runner.push(sample(2000))
     assert not runner.push(sample(1000))
     assert runner.counters.late == 2
+
+
+def test_a_sample_that_arrives_after_newer_ones_were_stepped_is_counted_as_out_of_order(dfpc: Dfpc) -> None:
+    (port,) = dfpc.description.input_ports
+    dfpc.description = dfpc.description.model_copy(
+        update={"input_ports": (port.model_copy(update={"ordered": False}),)}
+    )
+    runner, counts = Runner(dfpc), []
+    for stamp_ns, seq in ((3000, 0), (3000, 1), (1000, 2), (2000, 3), (5000, 4), (4000, 5)):
+        runner.push(sample(stamp_ns, seq=seq))
+        list(runner.drain())
+        counts.append(runner.counters.out_of_order)
+    assert counts == [0, 0, 1, 2, 2, 3]
+
+
+def test_samples_after_a_backward_jump_of_the_mission_clock_are_in_order(dfpc: Dfpc) -> None:
+    runner, hour_ns = Runner(dfpc), 3_600_000_000_000
+    for stamp_ns in (hour_ns, 1000, 2000, 3000, 4000):
+        runner.push(sample(stamp_ns))
+        list(runner.drain())
+    assert runner.counters.out_of_order == 0
+    assert runner.counters.samples == 3
+
+
+def test_the_oldest_time_is_that_of_the_next_sample(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    assert (runner.oldest_ns, runner.pending) == (None, 0)
+    runner.push(sample(1000))
+    runner.push(sample(2000))
+    assert (runner.oldest_ns, runner.pending) == (1000, 2)
+    runner.step_one()
+    assert (runner.oldest_ns, runner.pending) == (2000, 1)
+    runner.step_one()
+    assert (runner.oldest_ns, runner.step_one()) == (None, [])
+
+
+def test_inputs_and_outputs_are_counted_by_port(dfpc: Dfpc) -> None:
+    runner = Runner(dfpc)
+    for stamp_ns in (1000, 2000):
+        runner.push(sample(stamp_ns))
+    list(runner.drain())
+    assert runner.counters.to_dict()["samples_by_port"] == {"poses": 2}
+    assert runner.counters.outputs_by_port == {"echo": 2}
+    assert (runner.counters.samples, runner.counters.outputs, runner.counters.failed) == (2, 2, 0)
+
+
+def test_a_requested_pose_has_the_header_of_its_frames_and_time(dfpc: Dfpc) -> None:
+    header = Runner(dfpc).provenance("last", sample(5000).value)
+    assert (header["frame"], header["child"]) == ("site", "mana/base")
+    assert (header["t0_ns"], header["t1_ns"], header["seq"]) == (5000, 5000, 0)
+    assert header["id"] == product_id("mana", "troublemaker", "last", 5000, 0, dfpc.config_hash)
+    assert header["box_m"] == [0.0] * 6
+    assert "resolution_m" not in header
+    assert header["producer"].startswith("troublemaker/")
+    assert header["config_hash"] == dfpc.config_hash
+
+
+def test_a_requested_map_has_the_frame_resolution_and_interval_of_its_cells(dfpc: Dfpc) -> None:
+    flat = elevation(1.0)
+    stamped = ElevationMap.from_layers(flat.geometry, {"mean": flat.layer("mean")}, t0_ns=3000, t1_ns=7000)
+    header = Runner(dfpc).provenance("map", stamped)
+    assert (header["frame"], header.get("child"), header["resolution_m"]) == ("site", None, 0.1)
+    assert (header["t0_ns"], header["t1_ns"]) == (3000, 7000)
+    assert header["box_m"][:2] == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.parametrize("value", [3, {"count": 2}, sample(5000).value.transform])
+def test_a_requested_value_without_frame_or_time_has_only_its_producer(dfpc: Dfpc, value: object) -> None:
+    assert Runner(dfpc).provenance("count", value).keys() == {"producer", "config_hash"}
 
 
 def test_an_unordered_port_accepts_older_samples_and_drops_repeated_ones(

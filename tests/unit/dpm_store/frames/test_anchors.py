@@ -66,6 +66,24 @@ def test_the_distance_between_two_sites_has_the_covariance_of_their_anchors(stor
     assert np.diag(T.covariance)[:3] == pytest.approx([25.0] * 3, rel=1e-6)
 
 
+@pytest.mark.parametrize("sigma", [-1e-9, np.inf, np.nan])
+@pytest.mark.parametrize("name", ["sigma_m", "sigma_deg"])
+def test_an_anchor_with_an_infinite_or_negative_sigma_is_refused(
+    store: Store, name: str, sigma: float
+) -> None:
+    with pytest.raises(InputError, match=r"sigma .* expected 0 or more"):
+        store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), **{name: sigma})
+    assert store.frames.current() == ()
+
+
+def test_the_sigmas_of_an_anchor_are_those_of_its_edge(store: Store) -> None:
+    store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=2.0, sigma_deg=0.5)
+    store.anchors.anchor("site_b", Anchor(MARS, 77.5, 18.4))
+    edges = {edge.frame: edge.T_parent_frame.covariance for edge in store.frames.current()}
+    assert np.diag(edges["site"]) == pytest.approx([4.0] * 3 + [np.deg2rad(0.5) ** 2] * 3)
+    assert not edges["site_b"].any()
+
+
 def test_a_frame_that_is_not_connected_with_a_body_has_no_body(store: Store) -> None:
     assert store.anchors.of("site").body is None
     assert '"site"' in store.anchors.of("site").wkt

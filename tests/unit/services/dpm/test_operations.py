@@ -9,6 +9,8 @@ from cdff_common.errors import CodecError, InputError, ProductNotFoundError, Una
 from cdff_common.interfaces.product import Header, Quality, Status
 from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
+from dpm_store.frames.poses import EXTRAPOLATION_LIMIT_NS
+from services.dpm.operations import retrieval
 from services.dpm.operations.dpm import Dpm
 
 from .conftest import S, cloud, elevation, pose, put_arguments
@@ -143,6 +145,52 @@ def test_a_pose_is_returned_at_a_time_or_the_newest(dpm: Dpm) -> None:
     assert dpm.frames.pose("site", "mana/base", 1 * S)["T"][0][3] == pytest.approx(1.0)
     newest = dpm.frames.pose("site", "mana/base", None)
     assert (newest["stamp_ns"], newest["T"][0][3]) == (2 * S, 2.0)
+
+
+def test_the_answer_to_a_pose_query_names_its_frames_time_revision_and_limit(dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(pose(2, 1.0), "pose", 2, child="mana/base"))
+    answer = dpm.frames.pose("site", "mana/base", None, robot="mana", limit_s=0.5)
+    assert {k: answer[k] for k in ("parent", "child", "robot", "stamp_ns", "limit_s")} == {
+        "parent": "site",
+        "child": "mana/base",
+        "robot": "mana",
+        "stamp_ns": 2 * S,
+        "limit_s": 0.5,
+    }
+    assert answer["frames_revision"] == dpm.store.frames.state()
+    assert dpm.frames.pose("site", "mana/base", 2 * S)["robot"] == ""
+    assert dpm.frames.pose("site", "mana/base", 2 * S)["limit_s"] == EXTRAPOLATION_LIMIT_NS / 1e9
+
+
+def test_a_pose_of_unmoved_frames_is_that_of_now(dpm: Dpm) -> None:
+    assert dpm.frames.pose("site", "site", None)["stamp_ns"] == 100 * S
+
+
+def test_a_window_with_exactly_the_required_coverage_is_delivered(dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    request = {"region": "bbox:0,0,4,2", "min_coverage": "0.5"}
+    answer = dpm.retrieval.window(WindowParameters.parse(request))
+    assert answer.metadata["coverage"] == 0.5
+    assert (answer.metadata["frame"], answer.metadata["robot"]) == ("site", "mana")
+    with pytest.raises(UnavailableError, match=r"coverage 0.500 of the region, asked 0.510"):
+        dpm.retrieval.window(WindowParameters.parse(request | {"min_coverage": "0.51"}))
+
+
+def test_a_product_is_stored_if_it_is_too_large_to_be_delivered_inline(
+    dpm: Dpm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    request = WindowParameters.parse({"region": "bbox:0,0,2,2"})
+    size = len(dpm.retrieval.window(request).body.data)
+    monkeypatch.setattr(retrieval, "INLINE_BYTES", size)
+    assert dpm.retrieval.window(request, DeliveryParameters(deliver="auto")).reference is None
+    monkeypatch.setattr(retrieval, "INLINE_BYTES", size - 1)
+    by_reference = dpm.retrieval.window(request, DeliveryParameters(deliver="auto"))
+    assert by_reference.body.data == b""
+    assert by_reference.reference == by_reference.metadata["id"]
+    assert dpm.retrieval.window(request, DeliveryParameters(deliver="inline")).reference is None
+    stored = dpm.store.get(str(by_reference.reference))
+    assert (stored.robot, stored.product, stored.header.frame) == ("mana", "dem", "site")
 
 
 def test_events_of_other_services_are_stored_and_published(dpm: Dpm) -> None:

@@ -1,0 +1,145 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mutation test: the tests run on code with one small change; a change that no test notices survives.
+
+The mutants are a random sample of the numerics and of the decision code. Each runs against the tests that are
+nearest to the changed function, in a copy of the tree.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from evaluation.record import provenance
+from evaluation.runs.mutants import Mutant, mutants
+from evaluation.runs.mutation_tests import MutationTests
+
+OPTIONS = {"seed": 1, "count": 200}
+ROOT = Path(__file__).resolve().parents[1]
+#: Mutants that change no result, with the reason, by ``Mutant.key``.
+EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
+#: Share of the sample and folders of each part of the code.
+PARTS_OF_CODE: dict[str, tuple[float, tuple[str, ...]]] = {
+    "algorithms": (0.5, ("cdff_core/dfns", "cdff_core/dfpcs", "cdff_core/imaging", "cdff_core/cloud_matching",
+                         "cdff_core/elevation", "cdff_core/map_merging", "cdff_core/partial_views")),
+    "geometry": (0.1, ("cdff_common/geometry",)),
+    "product store": (0.15, ("dpm_store",)),
+    "decisions": (0.25, ("cdff_core/orchestration", "cdff_core/runtime", "services/orchestrator",
+                         "services/dpm/operations", "services/dpm/queries")),
+}  # fmt: skip
+_NOT_SAMPLED = {"commands.py", "__main__.py", "migrations"}
+
+
+def evaluate(
+    data: Path, progress: Callable[[str], None], seed: int = OPTIONS["seed"], count: int = OPTIONS["count"]
+) -> dict[str, Any]:
+    """Return the outcome of each sampled mutant: killed, timeout, survived or equivalent."""
+    equivalent = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
+    known = _Progress(ROOT)
+    results = []
+    with MutationTests(ROOT) as tests:
+        for number, (part, mutant) in enumerate(sample(ROOT, seed, count)):
+            progress(f"mutation: {number + 1} of {count}, {mutant.path}")
+            answer = known.answers.get(mutant.key) or known.add(mutant.key, tests.run(mutant))
+            row = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
+            if row["outcome"] == "survived" and mutant.key in equivalent:
+                row |= {"outcome": "equivalent", "reason": equivalent[mutant.key]}
+            results.append(row)
+        tests.check_without_change(row["test"] for row in results)
+    counts = Counter(row["outcome"] for row in results)
+    return {"seed": seed, "count": count, "killed_ratio": killed_ratio(counts), "mutants": results}
+
+
+class _Progress:
+    """Answers of an interrupted evaluation of the same commit; none with uncommitted changes."""
+
+    def __init__(self, root: Path) -> None:
+        origin = provenance(root)
+        self._path = root / "build" / f"mutation_{origin['commit']}.json"
+        if origin["tree_differs"]:
+            self._path.unlink(missing_ok=True)
+        self.answers: dict[str, dict[str, str]] = (
+            json.loads(self._path.read_text(encoding="utf-8")) if self._path.is_file() else {}
+        )
+
+    def add(self, key: str, answer: dict[str, str]) -> dict[str, str]:
+        self.answers[key] = answer
+        self._path.parent.mkdir(exist_ok=True)
+        self._path.write_text(json.dumps(self.answers, indent=1), encoding="utf-8")
+        return answer
+
+
+def sample(root: Path, seed: int, count: int) -> Iterator[tuple[str, Mutant]]:
+    """Yield ``count`` mutants with their part of the code; a smaller sample is the start of a larger one."""
+    drawn = {part: _drawn(root, part, seed) for part in PARTS_OF_CODE}
+    sizes = dict.fromkeys(PARTS_OF_CODE, 0)
+    for number in range(1, count + 1):
+        part = max(sizes, key=lambda p: PARTS_OF_CODE[p][0] * number - sizes[p])
+        sizes[part] += 1
+        yield part, next(drawn[part])
+
+
+def _drawn(root: Path, part: str, seed: int) -> Iterator[Mutant]:
+    """Yield the valid mutants of a part of the code in random order."""
+    files = sorted(file for folder in PARTS_OF_CODE[part][1] for file in (root / folder).rglob("*.py"))
+    sources = {
+        str(file.relative_to(root)): file.read_bytes()
+        for file in files
+        if not _NOT_SAMPLED & {*file.relative_to(root).parts}
+    }
+    candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]
+    random.Random(f"{seed} {part}").shuffle(candidates)
+    yield from (mutant for mutant in candidates if _is_valid(mutant, sources[mutant.path]))
+
+
+def _is_valid(mutant: Mutant, source: bytes) -> bool:
+    try:
+        mutant.applied(source)
+    except SyntaxError:
+        return False
+    return True
+
+
+def killed_ratio(counts: Counter[str]) -> float:
+    """Return the ratio of the mutants that are not equivalent and that a test or the time limit stops."""
+    killed = counts["killed"] + counts["timeout"]
+    return round(killed / max(killed + counts["survived"], 1), 3)
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the counts of each part of the code and of each operator, and the survivors."""
+    rows = figures["mutants"]
+    lines = [
+        f"{figures['killed_ratio']:.1%} of the mutants that are not equivalent are killed "
+        f"({len(rows)} mutants, seed {figures['seed']}).",
+        "",
+    ]
+    for title, key in (("part of the code", lambda r: r["part"]), ("operator", _operator)):
+        lines += [f"| {title} | mutants | killed | of these by time | survived | equivalent | ratio |"]
+        lines += ["|---|---|---|---|---|---|---|"]
+        for name in sorted({key(row) for row in rows}):
+            counts = Counter(row["outcome"] for row in rows if key(row) == name)
+            killed = counts["killed"] + counts["timeout"]
+            values = (counts.total(), killed, counts["timeout"], counts["survived"], counts["equivalent"])
+            lines.append(f"| {name} | {' | '.join(map(str, values))} | {killed_ratio(counts):.0%} |")
+        lines.append("")
+    for outcome in ("survived", "equivalent"):
+        lines += [f"**{outcome.capitalize()}**", ""]
+        lines += [_item(row) for row in rows if row["outcome"] == outcome] or ["None."]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _operator(row: dict[str, Any]) -> str:
+    return str(row["mutant"]).split("::", 1)[1].split(" ", 1)[1].split(" #")[0]
+
+
+def _item(row: dict[str, Any]) -> str:
+    path, change = row["mutant"].split("::", 1)
+    reason = f": {row['reason']}" if "reason" in row else ""
+    return f"- `{path}` line {row['line']}, `` {change} ``{reason}"

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mutants are single changes of the code, drawn by seed; the record counts those that tests notice."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from evaluation import mutation
+from evaluation.runs.mutants import mutants
+
+SOURCE = b'''"""A text."""
+LIMIT: float = 0.5
+
+
+class Ramp:
+    def height(self, x: float, steps: int = 3) -> float:
+        """Return 2 times x."""
+        if x < LIMIT and not self.flat:
+            raise ValueError(f"x={x + 1}: expected {LIMIT} or more")
+        self.log(x, level=2)
+        return -x * (
+            steps
+            + 100
+        )
+'''
+
+
+def changes(source: bytes) -> dict[str, set[tuple[str, str]]]:
+    found: dict[str, set[tuple[str, str]]] = {}
+    for mutant in mutants("ramp.py", source):
+        found.setdefault(mutant.operator, set()).add((mutant.before, mutant.after))
+    return found
+
+
+def test_operators_comparisons_factors_branches_and_arguments_are_changed() -> None:
+    assert changes(SOURCE) == {
+        "boundary": {("x < LIMIT", "x <= LIMIT")},
+        "negated comparison": {("x < LIMIT", "x >= LIMIT")},
+        "and/or": {("x < LIMIT and (not self.flat)", "x < LIMIT or not self.flat")},
+        "dropped operand": {
+            ("x < LIMIT and (not self.flat)", "x < LIMIT"),
+            ("x < LIMIT and (not self.flat)", "not self.flat"),
+        },
+        "dropped branch": {("x < LIMIT and (not self.flat)", value) for value in ("True", "False")},
+        "negation": {("not self.flat", "self.flat")},
+        "sign": {("-x", "x")},
+        "arithmetic": {("-x * (steps + 100)", "-x / (steps + 100)"), ("steps + 100", "steps - 100")},
+        "constant": {("0.5", "1.5"), ("3", "4"), ("2", "3"), ("100", "200")},
+        "dropped argument": {("self.log(x, level=2)", "self.log(x)")},
+        "dropped statement": {("self.log(x, level=2)", "pass")},
+    }
+
+
+def test_a_mutant_is_valid_code_with_the_same_line_numbers() -> None:
+    for mutant in mutants("ramp.py", SOURCE):
+        changed = mutant.applied(SOURCE)
+        assert changed != SOURCE
+        assert changed.count(b"\n") == SOURCE.count(b"\n")
+        assert ast.unparse(ast.parse(changed)) != ast.unparse(ast.parse(SOURCE))
+
+
+def test_the_function_of_a_mutant_is_that_of_a_trace() -> None:
+    assert {(m.function, m.before) for m in mutants("ramp.py", SOURCE) if m.line <= 6} == {
+        ("", "0.5"),
+        ("", "3"),
+    }
+    assert {m.function for m in mutants("ramp.py", SOURCE) if m.line > 6} == {"Ramp.height"}
+
+
+def test_equal_changes_of_one_function_have_different_keys() -> None:
+    found = mutants("a.py", b"def f(x):\n    return x[0] + x[0]\n")
+    assert len({m.key for m in found}) == len(found)
+
+
+def test_a_sample_is_repeated_by_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(mutation, "PARTS_OF_CODE", {"a": (0.75, ("a",)), "b": (0.25, ("b",))})
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "ramp.py").write_bytes(SOURCE)
+        (tmp_path / folder / "commands.py").write_bytes(SOURCE)
+    drawn = [[m.key for _, m in mutation.sample(tmp_path, seed, 8)] for seed in (1, 1, 2)]
+    assert drawn[0] == drawn[1] != drawn[2]
+    assert Counter(part for part, _ in mutation.sample(tmp_path, 1, 8)) == {"a": 6, "b": 2}
+    assert not any("commands" in key for key in itertools.chain(*drawn))
+
+
+def test_the_ratio_is_that_of_the_mutants_that_are_not_equivalent() -> None:
+    counts = Counter({"killed": 8, "timeout": 1, "survived": 1, "equivalent": 5})
+    assert mutation.killed_ratio(counts) == 0.9

@@ -1,0 +1,207 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Queries of the DPM for a request to one robot or to any robot, and frame and robots of the match."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.clock import ManualClock
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, Quality, Status, product_id
+from cdff_common.interfaces.profile import load_profile
+from cdff_core.orchestration.request import ProductRequest, parse_request
+from services.orchestrator.dpm import StoredProduct
+from services.orchestrator.product_finder import ProductFinder
+from tests.support.dpm_products import S, elevation, pose
+
+PROFILE = Path(__file__).parents[4] / "deploy" / "profiles" / "rover_traverse.yaml"
+ROBOTS = ("mana", "minnie")
+NOW_S = 100
+
+
+class DpmDouble:
+    """DPM with one product of each type and robot, captured at ``t1_ns``."""
+
+    def __init__(self, t1_ns: int = 98 * S, status: str = "OK", frame: str = "") -> None:
+        self.t1_ns, self.status, self.frame = t1_ns, status, frame
+        self.searches: list[dict[str, Any]] = []
+        self.windows: list[dict[str, Any]] = []
+        self.poses: list[tuple[str, str, str, int | None]] = []
+        self.pose_error: Exception | None = None
+
+    def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+        self.searches.append(parameters)
+        robot = "mana" if parameters["robot"] == "any" else parameters["robot"]
+        return [self._header(robot, parameters["type"]).to_dict() | {"robot": robot, "dfpc": "a_dfpc"}]
+
+    def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
+        product = next(p for p in ("pose", "navigation_map", "dem") if stored == stored_id(robot, p))
+        value = pose(98, 1.0) if product == "pose" else elevation(0.0)
+        return StoredProduct(self._header(robot, product), robot, value, {}, b"", "")
+
+    def window(self, until_s: float, **parameters: Any) -> StoredProduct:
+        self.windows.append(parameters)
+        header = self._header(str(parameters["robot"]), "dem")
+        return StoredProduct(header, str(parameters["robot"]), elevation(0.0), {"oldest_ns": 90 * S}, b"", "")
+
+    def pose(
+        self, robot: str, parent: str, child: str, t_ns: int | None, until_s: float
+    ) -> UncertainTransform:
+        self.poses.append((robot, parent, child, t_ns))
+        if self.pose_error is not None:
+            raise self.pose_error
+        return UncertainTransform.exact(se3.transform(np.eye(3), [1.0, 1.0, 0.0]))
+
+    def _header(self, robot: str, product: str) -> Header:
+        return Header(
+            id=stored_id(robot, product),
+            seq=0,
+            t0_ns=self.t1_ns,
+            t1_ns=self.t1_ns,
+            frame=self.frame or ("site" if product == "pose" else f"{robot}/odom"),
+            child=f"{robot}/base" if product == "pose" else None,
+            producer="test",
+            config_hash="c",
+            quality=Quality(Status(self.status)),
+        )
+
+
+def stored_id(robot: str, product: str) -> str:
+    return product_id(robot, "a_dfpc", product, 0, 0, "c")
+
+
+def request(**parameters: str) -> ProductRequest:
+    return parse_request({"robot": "any", **parameters}, "ground")
+
+
+def finder(dpm: DpmDouble) -> ProductFinder:
+    clock, profile = ManualClock(NOW_S * S), load_profile(PROFILE)
+    return ProductFinder(dpm, clock, profile)  # type: ignore[arg-type]  # double
+
+
+def test_elevation_of_any_robot_is_one_window_of_all_robots_in_the_requested_frame() -> None:
+    dpm = DpmDouble()
+    found, _ = finder(dpm).find(request(type="dem", region="bbox:0,0,1,1"), ROBOTS, 1e9)
+    assert [w["robot"] for w in dpm.windows] == ["any"]
+    assert dpm.windows[0]["frame"] == "site"
+    assert dpm.windows[0]["region"] == "bbox:0,0,1,1"
+    assert found is not None
+    assert found[0].robots == ()
+    assert found[0].candidate.oldest_t1_ns == 90 * S
+
+
+def test_elevation_of_one_robot_is_a_window_of_its_maps_in_their_frame() -> None:
+    dpm = DpmDouble()
+    parameters = {"type": "dem", "robot": "minnie", "region": "bbox:0,0,1,1"}
+    found, _ = finder(dpm).find(request(**parameters), ("minnie",), 1e9)
+    assert [(w["robot"], w["frame"]) for w in dpm.windows] == [("minnie", "minnie/odom")]
+    assert dpm.windows[0]["region"] == "polygon:1,1,2,1,2,2,1,2"
+    assert dpm.poses == [("minnie", "minnie/odom", "site", 98 * S)]
+    assert found is not None
+    assert found[0].robots == ("minnie",)
+
+
+def test_elevation_without_region_is_the_window_of_the_whole_map() -> None:
+    dpm = DpmDouble()
+    found, _ = finder(dpm).find(request(type="dem", resolution_m="0.2"), ROBOTS, 1e9)
+    assert dpm.windows == [{"robot": "any", "resolution_m": 0.2, "t1": None}]
+    assert found is not None
+    assert found[0].candidate.coverage is None
+
+
+def test_outdated_elevation_is_stated_without_the_query_of_a_window() -> None:
+    dpm = DpmDouble()
+    parameters = {"type": "dem", "region": "bbox:0,0,1,1", "max_age_s": "1"}
+    found, reason = finder(dpm).find(request(**parameters), ROBOTS, 1e9)
+    assert dpm.windows == []
+    assert found is not None
+    assert found[0].value is None
+    assert found[0].frame == "site"
+    assert "age: 2.000 s old, asked at most 1 s" in reason
+
+
+@pytest.mark.parametrize("product", ["pose", "navigation_map"])
+def test_another_product_of_any_robot_is_searched_for_each_robot(product: str) -> None:
+    dpm = DpmDouble()
+    found, _ = finder(dpm).find(request(type=product), ROBOTS, 1e9)
+    assert {s["robot"] for s in dpm.searches} == set(ROBOTS)
+    assert found is not None
+    match, assessment = found
+    assert match.is_unmodified
+    assert match.candidate.robot in ROBOTS
+    assert assessment.satisfies
+    assert match.sources == (match.stored.header,)  # type: ignore[union-attr]
+
+
+def test_a_pose_in_another_frame_is_that_of_the_frame_tree() -> None:
+    dpm = DpmDouble()
+    found, _ = finder(dpm).find(request(type="pose", frame="mana/odom", robot="mana"), ("mana",), 1e9)
+    assert dpm.poses == [("mana", "mana/odom", "mana/base", 98 * S)]
+    assert found is not None
+    assert (found[0].frame, found[0].child, found[0].is_unmodified) == ("mana/odom", "mana/base", False)
+    assert found[0].sources[0].id == stored_id("mana", "pose")
+
+
+def test_failed_and_derived_products_are_not_used() -> None:
+    found, reason = finder(DpmDouble(status="FAILED")).find(request(type="pose"), ROBOTS, 1e9)
+    assert found is None
+    assert reason == "the DPM holds no pose of mana for it; the DPM holds no pose of minnie for it"
+
+
+def test_a_degraded_product_is_delivered_as_degraded() -> None:
+    found, _ = finder(DpmDouble(status="DEGRADED")).find(request(type="navigation_map"), ("mana",), 1e9)
+    assert found is not None
+    assert found[0].candidate.status == "DEGRADED"
+
+
+@pytest.mark.parametrize(
+    ("product", "robot", "pooled"),
+    [("dem", "any", True), ("dem", "mana", False), ("pointcloud", "any", False)],
+)
+def test_only_elevation_of_any_robot_is_pooled(product: str, robot: str, pooled: bool) -> None:
+    wanted = request(type=product, robot=robot, region="bbox:0,0,1,1")
+    coverage = finder(DpmDouble()).coverage(wanted, ROBOTS, None, 1e9, 10.0)
+    assert coverage.pooled is pooled
+    assert coverage.stored == 0
+    assert coverage.requested != 0
+
+
+def test_the_cells_of_a_region_are_larger_than_those_of_the_stored_product() -> None:
+    wanted = request(type="dem", region="bbox:0,0,12,12")
+    products = finder(DpmDouble())
+    found, _ = products.find(wanted, ROBOTS, 1e9)
+    assert found is not None
+    fine = products.coverage(wanted, ROBOTS, found[0], 1e9, 10.0)
+    coarse_candidate = replace(found[0].candidate, resolution_m=2.0)
+    coarse = products.coverage(wanted, ROBOTS, replace(found[0], candidate=coarse_candidate), 1e9, 10.0)
+    assert fine.requested.bit_count() == 24 * 24
+    assert coarse.requested.bit_count() == 4 * 4
+    failed = replace(found[0], candidate=replace(coarse_candidate, status="FAILED"))
+    assert coarse.stored != 0
+    assert products.coverage(wanted, ROBOTS, failed, 1e9, 10.0).stored == 0
+
+
+def test_a_robot_at_an_unknown_position_may_reach_the_whole_region() -> None:
+    dpm = DpmDouble()
+    wanted = request(type="dem", region="bbox:500,500,501,501")
+    far = finder(dpm).coverage(wanted, ("mana",), None, 1e9, 10.0)
+    assert far.reach["mana"] == 0
+    dpm.pose_error = ExtrapolationError("pose too old")
+    assert finder(dpm).coverage(wanted, ("mana",), None, 1e9, 10.0).reach == {}
+
+
+def test_a_frame_is_known_if_it_is_connected_at_any_time() -> None:
+    dpm = DpmDouble()
+    assert finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
+    dpm.pose_error = FrameNotFoundError("no edge")
+    assert not finder(dpm).has_frame("mana/odom", ROBOTS, 1e9)
+    queried = [(robot, parent) for robot in ROBOTS for parent in ("site", f"{robot}/base")]
+    assert [pose[:2] for pose in dpm.poses[1:]] == queried
+    assert {pose[2] for pose in dpm.poses} == {"mana/odom"}
