@@ -3,8 +3,8 @@
 """State of the error-state filter: motion of the robot, cloned poses, and their joint covariance.
 
 Order of the errors: position and rotation of ``T_site_base`` (perturbation in the site), velocity in the
-site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length; then
-six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
+site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length,
+rotations of the mounts of IMU, visual and lidar odometry (base axes); then six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
 increment is measured between the clone and the current pose, and corrects both.
 
 References
@@ -26,8 +26,10 @@ from cdff_common.geometry.se3 import FloatArray
 
 POSITION, ROTATION, VELOCITY, GYRO, FORCE, SLIP = (slice(k, k + 3) for k in range(0, 18, 3))
 POSE = slice(0, 6)
+#: Errors of the mounts' rotations by source, three each.
+MOUNTS = {"imu": slice(18, 21), "visual_odometry": slice(21, 24), "lidar_odometry": slice(24, 27)}
 #: Number of errors without clones.
-CORE_SIZE = 18
+CORE_SIZE = 27
 #: Errors stored in the timeline: pose and gyro bias, which evolve nearly independently of the others.
 TIMELINE_ERRORS = np.r_[0:6, 9:12]
 
@@ -53,8 +55,9 @@ class Estimate:
     velocity: FloatArray  # (3,), m/s in the site
     biases: FloatArray  # (6,), gyro (rad/s) and accelerometer (m/s^2)
     slip: FloatArray  # (3,), per metre of path length
-    covariance: FloatArray  # (18 + 6 c, 18 + 6 c)
-    #: (18 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
+    mounts: FloatArray  # (9,), estimated rotation errors of the mounts, in the order of ``MOUNTS``
+    covariance: FloatArray  # (27 + 6 c, 27 + 6 c)
+    #: (27 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
     cross_covariance: FloatArray
     clones: dict[str, Clone]  # in the order of their errors
     consecutive_refusals: int = 0  # number of increments refused one after the other
@@ -75,9 +78,13 @@ class Estimate:
         """Return an estimate at rest without clones; ``sigmas`` (9,) are those of biases and slip."""
         P = np.zeros((CORE_SIZE, CORE_SIZE))
         P[POSE, POSE] = 0.0 if pose.covariance is None else pose.covariance
-        P[6:, 6:] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
-        zero = np.zeros(3)
-        return cls(stamp_ns, pose.matrix, zero, biases, zero, P, P[:, TIMELINE_ERRORS].copy(), {})
+        P[6:18, 6:18] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
+        zero, cross = np.zeros(3), P[:, TIMELINE_ERRORS].copy()
+        return cls(stamp_ns, pose.matrix, zero, biases, zero, np.zeros(9), P, cross, {})
+
+    def mount_error(self, source: str) -> FloatArray:
+        """Return the estimated rotation error (3,) of the mount of a source, rad in base axes."""
+        return self.mounts[MOUNTS[source].start - 18 :][:3]
 
     def clone_errors(self, name: str) -> slice:
         """Return the indices of the errors of a clone."""
@@ -133,6 +140,7 @@ class Estimate:
             velocity=self.velocity + correction[VELOCITY],
             biases=self.biases + correction[9:15],
             slip=self.slip + correction[SLIP],
+            mounts=self.mounts + correction[18:CORE_SIZE],
             clones={name: replace(clone, pose=pose) for (name, clone), pose in clones},
         )
 

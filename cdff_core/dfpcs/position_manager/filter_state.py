@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -23,10 +24,13 @@ from cdff_common.types import (
 )
 from cdff_common.types.columns import pack_poses, unpack_poses
 from cdff_core.dfpcs.position_manager.estimate import CORE_SIZE, Clone, Estimate
+from cdff_core.dfpcs.position_manager.estimator import ODOMETRIES
 from cdff_core.dfpcs.position_manager.frame_tree import JointValues
 from cdff_core.dfpcs.position_manager.pose_timeline import Node
 
 _FIELD = "PositionState"
+#: Number of rows of ``vectors`` before those of the clones.
+_VECTORS = 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +43,7 @@ class Checkpoint:
     T_odom_base: UncertainTransform  # pose at the start of the timeline
     gravity_m_s2: float | None
     joints: Mapping[str, JointValues]
+    stamp_offsets_s: Mapping[str, float]  # offset of the stamps in use by odometry
 
     def to_message(self, base: str, producer: str) -> PositionState:
         """Return the message; times are rounded down to microseconds."""
@@ -54,6 +59,7 @@ class Checkpoint:
             stamps[[n.after_gap for n in nodes]],
         )
         clones = list(estimate.clones.values())
+        offsets = [self.stamp_offsets_s.get(source, 0.0) for source in ODOMETRIES]
         scalars = [self.gravity_m_s2 or 0.0, estimate.wheel_speed_m_s, float(estimate.consecutive_refusals)]
         noise = [[c.noise_factor, float(c.refusals), 0.0] for c in clones]
         filtered = PositionStateFilter(
@@ -61,14 +67,22 @@ class Checkpoint:
             start_covariance=_to_row(self.T_odom_base.covariance)[None],
             body=pack_poses(estimate.pose[None], _FIELD),
             vectors=np.array(
-                [estimate.velocity, *estimate.biases.reshape(2, 3), estimate.slip, scalars, *noise]
+                [
+                    estimate.velocity,
+                    *estimate.biases.reshape(2, 3),
+                    estimate.slip,
+                    scalars,
+                    *estimate.mounts.reshape(3, 3),
+                    offsets,
+                    *noise,
+                ]
             ),
             names=tuple(estimate.clones),
             stamps=np.array([c.stamp_ns // 1000 for c in clones], dtype=np.int64),
             poses=pack_poses(np.array([c.pose for c in clones]), _FIELD),
             measured=pack_poses(np.array([c.measured.matrix for c in clones]), _FIELD),
             measured_covariances=np.array([_to_row(c.measured.covariance) for c in clones]).reshape(-1, 36),
-            covariance=estimate.covariance.reshape(-1, 6),
+            covariance=_to_rows(estimate.covariance),
         )
         metadata = PositionStateMetadata(producer_id=producer)
         return PositionState(metadata, trajectory, links, filtered, _joints_to_message(self.joints))
@@ -95,17 +109,18 @@ class Checkpoint:
         clones = {
             name: Clone(pose, m, int(stamp) * 1000, refusals=int(noise[1]), noise_factor=float(noise[0]))
             for name, pose, m, stamp, noise in zip(
-                f.names, poses, measured, f.stamps, f.vectors[5:], strict=True
+                f.names, poses, measured, f.stamps, f.vectors[_VECTORS:], strict=True
             )
         }
-        velocity, gyro, force, slip, scalars = f.vectors[:5]
+        velocity, gyro, force, slip, scalars, *mounts, offsets = f.vectors[:_VECTORS]
         estimate = Estimate(
             stamp_ns=nodes[-1].stamp_ns,
             pose=unpack_poses(f.body, _FIELD)[0],
             velocity=velocity.copy(),
             biases=np.concatenate([gyro, force]),
             slip=slip.copy(),
-            covariance=f.covariance.reshape(size, size).copy(),
+            mounts=np.concatenate(mounts),
+            covariance=f.covariance.ravel()[: size**2].reshape(size, size).copy(),
             cross_covariance=np.zeros((size, 9)),
             clones=clones,
             wheel_speed_m_s=float(scalars[1]),
@@ -114,7 +129,8 @@ class Checkpoint:
         start = UncertainTransform(unpack_poses(f.start, _FIELD)[0], _from_row(f.start_covariance[0]))
         pins = {int(t) * 1000 for t in links.pins}
         joints = _joints_from_message(message.joints)
-        return cls(estimate, nodes, pins, start, float(scalars[0]) or None, joints)
+        applied_s = {source: float(s) for source, s in zip(ODOMETRIES, offsets, strict=True) if s}
+        return cls(estimate, nodes, pins, start, float(scalars[0]) or None, joints, applied_s)
 
 
 def _check_sizes(message: PositionState) -> None:
@@ -126,12 +142,12 @@ def _check_sizes(message: PositionState) -> None:
         "covariances": (len(links.covariances), 9 * n),
         "start": (len(f.start), 1),
         "body": (len(f.body), 1),
-        "vectors": (len(f.vectors), 5 + c),
+        "vectors": (len(f.vectors), _VECTORS + c),
         "stamps": (len(f.stamps), c),
         "poses": (len(f.poses), c),
         "measured": (len(f.measured), c),
         "measuredCovariances": (len(f.measured_covariances), c),
-        "covariance": (6 * len(f.covariance), (CORE_SIZE + 6 * c) ** 2),
+        "covariance": (len(f.covariance), math.ceil((CORE_SIZE + 6 * c) ** 2 / 6)),
         "startCovariance": (len(f.start_covariance), 1),
     }
     for name, (size, expected) in sizes.items():
@@ -173,6 +189,11 @@ def _joints_from_message(message: PositionStateJoints) -> dict[str, JointValues]
         name: JointValues(stamps[at], message.values[at], set(stamps[at][gaps[at]].tolist()))
         for name, at in zip(message.names, spans, strict=True)
     }
+
+
+def _to_rows(covariance: FloatArray) -> FloatArray:
+    """Return a square matrix in rows of six, the last one filled up with zeros."""
+    return np.append(covariance, np.zeros(-covariance.size % 6)).reshape(-1, 6)
 
 
 def _to_row(covariance: FloatArray | None) -> FloatArray:
