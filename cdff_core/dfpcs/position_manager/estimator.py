@@ -34,7 +34,9 @@ from cdff_core.dfpcs.position_manager.mount_errors import (
     MountErrors,
     corrected_mount,
     increment_jacobian,
+    offset_displacement,
     with_imu_mount_error,
+    with_stamp_offset,
 )
 from cdff_core.dfpcs.position_manager.wheel_correction import corrected_by_wheels, kalman_corrected
 
@@ -54,8 +56,9 @@ _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
 _REFUSAL_SCALE, _MAX_SCALED_REFUSALS = 4.0, 10
 #: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
-#: Number of consecutive refused increments after which the velocity counts as unknown.
-_MAX_REFUSALS = 3
+#: Number and duration (s) of consecutive refused increments after which the velocity counts as unknown. A
+#: slip of the wheels refuses several increments of a frequent source but does not change the velocity.
+_MAX_REFUSALS, _MIN_REFUSED_S = 3, 1.0
 _IDENTITY = UncertainTransform.identity()
 _JITTER = 1e-14 * np.eye(6)
 
@@ -72,6 +75,8 @@ class Measurement:
     scale: float = 1.0  # factor on its variances
     #: True if no increment may be formed, since the previous pose is missing or has another origin.
     restart: bool = False
+    #: Standard deviation of the offset of its stamp to the clock of the IMU, seconds.
+    stamp_sigma_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +195,7 @@ class Estimator:
         """
         clone = estimate.clones.get(m.source)
         if clone is None or m.restart or self._is_origin_lost(m, clone):
+            estimate = with_stamp_offset(estimate, m.source, m.stamp_sigma_s)
             attached = self._mounts.attached(
                 estimate.with_clone(m.source, m.T_origin_sensor), m.source, m.child
             )
@@ -199,7 +205,8 @@ class Estimator:
                 (c.stamp_ns for c in estimate.clones.values() if c.refusals), default=clone.stamp_ns
             )
             interval_s = (m.stamp_ns - used_ns) * 1e-9
-            estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S, interval_s)
+            if interval_s >= _MIN_REFUSED_S:
+                estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S, interval_s)
         factor = clone.noise_factor * _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
         try:
             corrected = self._apply_increment(estimate, replace(m, scale=m.scale * factor), clone)
@@ -258,6 +265,7 @@ class Estimator:
             noise = noise * self._count_correlated(estimate, m)
         J = increment_jacobian(step.increment, mount[:3, 3])
         H[:, MOUNTS[m.source]] = -J[:, 3:]
+        residual[:3] -= offset_displacement(estimate, m.source, H)
         noise = noise + J[:, :3] @ self._mounts.covariance(m.child, m.stamp_ns)[:3, :3] @ J[:, :3].T
         corrected = kalman_corrected(estimate, self._correction, residual, H, noise)
         return corrected.with_clone(m.source, m.T_origin_sensor)

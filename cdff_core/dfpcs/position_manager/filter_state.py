@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -30,7 +29,7 @@ from cdff_core.dfpcs.position_manager.pose_timeline import Node
 
 _FIELD = "PositionState"
 #: Number of rows of ``vectors`` before those of the clones.
-_VECTORS = 9
+_VECTORS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +60,7 @@ class Checkpoint:
         clones = list(estimate.clones.values())
         offsets = [self.stamp_offsets_s.get(source, 0.0) for source in ODOMETRIES]
         scalars = [self.gravity_m_s2 or 0.0, estimate.wheel_speed_m_s, float(estimate.consecutive_refusals)]
-        noise = [[c.noise_factor, float(c.refusals), 0.0] for c in clones]
+        noise = [row for c in clones for row in ([c.noise_factor, float(c.refusals), 0.0], c.velocity)]
         filtered = PositionStateFilter(
             start=pack_poses(self.T_odom_base.matrix[None], _FIELD),
             start_covariance=_to_row(self.T_odom_base.covariance)[None],
@@ -72,7 +71,7 @@ class Checkpoint:
                     *estimate.biases.reshape(2, 3),
                     estimate.slip,
                     scalars,
-                    *estimate.mounts.reshape(3, 3),
+                    *estimate.calibration.reshape(4, 3),
                     offsets,
                     *noise,
                 ]
@@ -82,7 +81,7 @@ class Checkpoint:
             poses=pack_poses(np.array([c.pose for c in clones]), _FIELD),
             measured=pack_poses(np.array([c.measured.matrix for c in clones]), _FIELD),
             measured_covariances=np.array([_to_row(c.measured.covariance) for c in clones]).reshape(-1, 36),
-            covariance=_to_rows(estimate.covariance),
+            covariance=estimate.covariance.reshape(-1, 6),
         )
         metadata = PositionStateMetadata(producer_id=producer)
         return PositionState(metadata, trajectory, links, filtered, _joints_to_message(self.joints))
@@ -107,20 +106,28 @@ class Checkpoint:
         ]
         poses = unpack_poses(f.poses, _FIELD)
         clones = {
-            name: Clone(pose, m, int(stamp) * 1000, refusals=int(noise[1]), noise_factor=float(noise[0]))
-            for name, pose, m, stamp, noise in zip(
-                f.names, poses, measured, f.stamps, f.vectors[_VECTORS:], strict=True
+            name: Clone(
+                pose, m, int(stamp) * 1000, velocity, refusals=int(noise[1]), noise_factor=float(noise[0])
+            )
+            for name, pose, m, stamp, noise, velocity in zip(
+                f.names,
+                poses,
+                measured,
+                f.stamps,
+                f.vectors[_VECTORS::2],
+                f.vectors[_VECTORS + 1 :: 2],
+                strict=True,
             )
         }
-        velocity, gyro, force, slip, scalars, *mounts, offsets = f.vectors[:_VECTORS]
+        velocity, gyro, force, slip, scalars, *calibration, offsets = f.vectors[:_VECTORS]
         estimate = Estimate(
             stamp_ns=nodes[-1].stamp_ns,
             pose=unpack_poses(f.body, _FIELD)[0],
             velocity=velocity.copy(),
             biases=np.concatenate([gyro, force]),
             slip=slip.copy(),
-            mounts=np.concatenate(mounts),
-            covariance=f.covariance.ravel()[: size**2].reshape(size, size).copy(),
+            calibration=np.concatenate(calibration),
+            covariance=f.covariance.reshape(size, size).copy(),
             cross_covariance=np.zeros((size, 9)),
             clones=clones,
             wheel_speed_m_s=float(scalars[1]),
@@ -142,12 +149,12 @@ def _check_sizes(message: PositionState) -> None:
         "covariances": (len(links.covariances), 9 * n),
         "start": (len(f.start), 1),
         "body": (len(f.body), 1),
-        "vectors": (len(f.vectors), _VECTORS + c),
+        "vectors": (len(f.vectors), _VECTORS + 2 * c),
         "stamps": (len(f.stamps), c),
         "poses": (len(f.poses), c),
         "measured": (len(f.measured), c),
         "measuredCovariances": (len(f.measured_covariances), c),
-        "covariance": (len(f.covariance), math.ceil((CORE_SIZE + 6 * c) ** 2 / 6)),
+        "covariance": (6 * len(f.covariance), (CORE_SIZE + 6 * c) ** 2),
         "startCovariance": (len(f.start_covariance), 1),
     }
     for name, (size, expected) in sizes.items():
@@ -189,11 +196,6 @@ def _joints_from_message(message: PositionStateJoints) -> dict[str, JointValues]
         name: JointValues(stamps[at], message.values[at], set(stamps[at][gaps[at]].tolist()))
         for name, at in zip(message.names, spans, strict=True)
     }
-
-
-def _to_rows(covariance: FloatArray) -> FloatArray:
-    """Return a square matrix in rows of six, the last one filled up with zeros."""
-    return np.append(covariance, np.zeros(-covariance.size % 6)).reshape(-1, 6)
 
 
 def _to_row(covariance: FloatArray | None) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfpcs.position_manager.configuration import MountParameters
-from cdff_core.dfpcs.position_manager.estimate import MOUNTS, ROTATION, VELOCITY, Estimate
+from cdff_core.dfpcs.position_manager.estimate import MOUNTS, OFFSETS, ROTATION, VELOCITY, Estimate
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 
 _IMU = MOUNTS["imu"]
@@ -89,3 +89,27 @@ def with_imu_mount_error(estimate: Estimate, predicted: Estimate, gravity_m_s2: 
     P[:, :15] += P[:, _IMU] @ G.T
     cross[:15] += G @ cross[_IMU]
     return replace(predicted, covariance=P, cross_covariance=cross)
+
+
+def with_stamp_offset(estimate: Estimate, source: str, sigma_s: float) -> Estimate:
+    """Return the estimate with an unknown offset of the stamps of an odometry, whose correction has changed."""
+    row = OFFSETS[source]
+    P, cross, calibration = (
+        estimate.covariance.copy(),
+        estimate.cross_covariance.copy(),
+        estimate.calibration.copy(),
+    )
+    P[row] = P[:, row] = cross[row] = calibration[row - 18] = 0.0
+    P[row, row] = sigma_s**2
+    return replace(estimate, covariance=P, cross_covariance=cross, calibration=calibration)
+
+
+def offset_displacement(estimate: Estimate, source: str, H: FloatArray) -> FloatArray:
+    """Return the change (3,) of an increment since a clone by the offset of its stamps; set its column of H.
+
+    Both poses are measured later by the offset, during which the robot moves by its velocities there.
+    """
+    clone = estimate.clones[source]
+    change_m_s = clone.pose[:3, :3].T @ (estimate.velocity - clone.velocity)
+    H[:3, OFFSETS[source]] = change_m_s
+    return change_m_s * estimate.stamp_offset_s(source)
