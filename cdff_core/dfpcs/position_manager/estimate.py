@@ -4,7 +4,7 @@
 
 Order of the errors: position and rotation of ``T_site_base`` (perturbation in the site), velocity in the
 site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length,
-rotations of the mounts of IMU, visual and lidar odometry (base axes), offsets of the stamps of the odometries;
+rotations of the mounts of IMU, visual and lidar odometry (base axes), offsets of the stamps of odometries;
 then six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
 increment is measured between the clone and the current pose, and corrects both.
 

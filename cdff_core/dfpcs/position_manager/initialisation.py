@@ -154,7 +154,7 @@ def _with_tilt_from_bias(estimate: Estimate, gravity_m_s2: float, sigma_m_s2: fl
 
 
 def _rotation_by_mount(R: FloatArray) -> FloatArray:
-    """Return the Jacobian (3, 3) of the rotation error of a levelled pose by the rotation error of the IMU."""
+    """Return the Jacobian (3, 3) of the rotation error of a levelled pose by that of the IMU's mount."""
     return -_rotation_by_tilt(R) @ R
 
 

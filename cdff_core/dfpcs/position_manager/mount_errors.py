@@ -92,7 +92,7 @@ def with_imu_mount_error(estimate: Estimate, predicted: Estimate, gravity_m_s2: 
 
 
 def with_stamp_offset(estimate: Estimate, source: str, sigma_s: float) -> Estimate:
-    """Return the estimate with an unknown offset of the stamps of an odometry, whose correction has changed."""
+    """Return the estimate with an unknown offset of the stamps of an odometry after a new correction."""
     row = OFFSETS[source]
     P, cross, calibration = (
         estimate.covariance.copy(),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of mounts and stamps: their covariance, and drives of sensors whose true mount is not the stated one."""
+"""Errors of mounts and stamps: their covariance, and drives with sensors that are not mounted as stated."""
 
 from __future__ import annotations
 
