@@ -28,7 +28,7 @@ from cdff_dev.compare.elevation import compare
 from cdff_dev.simulate.scenario import load_scenario
 from evaluation.chart import Bar, Panel, chart
 from evaluation.runs.elevation import CONFIG, as_samples, build_map, evaluate_drives
-from evaluation.runs.traverse import SCENARIO, run, traverse_runs, visual_odometry
+from evaluation.runs.traverse import EXACT_MOUNTS, SCENARIO, run, traverse_runs, visual_odometry
 
 T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.zeros(3))
 
@@ -55,7 +55,8 @@ def _simulated(progress: Callable[[str], None]) -> dict[str, Any]:
         poses = {
             "true poses": drive.samples({"truth.pose": "poses"}),
             "estimated poses": as_samples(
-                run("position_manager", drive.context, [*measured, *vo_samples]), "poses"
+                run("position_manager", drive.context, [*measured, *vo_samples], parameters=EXACT_MOUNTS),
+                "poses",
             ),
         }
         for port, stream, variant in (("scan", "lidar.scan", "Lidar"), ("stereo", "navcam.pair", "Stereo")):

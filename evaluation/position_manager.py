@@ -23,6 +23,7 @@ from cdff_dev.compare.error_summary import error_summary
 from evaluation.chart import Panel, chart
 from evaluation.runs.consistency import consistency
 from evaluation.runs.traverse import (
+    EXACT_MOUNTS,
     SCENARIO,
     TraverseRun,
     lidar_slam,
@@ -189,7 +190,7 @@ def _as_samples(
 
 def _error(drive: TraverseRun, samples: list[Sample]) -> tuple[float, float]:
     """Return the error of the last position relative to the path length, and the NEES of the last pose."""
-    last = run("position_manager", drive.context, samples)[-1]
+    last = run("position_manager", drive.context, samples, parameters=EXACT_MOUNTS)[-1]
     error_m, squared = normalised_error(drive.true_pose(last.header.t1_ns), last.value.transform)
     return error_m / drive.path_length_m, squared
 

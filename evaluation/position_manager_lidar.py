@@ -24,7 +24,7 @@ from cdff_dev.compare.error_summary import error_summary
 from cdff_dev.simulate.traverse import levelled, simulate
 from evaluation.lidar_slam_covariance import short_scenario
 from evaluation.runs.lidar_slam import ROBOT
-from evaluation.runs.traverse import normalised_error, run
+from evaluation.runs.traverse import EXACT_MOUNTS, normalised_error, run
 
 PAGE = "position_manager"
 HELD_OUT = range(6000, 6012)
@@ -42,7 +42,8 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         path_lengths_m.append(_path_length_m(truth))
         base_samples = [*samples["imu"], *samples["odometry"]]
         for name, fix_samples in ((WITHOUT, []), (WITH, fixes(context, samples))):
-            last = run("position_manager", context, [*base_samples, *fix_samples])[-1]
+            samples_of_all = [*base_samples, *fix_samples]
+            last = run("position_manager", context, samples_of_all, parameters=EXACT_MOUNTS)[-1]
             nearest = min(truth, key=lambda t, at=last.header.t1_ns: abs(t - at))  # type: ignore[misc]
             error_m, squared = normalised_error(truth[nearest], last.value.transform)
             results[name].append((100.0 * error_m / path_lengths_m[-1], squared))

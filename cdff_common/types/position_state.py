@@ -66,7 +66,7 @@ class PositionStateFilter(Message):
     body : NDArray[np.float64], shape (n, 7)
         T_site_base.
     vectors : NDArray[np.float64], shape (n, 3)
-        velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s2), slip; gravity (m/s2, 0 unknown), wheel speed (m/s), consecutive refusals; per clone factor on variances, refusals, 0.
+        velocity (m/s), gyro bias (rad/s), accelerometer bias (m/s2), slip; gravity (m/s2, 0 unknown), wheel speed (m/s), consecutive refusals; rotation errors of the mounts of IMU, visual and lidar odometry (rad); offsets of the corrected stamps of wheels, visual and lidar odometry, and the corrections (s); per clone factor on variances, refusals, 0, and velocity (m/s).
     names : tuple[str, ...]
         of the clones.
     stamps : NDArray[np.int64], shape (n,)
@@ -78,7 +78,7 @@ class PositionStateFilter(Message):
     measured_covariances : NDArray[np.float64], shape (n, 36)
         6x6 rows per clone; NaN where unknown.
     covariance : NDArray[np.float64], shape (n, 6)
-        square matrix of all errors in rows of 6: 18 of the core, 6 per clone.
+        square matrix of all errors in rows of 6: 30 of the core, 6 per clone.
     """
 
     ASN1_NAME: ClassVar[str] = "PositionState-Filter"

@@ -9,6 +9,7 @@ level (``runs/dead_reckoning.py``). ``position_manager`` estimates the poses.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.traverse import sample_times_us
 from cdff_dev.simulate.world import cast_scene, generator, make_world, true_heights
 from evaluation.runs.dead_reckoning import EPOCH_NS, ROBOT, SCENARIO, SimulatedRun, simulate_measurements
-from evaluation.runs.traverse import run
+from evaluation.runs.traverse import EXACT_MOUNTS, run
 
 #: Cell size of the true terrain.
 TRUTH_M = 0.05
@@ -64,7 +65,7 @@ class LidarRun:
         """
         inputs = self.drive.samples
         samples = [*inputs["imu"], *inputs["odometry"], *inputs["visual_odometry"]]
-        parameters = {}
+        parameters: dict[str, Any] = {**EXACT_MOUNTS}
         if levelled:
             rng = np.random.default_rng([79, self.drive.seed])
             covariance = np.diag([100.0] * 3 + [ATTITUDE_SIGMA_RAD**2] * 2 + [1.0])
@@ -74,7 +75,7 @@ class LidarRun:
                 T = self.drive.truth(EPOCH_NS + us * 1000)
                 T_fix = se3.transform(se3.exp_so3(error_rad) @ T[:3, :3], T[:3, 3])
                 samples.append(_pose("fix", k, us, T_fix, covariance))
-            parameters = {"fixes": {"weighting": "kalman"}}
+            parameters["fixes"] = {"weighting": "kalman"}
         result = run("position_manager", self.drive.context, samples, parameters=parameters)
         return [
             Sample("poses", p.header.t1_ns, p.header.seq, p.value, quality=p.header.quality) for p in result

@@ -38,6 +38,9 @@ SIMULATED_CAMERA: dict[str, Any] = {
     }
 }
 
+#: Parameters of the position manager for simulated drives without errors of the mounts.
+EXACT_MOUNTS = {"mounts": {"imu_sigma_deg": 0.0, "sensor_sigma_deg": 0.0, "sensor_sigma_m": 0.0}}
+
 
 @dataclass(frozen=True, slots=True)
 class TraverseRun:

@@ -23,7 +23,7 @@ from cdff_dev.simulate.scenario import Scenario, load_scenario
 from cdff_dev.simulate.store import SIDECAR, describe, simulated_log
 from cdff_dev.simulate.traverse import levelled, proprioceptive_entries
 from cdff_dev.simulate.world import World, make_world
-from evaluation.runs.traverse import SIMULATED_CAMERA
+from evaluation.runs.traverse import EXACT_MOUNTS, SIMULATED_CAMERA
 
 ROBOTS = ("mana", "minnie")
 
@@ -38,7 +38,7 @@ def context(description: dict[str, object], robot: str) -> DfpcContext:
 
 def run(dfpc_context: DfpcContext, samples: list[Sample]) -> list[Output]:
     dfpc = Registry.default().make_dfpc("position_manager")
-    dfpc.configure(None, dfpc_context)
+    dfpc.configure(EXACT_MOUNTS, dfpc_context)
     out = [o for s in sorted(samples, key=lambda s: (s.stamp_ns, s.port)) for o in dfpc.step(s)]
     return [o for o in out if o.port == "pose"]
 

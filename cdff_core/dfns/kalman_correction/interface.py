@@ -28,6 +28,8 @@ class KalmanCorrectionInputs(DfnInputs):
         Covariance of the measurement.
     covariance : ndarray of float64, shape (n,n)
         Covariance of the errors of the state.
+    considered : ndarray of int64, shape (k), optional
+        Indices of errors that contribute to the covariance but are not corrected.
     """
 
     ARRAYS = ArrayPorts(
@@ -36,13 +38,16 @@ class KalmanCorrectionInputs(DfnInputs):
             "jacobian": "float64[m,n]",
             "noise": "float64[m,m]",
             "covariance": "float64[n,n]",
-        }
+            "considered": "int64[k]",
+        },
+        optional=["considered"],
     )
 
     residual: NDArray[np.float64]
     jacobian: NDArray[np.float64]
     noise: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    considered: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -24,6 +24,7 @@ class JosephFormConfig(DfnConfig):
 class JosephForm(Interface[JosephFormConfig]):
     """Kalman correction in the form of Bucy and Joseph (1968), with a chi-squared gate on the innovation.
 
+    Rows of the gain of considered errors are zero (Schmidt-Kalman filter, Schmidt 1966).
     The covariance is ``(I - K H) P (I - K H)^T + K N K^T`` with gain K, Jacobian H and measurement noise N.
     """
 
@@ -48,6 +49,8 @@ class JosephForm(Interface[JosephFormConfig]):
                 [f"innovation:{innovation:.3g}>{limit:.3g}"],
             )
         K = solved[:, 1:].T
+        if inputs.considered is not None:
+            K[inputs.considered] = 0.0
         # The terms of the class docstring multiplied out, with S = H P H^T + N.
         KP = K @ PH.T
         covariance = P - KP - KP.T + K @ S @ K.T

@@ -27,8 +27,6 @@ from cdff_core.dfpcs.position_manager.source_monitor import SourceMonitor
 from cdff_core.dfpcs.position_manager.time_offset import StampCorrection
 from cdff_core.dfpcs.position_manager.transform_query import TransformQuery
 
-_NS = 1e9
-
 
 class PositionManager(PositionManagerInterface):
     """Timeline of ``T_site_base``; a late measurement corrects all estimates after its time."""
@@ -40,10 +38,10 @@ class PositionManager(PositionManagerInterface):
         """Create frame tree, filter and timeline; offer the store items."""
         c, t, context = self.config, self.config.timeline, self.context
         self._frames = RobotFrames(context.robot, context.frames, context.urdf)
-        self._imu = ImuBuffer(int(2 * t.memory_s * _NS))
+        self._imu = ImuBuffer(int(2 * t.memory_s * 1e9))
         self._estimator = Estimator(c, self.dfn, self._imu, self._frames)
-        self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * _NS))
-        self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * _NS))
+        self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * 1e9))
+        self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * 1e9))
         self._mission_time, self._sources = MissionTime(c), SourceMonitor(c)
         self.stamps = StampCorrection(self._imu, self._frames)
         self._initialiser = Initialiser(c, self.dfn("levelling"), self._imu, self._frames)
@@ -78,7 +76,7 @@ class PositionManager(PositionManagerInterface):
             yield from self._initialise(sample)
             return
         self._history.invalidate(sample.stamp_ns)
-        if sample.stamp_ns - self._timeline.stamps_ns[-1] >= self.config.timeline.imu_period_s * _NS:
+        if sample.stamp_ns - self._timeline.stamps_ns[-1] >= self.config.timeline.imu_period_s * 1e9:
             yield from self._estimate(sample, Measurement(sample.stamp_ns, "imu"))
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
@@ -99,7 +97,7 @@ class PositionManager(PositionManagerInterface):
 
     def on_joints(self, sample: Sample) -> Iterable[Output]:
         """Move the frames of the joints below the base."""
-        oldest_ns = sample.stamp_ns - int(self.config.timeline.history_s * _NS)
+        oldest_ns = sample.stamp_ns - int(self.config.timeline.history_s * 1e9)
         self._frames.set_joints(sample.value, sample.stamp_ns, oldest_ns, self._timeline.pins)
         self.state_revision += 1
         return ()
@@ -151,6 +149,7 @@ class PositionManager(PositionManagerInterface):
             self._query.T_odom_base,
             self._estimator.gravity_m_s2,
             self._frames.joint_values(),
+            self.stamps.applied_s,
         ).to_message(self._frames.base, self.name)
 
     def resume(self, state: Any) -> None:
@@ -161,6 +160,7 @@ class PositionManager(PositionManagerInterface):
         self.reset()
         self._timeline.restore(stored.nodes, stored.pins)
         self._frames.restore(stored.joints)
+        self.stamps.applied_s.update(stored.stamp_offsets_s)
         self._mission_time.start(stored.estimate.stamp_ns)
         self._publisher.published_ns = stored.estimate.stamp_ns
         self._start_from(InitialState(stored.estimate, stored.T_odom_base, stored.gravity_m_s2, ("resumed",)))

@@ -35,6 +35,20 @@ class WheelParameters(StrictModel):
     )
 
 
+class MountParameters(StrictModel):
+    """Errors of mounts for which the profile states no standard deviation (``sigma_m``, ``sigma_deg``)."""
+
+    imu_sigma_deg: float = Field(
+        default=0.5, ge=0, le=20, description="rotation of the IMU: tolerance of its axes in the housing, °"
+    )
+    sensor_sigma_deg: float = Field(
+        default=0.2, ge=0, le=20, description="rotation of camera or lidar: residual of its calibration, °"
+    )
+    sensor_sigma_m: float = Field(
+        default=0.005, ge=0, le=1, description="position of camera or lidar in the base, m"
+    )
+
+
 class OdometryParameters(StrictModel):
     """Visual and lidar odometry."""
 
@@ -115,6 +129,7 @@ class PositionManagerConfig(DfpcConfig):
 
     start: StartParameters = StartParameters()
     wheels: WheelParameters = WheelParameters()
+    mounts: MountParameters = MountParameters()
     odometry: OdometryParameters = OdometryParameters()
     fixes: FixParameters = FixParameters()
     clock: ClockParameters = ClockParameters()

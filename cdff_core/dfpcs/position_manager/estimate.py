@@ -3,8 +3,9 @@
 """State of the error-state filter: motion of the robot, cloned poses, and their joint covariance.
 
 Order of the errors: position and rotation of ``T_site_base`` (perturbation in the site), velocity in the
-site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length; then
-six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
+site, gyro bias, accelerometer bias (base axes), slip forward, left and up relative to the path length,
+rotations of the mounts of IMU, visual and lidar odometry (base axes), offsets of the stamps of odometries;
+then six for each clone. A clone is a copy of the pose at the last measurement of an odometry [1]_: the next
 increment is measured between the clone and the current pose, and corrects both.
 
 References
@@ -26,8 +27,12 @@ from cdff_common.geometry.se3 import FloatArray
 
 POSITION, ROTATION, VELOCITY, GYRO, FORCE, SLIP = (slice(k, k + 3) for k in range(0, 18, 3))
 POSE = slice(0, 6)
+#: Errors of the mounts' rotations by source, three each.
+MOUNTS = {"imu": slice(18, 21), "visual_odometry": slice(21, 24), "lidar_odometry": slice(24, 27)}
+#: Errors of the stamps' offsets to the IMU by odometry.
+OFFSETS = {"odometry": 27, "visual_odometry": 28, "lidar_odometry": 29}
 #: Number of errors without clones.
-CORE_SIZE = 18
+CORE_SIZE = 30
 #: Errors stored in the timeline: pose and gyro bias, which evolve nearly independently of the others.
 TIMELINE_ERRORS = np.r_[0:6, 9:12]
 
@@ -39,6 +44,7 @@ class Clone:
     pose: FloatArray  # (4, 4), ``T_site_base`` at that time
     measured: UncertainTransform  # measurement ``T_origin_sensor`` at that time
     stamp_ns: int
+    velocity: FloatArray  # (3,), m/s in the site at that time
     refusals: int = 0  # number of increments since this clone that were refused
     #: Factor on the variances of the source by the statistics of its innovations.
     noise_factor: float = 1.0
@@ -53,8 +59,10 @@ class Estimate:
     velocity: FloatArray  # (3,), m/s in the site
     biases: FloatArray  # (6,), gyro (rad/s) and accelerometer (m/s^2)
     slip: FloatArray  # (3,), per metre of path length
-    covariance: FloatArray  # (18 + 6 c, 18 + 6 c)
-    #: (18 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
+    #: (12,), estimated rotation errors of the mounts and offsets of the stamps, in the order of their errors
+    calibration: FloatArray
+    covariance: FloatArray  # (30 + 6 c, 30 + 6 c)
+    #: (30 + 6 c, 9), covariance of these errors with the ``TIMELINE_ERRORS`` of the previous estimate
     cross_covariance: FloatArray
     clones: dict[str, Clone]  # in the order of their errors
     consecutive_refusals: int = 0  # number of increments refused one after the other
@@ -75,9 +83,17 @@ class Estimate:
         """Return an estimate at rest without clones; ``sigmas`` (9,) are those of biases and slip."""
         P = np.zeros((CORE_SIZE, CORE_SIZE))
         P[POSE, POSE] = 0.0 if pose.covariance is None else pose.covariance
-        P[6:, 6:] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
-        zero = np.zeros(3)
-        return cls(stamp_ns, pose.matrix, zero, biases, zero, P, P[:, TIMELINE_ERRORS].copy(), {})
+        P[6:18, 6:18] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
+        zero, cross = np.zeros(3), P[:, TIMELINE_ERRORS].copy()
+        return cls(stamp_ns, pose.matrix, zero, biases, zero, np.zeros(12), P, cross, {})
+
+    def mount_error(self, source: str) -> FloatArray:
+        """Return the estimated rotation error (3,) of the mount of a source, rad in base axes."""
+        return self.calibration[MOUNTS[source].start - 18 :][:3]
+
+    def stamp_offset_s(self, source: str) -> float:
+        """Return the estimated offset of the stamps of an odometry, added to them for the time of the IMU."""
+        return float(self.calibration[OFFSETS[source] - 18])
 
     def clone_errors(self, name: str) -> slice:
         """Return the indices of the errors of a clone."""
@@ -133,6 +149,7 @@ class Estimate:
             velocity=self.velocity + correction[VELOCITY],
             biases=self.biases + correction[9:15],
             slip=self.slip + correction[SLIP],
+            calibration=self.calibration + correction[18:CORE_SIZE],
             clones={name: replace(clone, pose=pose) for (name, clone), pose in clones},
         )
 
@@ -145,7 +162,10 @@ class Estimate:
         contains this noise, because the increments that end and start at the pose have it in common.
         """
         factor = self.noise_factor(name)
-        clones = {**self.clones, name: Clone(self.pose, measured, self.stamp_ns, noise_factor=factor)}
+        clones = {
+            **self.clones,
+            name: Clone(self.pose, measured, self.stamp_ns, self.velocity, noise_factor=factor),
+        }
         n, size = len(self.covariance), CORE_SIZE + 6 * len(clones)
         covariance, cross = np.empty((size, size)), np.empty((size, len(TIMELINE_ERRORS)))
         covariance[:n, :n], cross[:n] = self.covariance, self.cross_covariance

@@ -13,7 +13,12 @@ import numpy as np
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.geometry.covariance import pose_error, rotate_covariance, symmetrised
+from cdff_common.geometry.covariance import (
+    inverse_covariance,
+    pose_error,
+    rotate_covariance,
+    symmetrised,
+)
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.kalman_correction.interface import KalmanCorrectionInputs
@@ -21,10 +26,18 @@ from cdff_core.dfns.kalman_prediction.interface import KalmanPredictionInputs
 from cdff_core.dfns.odometry_increment.interface import OdometryIncrementInputs
 from cdff_core.dfns.pose_weighting.interface import PoseWeightingInputs
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimate import POSE, SLIP, TIMELINE_ERRORS, Clone, Estimate
+from cdff_core.dfpcs.position_manager.estimate import MOUNTS, POSE, SLIP, TIMELINE_ERRORS, Clone, Estimate
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 from cdff_core.dfpcs.position_manager.innovation_statistics import REFUSED_RATIO, adapted_factor
+from cdff_core.dfpcs.position_manager.mount_errors import (
+    MountErrors,
+    corrected_mount,
+    increment_jacobian,
+    offset_displacement,
+    with_imu_mount_error,
+    with_stamp_offset,
+)
 from cdff_core.dfpcs.position_manager.wheel_correction import corrected_by_wheels, kalman_corrected
 
 #: Ports whose measurements are relative to the origin of an odometry, and ports of absolute poses.
@@ -43,8 +56,9 @@ _LOST_M, _LOST_RAD = 1e4, math.pi / math.sqrt(3.0)
 _REFUSAL_SCALE, _MAX_SCALED_REFUSALS = 4.0, 10
 #: Standard deviation of an increment of an odometry without covariance.
 _UNSTATED_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
-#: Number of consecutive refused increments after which the velocity counts as unknown.
-_MAX_REFUSALS = 3
+#: Number and duration (s) of consecutive refused increments after which the velocity counts as unknown. A
+#: slip of the wheels refuses several increments of a frequent source but does not change the velocity.
+_MAX_REFUSALS, _MIN_REFUSED_S = 3, 1.0
 _IDENTITY = UncertainTransform.identity()
 _JITTER = 1e-14 * np.eye(6)
 
@@ -61,6 +75,8 @@ class Measurement:
     scale: float = 1.0  # factor on its variances
     #: True if no increment may be formed, since the previous pose is missing or has another origin.
     restart: bool = False
+    #: Standard deviation of the offset of its stamp to the clock of the IMU, seconds.
+    stamp_sigma_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +103,7 @@ class Estimator:
         frames: RobotFrames,
     ) -> None:
         self._config, self._imu, self._frames = config, imu, frames
+        self._mounts = MountErrors(config.mounts, frames)
         self._prediction, self._correction = dfn("prediction"), dfn("correction")
         self._fix_correction, self._weighting = dfn("fix_correction"), dfn("weighting")
         self._increments = {
@@ -135,6 +152,7 @@ class Estimator:
         """Integrate the IMU readings to a time (prediction)."""
         stamps, forces, rates = self._imu.around(estimate.stamp_ns, end_ns)
         force_noise, rate_noise = self._imu.noise(end_ns)
+        R = se3.exp_so3(estimate.mount_error("imu"))
         out = self._prediction.process(
             KalmanPredictionInputs(
                 pose=estimate.pose,
@@ -143,8 +161,8 @@ class Estimator:
                 covariance=estimate.covariance,
                 interval_ns=np.array([estimate.stamp_ns, end_ns]),
                 stamps_ns=stamps,
-                specific_force=forces,
-                rates_rad_s=rates,
+                specific_force=forces @ R.T,
+                rates_rad_s=rates @ R.T,
                 gravity=self.gravity_m_s2,
                 lever_m=self._imu.lever_m,
                 force_noise=force_noise,
@@ -159,7 +177,7 @@ class Estimator:
         P[range(15, 18), range(15, 18)] += np.square(self._config.wheels.slip_sigma) * (1.0 - decay**2)
         cross[:15] = out.transition @ cross[:15]
         cross[SLIP] *= decay
-        return replace(
+        predicted = replace(
             estimate,
             stamp_ns=end_ns,
             pose=out.pose,
@@ -168,6 +186,7 @@ class Estimator:
             covariance=P,
             cross_covariance=cross,
         )
+        return with_imu_mount_error(estimate, predicted, self.gravity_m_s2) if out.inertial else predicted
 
     def _correct_by_increment(self, estimate: Estimate, m: Measurement) -> tuple[Estimate, MeasurementResult]:
         """Correct by the increment since the source's clone, then clone the pose.
@@ -176,15 +195,18 @@ class Estimator:
         """
         clone = estimate.clones.get(m.source)
         if clone is None or m.restart or self._is_origin_lost(m, clone):
-            return estimate.with_clone(m.source, m.T_origin_sensor), MeasurementResult(
-                False, (f"{m.source}_attached",)
+            estimate = with_stamp_offset(estimate, m.source, m.stamp_sigma_s)
+            attached = self._mounts.attached(
+                estimate.with_clone(m.source, m.T_origin_sensor), m.source, m.child
             )
+            return attached, MeasurementResult(False, (f"{m.source}_attached",))
         if estimate.consecutive_refusals >= _MAX_REFUSALS:
             used_ns = min(
                 (c.stamp_ns for c in estimate.clones.values() if c.refusals), default=clone.stamp_ns
             )
             interval_s = (m.stamp_ns - used_ns) * 1e-9
-            estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S, interval_s)
+            if interval_s >= _MIN_REFUSED_S:
+                estimate = estimate.with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S, interval_s)
         factor = clone.noise_factor * _REFUSAL_SCALE ** min(clone.refusals, _MAX_SCALED_REFUSALS)
         try:
             corrected = self._apply_increment(estimate, replace(m, scale=m.scale * factor), clone)
@@ -213,6 +235,8 @@ class Estimator:
         """Correct by an increment; raises RefusedError if it contradicts the estimate."""
         current, previous = m.T_origin_sensor, clone.measured
         mount = self._frames.mount(m.child, m.stamp_ns)
+        if m.source in MOUNTS:
+            mount = corrected_mount(estimate, m.source, mount)
         step = self._increments[m.source].process(
             OdometryIncrementInputs(
                 first=previous.matrix,
@@ -239,6 +263,10 @@ class Estimator:
         if m.source in self._config.odometry.correlated:
             # Covariance intersection with equal weights multiplies the variances of k sources by k.
             noise = noise * self._count_correlated(estimate, m)
+        J = increment_jacobian(step.increment, mount[:3, 3])
+        H[:, MOUNTS[m.source]] = -J[:, 3:]
+        residual[:3] -= offset_displacement(estimate, m.source, H)
+        noise = noise + J[:, :3] @ self._mounts.covariance(m.child, m.stamp_ns)[:3, :3] @ J[:, :3].T
         corrected = kalman_corrected(estimate, self._correction, residual, H, noise)
         return corrected.with_clone(m.source, m.T_origin_sensor)
 
@@ -255,13 +283,18 @@ class Estimator:
         """Correct by an absolute pose; the first pose in an unknown frame locates that frame in the site."""
         if m.T_origin_sensor.covariance is None:
             return estimate, MeasurementResult(False, ("fix_refused", "no_covariance"))
-        mount = self._frames.mount(m.child, m.stamp_ns)
+        mount, mount_covariance = (
+            self._frames.mount(m.child, m.stamp_ns),
+            self._mounts.covariance(m.child, m.stamp_ns),
+        )
         T = m.T_origin_sensor @ UncertainTransform.exact(se3.inverse(mount))
         noise = np.asarray(T.covariance) * m.scale
         T_site_frame = self._frames.site_pose(m.frame)
         if T_site_frame is not None:
             measured, expected = T_site_frame @ T.matrix, estimate.pose
             noise = rotate_covariance(noise, T_site_frame[:3, :3])
+            R = T_site_frame[:3, :3] @ m.T_origin_sensor.matrix[:3, :3]
+            noise = noise + rotate_covariance(inverse_covariance(mount, mount_covariance), R)
             H = np.eye(6, len(estimate.covariance))
         else:
             name = f"frame:{m.frame}"
@@ -269,7 +302,8 @@ class Estimator:
                 return estimate.with_clone(name, T), MeasurementResult(False, ("fix_attached",))
             first = estimate.clones[name].measured.matrix
             measured = se3.inverse(first) @ T.matrix
-            noise = rotate_covariance(noise, first[:3, :3].T)
+            J = increment_jacobian(measured, mount[:3, 3])
+            noise = rotate_covariance(noise, first[:3, :3].T) + J @ mount_covariance @ J.T
             expected, H = estimate.relative_motion(name)
         residual, is_relative = pose_error(measured, expected), T_site_frame is None
         try:

@@ -23,10 +23,13 @@ from cdff_common.types import (
 )
 from cdff_common.types.columns import pack_poses, unpack_poses
 from cdff_core.dfpcs.position_manager.estimate import CORE_SIZE, Clone, Estimate
+from cdff_core.dfpcs.position_manager.estimator import ODOMETRIES
 from cdff_core.dfpcs.position_manager.frame_tree import JointValues
 from cdff_core.dfpcs.position_manager.pose_timeline import Node
 
 _FIELD = "PositionState"
+#: Number of rows of ``vectors`` before those of the clones.
+_VECTORS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +42,7 @@ class Checkpoint:
     T_odom_base: UncertainTransform  # pose at the start of the timeline
     gravity_m_s2: float | None
     joints: Mapping[str, JointValues]
+    stamp_offsets_s: Mapping[str, float]  # offset of the stamps in use by odometry
 
     def to_message(self, base: str, producer: str) -> PositionState:
         """Return the message; times are rounded down to microseconds."""
@@ -54,14 +58,23 @@ class Checkpoint:
             stamps[[n.after_gap for n in nodes]],
         )
         clones = list(estimate.clones.values())
+        offsets = [self.stamp_offsets_s.get(source, 0.0) for source in ODOMETRIES]
         scalars = [self.gravity_m_s2 or 0.0, estimate.wheel_speed_m_s, float(estimate.consecutive_refusals)]
-        noise = [[c.noise_factor, float(c.refusals), 0.0] for c in clones]
+        noise = [row for c in clones for row in ([c.noise_factor, float(c.refusals), 0.0], c.velocity)]
         filtered = PositionStateFilter(
             start=pack_poses(self.T_odom_base.matrix[None], _FIELD),
             start_covariance=_to_row(self.T_odom_base.covariance)[None],
             body=pack_poses(estimate.pose[None], _FIELD),
             vectors=np.array(
-                [estimate.velocity, *estimate.biases.reshape(2, 3), estimate.slip, scalars, *noise]
+                [
+                    estimate.velocity,
+                    *estimate.biases.reshape(2, 3),
+                    estimate.slip,
+                    scalars,
+                    *estimate.calibration.reshape(4, 3),
+                    offsets,
+                    *noise,
+                ]
             ),
             names=tuple(estimate.clones),
             stamps=np.array([c.stamp_ns // 1000 for c in clones], dtype=np.int64),
@@ -93,18 +106,27 @@ class Checkpoint:
         ]
         poses = unpack_poses(f.poses, _FIELD)
         clones = {
-            name: Clone(pose, m, int(stamp) * 1000, refusals=int(noise[1]), noise_factor=float(noise[0]))
-            for name, pose, m, stamp, noise in zip(
-                f.names, poses, measured, f.stamps, f.vectors[5:], strict=True
+            name: Clone(
+                pose, m, int(stamp) * 1000, velocity, refusals=int(noise[1]), noise_factor=float(noise[0])
+            )
+            for name, pose, m, stamp, noise, velocity in zip(
+                f.names,
+                poses,
+                measured,
+                f.stamps,
+                f.vectors[_VECTORS::2],
+                f.vectors[_VECTORS + 1 :: 2],
+                strict=True,
             )
         }
-        velocity, gyro, force, slip, scalars = f.vectors[:5]
+        velocity, gyro, force, slip, scalars, *calibration, offsets = f.vectors[:_VECTORS]
         estimate = Estimate(
             stamp_ns=nodes[-1].stamp_ns,
             pose=unpack_poses(f.body, _FIELD)[0],
             velocity=velocity.copy(),
             biases=np.concatenate([gyro, force]),
             slip=slip.copy(),
+            calibration=np.concatenate(calibration),
             covariance=f.covariance.reshape(size, size).copy(),
             cross_covariance=np.zeros((size, 9)),
             clones=clones,
@@ -114,7 +136,8 @@ class Checkpoint:
         start = UncertainTransform(unpack_poses(f.start, _FIELD)[0], _from_row(f.start_covariance[0]))
         pins = {int(t) * 1000 for t in links.pins}
         joints = _joints_from_message(message.joints)
-        return cls(estimate, nodes, pins, start, float(scalars[0]) or None, joints)
+        applied_s = {source: float(s) for source, s in zip(ODOMETRIES, offsets, strict=True) if s}
+        return cls(estimate, nodes, pins, start, float(scalars[0]) or None, joints, applied_s)
 
 
 def _check_sizes(message: PositionState) -> None:
@@ -126,7 +149,7 @@ def _check_sizes(message: PositionState) -> None:
         "covariances": (len(links.covariances), 9 * n),
         "start": (len(f.start), 1),
         "body": (len(f.body), 1),
-        "vectors": (len(f.vectors), 5 + c),
+        "vectors": (len(f.vectors), _VECTORS + 2 * c),
         "stamps": (len(f.stamps), c),
         "poses": (len(f.poses), c),
         "measured": (len(f.measured), c),

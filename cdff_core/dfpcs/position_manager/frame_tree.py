@@ -80,6 +80,11 @@ class RobotFrames:
         """Return ``T_base_frame`` (4, 4) at a time."""
         return self.on_robot(self.base, frame, stamp_ns).matrix
 
+    def mount_covariance(self, frame: str, stamp_ns: int) -> FloatArray | None:
+        """Return the covariance (6, 6) of ``T_base_frame`` in base axes; None if no edge states one."""
+        stated = self.on_robot(self.base, frame, stamp_ns).covariance
+        return stated if stated is not None and stated.any() else None
+
     def site_pose(self, frame: str) -> FloatArray | None:
         """Return ``T_site_frame`` (4, 4); None if the frame is unknown or in the tree of the base."""
         is_known = frame in ("site", self.base) or frame in self._graph.frames

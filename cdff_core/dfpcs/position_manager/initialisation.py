@@ -16,10 +16,11 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
 from cdff_core.dfns.gravity_levelling.interface import GravityLevellingInputs
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimate import FORCE, ROTATION, TIMELINE_ERRORS, Estimate
+from cdff_core.dfpcs.position_manager.estimate import FORCE, MOUNTS, ROTATION, TIMELINE_ERRORS, Estimate
 from cdff_core.dfpcs.position_manager.estimator import UNKNOWN_SPEED_SIGMA_M_S
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.mount_errors import MountErrors
 
 #: Duration of the IMU readings that level the start pose, and longest wait for them, nanoseconds.
 _LEVELLING_NS, _MAX_WAIT_NS = 500_000_000, 1_000_000_000
@@ -48,6 +49,7 @@ class Initialiser:
         frames: RobotFrames,
     ) -> None:
         self._config, self._levelling, self._imu, self._frames = config, levelling, imu, frames
+        self._mounts = MountErrors(config.mounts, frames)
         self._samples: list[Sample] = []
 
     def add(self, sample: Sample) -> bool:
@@ -99,6 +101,13 @@ class Initialiser:
         estimate = Estimate.at_start(stamp_ns, T_site_base, speed_sigma, biases, sigmas)
         if gravity is not None and at_rest:
             estimate = _with_tilt_from_bias(estimate, gravity, start.acc_bias_sigma_m_s2)
+        if gravity is not None:
+            C = self._mounts.imu_covariance(stamp_ns)
+            estimate = _with_tilt_from_mount(estimate, C)
+            response = _rotation_by_mount(T_odom_base.matrix[:3, :3])
+            covariance = np.array(T_odom_base.covariance)
+            covariance[3:, 3:] += response @ C @ response.T
+            T_odom_base = UncertainTransform(T_odom_base.matrix, covariance)
         return InitialState(estimate, T_odom_base, gravity, reasons)
 
 
@@ -141,4 +150,20 @@ def _with_tilt_from_bias(estimate: Estimate, gravity_m_s2: float, sigma_m_s2: fl
     P[FORCE, FORCE] = R.T @ level @ R
     P[ROTATION, FORCE] = response @ level @ R
     P[FORCE, ROTATION] = P[ROTATION, FORCE].T
+    return replace(estimate, covariance=P, cross_covariance=P[:, TIMELINE_ERRORS].copy())
+
+
+def _rotation_by_mount(R: FloatArray) -> FloatArray:
+    """Return the Jacobian (3, 3) of the rotation error of a levelled pose by that of the IMU's mount."""
+    return -_rotation_by_tilt(R) @ R
+
+
+def _with_tilt_from_mount(estimate: Estimate, mount_covariance: FloatArray) -> Estimate:
+    """Return the estimate with the rotation error of the IMU's mount, which tilts the levelled pose."""
+    response, rows = _rotation_by_mount(estimate.pose[:3, :3]), MOUNTS["imu"]
+    P = estimate.covariance.copy()
+    P[rows, rows] = mount_covariance
+    P[ROTATION, rows] = response @ mount_covariance
+    P[rows, ROTATION] = P[ROTATION, rows].T
+    P[ROTATION, ROTATION] += response @ mount_covariance @ response.T
     return replace(estimate, covariance=P, cross_covariance=P[:, TIMELINE_ERRORS].copy())

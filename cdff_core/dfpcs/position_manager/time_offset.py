@@ -108,7 +108,10 @@ class TimeOffset:
 
 
 class StampCorrection:
-    """Shifts the stamps of the odometries by their estimated offsets, once these are significant."""
+    """Shifts the stamps of the odometries by their estimated offsets, once these are significant.
+
+    The remaining offset is part of the state of the filter. Without IMU the stamps have no other reference.
+    """
 
     def __init__(self, imu: ImuBuffer, frames: RobotFrames) -> None:
         self._imu, self._frames = imu, frames
@@ -128,8 +131,8 @@ class StampCorrection:
         has_changed = abs(mean_s - applied_s) > _SIGNIFICANT * sigma_s
         if has_changed:
             applied_s = self.applied_s[m.source] = mean_s
-        if not applied_s:
-            return m
+        sigma_s = sigma_s if self._imu.newest_ns >= 0 else 0.0
         # Times have a resolution of a microsecond.
         stamp_ns = m.stamp_ns + round(applied_s * 1e6) * 1000
-        return replace(m, stamp_ns=stamp_ns, restart=m.restart or has_changed)
+        restart = m.restart or has_changed
+        return replace(m, stamp_ns=stamp_ns, stamp_sigma_s=sigma_s, restart=restart)

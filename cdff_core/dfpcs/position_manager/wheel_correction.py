@@ -16,7 +16,8 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.kalman_correction.interface import KalmanCorrectionInputs
 from cdff_core.dfns.odometry_increment.interface import OdometryIncrementOutputs
-from cdff_core.dfpcs.position_manager.estimate import SLIP, Estimate
+from cdff_core.dfpcs.position_manager.estimate import OFFSETS, SLIP, Estimate
+from cdff_core.dfpcs.position_manager.mount_errors import offset_displacement
 
 #: Name of the clone at the end of an increment while it is processed.
 _END = "odometry:end"
@@ -29,6 +30,9 @@ _ROWS, _ROWS_WITHOUT_IMU = np.array([0, 1, 2, 5]), np.arange(6)
 #: wheels or ground cause a constant curvature, which does not average out and looks like a bias of the gyro:
 #: this value keeps the bias uncertain by 0.01 rad/m after 100 m.
 _YAW_WITH_GYRO_RAD_SQRT_M = 0.1
+#: The offsets of stamps are not corrected by increments: velocities are too noisy as their derivative, and
+#: would bias them. ``TimeOffset`` estimates them from rotations.
+_OFFSETS = np.array([*OFFSETS.values()])
 #: Variance added to that of an increment between the clones, so that the innovation covariance is regular.
 _LEAST_VARIANCE = 1e-10
 
@@ -44,7 +48,9 @@ def kalman_corrected(
 ) -> Estimate:
     """Return the estimate after a Kalman correction; raises RefusedError if the innovation is too large."""
     out = dfn.process(
-        KalmanCorrectionInputs(residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance)
+        KalmanCorrectionInputs(
+            residual=residual, jacobian=H, noise=noise, covariance=estimate.covariance, considered=_OFFSETS
+        )
     )
     corrected = estimate.corrected(out.correction, out.covariance, out.gain @ H, is_relative=is_relative)
     return replace(corrected, innovation_ratio=out.innovation / len(residual))
@@ -72,6 +78,7 @@ def corrected_by_wheels(
     residual = pose_error(step.increment, expected)
     residual[:3] -= estimate.slip * distance_m
     H[:3, SLIP] = distance_m * np.eye(3)
+    residual[:3] -= offset_displacement(estimate, "odometry", H)
     rows = _ROWS if has_imu else _ROWS_WITHOUT_IMU
     noise = scale * step.covariance[np.ix_(rows, rows)] + _LEAST_VARIANCE * np.eye(len(rows))
     if has_imu:

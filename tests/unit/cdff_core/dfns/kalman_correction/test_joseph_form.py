@@ -58,3 +58,17 @@ def test_arrays_of_inconsistent_shape_are_refused(rng: np.random.Generator) -> N
     r, H, N, P = problem(rng)
     with pytest.raises(InputError, match="jacobian"):
         correct(r, H[:, :4], N, P)
+
+
+def test_considered_errors_are_not_corrected_but_keep_their_correlations(rng: np.random.Generator) -> None:
+    r, H, N, P = problem(rng)
+    node = Registry.default().make_dfn("kalman_correction")
+    node.configure()
+    out = node.process(
+        KalmanCorrectionInputs(residual=r, jacobian=H, noise=N, covariance=P, considered=np.array([3]))
+    )
+    assert out.correction[3] == 0.0
+    assert out.covariance[3, 3] == pytest.approx(P[3, 3])
+    K = out.gain
+    joseph = (np.eye(5) - K @ H) @ P @ (np.eye(5) - K @ H).T + K @ N @ K.T
+    np.testing.assert_allclose(out.covariance, joseph, atol=1e-9)
