@@ -99,13 +99,15 @@ class KeyframeTracker:
                 reselected = select(retracked)
                 if retracked.count_scene(reselected) > tracked.count:
                     tracked, motion = retracked, reselected
-        others = [other.pose for other in motion.others]
-        if others := others or self._motions_of_lost_points(view, keyframe, tracked, motion):
+        competing = [other.pose for other in motion.others]
+        if others := competing or self._motions_of_lost_points(view, keyframe, tracked, motion):
             # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
             poses = [motion.scene.pose, *others]
             merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
             with suppress(RefusedError):
-                tracked, motion = merged, select(merged)
+                reselected = select(merged)
+                if competing or any(other.is_distinct for other in reselected.others):
+                    tracked, motion = merged, reselected
         inliers = tracked.first_of_each(motion.scene.inliers)
         refined, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose

@@ -49,12 +49,15 @@ class Hypothesis:
         Fraction of the cells of the image with an inlier that contradicts all other motions.
     extent : float
         Area of the rectangle around these inliers, as a fraction of the image.
+    is_distinct : bool
+        True if most of its inliers contradict all other motions; otherwise it is a part of another motion.
     """
 
     pose: FloatArray
     inliers: BoolArray
     coverage: float
-    extent: float = 0.0
+    extent: float
+    is_distinct: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,7 +210,11 @@ class MotionHypotheses:
             pixels = inputs.projections[only_here]
             hypotheses.append(
                 Hypothesis(
-                    pose, inliers[i], len(cells_of(pixels, shape)) / np.prod(_CELLS), _extent(pixels, shape)
+                    pose,
+                    inliers[i],
+                    coverage=len(cells_of(pixels, shape)) / (_CELLS[0] * _CELLS[1]),
+                    extent=_extent(pixels, shape),
+                    is_distinct=only_here.sum() > 0.5 * inliers[i].sum(),
                 )
             )
         return hypotheses
@@ -231,9 +238,13 @@ def _likelihoods(ratios: list[float]) -> FloatArray:
 
 
 def _relative_plausibility(found: list[Hypothesis], likelihoods: FloatArray, selected: int) -> FloatArray:
-    """Return the plausibility (k,) of motions divided by that of the selected one, at most 1."""
+    """Return the plausibility (k,) of motions divided by that of the selected one, at most 1.
+
+    Errors of points can split one motion into two that share most points: those do not compete.
+    """
     extents = np.array([max(hypothesis.extent, 1e-9) for hypothesis in found])
     by_extent = np.minimum(extents / extents[selected], 1.0)
+    by_extent *= [i == selected or hypothesis.is_distinct for i, hypothesis in enumerate(found)]
     return np.asarray(np.minimum(by_extent * likelihoods / max(likelihoods[selected], 1e-300), 1.0))
 
 
