@@ -26,13 +26,12 @@ def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) ->
     """Return the keypoints at which SIFT computes descriptors, numbered by ``class_id``.
 
     OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The image
-    is not doubled for the smallest points, which takes longer than their descriptors. The first layer (0) of
-    an octave has the blur of layer 3 of the octave before and a quarter of its pixels.
+    is not doubled for the smallest points, which takes longer than their descriptors.
     """
     ratio = np.maximum(sizes, 1e-3) / (2.0 * _SIFT_SIGMA_PX)
     step = np.rint(_SIFT_LAYERS * np.log2(ratio)).astype(np.int64)
-    octave = np.maximum(step // _SIFT_LAYERS, 0)
-    layer = np.maximum(step - _SIFT_LAYERS * octave, 0)
+    octave = np.maximum((step - 1) // _SIFT_LAYERS, 0)
+    layer = np.clip(step - _SIFT_LAYERS * octave, 1, _SIFT_LAYERS)
     return _keypoints(points, sizes, angles, (octave & 255) | (layer << 8))
 
 
