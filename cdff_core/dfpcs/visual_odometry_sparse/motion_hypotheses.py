@@ -92,7 +92,7 @@ class SelectedMotion:
         """Return the covariance (6, 6) of ``T_keyframe_current`` due to an uncertain selection.
 
         It is the second moment of the competing motion about the selected one, weighted by the probability
-        of the competing motion, which follows from the ratio of the plausibilities; zero if the selection is certain.
+        of the competing motion, which follows from the ratio of the plausibilities; zero if it is certain.
         """
         if not self.is_ambiguous:
             return np.zeros((6, 6))
@@ -240,7 +240,7 @@ def _likelihoods(ratios: list[float]) -> FloatArray:
 def _relative_plausibility(found: list[Hypothesis], likelihoods: FloatArray, selected: int) -> FloatArray:
     """Return the plausibility (k,) of motions divided by that of the selected one, at most 1.
 
-    Errors of points can split one motion into two that share most points: those do not compete.
+    Errors of points can split one motion into two with mostly the same points: those do not compete.
     """
     extents = np.array([max(hypothesis.extent, 1e-9) for hypothesis in found])
     by_extent = np.minimum(extents / extents[selected], 1.0)

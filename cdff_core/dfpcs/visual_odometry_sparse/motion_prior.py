@@ -31,7 +31,7 @@ WHEEL_M, SLIP_RATIO, GYRO_RAD, GYRO_RAD_S = 0.02, 0.2, 0.01, 0.003
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
-    """Motion ``expected`` (4, 4) by wheels and gyro, with the standard deviations of translation and rotation.
+    """Motion ``expected`` (4, 4) by wheels and gyro, with standard deviations of translation and rotation.
 
     A part that is not measured has an infinite standard deviation.
     """
