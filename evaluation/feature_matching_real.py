@@ -6,8 +6,8 @@ The pose of a stereo rig is its calibration, that of a moving camera the referen
 the kitchen belong to the depth camera: the squared error is relative to the sum of the covariances of result
 and reference, the errors in degrees contain those of the reference.
 
-The axes of KITTI's reference are rotated relative to the camera, so that all methods have the same mean error of
-the direction. For its moving camera, the error about the mean of both methods is stated too.
+The axes of KITTI's reference are rotated relative to the camera, so that all methods have the same mean error
+of the direction. For its moving camera, the error about the mean of both methods is stated too.
 """
 
 from __future__ import annotations

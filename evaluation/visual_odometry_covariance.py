@@ -108,8 +108,8 @@ def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the table with one row for each budget."""
     lines = [
-        f"**EuRoC V1_01 (real)**, {figures['motions']} motions of {figures['length_median_m']} m in the median; "
-        "squared errors of the OK outputs, mean (median, largest).",
+        f"**EuRoC V1_01 (real)**, {figures['motions']} motions of {figures['length_median_m']} m in the "
+        "median; squared errors of the OK outputs, mean (median, largest).",
         "",
         "| covariance | OK, DEGRADED, FAILED | pose (6 expected) | translation (3) | rotation (3) |",
         "|---|---|---|---|---|",

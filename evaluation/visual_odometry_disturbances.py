@@ -209,10 +209,10 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|",
         *[f"| {name} | {_statuses(row)} | {_percent(row)} |" for name, row in figures["objects"].items()],
         "",
-        f"Over more than half of the image, {_LARGE_OBJECT_PAIRS} pairs (the first has no motion); simulated wheels "
-        "measure the reference times 1.05:",
+        f"Over more than half of the image, {_LARGE_OBJECT_PAIRS} pairs (the first has no motion); simulated "
+        "wheels measure the reference times 1.05:",
         "",
-        "| pasted object | coverage | no prior: OK, DEGRADED, FAILED | end error | squared error by covariance | "
+        "| pasted object | coverage | no prior: OK, DEGRADED, FAILED | end error | squared error | "
         "with wheels: OK, DEGRADED, FAILED | end error |",
         "|---|---|---|---|---|---|---|",
         *[

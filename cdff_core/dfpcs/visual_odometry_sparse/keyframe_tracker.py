@@ -76,8 +76,8 @@ class KeyframeTracker:
     ) -> Located:
         """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
-        ``bounds`` is the motion by wheels or gyro since the keyframe, if measured; ``is_continued`` is true if the prediction continues a known velocity. Raises RefusedError if the
-        motion cannot be estimated.
+        ``bounds`` is the motion by wheels or gyro since the keyframe, if measured; ``is_continued`` is true if
+        the prediction continues a known velocity. Raises RefusedError if the motion cannot be estimated.
         """
         select = partial(
             self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=is_continued
