@@ -222,7 +222,8 @@ def table(figures: dict[str, Any]) -> str:
             for name, row in figures["large_objects"].items()
         ],
         "",
-        "| error | OK, DEGRADED, FAILED | reasons | end error | squared error by covariance | largest error, σ |",
+        "| error | OK, DEGRADED, FAILED | reasons | end error | squared error by covariance | "
+        "largest error, σ |",
         "|---|---|---|---|---|---|",
     ]
     for name, row in figures["errors"].items():
