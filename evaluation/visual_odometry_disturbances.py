@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry import covariance as cov
-from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import FramePair
+from cdff_common.types import FramePair, TransformWithCovariance
 from evaluation.data_sets.kitti import SEQUENCE, measured_from, path_lengths_m, read
 from evaluation.data_sets.pasted_object import PlanarObject, paste
 from evaluation.real import RealRow
@@ -37,6 +37,19 @@ OBJECTS = {
     "moves away": PlanarObject((400, 60), (500, 200), 9.0, (0.02, 0.0, 0.05)),
     "moves to the right": PlanarObject((100, 120), (420, 238), 12.0, (0.25, 0.0, 0.0)),
 }
+#: Objects over more than half of the left image.
+LARGE_OBJECTS = {
+    "fixed to the robot, left": PlanarObject((0, 0), (680, 370), 5.0),
+    "fixed to the robot, centre": PlanarObject((230, 30), (780, 320), 6.0, seed=3),
+    "moves away": PlanarObject((230, 30), (780, 320), 9.0, (0.02, 0.0, 0.05)),
+    "moves to the right": PlanarObject((0, 10), (780, 350), 12.0, (0.25, 0.0, 0.0)),
+}
+#: Number of pairs with these objects, from the first measured pose of the reference.
+_LARGE_OBJECT_PAIRS = 20
+#: Simulated wheels measure the reference times this ratio.
+_WHEEL_RATIO = 1.05
+#: Mount of the camera, which looks along x of the robot.
+_T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.0, 0.0, 1.65])
 #: Parameters for simulated images and an exact calibration.
 NOISE_ONLY: dict[str, Any] = {
     "motion": {
@@ -58,6 +71,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         row = score(run(paste(pairs, thing)), truth)
         objects[name] = {"coverage": round(thing.coverage(pairs[0]), 3), **row}
     start = measured_from(truth)
+    large_objects = _large_objects(pairs[start:], truth[start:], progress)
     pairs, truth = pairs[start:], se3.inverse(truth[start]) @ truth[start:]
     errors: dict[str, Any] = {}
     for name, change in _errors(pairs[0]).items():
@@ -67,15 +81,56 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     errors["right camera one pair late"] = score(run(late), se3.inverse(truth[1]) @ truth[1:])
     progress("visual odometry: noise only")
     errors["none, without the error budget"] = score(run(pairs, NOISE_ONLY), truth)
-    return {"data": SEQUENCE, "first_pair": start, "objects": objects, "errors": errors}
+    return {
+        "data": SEQUENCE,
+        "first_pair": start,
+        "objects": objects,
+        "large_objects": large_objects,
+        "errors": errors,
+    }
 
 
-def run(pairs: Sequence[FramePair], parameters: dict[str, Any] | None = None) -> list[Output]:
-    """Return the output for each pair, with default parameters unless others are given."""
+def _large_objects(
+    pairs: Sequence[FramePair], truth: FloatArray, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the results for each object over more than half of the image, without and with wheels."""
+    pairs = pairs[:_LARGE_OBJECT_PAIRS]
+    truth = se3.inverse(truth[0]) @ truth[: len(pairs)]
+    results = {}
+    for name, thing in LARGE_OBJECTS.items():
+        progress(f"visual odometry: large object {name}")
+        disturbed = paste(pairs, thing)
+        results[name] = {
+            "coverage": round(thing.coverage(pairs[0]), 3),
+            "no prior": score(run(disturbed), truth),
+            "wheels": score(
+                run(disturbed, wheels=_T_BASE_CAMERA @ truth @ se3.inverse(_T_BASE_CAMERA)), truth
+            ),
+        }
+    return results
+
+
+def run(
+    pairs: Sequence[FramePair], parameters: dict[str, Any] | None = None, wheels: FloatArray | None = None
+) -> list[Output]:
+    """Return the output for each pair, with default parameters unless others are given.
+
+    ``wheels`` (n, 4, 4) are the true poses of the robot, from which the simulated wheel odometry is made.
+    """
+    frames = FrameGraph()
+    frames.set_static("kitti/base", "kitti/navcam_left", UncertainTransform.exact(_T_BASE_CAMERA))
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
-    dfpc.configure(parameters, DfpcContext(robot="kitti"))
-    samples = (Sample("stereo", pair.stamp_ns, i, pair, id=str(i)) for i, pair in enumerate(pairs))
-    return [output for sample in samples for output in dfpc.step(sample)]
+    dfpc.configure(parameters, DfpcContext("kitti", frames))
+    outputs: list[Output] = []
+    for i, pair in enumerate(pairs):
+        if wheels is not None:
+            T = UncertainTransform(se3.transform(wheels[i, :3, :3], _WHEEL_RATIO * wheels[i, :3, 3]))
+            pose = TransformWithCovariance.from_transform(
+                T, parent="kitti/odom", child="kitti/base", stamp_ns=pair.stamp_ns
+            )
+            outputs += dfpc.step(Sample("odometry", pair.stamp_ns, i, pose))
+        outputs += dfpc.step(Sample("stereo", pair.stamp_ns, i, pair, id=str(i)))
+    return outputs
 
 
 def score(outputs: Sequence[Output], truth: FloatArray) -> dict[str, Any]:
@@ -154,7 +209,21 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|",
         *[f"| {name} | {_statuses(row)} | {_percent(row)} |" for name, row in figures["objects"].items()],
         "",
-        "| error | OK, DEGRADED, FAILED | reasons | end error | squared error by covariance | largest error, σ |",
+        f"Over more than half of the image, {_LARGE_OBJECT_PAIRS} pairs (the first has no motion); simulated "
+        "wheels measure the reference times 1.05:",
+        "",
+        "| pasted object | coverage | no prior: OK, DEGRADED, FAILED | end error | squared error | "
+        "with wheels: OK, DEGRADED, FAILED | end error |",
+        "|---|---|---|---|---|---|---|",
+        *[
+            f"| {name} | {100 * row['coverage']:.0f} % | {_statuses(row['no prior'])} | "
+            f"{_percent(row['no prior'])} | {row['no prior'].get('squared_error', '–')} | "
+            f"{_statuses(row['wheels'])} | {_percent(row['wheels'])} |"
+            for name, row in figures["large_objects"].items()
+        ],
+        "",
+        "| error | OK, DEGRADED, FAILED | reasons | end error | squared error by covariance | "
+        "largest error, σ |",
         "|---|---|---|---|---|---|",
     ]
     for name, row in figures["errors"].items():

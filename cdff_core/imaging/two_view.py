@@ -389,9 +389,10 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
             break
         J = model.residual_derivative(matrix) @ model.matrix_derivative()
         A = J[inliers].reshape(-1, dimension)
-        leverage = np.where(inliers, _leverage(J, A), 0.0)
         normal = A.T @ A
-        step = np.asarray(-np.linalg.lstsq(normal, A.T @ r[inliers].reshape(-1), rcond=1e-14)[0], np.float64)
+        inverse = _inverse(normal)
+        leverage = np.where(inliers, _leverage(J, inverse), 0.0)
+        step = -inverse @ (A.T @ r[inliers].reshape(-1))
         model.accept(step)
         if float(step @ normal @ step) < 1e-6 * sigma**2:
             break
@@ -406,10 +407,16 @@ def _size(r: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(r, axis=1) / np.sqrt(r.shape[1]))
 
 
-def _leverage(J: FloatArray, A: FloatArray) -> FloatArray:
-    """Return the leverage ``(n,)`` of each pair; ``A`` (m, d) are the derivatives of the inliers."""
-    inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
-    return np.asarray(np.minimum(np.einsum("nki,ij,nkj->n", J, inverse, J) / J.shape[1], 0.99))
+def _inverse(normal: FloatArray) -> FloatArray:
+    """Return the inverse (d, d) of normal equations, without the directions that are not determined."""
+    return np.asarray(np.linalg.pinv(normal, rcond=1e-15, hermitian=True))
+
+
+def _leverage(J: FloatArray, inverse: FloatArray) -> FloatArray:
+    """Return the leverage ``(n,)`` of each pair, given the ``inverse`` (d, d) of the normal equations."""
+    rows = J.reshape(-1, J.shape[2])
+    of_rows = np.einsum("ni,ni->n", rows @ inverse, rows).reshape(J.shape[:2])
+    return np.asarray(np.minimum(of_rows.mean(axis=1), 0.99))
 
 
 def _with_covariance(
@@ -436,8 +443,8 @@ def _with_covariance(
         return Fit(matrix, np.full((9, 9), np.inf), inliers, size, sigma, unknown)
     variance = float((r[inliers] ** 2).sum()) / freedom
     A = J[inliers].reshape(-1, dimension)
-    inverse = np.linalg.pinv(A.T @ A, rcond=1e-15, hermitian=True)
-    scores = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], A))[:, None]
+    inverse = _inverse(A.T @ A)
+    scores = np.einsum("nki,nk->ni", J, r)[inliers] / (1.0 - _leverage(J[inliers], inverse))[:, None]
     # Many outliers are within the gate of a line, few within that of a point.
     excess = _WRONG_PAIRS / inliers.sum() if r.shape[1] == 1 else 0.0
     score_products = _with_correlation(scores, cells[inliers])

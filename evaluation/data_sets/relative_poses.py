@@ -11,12 +11,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from evaluation.data_sets import kitti, minnie
+from evaluation.data_sets import euroc, kitti, minnie
 from evaluation.data_sets.image_pairs import Image
 
 Float = NDArray[np.float64]
@@ -57,8 +56,8 @@ class PosedPair:
 
 
 def posed_pairs(data: Path, stride: int = 1) -> Iterator[PosedPair]:
-    """Yield every ``stride``-th pair of each set."""
-    yield from _kitti(data, stride)
+    """Yield every ``stride``-th pair of each set; of KITTI, which has the fewest, twice as many."""
+    yield from _kitti(data, max(stride // 2, 1))
     yield from _minnie(data)
     yield from _euroc(data, stride)
     yield from _kitchen(data, stride)
@@ -91,9 +90,8 @@ def _minnie(data: Path) -> Iterator[PosedPair]:
 
 def _euroc(data: Path, stride: int) -> Iterator[PosedPair]:
     """Yield stereo pairs; the lens distortion is removed with the calibration of the set."""
-    folder = data / "euroc_v101_pairs"
-    text = (folder / "calibration.yaml").read_text(encoding="utf-8").partition("\n")[2]
-    cameras = [yaml.safe_load(text)[name] for name in ("cam0", "cam1")]
+    folder = data / euroc.FOLDER
+    cameras = euroc.cameras(folder)
     T_imu = [np.array(camera["T_imu_cam"], np.float64) for camera in cameras]
     T_left_right = se3.inverse(T_imu[0]) @ T_imu[1]
     T_left_right[:3, :3] = se3.normalise_rotation(T_left_right[:3, :3])

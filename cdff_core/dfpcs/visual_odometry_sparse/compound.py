@@ -26,7 +26,12 @@ from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySpars
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
-from cdff_core.dfpcs.visual_odometry_sparse.quality import blur_reasons, check_images, rectification_reasons
+from cdff_core.dfpcs.visual_odometry_sparse.quality import (
+    blur_reasons,
+    check_images,
+    is_scene_uncertain,
+    rectification_reasons,
+)
 from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 
@@ -151,7 +156,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def _track_keyframe(self, view: StereoView, keyframe: Keyframe, sharpness: float) -> Output:
         """Locate the camera relative to the keyframe; bridge a gap after repeated refusals."""
-        bounds = self._prior.bounds(self._path.measured_ns, view.stamp_ns)
+        # Since the keyframe: if earlier views followed an object, the wheels contradict it more and more.
+        bounds = self._prior.bounds(keyframe.view.stamp_ns, view.stamp_ns)
         try:
             T_current_keyframe = se3.inverse(self._path.predict(view.stamp_ns)) @ keyframe.pose.matrix
             refined, metrics, reasons = self._tracker.locate(
@@ -168,6 +174,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         located = keyframe.pose.with_calibration_change(change) @ motion
         scene_points = metrics["features"] - metrics["other_motion_points"]
         is_renewed = metrics["inliers"] < self.config.keyframe_survival * scene_points
+        is_renewed |= is_scene_uncertain(metrics)
         if is_renewed:
             located = self._keyframes.locate(motion, change, partial(self._locate, view)) or located
         pose = located.to_transform(refined.calibration_covariance)

@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdff_common.arrays import BoolArray
+from cdff_common.arrays import IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
@@ -42,46 +41,12 @@ from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionBounds
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
+from cdff_core.dfpcs.visual_odometry_sparse.tracked_points import LostPoints, TrackedPoints
 
+#: Area of lost points relative to that of the found points above which another motion is searched for.
+_SEARCH_LOST_RATIO = 0.3
 #: Motion, its metrics, and its deficiencies as reasons.
 Located = tuple[StereoMotionEstimationOutputs, dict[str, float], list[str]]
-Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackedPoints:
-    """Points of a keyframe that were tracked to an image; a point can have several positions."""
-
-    points: Indices  # (n,), rows of the keyframe
-    matches: FloatArray  # (n, 2), columns and rows in the image, pixels
-    visible: int  # number of points predicted inside the image
-
-    @classmethod
-    def merged(cls, parts: Sequence[TrackedPoints]) -> TrackedPoints:
-        """Return the union of several results; positions of a point that agree to 0.5 px are merged."""
-        points = np.concatenate([part.points for part in parts])
-        matches = np.concatenate([part.matches for part in parts])
-        rows = np.column_stack([points, np.rint(2.0 * matches)])
-        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-        return cls(points[first], matches[first], max(part.visible for part in parts))
-
-    def first_of_each(self, selected: BoolArray) -> Indices:
-        """Return the rows (k,) of a mask (n,), for each point of the keyframe only its first one."""
-        rows = np.flatnonzero(selected)
-        return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
-
-    @property
-    def count(self) -> int:
-        """Number of points of the keyframe that were tracked."""
-        return len(np.unique(self.points))
-
-    def count_others(self, motion: SelectedMotion) -> int:
-        """Return the number of points that agree with competing motions only."""
-        return len(np.setdiff1d(self.points[motion.other_inliers], self.points[motion.scene.inliers]))
-
-    def count_scene(self, motion: SelectedMotion) -> int:
-        """Return the number of tracked points that may belong to the scene."""
-        return self.count - self.count_others(motion)
 
 
 class KeyframeTracker:
@@ -111,9 +76,8 @@ class KeyframeTracker:
     ) -> Located:
         """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
-        ``bounds`` are the standard deviations of the prediction if wheels or gyro measured it;
-        ``is_continued`` is true if the prediction continues a known velocity. Raises RefusedError if the
-        motion cannot be estimated.
+        ``bounds`` is the motion by wheels or gyro since the keyframe, if measured; ``is_continued`` is true if
+        the prediction continues a known velocity. Raises RefusedError if the motion cannot be estimated.
         """
         select = partial(
             self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=is_continued
@@ -122,24 +86,28 @@ class KeyframeTracker:
         try:
             motion = select(tracked)
         except RefusedError:
-            # The bounds of wheels or gyro hold for the prediction, not for the pose that the search found.
             select = partial(
                 self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=False
             )
-            tracked = self._track(view, keyframe, self._search(view, keyframe))
+            tracked = self._track(
+                view, keyframe, self._search(view, keyframe, np.arange(len(keyframe.points)))
+            )
             motion = select(tracked)
-        if motion.others:
-            # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
-            poses = [motion.scene.pose, *[other.pose for other in motion.others]]
-            merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
-            with suppress(RefusedError):
-                tracked, motion = merged, select(merged)
-        elif tracked.count < 0.5 * tracked.visible:
+        if not motion.others and tracked.count < 0.5 * tracked.visible:
             retracked = self._track(view, keyframe, motion.scene.pose)
             with suppress(RefusedError):
                 reselected = select(retracked)
                 if retracked.count_scene(reselected) > tracked.count:
                     tracked, motion = retracked, reselected
+        competing = [other.pose for other in motion.others]
+        if others := competing or self._motions_of_lost_points(view, keyframe, tracked, motion):
+            # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
+            poses = [motion.scene.pose, *others]
+            merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
+            with suppress(RefusedError):
+                reselected = select(merged)
+                if competing or any(other.is_distinct for other in reselected.others):
+                    tracked, motion = merged, reselected
         inliers = tracked.first_of_each(motion.scene.inliers)
         refined, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
@@ -151,7 +119,10 @@ class KeyframeTracker:
             "tracked": tracked.count,
             "other_motion_points": tracked.count_others(motion),
         }
+        predicted = self._predict(view, keyframe, motion.scene.pose)
+        lost = LostPoints.of_motion(keyframe, predicted, tracked, motion)
         metrics = quality.motion_metrics(refined, disparities, counts) | quality.hypothesis_metrics(motion)
+        metrics["lost_ratio"] = lost.ratio(view.left.shape, only_still=True)
         return refined, metrics, quality.motion_reasons(metrics)
 
     def _predict(
@@ -205,19 +176,38 @@ class KeyframeTracker:
         rows, columns = view.left.shape
         return self._hypotheses.select(inputs, (rows, columns), bounds, is_continued=is_continued)
 
-    def _search(self, view: StereoView, keyframe: Keyframe) -> FloatArray:
-        """Return ``T_current_keyframe`` by descriptors, without a prediction."""
+    def _motions_of_lost_points(
+        self, view: StereoView, keyframe: Keyframe, tracked: TrackedPoints, motion: SelectedMotion
+    ) -> list[FloatArray]:
+        """Return the motion (4, 4), or none, of the points that the motion of the scene does not find.
+
+        In a static scene, lost points are scattered; those of a whole region moved differently.
+        """
+        predicted = self._predict(view, keyframe, motion.scene.pose)
+        lost = LostPoints.of_motion(keyframe, predicted, tracked, motion)
+        is_still_lost = lost.ratio(view.left.shape, only_still=True) > quality.MAX_LOST_RATIO
+        if not is_still_lost and lost.ratio(view.left.shape) <= _SEARCH_LOST_RATIO:
+            return []
+        try:
+            return [
+                self._search(view, keyframe, np.flatnonzero(lost.is_lost & view.is_on_scene(lost.pixels)))
+            ]
+        except RefusedError:
+            return []
+
+    def _search(self, view: StereoView, keyframe: Keyframe, points: IntArray) -> FloatArray:
+        """Return ``T_current_keyframe`` of some points of a keyframe by descriptors, without a prediction."""
         detected = self._extraction.process(
             FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
         ).features
         reference = self._description.process(
-            FeaturesDescription2DInputs(image=keyframe.view.left, features=keyframe.features)
+            FeaturesDescription2DInputs(image=keyframe.view.left, features=keyframe.features[points])
         )
         current = self._description.process(FeaturesDescription2DInputs(image=view.left, features=detected))
-        candidates, corners = np.flatnonzero(reference.valid), detected[current.valid]
+        candidates, corners = points[reference.valid], detected[current.valid]
         pairs = self._matching.process(
             FeaturesMatching2DInputs(
-                source=reference.descriptors[candidates], sink=current.descriptors[current.valid]
+                source=reference.descriptors[reference.valid], sink=current.descriptors[current.valid]
             )
         ).matches
         out: PerspectiveNPointSolvingOutputs = self._pnp.process(
@@ -233,7 +223,7 @@ class KeyframeTracker:
         self,
         view: StereoView,
         keyframe: Keyframe,
-        candidates: Indices,
+        candidates: IntArray,
         matches: FloatArray,
         T_current_keyframe: FloatArray,
     ) -> tuple[StereoMotionEstimationOutputs, FloatArray]:

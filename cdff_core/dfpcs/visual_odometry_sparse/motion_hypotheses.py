@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cdff_common.arrays import BoolArray
+from cdff_common.arrays import BoolArray, IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
@@ -22,13 +22,17 @@ from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import GATE, MotionBoun
 _MAX_HYPOTHESES, _SAMPLES = 3, 150
 #: Minimum number of points, and minimum fraction of the tracked points, of a competing motion.
 _MIN_POINTS, _MIN_FRACTION = 15, 0.08
+#: Ratio to the bounds of wheels and gyro, three standard deviations, below which they support a motion.
+_SUPPORTED_RATIO = 0.6
 #: Number of columns and rows of cells in which the coverage of the image is counted.
 _CELLS = (20, 10)
 #: A point contradicts a motion if its error exceeds the threshold of the outlier rejection by this factor.
 _CONTRADICTION = 1.5
-#: Ratio of the score of a competing motion to that of the selected one above which the selection is
-#: uncertain: an object that covers more than half of the texture has a higher score than the scene.
-MAX_AMBIGUITY = 0.6
+#: Ratio of the plausibility of a competing motion to that of the selected one above which the selection is
+#: uncertain: each covers 23 % to 77 % of the image. An object over more than half precedes the scene.
+MAX_AMBIGUITY = 0.3
+#: Quantile of the pixels at each side of the rectangle that is their extent.
+_EXTENT_QUANTILE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +47,17 @@ class Hypothesis:
         Tracked points that agree with the motion.
     coverage : float
         Fraction of the cells of the image with an inlier that contradicts all other motions.
+    extent : float
+        Area of the rectangle around these inliers, as a fraction of the image.
+    is_distinct : bool
+        True if most of its inliers contradict all other motions; otherwise it is a part of another motion.
     """
 
     pose: FloatArray
     inliers: BoolArray
     coverage: float
+    extent: float
+    is_distinct: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,9 +69,9 @@ class SelectedMotion:
     scene : Hypothesis
         The selected motion.
     others : tuple of Hypothesis
-        Competing motions, in order of decreasing score.
+        Competing motions, in order of decreasing plausibility.
     ambiguity : float
-        Largest score of a competing motion divided by that of the selected one; the score is the coverage
+        Largest plausibility of a competing motion divided by that of the selected one, at most 1: its extent
         times the likelihood given wheels and gyro.
     prior_ratio : float
         Difference from the motion by wheels and gyro divided by the largest plausible difference; 0 without
@@ -82,7 +92,7 @@ class SelectedMotion:
         """Return the covariance (6, 6) of ``T_keyframe_current`` due to an uncertain selection.
 
         It is the second moment of the competing motion about the selected one, weighted by the probability
-        of the competing motion, which follows from the ratio of the scores; zero if the selection is certain.
+        of the competing motion, which follows from the ratio of the plausibilities; zero if it is certain.
         """
         if not self.is_ambiguous:
             return np.zeros((6, 6))
@@ -107,6 +117,9 @@ class MotionHypotheses:
     more points than a smooth plain. Since the scene surrounds an object, the cells of the image that contain
     inliers are counted instead; points that agree with several motions, such as distant points, do not count.
     This coverage is weighted by the likelihood of the motion given wheels and gyro, if available.
+
+    An object that hides most of the scene has the largest coverage. The scene is then visible around it, or
+    in the rest of the image: a competing motion of large extent makes the selection ambiguous.
 
     References
     ----------
@@ -137,34 +150,43 @@ class MotionHypotheses:
         shape : tuple of int
             Rows and columns of the image.
         bounds : MotionBounds, optional
-            Standard deviations of the predicted pose if it was measured by wheels or gyro.
+            Motion since the keyframe by wheels or gyro, with its standard deviations.
         is_continued : bool
             True if the predicted pose continues a known velocity; among motions of similar score, the one
             nearest to the predicted pose is then selected.
         """
-        found = self._find(inputs, shape)
-        ratios = [_ratio(bounds, hypothesis.pose, inputs.guess) for hypothesis in found]
-        scores = _scores(found, ratios)
+        found = self._find(inputs, shape, bounds)
+        ratios = [_ratio(bounds, hypothesis.pose) for hypothesis in found]
+        likelihoods = _likelihoods(ratios)
+        scores = likelihoods * [max(hypothesis.coverage, 1e-9) for hypothesis in found]
         best = int(np.argmax(scores))
-        similar = np.flatnonzero(scores > MAX_AMBIGUITY * scores[best])
+        plausibility = _relative_plausibility(found, likelihoods, best)
+        similar = np.flatnonzero(plausibility > MAX_AMBIGUITY)
         if is_continued and len(similar) > 1:
             best = min(similar.tolist(), key=lambda i: _distance_m(found[i].pose, inputs))
-        others = [i for i in np.argsort(-scores, kind="stable").tolist() if i != best]
+            plausibility = _relative_plausibility(found, likelihoods, best)
+        others = [i for i in np.argsort(-plausibility, kind="stable").tolist() if i != best]
         return SelectedMotion(
             scene=found[best],
             others=tuple(found[i] for i in others),
-            ambiguity=float(scores[others].max(initial=0.0) / scores[best]),
+            ambiguity=float(plausibility[others].max(initial=0.0)),
             prior_ratio=ratios[best],
         )
 
-    def _find(self, inputs: PerspectiveNPointSolvingInputs, shape: tuple[int, int]) -> list[Hypothesis]:
-        """Return the first motion and those that compete with it."""
+    def _find(
+        self, inputs: PerspectiveNPointSolvingInputs, shape: tuple[int, int], bounds: MotionBounds | None
+    ) -> list[Hypothesis]:
+        """Return the first motion and those that compete with it.
+
+        The first motion that wheels and gyro support needs fewer points.
+        """
         first = self._first.process(inputs)
         poses, remaining = [first.camera], np.flatnonzero(~first.inliers)
         errors_px = [_errors_px(first.camera, inputs)]
         threshold_px = self._first.config.threshold_px
         min_points = max(_MIN_POINTS, int(np.ceil(_MIN_FRACTION * len(inputs.points))))
-        while len(poses) < _MAX_HYPOTHESES and len(remaining) >= min_points:
+        is_supported = bounds is None or _ratio(bounds, first.camera) < _SUPPORTED_RATIO
+        while len(poses) < _MAX_HYPOTHESES and len(remaining) >= _MIN_POINTS:
             try:
                 out = self._following.process(_subset(inputs, remaining))
             except RefusedError:
@@ -172,23 +194,30 @@ class MotionHypotheses:
             remaining = remaining[~out.inliers]
             errors = _errors_px(out.camera, inputs)
             contradicts_others = np.min(errors_px, axis=0) > _CONTRADICTION * threshold_px
-            if np.sum((errors < threshold_px) & contradicts_others) < min_points:
+            supports = not is_supported and _ratio(bounds, out.camera) < _SUPPORTED_RATIO
+            required = _MIN_POINTS if supports else min_points
+            if np.sum((errors < threshold_px) & contradicts_others) < required:
                 break
+            is_supported |= supports
             poses.append(out.camera)
             errors_px.append(errors)
         inliers = np.array([errors < threshold_px for errors in errors_px])
         inliers[0] = first.inliers
         contradicts = np.array(errors_px) > _CONTRADICTION * threshold_px
-        return [
-            Hypothesis(
-                pose,
-                inliers[i],
-                _coverage(
-                    inputs.projections[inliers[i] & np.delete(contradicts, i, axis=0).all(axis=0)], shape
-                ),
+        hypotheses = []
+        for i, pose in enumerate(poses):
+            only_here = inliers[i] & np.delete(contradicts, i, axis=0).all(axis=0)
+            pixels = inputs.projections[only_here]
+            hypotheses.append(
+                Hypothesis(
+                    pose,
+                    inliers[i],
+                    coverage=len(cells_of(pixels, shape)) / (_CELLS[0] * _CELLS[1]),
+                    extent=_extent(pixels, shape),
+                    is_distinct=only_here.sum() > 0.5 * inliers[i].sum(),
+                )
             )
-            for i, pose in enumerate(poses)
-        ]
+        return hypotheses
 
 
 def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> float:
@@ -199,21 +228,29 @@ def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> flo
     return float(np.median(np.linalg.norm(moved - expected, axis=1)))
 
 
-def _scores(found: list[Hypothesis], ratios: list[float]) -> FloatArray:
-    """Return the scores (k,): the coverage of each motion times its likelihood given wheels and gyro.
+def _likelihoods(ratios: list[float]) -> FloatArray:
+    """Return the likelihoods (k,) of motions given wheels and gyro.
 
-    If all motions contradict those sensors, for example because wheels spin, only the coverage counts.
+    They are equal if all motions contradict those sensors, for example because wheels spin.
     """
-    coverage = np.array([max(hypothesis.coverage, 1e-9) for hypothesis in found])
     sigmas = GATE * np.array(ratios)
-    return coverage if sigmas.min() > GATE else np.asarray(coverage * np.exp(-0.5 * sigmas**2))
+    return np.ones(len(ratios)) if sigmas.min() > GATE else np.asarray(np.exp(-0.5 * sigmas**2))
 
 
-def _ratio(bounds: MotionBounds | None, pose: FloatArray, guess: FloatArray | None) -> float:
+def _relative_plausibility(found: list[Hypothesis], likelihoods: FloatArray, selected: int) -> FloatArray:
+    """Return the plausibility (k,) of motions divided by that of the selected one, at most 1.
+
+    Errors of points can split one motion into two with mostly the same points: those do not compete.
+    """
+    extents = np.array([max(hypothesis.extent, 1e-9) for hypothesis in found])
+    by_extent = np.minimum(extents / extents[selected], 1.0)
+    by_extent *= [i == selected or hypothesis.is_distinct for i, hypothesis in enumerate(found)]
+    return np.asarray(np.minimum(by_extent * likelihoods / max(likelihoods[selected], 1e-300), 1.0))
+
+
+def _ratio(bounds: MotionBounds | None, pose: FloatArray) -> float:
     """Return ``prior_ratio`` of a pose ``T_current_keyframe`` (4, 4)."""
-    if bounds is None or guess is None:
-        return 0.0
-    return bounds.ratio(se3.inverse(guess), se3.inverse(pose))
+    return 0.0 if bounds is None else bounds.ratio(se3.inverse(pose))
 
 
 def _subset(inputs: PerspectiveNPointSolvingInputs, indices: np.ndarray) -> PerspectiveNPointSolvingInputs:
@@ -234,9 +271,17 @@ def _errors_px(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> Floa
     return np.where(points[:, 2] > 1e-6, errors_px, np.inf)
 
 
-def _coverage(pixels: FloatArray, shape: tuple[int, int]) -> float:
-    """Return the fraction of the cells of an image that contain one of the pixels (n, 2)."""
+def cells_of(pixels: FloatArray, shape: tuple[int, ...]) -> IntArray:
+    """Return the numbers of the cells of an image that contain one of the pixels (n, 2)."""
     rows, columns = shape
     cells = (pixels * [_CELLS[0] / columns, _CELLS[1] / rows]).astype(np.int64)
     cells = np.clip(cells, 0, np.array(_CELLS) - 1)
-    return len(np.unique(cells[:, 1] * _CELLS[0] + cells[:, 0])) / (_CELLS[0] * _CELLS[1])
+    return np.unique(cells[:, 1] * _CELLS[0] + cells[:, 0])
+
+
+def _extent(pixels: FloatArray, shape: tuple[int, int]) -> float:
+    """Return the area of the rectangle around most of the pixels (n, 2), as a fraction of the image."""
+    if not len(pixels):
+        return 0.0
+    low, high = np.quantile(pixels, [_EXTENT_QUANTILE, 1.0 - _EXTENT_QUANTILE], axis=0)
+    return float(np.prod(high - low) / (shape[0] * shape[1]))

@@ -31,17 +31,18 @@ WHEEL_M, SLIP_RATIO, GYRO_RAD, GYRO_RAD_S = 0.02, 0.2, 0.01, 0.003
 
 @dataclass(frozen=True, slots=True)
 class MotionBounds:
-    """Standard deviations of the translation by wheels, metres, and of the rotation by the gyro, radians.
+    """Motion ``expected`` (4, 4) by wheels and gyro, with standard deviations of translation and rotation.
 
     A part that is not measured has an infinite standard deviation.
     """
 
+    expected: FloatArray
     sigma_m: float
     sigma_rad: float
 
     @classmethod
     def of_increment(cls, increment: Increment, elapsed_s: float, *, by_gyro: bool) -> MotionBounds | None:
-        """Return the bounds of an increment over a time in seconds; None if no sensor measured it.
+        """Return the bounds given an increment over a time in seconds; None if no sensor measured it.
 
         The rotation by wheels is not bounded, since slip changes it.
         """
@@ -49,12 +50,16 @@ class MotionBounds:
         if translation is None and rotation is None:
             return None
         sigma_m = np.inf if translation is None else WHEEL_M + SLIP_RATIO * float(np.linalg.norm(translation))
-        return cls(sigma_m, GYRO_RAD + GYRO_RAD_S * elapsed_s if by_gyro else np.inf)
+        sigma_rad = GYRO_RAD + GYRO_RAD_S * elapsed_s if by_gyro else np.inf
+        expected = se3.transform(
+            np.eye(3) if rotation is None else rotation, np.zeros(3) if translation is None else translation
+        )
+        return cls(expected, sigma_m, sigma_rad)
 
-    def ratio(self, expected: FloatArray, pose: FloatArray) -> float:
-        """Return the difference of two poses (4, 4) divided by the largest difference within ``GATE``."""
-        by_translation = float(np.linalg.norm(pose[:3, 3] - expected[:3, 3])) / self.sigma_m
-        angle_rad = float(np.linalg.norm(se3.log_so3(expected[:3, :3].T @ pose[:3, :3])))
+    def ratio(self, motion: FloatArray) -> float:
+        """Return the difference of a motion (4, 4) divided by the largest difference within ``GATE``."""
+        by_translation = float(np.linalg.norm(motion[:3, 3] - self.expected[:3, 3])) / self.sigma_m
+        angle_rad = float(np.linalg.norm(se3.log_so3(self.expected[:3, :3].T @ motion[:3, :3])))
         return max(by_translation, angle_rad / self.sigma_rad) / GATE
 
 
@@ -114,7 +119,7 @@ class MotionPrior:
         return T_left_left[:3, 3], T_left_left[:3, :3] if R is None else R
 
     def bounds(self, start_ns: int, end_ns: int) -> MotionBounds | None:
-        """Return the standard deviations of ``increment``; None if no sensor measured the motion."""
+        """Return ``increment`` with its standard deviations; None if no sensor measured the motion."""
         by_gyro = self._rotation_by_gyro(start_ns, end_ns) is not None
         increment = self.increment(start_ns, end_ns)
         return MotionBounds.of_increment(increment, 1e-9 * (end_ns - start_ns), by_gyro=by_gyro)

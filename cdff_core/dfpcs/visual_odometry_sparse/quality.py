@@ -36,6 +36,8 @@ MIN_DISPARITY_PX = 1.0
 NEAR_DISPARITY_PX = 10.0
 #: Number of near points.
 MIN_NEAR, GOOD_NEAR = 4, 12
+#: Area of points that hardly move and are lost, relative to that of the found ones; up to 0.11 on a street.
+MAX_LOST_RATIO = 0.2
 #: Variance of unit weight of the residuals: three times the standard deviation of the noise model.
 MAX_UNIT_VARIANCE = 9.0
 #: Standard deviation of a translation relative to the distance from the keyframe, and the least gate.
@@ -103,12 +105,19 @@ def motion_reasons(metrics: dict[str, float]) -> list[str]:
     ]
     if metrics["ambiguity"] > MAX_AMBIGUITY:
         reasons.append(f"competing_motion:{metrics['ambiguity']:.2f}>{MAX_AMBIGUITY:.2f}")
+    if metrics["lost_ratio"] > MAX_LOST_RATIO:
+        reasons.append(f"lost_region:{metrics['lost_ratio']:.2f}>{MAX_LOST_RATIO:.2f}")
     if metrics["prior_ratio"] > 1.0:
         reasons.append(f"motion_prior:{metrics['prior_ratio']:.1f}>1.0")
     allowed = max(GOOD_SIGMA_M, GOOD_SIGMA_FRACTION * metrics["moved_m"])
     if metrics["sigma_translation_m"] > allowed:
         reasons.append(f"uncertain:{metrics['sigma_translation_m']:.3f}>{allowed:.3f}")
     return reasons
+
+
+def is_scene_uncertain(metrics: dict[str, float]) -> bool:
+    """Return whether the selected motion may be that of an object; a new keyframe shows all motions again."""
+    return metrics["ambiguity"] > MAX_AMBIGUITY or metrics["lost_ratio"] > MAX_LOST_RATIO
 
 
 def motion_metrics(

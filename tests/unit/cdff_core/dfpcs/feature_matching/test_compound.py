@@ -169,3 +169,22 @@ def test_a_small_baseline_is_named_and_claims_no_direction() -> None:
     T, covariance = transform.value.transform.matrix, transform.value.transform.covariance
     np.testing.assert_allclose(covariance[:3, :3], np.eye(3) / 3.0 + np.outer(T[:3, 3], T[:3, 3]), atol=1e-9)
     assert np.degrees(np.linalg.norm(cov.pose_error(T_right, T)[3:])) < 1.0
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
+@pytest.mark.parametrize("length_m", [0.01, 0.04])
+def test_with_a_tiny_baseline_no_wrong_direction_is_ok(
+    direction: tuple[float, float, float], length_m: float
+) -> None:
+    """Noise can place the points behind the cameras of the true pose: the direction is then its opposite."""
+    rng = np.random.default_rng(int(1000 * length_m))
+    T_right = T_WORLD_LEFT @ se3.transform(se3.exp_so3([0.0, 0.01, 0.0]), length_m * np.array(direction))
+    left, right = (frame(render(T, rng), camera=True) for T in (T_WORLD_LEFT, T_right))
+    outputs = process_pair(make_configured_dfpc(), left, right)
+    transform = outputs[1]
+    if transform.quality.status is Status.OK:
+        assert transform.value.transform.matrix[:3, 3] @ direction > np.cos(np.radians(30.0))
+    elif transform.value is not None:
+        sigmas = np.sqrt(np.diag(transform.value.transform.covariance)[:3])
+        error = transform.value.transform.matrix[:3, 3] - direction
+        assert (np.abs(error) < 4.0 * sigmas + 1e-3).all()

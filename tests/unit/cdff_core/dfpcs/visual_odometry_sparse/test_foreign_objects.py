@@ -16,20 +16,30 @@ from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair, TransformWithCovariance
+from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY
 from evaluation.data_sets.pasted_object import PlanarObject, mask_of, paste
 from tests.support.corridor import SHAPE, drive, stereo_pair
 
 STEP_NS, STEPS = 200_000_000, 6
 TRUE_POSES = drive(STEPS)
+FAST_POSES = drive(STEPS, step_m=0.3)
 ARM = PlanarObject(corner_px=(0, 130), size_px=(160, 110), depth_m=1.5)
 PASSER_BY = PlanarObject(corner_px=(60, 70), size_px=(170, 105), depth_m=3.0, step_m=(0.03, 0.0, 0.05))
 #: An object over a third of the images; it covers about as many cells with points as the scene.
 LARGE = PlanarObject(corner_px=(60, 60), size_px=(200, 130), depth_m=2.0)
 
+HIDES_MOST = PlanarObject(corner_px=(0, 40), size_px=(215, 200), depth_m=1.2)
+APPROACHING = PlanarObject(corner_px=(0, 20), size_px=(210, 205), depth_m=2.5, step_m=(0.0, 0.0, 0.02))
+
 
 @pytest.fixture(scope="module")
 def pairs() -> list[FramePair]:
     return [stereo_pair(T, i * STEP_NS) for i, T in enumerate(TRUE_POSES)]
+
+
+@pytest.fixture(scope="module")
+def fast_pairs() -> list[FramePair]:
+    return [stereo_pair(T, i * STEP_NS) for i, T in enumerate(FAST_POSES)]
 
 
 def png(image: np.ndarray) -> str:
@@ -42,14 +52,14 @@ def camera(left: str = "", right: str = "") -> dict[str, dict[str, str]]:
     }
 
 
-def run(pairs: list[FramePair], context: DfpcContext, wheels: bool = False) -> list[Output]:
+def run(pairs: list[FramePair], context: DfpcContext, wheels: np.ndarray | None = None) -> list[Output]:
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(None, context)
     outputs: list[Output] = []
     for i, pair in enumerate(pairs):
-        if wheels:
+        if wheels is not None:
             T = TransformWithCovariance.from_transform(
-                UncertainTransform(TRUE_POSES[i]), parent="mana/odom", child="mana/base", stamp_ns=i * STEP_NS
+                UncertainTransform(wheels[i]), parent="mana/odom", child="mana/base", stamp_ns=i * STEP_NS
             )
             outputs += dfpc.step(Sample("odometry", i * STEP_NS, i, T))
         outputs += dfpc.step(Sample("stereo", i * STEP_NS, i, pair, id=f"pair{i}"))
@@ -92,9 +102,32 @@ def test_an_object_that_could_be_the_scene_is_reported(pairs: list[FramePair]) -
 def test_the_motion_by_the_wheels_decides_between_competing_motions(pairs: list[FramePair]) -> None:
     frames = FrameGraph()
     frames.set_static("mana/base", "mana/navcam_left", UncertainTransform.identity())
-    outputs = run(paste(pairs, LARGE), DfpcContext("mana", frames), wheels=True)
+    outputs = run(paste(pairs, LARGE), DfpcContext("mana", frames), wheels=TRUE_POSES)
     assert end_error_m(outputs) < 0.02
-    assert max(o.quality.metrics["ambiguity"] for o in outputs[1:]) < 0.6
+    assert max(o.quality.metrics["ambiguity"] for o in outputs[1:]) < MAX_AMBIGUITY
+
+
+@pytest.mark.parametrize("thing", [HIDES_MOST, APPROACHING], ids=["arm", "approaching"])
+def test_an_object_over_more_than_half_of_the_images_is_reported(
+    fast_pairs: list[FramePair], thing: PlanarObject
+) -> None:
+    assert thing.coverage(fast_pairs[0]) > 0.5
+    outputs = run(paste(fast_pairs, thing), DfpcContext("mana"))
+    assert all(o.quality.status is Status.DEGRADED for o in outputs[1:])
+    T = outputs[-1].value.transform
+    error_m = np.linalg.norm(T.matrix[:3, 3] - FAST_POSES[-1, :3, 3])
+    assert error_m < 4.0 * np.sqrt(T.covariance[:3, :3].trace())
+
+
+@pytest.mark.parametrize("thing", [HIDES_MOST, APPROACHING], ids=["arm", "approaching"])
+def test_the_wheels_find_the_scene_next_to_an_object_over_more_than_half_of_the_images(
+    fast_pairs: list[FramePair], thing: PlanarObject
+) -> None:
+    frames = FrameGraph()
+    frames.set_static("mana/base", "mana/navcam_left", UncertainTransform.identity())
+    outputs = run(paste(fast_pairs, thing), DfpcContext("mana", frames), wheels=FAST_POSES)
+    T = outputs[-1].value.transform.matrix
+    assert np.linalg.norm(T[:3, 3] - FAST_POSES[-1, :3, 3]) < 0.05
 
 
 def test_a_mask_of_another_size_fails_each_pair_with_the_reason(pairs: list[FramePair]) -> None:

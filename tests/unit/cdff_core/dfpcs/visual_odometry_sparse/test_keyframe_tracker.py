@@ -13,6 +13,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import TransformWithCovariance
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
+from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY
 from evaluation.data_sets.pasted_object import PlanarObject, paste
 from tests.support.corridor import drive, stereo_pair
 
@@ -21,9 +22,17 @@ STEP_NS = 200_000_000
 LARGE = PlanarObject(corner_px=(60, 60), size_px=(200, 130), depth_m=2.0)
 
 
-def run_with_wheels(monkeypatch: pytest.MonkeyPatch) -> list[Output]:
-    """Return the outputs of a drive in which the first tracking of each view fails."""
-    poses = drive(4)
+def run_with_wheels(
+    monkeypatch: pytest.MonkeyPatch,
+    thing: PlanarObject | None,
+    step_m: float = 0.08,
+    wheel_ratio: float = 1.0,
+) -> list[Output]:
+    """Return the outputs of a drive in which the first tracking of each view fails.
+
+    The wheels measure ``wheel_ratio`` times the distance.
+    """
+    poses = drive(4, step_m)
     frames = FrameGraph()
     frames.set_static("mana/base", "mana/navcam_left", UncertainTransform.identity())
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
@@ -38,10 +47,11 @@ def run_with_wheels(monkeypatch: pytest.MonkeyPatch) -> list[Output]:
 
     monkeypatch.setattr(KeyframeTracker, "_track", lost_first)
     outputs: list[Output] = []
-    pairs = paste([stereo_pair(T, i * STEP_NS) for i, T in enumerate(poses)], LARGE)
-    for i, (T, pair) in enumerate(zip(poses, pairs, strict=True)):
+    pairs = [stereo_pair(T, i * STEP_NS) for i, T in enumerate(poses)]
+    for i, (T, pair) in enumerate(zip(poses, paste(pairs, thing) if thing else pairs, strict=True)):
+        measured = se3.transform(T[:3, :3], wheel_ratio * T[:3, 3])
         wheels = TransformWithCovariance.from_transform(
-            UncertainTransform(T), parent="mana/odom", child="mana/base", stamp_ns=i * STEP_NS
+            UncertainTransform(measured), parent="mana/odom", child="mana/base", stamp_ns=i * STEP_NS
         )
         list(dfpc.step(Sample("odometry", i * STEP_NS, i, wheels)))
         outputs += dfpc.step(Sample("stereo", i * STEP_NS, i, pair, id=f"pair{i}"))
@@ -52,6 +62,14 @@ def run_with_wheels(monkeypatch: pytest.MonkeyPatch) -> list[Output]:
 def test_the_wheels_decide_between_competing_motions_after_a_search_by_descriptors(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    outputs = run_with_wheels(monkeypatch)
+    outputs = run_with_wheels(monkeypatch, LARGE)
     assert all(o.quality.status is not Status.FAILED for o in outputs)
-    assert max(o.quality.metrics["ambiguity"] for o in outputs[1:]) < 0.6
+    assert max(o.quality.metrics["ambiguity"] for o in outputs[1:]) < MAX_AMBIGUITY
+
+
+def test_a_motion_found_by_descriptors_that_contradicts_the_wheels_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    outputs = run_with_wheels(monkeypatch, None, step_m=0.15, wheel_ratio=0.0)
+    for output in outputs[1:]:
+        assert any(reason.startswith("motion_prior:") for reason in output.quality.reasons)

@@ -67,7 +67,7 @@ def test_motions_of_similar_coverage_are_reported_and_the_nearest_to_the_velocit
 
 
 def test_wheels_exclude_a_motion() -> None:
-    bounds = MotionBounds(sigma_m=0.1, sigma_rad=np.inf)
+    bounds = MotionBounds(se3.inverse(FORWARD), sigma_m=0.1, sigma_rad=np.inf)
     motion = motions().select(inputs(0.6, FORWARD), SHAPE, bounds, is_continued=False)
     assert is_forward(motion)
     assert motion.prior_ratio < 0.3
@@ -76,7 +76,7 @@ def test_wheels_exclude_a_motion() -> None:
 
 def test_wheels_that_contradict_all_motions_are_reported_and_ignored() -> None:
     spinning = se3.transform(np.eye(3), [0.0, 0.0, -3.0])
-    bounds = MotionBounds(sigma_m=0.1, sigma_rad=np.inf)
+    bounds = MotionBounds(se3.inverse(spinning), sigma_m=0.1, sigma_rad=np.inf)
     motion = motions().select(inputs(0.22, spinning), SHAPE, bounds, is_continued=False)
     assert is_forward(motion)
     assert motion.prior_ratio > 1.0

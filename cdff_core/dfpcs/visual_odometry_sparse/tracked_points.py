@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points of a keyframe that were tracked to an image, and the area of those that were lost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_core.dfns.features_prediction_2d.interface import FeaturesPrediction2DOutputs
+from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
+from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import SelectedMotion, cells_of
+
+#: Change of the pixel, and of the disparity relative to it, below which a point has the same appearance.
+_STILL_PX, _STILL_RATIO = 10.0, 0.1
+#: Number of cells with found points below which the ratio of lost cells is not meaningful.
+_MIN_CELLS = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedPoints:
+    """Points of a keyframe that were tracked to an image; a point can have several positions."""
+
+    points: IntArray  # (n,), rows of the keyframe
+    matches: FloatArray  # (n, 2), columns and rows in the image, pixels
+    visible: int  # number of points predicted inside the image
+
+    @classmethod
+    def merged(cls, parts: Sequence[TrackedPoints]) -> TrackedPoints:
+        """Return the union of several results; positions of a point that agree to 0.5 px are merged."""
+        points = np.concatenate([part.points for part in parts])
+        matches = np.concatenate([part.matches for part in parts])
+        rows = np.column_stack([points, np.rint(2.0 * matches)])
+        first = np.sort(np.unique(rows, axis=0, return_index=True)[1])
+        return cls(points[first], matches[first], max(part.visible for part in parts))
+
+    def first_of_each(self, selected: BoolArray) -> IntArray:
+        """Return the rows (k,) of a mask (n,), for each point of the keyframe only its first one."""
+        rows = np.flatnonzero(selected)
+        return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
+
+    @property
+    def count(self) -> int:
+        """Number of points of the keyframe that were tracked."""
+        return len(np.unique(self.points))
+
+    def count_others(self, motion: SelectedMotion) -> int:
+        """Return the number of points that agree with competing motions only."""
+        return len(np.setdiff1d(self.points[motion.other_inliers], self.points[motion.scene.inliers]))
+
+    def count_scene(self, motion: SelectedMotion) -> int:
+        """Return the number of tracked points that may belong to the scene."""
+        return self.count - self.count_others(motion)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LostPoints:
+    """Points of a keyframe that a motion predicts in the image, and those that were not found there."""
+
+    pixels: FloatArray  # (n, 2), predicted pixels of all points
+    is_found: BoolArray  # (n,), agree with the motion of the scene or a competing one
+    is_lost: BoolArray  # (n,), predicted inside the image and not found
+    is_still: BoolArray  # (n,), have almost the same pixel and distance as in the keyframe
+
+    @classmethod
+    def of_motion(
+        cls,
+        keyframe: Keyframe,
+        predicted: FeaturesPrediction2DOutputs,
+        tracked: TrackedPoints,
+        motion: SelectedMotion,
+    ) -> LostPoints:
+        """Return the points given their prediction by the motion of the scene."""
+        is_found = np.zeros(len(keyframe.points), bool)
+        is_found[tracked.points[motion.scene.inliers | motion.other_inliers]] = True
+        moved_px = np.hypot(*(predicted.features - keyframe.features).T)
+        change = np.abs(predicted.disparities - keyframe.disparities)
+        is_still = (moved_px < _STILL_PX) & (change < _STILL_RATIO * keyframe.disparities)
+        return cls(predicted.features, is_found & predicted.visible, predicted.visible & ~is_found, is_still)
+
+    def ratio(self, shape: tuple[int, ...], *, only_still: bool = False) -> float:
+        """Return the number of cells of the image with lost points only, divided by that with found points.
+
+        With ``only_still``, only of the points that hardly move: they are lost only if they are hidden, or if
+        the motion is wrong. 0 if there are too few of them.
+        """
+        used = self.is_still if only_still else np.ones_like(self.is_still)
+        found = cells_of(self.pixels[self.is_found & used], shape)
+        lost = np.setdiff1d(cells_of(self.pixels[self.is_lost & used], shape), found)
+        return len(lost) / len(found) if len(found) >= _MIN_CELLS else 0.0
