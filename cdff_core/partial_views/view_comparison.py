@@ -33,9 +33,9 @@ class Perturbations:
     rounds: int
     trials: int
 
-    def scaled(self, factor: float) -> Perturbations:
-        """Return the perturbations with translations multiplied by a factor, for example a unit in metres."""
-        return replace(self, sigma_m=factor * self.sigma_m)
+    def scaled(self, factor: float, angle_factor: float = 1.0) -> Perturbations:
+        """Return the perturbations with translations, for example in metres, and angles times a factor."""
+        return replace(self, sigma_m=factor * self.sigma_m, sigma_rad=angle_factor * self.sigma_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
