@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare elevation maps of built-up areas with the manually classified ground, by the size of the cells.
 
-Both samples are airborne lidar of the ISPRS test with about one point per square metre. An elevation map of all
-points is compared with the mean height of the ground points in each cell that has ground points. The maps
+Both samples are airborne lidar of the ISPRS test with about one point per square metre. An elevation map of
+all points is compared with the mean height of the ground points in each cell that has some. The maps
 are rasterised with the rule of ``digital_elevation_mapping`` for their cell size, and, for comparison, with
 vertical gaps at all sizes. The defaults of the ground filter were checked on the same samples.
 """
@@ -81,16 +81,18 @@ def errors(
 
 
 def table(figures: dict[str, Any]) -> str:
-    """Return the table: one row for each sample and cell size, with vertical gaps and the rule of the DFPC."""
+    """Return the table: a row for each sample and cell size, with vertical gaps and the rule of the DFPC."""
     lines = [
-        "| sample, cells | ground lost: vertical gaps, DFPC | structure left in cells with ground | RMSE | bias |",
+        "| sample, cells | ground lost: vertical gaps, DFPC | structure left in cells with ground "
+        "| RMSE | bias |",
         "|---" * 5 + "|",
     ]
     for name, sizes in figures.items():
         for size, rules in sizes.items():
             gaps, ours = (rules[rule] for rule in RULES)
             lines.append(
-                f"| {name}, {size} | {gaps['ground_lost_percent']:.2f} %, {ours['ground_lost_percent']:.2f} % "
+                f"| {name}, {size} "
+                f"| {gaps['ground_lost_percent']:.2f} %, {ours['ground_lost_percent']:.2f} % "
                 f"| {gaps['structure_left_percent']:.0f} %, {ours['structure_left_percent']:.0f} % "
                 f"| {gaps['rmse_m']:.2f} m, {ours['rmse_m']:.2f} m "
                 f"| {gaps['bias_m']:+.2f} m, {ours['bias_m']:+.2f} m |"

@@ -46,8 +46,8 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     if given. It is the variance of a mixture, so that pooling two cells gives the variance of all their
     points.
 
-    With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics. If
-    there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
+    With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics.
+    If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
     observed in a cell, it is treated as ground. In cells much larger than the gap, relief hides empty spaces;
     a ground filter then has to find the structure (``is_structure``).
     """

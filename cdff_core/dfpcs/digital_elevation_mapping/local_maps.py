@@ -94,7 +94,7 @@ class LocalMapAligner:
 
 
 class LocalMaps:
-    """Local map around the robot, and a far map of larger cells (ground, rasterisation, fusion, far_fusion)."""
+    """Local map around the robot, and a far map of larger cells (four DFN slots)."""
 
     def __init__(self, config: DigitalElevationMappingConfig, dfn: Callable[..., Dfn[Any, Any, Any]]) -> None:
         self._config = config
