@@ -57,7 +57,9 @@ MOLA_MAPS = {
     "blurred": (MOLA_BLUR_CELLS, 0.0),
     "blurred, 20 m noise": (MOLA_BLUR_CELLS, MOLA_NOISE_M),
 }
-PARTS = ("simulated", "mola", "mola_covariance")
+#: Other relief for the check of the covariance: heights of MOLA times this factor, and number of shifts.
+RELIEF_FACTOR, RELIEF_SHIFTS = 10.0, 40
+PARTS = ("simulated", "mola", "mola_covariance", "mola_relief")
 
 
 def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
@@ -69,13 +71,16 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
     if "mola" in parts:
         report["mola"] = mola(path, progress)
     if "mola_covariance" in parts:
-        report["mola_covariance"], squared = mola_covariance(path, progress)
+        report["mola_covariance"], squared = mola_covariance(read_mola(path), progress)
         report["real"] = {
             "GradientCorrelation": {
                 f"MOLA, {name}": squared_error(round(float(np.mean(values)), 3), 2, len(values))
                 for name, values in squared.items()
             }
         }
+    if "mola_relief" in parts:
+        steep = RELIEF_FACTOR * read_mola(path)
+        report["mola_relief"], _ = mola_covariance(steep, progress, RELIEF_SHIFTS)
     return report
 
 
@@ -234,17 +239,16 @@ def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def mola_covariance(
-    path: Path, progress: Callable[[str], None]
+    globe: np.ndarray, progress: Callable[[str], None], shifts: int = SHIFTS
 ) -> tuple[dict[str, Any], dict[str, list[float]]]:
     """Return a summary and the squared errors (two degrees of freedom) of the DFPC on two plain grids."""
-    globe = read_mola(path)
     dfpc = Registry.default().make_dfpc("absolute_localisation")
     figures: dict[str, Any] = {}
     all_squared: dict[str, list[float]] = {}
     for name, (blur_cells, noise_m) in MOLA_MAPS.items():
         errors: list[float] = []
         squared = all_squared[name] = []
-        for seed in range(SHIFTS):
+        for seed in range(shifts):
             progress(f"absolute_localisation: MOLA, {name}, shift {seed}")
             orbital, rover, shift = shifted_piece(
                 globe, np.random.default_rng([seed, 11]), blur_cells=blur_cells, noise_m=noise_m, offset_m=0.0
@@ -257,8 +261,8 @@ def mola_covariance(
                 errors.append(float(np.hypot(*e)))
                 squared.append(float(e @ np.linalg.solve(output.value.transform.covariance[:2, :2], e)))
         figures[name] = {
-            "answered": interval(len(errors), SHIFTS),
-            "false": interval(sum(e > 3.0 for e in errors), SHIFTS),
+            "answered": interval(len(errors), shifts),
+            "false": interval(sum(e > 3.0 for e in errors), shifts),
             "error_cells": error_summary(errors, 5),
             "squared_error": {**error_summary(squared, 3), "mean": round(float(np.mean(squared)), 3)},
         }
@@ -348,7 +352,10 @@ def table(figures: dict[str, Any]) -> str:
         "| squared error mean, median (2 expected) |",
         "|---" * 5 + "|",
     ]
-    for name, row in figures["mola_covariance"].items():
+    rows = figures["mola_covariance"] | {
+        f"relief × {RELIEF_FACTOR:g}, {name}": row for name, row in figures.get("mola_relief", {}).items()
+    }
+    for name, row in rows.items():
         error, squared = row["error_cells"], row["squared_error"]
         error_text = f"{error['median']:.4f}, {error['p95']:.4f}, {error['max']:.4f} cells"
         cells = (name, rate_text(row["answered"]), rate_text(row["false"]), error_text)

@@ -31,8 +31,9 @@ from evaluation.real import RealRow
 from evaluation.shot_localisation import localise
 
 PAGE = "shot_localisation"
-PARTS = ("tracked_objects", "crops", "milk_carton", "absent_objects")
-CROP_SEEDS = range(16)
+PARTS = ("tracked_objects", "crops", "held_out_crops", "milk_carton", "absent_objects")
+#: Seeds of crops; no parameter was chosen with the held-out ones.
+CROP_SEEDS, HELD_OUT_SEEDS = range(16), range(16, 32)
 FRAME_STEP = 2
 GATE_M, GATE_DEG, WIDE_DEG = 0.03, 8.0, 12.0
 _STEP_DIAMETERS = 0.05
@@ -46,6 +47,7 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
     sets: dict[str, Callable[[], Iterator[View]]] = {
         "tracked_objects": lambda: tracked_objects(data, FRAME_STEP),
         "crops": lambda: crops(data, CROP_SEEDS),
+        "held_out_crops": lambda: crops(data, HELD_OUT_SEEDS),
         "milk_carton": lambda: iter([_milk(data)]),
         "absent_objects": lambda: absent_objects(data, every=48),
     }

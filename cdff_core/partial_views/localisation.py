@@ -31,8 +31,20 @@ if TYPE_CHECKING:
 #: Radius of the part of the scene that is registered, and voxel size in it, in diameters of the model.
 _REGION, _VOXEL = 0.6, 0.02
 _NORMAL_NEIGHBOURS = 20
+#: Factors on the tolerance with which candidates are compared if their scores are too similar.
+_FINER = (0.5, 0.25, 0.125)
 #: Factor on the limits of ``is_same`` up to which a pose is not an alternative to another one.
 _ELSEWHERE = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Choice:
+    """The best candidate, the factor on the tolerance of its score, its margin, and its equivalent poses."""
+
+    best: ViewCandidate
+    factor: float
+    margin: float
+    equivalent: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,18 +93,18 @@ class ViewLocaliser:
         if best_score < self._cfg.min_score:
             reason = f"low_view_score:{best_score:.2f}<{self._cfg.min_score:g}"
             return None, Quality.failed("not_found", reason, metrics={"view_score": best_score})
-        best = candidates[0]
-        equivalent, alternatives = _alternatives(search, model, candidates)
+        choice = _choose(search, model, candidates, self._cfg)
+        best = choice.best
         metrics = {
             "view_score": best.score,
-            "view_margin": best.score - max((other.score for other in alternatives), default=0.0),
-            "equivalent_poses": 1.0 + equivalent,
+            "view_margin": choice.margin,
+            "equivalent_poses": 1.0 + choice.equivalent,
         }
-        if metrics["view_margin"] < self._cfg.min_margin:
-            reason = f"low_view_margin:{metrics['view_margin']:.2f}<{self._cfg.min_margin:g}"
+        if choice.margin < self._cfg.min_margin:
+            reason = f"low_view_margin:{choice.margin:.2f}<{self._cfg.min_margin:g}"
             return None, Quality.failed("not_found", reason, metrics=metrics)
-        registration = self._register(search, image, model, best, metrics)
-        degraded = ["symmetric_model"] if equivalent else []
+        registration = self._register(search, image, model, choice, metrics)
+        degraded = ["symmetric_model"] if choice.equivalent else []
         degraded += [] if registration.step.iterations else ["not_refined"]
         weak = registration.assessment.agreement < self._good_agreement
         # The outline of the model constrains these directions too, but is not part of the covariance.
@@ -110,10 +122,11 @@ class ViewLocaliser:
         search: ViewSearch,
         image: RangeImage,
         model: ViewModel,
-        best: ViewCandidate,
+        choice: _Choice,
         metrics: Mapping[str, float],
     ) -> Registration:
         """Return the registration of the visible points, or, if the view contradicts it, the pose found."""
+        best = choice.best
         surface = best.side.surface
         visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])
         R_scene_view, t = image.R_view_scene.T, -model.centre_m
@@ -126,7 +139,7 @@ class ViewLocaliser:
         T = T_scene_view @ best.T @ T_centre_model
         registration = refine_and_assess(self._refine, self._assess, source, target, T, metrics)
         refined = se3.inverse(T_scene_view) @ registration.T_target_source @ se3.inverse(T_centre_model)
-        score = float(search.comparison(surface).scores(refined[None])[0])
+        score = float(search.comparison(surface, choice.factor).scores(refined[None])[0])
         if score >= best.score - 0.5 * self._cfg.min_margin and search.is_same(refined, best.T):
             return registration
         return self._without_refinement(source, target, T, search.pose_covariance(), model, metrics)
@@ -164,6 +177,33 @@ class ViewLocaliser:
             0.0,
             metrics,
         )
+
+
+def _choose(
+    search: ViewSearch, model: ViewModel, candidates: list[ViewCandidate], cfg: ViewSearchConfig
+) -> _Choice:
+    """Return the best candidate with its margin over the others.
+
+    If the margin is too small, the candidates are compared with smaller tolerances, as far as the noise of
+    the scene permits, until the margin suffices. If it never does, the choice is that with the whole tolerance.
+    """
+    whole = choice = _choice(search, model, candidates, 1.0)
+    for factor in _FINER:
+        if choice.margin >= cfg.min_margin or not search.resolves(factor):
+            break
+        remaining = [candidate for candidate in candidates if candidate.score >= cfg.min_score]
+        candidates = search.refined(remaining, factor)
+        if candidates[0].score < cfg.min_score:
+            return whole
+        choice = _choice(search, model, candidates, factor)
+    return choice if choice.margin >= cfg.min_margin else whole
+
+
+def _choice(search: ViewSearch, model: ViewModel, candidates: list[ViewCandidate], factor: float) -> _Choice:
+    """Return the best of candidates that are scored with ``factor`` times the tolerance."""
+    equivalent, alternatives = _alternatives(search, model, candidates)
+    margin = candidates[0].score - max((other.score for other in alternatives), default=0.0)
+    return _Choice(candidates[0], factor, margin, equivalent)
 
 
 def _alternatives(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -138,8 +138,8 @@ class ViewSearch:
             raise RefusedError("the model covers too few measurements", ["too_far"])
         self._step_m = cfg.step * model.diameter_m
         self._points, self._normals = _scene_surface(self.near_m, self._step_m)
-        noise_m = _SIGMAS * _noise(self.near_m)
-        self.tolerance_m = max(cfg.tolerance * model.diameter_m, noise_m)
+        self._noise_m = _SIGMAS * _noise(self.near_m)
+        self.tolerance_m = max(cfg.tolerance * model.diameter_m, self._noise_m)
 
     def candidates(self) -> list[ViewCandidate]:
         """Return distinct candidates, best first."""
@@ -149,6 +149,24 @@ class ViewSearch:
             poses = vote(side.table, self._points, self._normals, references, start, index, self._cfg.peaks)
             found += self._refined(side, poses)
         return sorted(found, key=lambda candidate: -candidate.score)
+
+    def resolves(self, factor: float) -> bool:
+        """Return whether the noise of the scene is below ``factor`` times the tolerance."""
+        return factor * self.tolerance_m >= self._noise_m
+
+    def refined(self, candidates: list[ViewCandidate], factor: float) -> list[ViewCandidate]:
+        """Return the candidates refined and scored with ``factor`` times the tolerance, best first.
+
+        Poses that agree equally well with the view within the tolerance are distinguished by a smaller one.
+        """
+        perturbations = _LAST_REFINEMENT.scaled(factor * self._model.diameter_m, factor)
+        refined = []
+        for candidate in candidates:
+            coarse = self.comparison(candidate.side.coarse, factor)
+            T, _ = coarse.refine(candidate.T, perturbations, self._seed)
+            score = self.comparison(candidate.side.surface, factor).scores(T[None])[0]
+            refined.append(replace(candidate, T=T, score=float(score)))
+        return sorted(refined, key=lambda candidate: -candidate.score)
 
     def comparison(self, surface: ModelSurface, factor: float = 1.0) -> ViewComparison:
         """Return the comparison of a surface with the view."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -33,9 +34,9 @@ class Perturbations:
     rounds: int
     trials: int
 
-    def scaled(self, factor: float) -> Perturbations:
-        """Return the perturbations with translations multiplied by a factor, for example a unit in metres."""
-        return replace(self, sigma_m=factor * self.sigma_m)
+    def scaled(self, factor: float, angle_factor: float = 1.0) -> Perturbations:
+        """Return the perturbations with translations, for example in metres, and angles times a factor."""
+        return replace(self, sigma_m=factor * self.sigma_m, sigma_rad=angle_factor * self.sigma_rad)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,18 +86,30 @@ class ViewComparison:
         Each round tries random perturbations, smaller from round to round, since the score is a count and has
         no derivative.
         """
-        rng = np.random.default_rng(seed)
-        score, trials = -1.0, by.trials
-        for i in range(by.rounds):
-            sigma_m, sigma_rad = (_CONTRACTION**i * sigma for sigma in (by.sigma_m, by.sigma_rad))
-            poses = np.repeat(T[None], trials, axis=0)
-            R = se3.exp_so3(rng.normal(0.0, sigma_rad, (trials, 3)))
-            poses[1:, :3, :3] = R[1:] @ T[:3, :3]
-            poses[1:, :3, 3] += rng.normal(0.0, sigma_m, (trials - 1, 3))
+        score = -1.0
+        for rotations, translations_m in _draws(by, seed):
+            poses = np.repeat(T[None], by.trials, axis=0)
+            poses[1:, :3, :3] = rotations @ T[:3, :3]
+            poses[1:, :3, 3] += translations_m
             scores = self.scores(poses)
             best = int(np.argmax(scores))
             T, score = poses[best], float(scores[best])
         return T, score
+
+
+@lru_cache(maxsize=16)
+def _draws(by: Perturbations, seed: int) -> list[tuple[FloatArray, FloatArray]]:
+    """Return random rotations (trials - 1, 3, 3) and translations (trials - 1, 3) for each round.
+
+    They are the same for all poses and drawn only once.
+    """
+    rng = np.random.default_rng(seed)
+    draws = []
+    for i in range(by.rounds):
+        sigma_m, sigma_rad = (_CONTRACTION**i * sigma for sigma in (by.sigma_m, by.sigma_rad))
+        R = se3.exp_so3(rng.normal(0.0, sigma_rad, (by.trials, 3)))[1:]
+        draws.append((R, rng.normal(0.0, sigma_m, (by.trials - 1, 3))))
+    return draws
 
 
 @njit(cache=True)

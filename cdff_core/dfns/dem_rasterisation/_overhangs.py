@@ -59,6 +59,52 @@ def find_overhangs(cell: IntArray, points_m: FloatArray, gap_m: float, edge_m: f
     return is_overhang
 
 
+def find_overhanging_structure(
+    cell: IntArray, points_m: FloatArray, is_structure: BoolArray, gap_m: float, edge_m: float
+) -> BoolArray:
+    """Return which points of structure overhang the ground in their cell.
+
+    A cell is divided if one of its points of structure is at least ``gap_m`` above the nearest point of the
+    ground in this cell, and steeper than ground of 60°. This rejects steep ground that a filter has
+    classified as structure. A cell without ground remains as it is.
+
+    Parameters
+    ----------
+    cell : ndarray of int64, shape (n,)
+        Cell of each point; -1 is ignored.
+    points_m : ndarray, shape (n, 3)
+        Points, z up, metres.
+    is_structure : ndarray of bool, shape (n,)
+        Points that a ground filter has classified as structure.
+    gap_m : float
+        Smallest height above the ground, metres.
+    edge_m : float
+        Edge of a cell, metres.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    cells = int(cell.max(initial=-1)) + 1
+    has_ground = np.bincount(cell[(cell >= 0) & ~is_structure], minlength=cells) > 0
+    is_candidate = (cell >= 0) & is_structure
+    is_candidate[is_candidate] = has_ground[cell[is_candidate]]
+    has_candidate = np.bincount(cell[is_candidate], minlength=cells) > 0
+    is_ground = (cell >= 0) & ~is_structure
+    is_ground[is_ground] = has_candidate[cell[is_ground]]
+    if not is_candidate.any():
+        return is_candidate
+    above, ground = points_m[is_candidate], points_m[is_ground]
+    distance_m, index = _nearest_in_cell(
+        above[:, :2], cell[is_candidate], ground[:, :2], cell[is_ground], edge_m
+    )
+    height_m = above[:, 2] - ground[index, 2]
+    is_step = (height_m >= gap_m) & (height_m > _STEEPEST_GROUND * distance_m)
+    is_divided = np.bincount(cell[is_candidate][is_step], minlength=cells) > 0
+    is_candidate[is_candidate] = is_divided[cell[is_candidate]]
+    return is_candidate
+
+
 def _levels(cell: IntArray, z_m: FloatArray, gap_m: float) -> tuple[IntArray, IntArray]:
     """Return the points of cells with gaps by cell and height, and the number of gaps below each of them."""
     cells = int(cell.max(initial=0)) + 1
@@ -80,12 +126,23 @@ def _horizontal_distance(
     cells: IntArray, xy_m: FloatArray, below: BoolArray, above: BoolArray, edge_m: float
 ) -> FloatArray:
     """Return the smallest horizontal distance between points below and above in each cell, else infinity."""
-    from cdff_common.geometry.kdtree import kd_tree, nearest
-
     distance_m = np.full(int(cells.max(initial=-1)) + 1, np.inf)
     if below.any():
-        # With cells 2 edges apart along a third axis, the nearest point is one of the same cell.
-        separated = np.c_[xy_m - xy_m.min(axis=0), 2.0 * edge_m * cells]
-        found_m, _ = nearest(kd_tree(separated[below]), separated[above])
+        found_m, _ = _nearest_in_cell(xy_m[above], cells[above], xy_m[below], cells[below], edge_m)
         np.minimum.at(distance_m, cells[above], found_m)
     return distance_m
+
+
+def _nearest_in_cell(
+    xy_m: FloatArray, cells: IntArray, other_xy_m: FloatArray, other_cells: IntArray, edge_m: float
+) -> tuple[FloatArray, IntArray]:
+    """Return the horizontal distance to, and the row of, the nearest other point, which is in the same cell.
+
+    With cells 2 edges apart along a third axis, the nearest point is one of the same cell, if there is one.
+    """
+    from cdff_common.geometry.kdtree import kd_tree, nearest
+
+    origin = other_xy_m.min(axis=0)
+    tree = kd_tree(np.c_[other_xy_m - origin, 2.0 * edge_m * other_cells])
+    distance_m, index = nearest(tree, np.c_[xy_m - origin, 2.0 * edge_m * cells])
+    return distance_m, index

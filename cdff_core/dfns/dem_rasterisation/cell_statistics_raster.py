@@ -20,7 +20,7 @@ from cdff_common.raster.auxiliary_layers import (
     AuxiliaryLayers,
 )
 from cdff_common.types import ElevationMap
-from cdff_core.dfns.dem_rasterisation._overhangs import find_overhangs
+from cdff_core.dfns.dem_rasterisation._overhangs import find_overhanging_structure, find_overhangs
 from cdff_core.dfns.dem_rasterisation.interface import Inputs, Interface, Outputs
 
 
@@ -46,9 +46,10 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     if given. It is the variance of a mixture, so that pooling two cells gives the variance of all their
     points.
 
-    With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics. If
-    there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
-    observed in a cell, it is treated as ground.
+    With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics.
+    If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
+    observed in a cell, it is treated as ground. In cells much larger than the gap, relief hides empty spaces;
+    a ground filter then has to find the structure (``is_structure``).
     """
 
     def setup(self) -> None:
@@ -89,7 +90,12 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
             cell = _cell_indices(grid, points)
             auxiliary = AuxiliaryLayers.empty(grid)
             if self.config.overhang_gap_m is not None:
-                is_overhang = find_overhangs(cell, points, self.config.overhang_gap_m, resolution_m)
+                gap_m = self.config.overhang_gap_m
+                is_overhang = (
+                    find_overhangs(cell, points, gap_m, resolution_m)
+                    if inputs.is_structure is None
+                    else find_overhanging_structure(cell, points, inputs.is_structure, gap_m, resolution_m)
+                )
                 # A single point above the gap is noise: neither ground nor overhang.
                 is_mapped_overhang = (
                     is_overhang & (np.bincount(cell[is_overhang], minlength=grid.rows * grid.cols) > 1)[cell]

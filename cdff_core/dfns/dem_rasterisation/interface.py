@@ -35,6 +35,9 @@ class DemRasterisationInputs(DfnInputs):
         Variance of each height due to sensor noise, square metres.
     intensity : ndarray of float64, shape (n), optional
         Brightness of each point, NaN if unknown.
+    is_structure : ndarray of bool, shape (n), optional
+        Points above the ground according to a ground filter; with overhang_gap_m they replace the search
+        for vertical gaps.
     """
 
     ARRAYS = ArrayPorts(
@@ -44,9 +47,17 @@ class DemRasterisationInputs(DfnInputs):
             "stamps_ns": "int64[n]",
             "noise_variance": "float64[n]",
             "intensity": "float64[n]",
+            "is_structure": "bool[n]",
         },
         positive=["resolution_m"],
-        optional=["resolution_m", "height_variance", "stamps_ns", "noise_variance", "intensity"],
+        optional=[
+            "resolution_m",
+            "height_variance",
+            "stamps_ns",
+            "noise_variance",
+            "intensity",
+            "is_structure",
+        ],
     )
 
     points: NDArray[np.float64]
@@ -56,6 +67,7 @@ class DemRasterisationInputs(DfnInputs):
     stamps_ns: NDArray[np.int64] | None = None
     noise_variance: NDArray[np.float64] | None = None
     intensity: NDArray[np.float64] | None = None
+    is_structure: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -44,8 +44,8 @@ class DigitalElevationMappingConfig(DfpcConfig):
         1.0,
         gt=0.0,
         description=(
-            "Empty height in a cell below an overhang, metres, at least half of the edge of a cell; absent: no "
-            "overhangs"
+            "Empty height below an overhang, metres; in cells larger than twice this, height of structure "
+            "above the ground; absent: no overhangs"
         ),
     )
     max_rays: int = Field(

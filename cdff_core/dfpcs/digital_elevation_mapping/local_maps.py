@@ -20,6 +20,7 @@ from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
 from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
 from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, MapPoints, Patch
+from cdff_core.dfpcs.digital_elevation_mapping.structure_filter import StructureFilter
 from cdff_core.elevation.map_cells import MapCells
 
 
@@ -93,11 +94,12 @@ class LocalMapAligner:
 
 
 class LocalMaps:
-    """Local map around the robot, and a far map of larger cells (rasterisation, fusion, far_fusion)."""
+    """Local map around the robot, and a far map of larger cells (four DFN slots)."""
 
     def __init__(self, config: DigitalElevationMappingConfig, dfn: Callable[..., Dfn[Any, Any, Any]]) -> None:
         self._config = config
         self._rasterisation = dfn("rasterisation", overhang_gap_m=config.overhang_gap_m)
+        self._structure = StructureFilter(config, dfn)
         self._fusion, self._far_fusion = dfn("fusion"), dfn("far_fusion")
         #: Local map, far map and last patch; None before the first patch.
         self.local: ElevationMap | None = None
@@ -134,15 +136,17 @@ class LocalMaps:
 
     def _rasterise(self, points: MapPoints, frame: str, factor: int) -> ElevationMap:
         """Return the elevation map of points in cells ``factor`` times the map's."""
+        edge_m = self._config.resolution_m * factor
         raster: ElevationMap = self._rasterisation.process(
             DemRasterisationInputs(
                 frame=frame,
-                resolution_m=self._config.resolution_m * factor,
+                resolution_m=edge_m,
                 points=points.points_m,
                 height_variance=points.pose_variance_m2,
                 stamps_ns=points.stamps_ns,
                 noise_variance=points.noise_variance_m2,
                 intensity=points.intensity,
+                is_structure=self._structure.find(points.points_m, edge_m),
             )
         ).map
         return raster

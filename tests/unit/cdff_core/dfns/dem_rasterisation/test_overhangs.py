@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cdff_common.formats.pcd import read_pcd
-from cdff_core.dfns.dem_rasterisation._overhangs import find_overhangs
+from cdff_core.dfns.dem_rasterisation._overhangs import find_overhanging_structure, find_overhangs
 
 
 def cells_of(points: np.ndarray, edge_m: float) -> np.ndarray:
@@ -70,3 +70,25 @@ def test_classified_ground_is_kept_at_cells_of_four_metres(real_data: Callable[[
     for name, most in (("samp11", 0.06), ("samp42", 0.002)):
         ground = np.asarray(read_pcd(folder / f"{name}-utm-ground.pcd").points_m, dtype=np.float64)
         assert find_overhangs(cells_of(ground, 4.0), ground, 1.0, 4.0).mean() <= most
+
+
+def test_structure_above_ground_in_its_cell_is_an_overhang() -> None:
+    # On the ground of the first cell stand a wall and a roof; the second cell has structure only.
+    points = np.array([[0.5, 0.5, 0.0], [1.0, 0.5, 3.0], [5.0, 0.5, 3.5], [9.0, 0.5, 3.0], [0.0, 0.0, 9.0]])
+    is_structure = np.array([False, True, True, True, True])
+    is_overhang = find_overhanging_structure(np.array([0, 0, 0, 1, -1]), points, is_structure, 1.0, 8.0)
+    assert is_overhang.tolist() == [False, True, True, False, False]
+
+
+@pytest.mark.parametrize("angle_deg", [30.0, 45.0, 55.0])
+def test_steep_ground_classified_as_structure_is_kept(rng: np.random.Generator, angle_deg: float) -> None:
+    points = slope(rng, angle_deg, 0.5)
+    is_structure = points[:, 2] > 10.0
+    cell = cells_of(points, 8.0)
+    assert not find_overhanging_structure(cell, points, is_structure, 1.0, 8.0).any()
+
+
+def test_without_structure_there_is_no_overhang() -> None:
+    points = np.zeros((2, 3))
+    for is_structure in (np.zeros(2, np.bool_), np.ones(2, np.bool_)):
+        assert not find_overhanging_structure(np.zeros(2, np.int64), points, is_structure, 1.0, 8.0).any()
