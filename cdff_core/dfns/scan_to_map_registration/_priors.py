@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cdff_common.arrays import FloatArray
@@ -11,6 +13,62 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error, rotation_blocks
 from cdff_common.geometry.points import checked_transform
+from cdff_core.dfns.scan_to_map_registration.interface import Inputs
+
+#: Information on the motion during the sweep if its covariance is not given: fixed at its initial value.
+_FIXED_MOTION_INFORMATION = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Normal distribution of the pose and of the motion during the sweep.
+
+    Attributes
+    ----------
+    T_guess : ndarray, shape (4, 4)
+        T_map_sensor at the end of the sweep.
+    motion_guess : ndarray, shape (6,)
+        Translation and rotation during the sweep, in axes of the sensor.
+    pose_information, motion_information : ndarray, shape (6, 6)
+        Inverse covariances.
+    T_previous : ndarray, shape (4, 4), or None
+        T_map_sensor at the end of the previous sweep; if given, the expected motion during the sweep is
+        ``sweep_fraction`` times the motion since this pose.
+    sweep_fraction : float
+    """
+
+    T_guess: FloatArray
+    motion_guess: FloatArray
+    pose_information: FloatArray
+    motion_information: FloatArray
+    T_previous: FloatArray | None
+    sweep_fraction: float
+
+    @classmethod
+    def from_inputs(cls, inputs: Inputs, T_guess: FloatArray, motion_guess: FloatArray) -> Prior:
+        """Return the prior with the covariances and the previous pose of the inputs."""
+        motion_information = information(inputs.sweep_covariance)
+        motion_information += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
+        return cls(
+            T_guess,
+            motion_guess,
+            information(inputs.guess_covariance),
+            motion_information,
+            *previous_pose(inputs.before, inputs.sweep_fraction),
+        )
+
+    def add_to(self, A: FloatArray, g: FloatArray, T: FloatArray, motion: FloatArray) -> None:
+        """Add information and gradient at an estimate to the normal equations (12, 12) and (12,)."""
+        A[:6, :6] += self.pose_information
+        g[:6] += self.pose_information @ pose_error(T, self.T_guess)
+        expected, J = (
+            (self.motion_guess, np.zeros((6, 6)))
+            if self.T_previous is None
+            else fraction_of_motion(self.T_previous, T, self.sweep_fraction)
+        )
+        J_prior = np.hstack([-J, np.eye(6)])
+        A += J_prior.T @ self.motion_information @ J_prior
+        g += J_prior.T @ self.motion_information @ (motion - expected)
 
 
 def information(covariance: FloatArray | None) -> FloatArray:

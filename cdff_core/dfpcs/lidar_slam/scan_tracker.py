@@ -122,7 +122,7 @@ class ScanTracker:
             self._support.update(accepted.support_ratio)
             if not self._unconstrained_sweeps and not prediction.used_odometry:
                 error = se3.inverse(prediction.T_previous_current) @ increment
-                self._uncertainty.update(se3.vector_from_transform(error))
+                self._uncertainty.update(se3.vector_from_transform(error), prediction.interval_s)
         is_withheld = 0 < self._lost_sweeps <= _WITHHELD_SWEEPS
         self._stamp_ns = scan.t1_ns
         self._surface = None if is_withheld else se3.transform_points(self._T, deskewed_m)
@@ -154,8 +154,7 @@ class ScanTracker:
         """Predict the motion to the end of a sweep; the robot may already move during its first sweep."""
         if self._stamp_ns is None and (velocity := self.predictor.velocity(scan.t1_ns)) is not None:
             self._velocity = velocity
-        covariance = self._uncertainty.covariance
-        return self.predictor.predict(scan, self._stamp_ns, self._velocity, covariance)
+        return self.predictor.predict(scan, self._stamp_ns, self._velocity, self._uncertainty)
 
     def _register_or_search(
         self, points_m: Float, fraction: Float, prediction: Prediction

@@ -160,7 +160,7 @@ def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_l
         node.process(Inputs(surface=se3.transform_points(T, points), guess=T))
         map_bytes.append(node.map_bytes)
     assert max(map_bytes[60:]) == max(map_bytes[:60])
-    assert node.voxels < 0.6 * len(node._maps[0].keys)
+    assert node.voxels < 0.6 * len(node._map.tables[0].keys)
 
 
 def test_non_finite_points_are_refused(ground: Ground, rng: np.random.Generator) -> None:
