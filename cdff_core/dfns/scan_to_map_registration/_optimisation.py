@@ -70,13 +70,19 @@ class Estimate:
 
 
 def estimate(
-    local_map: VoxelMap, points: FloatArray, fraction: FloatArray, prior: Prior, schedule: Schedule
+    local_map: VoxelMap,
+    points: FloatArray,
+    fraction: FloatArray,
+    prior: Prior,
+    schedule: Schedule,
+    start: Estimate | None = None,
 ) -> Estimate:
-    """Estimate pose and motion of a sweep, starting at the guesses of the prior.
+    """Estimate pose and motion of a sweep, starting at the guesses of the prior or at another estimate.
 
     Raises RefusedError ``no_overlap`` if too few points lie on the map.
     """
-    T, motion = prior.T_guess.copy(), prior.motion_guess.copy()
+    T, motion = (prior.T_guess, prior.motion_guess) if start is None else (start.T, start.motion)
+    T, motion = T.copy(), motion.copy()
     kernel, iterations, converged = schedule.first_kernel_m, 0, False
     noise_m = np.full(len(local_map.tables), schedule.noise_m)
     for _ in range(schedule.max_iterations):

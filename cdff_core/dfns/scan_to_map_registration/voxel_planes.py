@@ -16,13 +16,21 @@ from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
 from cdff_core.dfns.scan_to_map_registration._candidates import best_candidates
+from cdff_core.dfns.scan_to_map_registration._observability import observability
 from cdff_core.dfns.scan_to_map_registration._optimisation import Estimate, Schedule, estimate
-from cdff_core.dfns.scan_to_map_registration._priors import Prior, fraction_of_motion, remapped
+from cdff_core.dfns.scan_to_map_registration._priors import Prior, fraction_of_motion, fused
+from cdff_core.dfns.scan_to_map_registration._shared_errors import (
+    CalibrationErrors,
+    shared_error_covariances,
+    shared_gradients,
+)
 from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
 #: Width of the first kernel in standard deviations of the guess's translation.
 _FIRST_KERNEL_SIGMAS = 2.0
+#: Number of points with which candidates are registered.
+_SEARCH_POINTS = 8000
 
 
 class VoxelPlanesConfig(DfnConfig):
@@ -58,6 +66,15 @@ class VoxelPlanesConfig(DfnConfig):
         le=100,
         description="Largest standard deviation of a constrained direction; equal to "
         "gates.degenerate_sigma_m of lidar_slam",
+    )
+    range_sigma_m: float = Field(
+        0.005, ge=0, le=1, description="Calibration error of all ranges in common, standard deviation"
+    )
+    ring_range_sigma_m: float = Field(
+        0.01, ge=0, le=1, description="Calibration error of the ranges of a ring, standard deviation"
+    )
+    ring_elevation_sigma_deg: float = Field(
+        0.03, ge=0, le=5, description="Calibration error of the elevation of a ring, standard deviation"
     )
     max_iterations: int = Field(30, ge=1, le=500, description="Maximum number of iterations")
     tolerance_m: float = Field(
@@ -129,13 +146,15 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         points, fraction = points[selected], fraction[selected]
         prior = Prior.from_inputs(inputs, T, motion)
         if inputs.candidates is None:
-            return self._register(points, fraction, prior, inputs)
+            return self._register(points, fraction, prior, inputs.guess_covariance)
         return self._register_candidates(points, fraction, prior, inputs)
 
     def _register_candidates(
         self, points: FloatArray, fraction: FloatArray, prior: Prior, inputs: Inputs
     ) -> Outputs:
-        """Register from the guesses with the largest support, and return the result with the largest support."""
+        """Register some points from the guesses with the largest support, and all points from the result with
+        the largest support.
+        """
         assert inputs.candidates is not None  # checked by the caller
         poses = np.concatenate([prior.T_guess[None], inputs.candidates])
         T_previous, ratio = prior.T_previous, prior.sweep_fraction
@@ -145,37 +164,55 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
                 for T in poses
             ]
         )
-        results = []
+        step = 1 + len(points) // _SEARCH_POINTS
+        some, their_fraction = points[::step], fraction[::step]
+        schedule, results = self._schedule(inputs.guess_covariance), []
         for i in best_candidates(self._map, points, fraction, poses, motions):
             candidate = replace(prior, T_guess=poses[i], motion_guess=motions[i])
             try:
-                results.append(self._register(points, fraction, candidate, inputs))
+                found = estimate(self._map, some, their_fraction, candidate, schedule)
             except RefusedError as error:
                 refusal = error
+            else:
+                results.append((self._support(some, their_fraction, found), candidate, found))
         if not results:
             raise refusal
-        return max(results, key=lambda result: result.support_ratio)
+        _, candidate, found = max(results, key=lambda result: result[0])
+        return self._register(points, fraction, candidate, None, found)
 
-    def _register(self, points: FloatArray, fraction: FloatArray, prior: Prior, inputs: Inputs) -> Outputs:
+    def _register(
+        self,
+        points: FloatArray,
+        fraction: FloatArray,
+        prior: Prior,
+        guess_covariance: FloatArray | None,
+        start: Estimate | None = None,
+    ) -> Outputs:
+        """Register the points; ``guess_covariance`` sets the width of the first kernel."""
         cfg = self.config
-        found = estimate(self._map, points, fraction, prior, self._schedule(inputs.guess_covariance))
+        found = estimate(self._map, points, fraction, prior, self._schedule(guess_covariance), start)
         T, motion = found.T, found.motion
         covariance = np.asarray(np.linalg.inv(found.information)[:6, :6], np.float64)
-        directions, agreement, sigma_m = self._observability(points, fraction, found)
+        directions, agreement, sigma_m = observability(
+            self._map, points, fraction, found, cfg.last_kernel_m, cfg.known_count
+        )
+        by_residuals, by_calibration = self._shared_error_covariances(points, fraction, found)
         support_ratio = self._support(points, fraction, found)
-        unconstrained = directions[sigma_m > cfg.max_constrained_sigma_m]
-        if len(unconstrained):
-            T, covariance = remapped(
-                prior.T_guess, T, unconstrained, found.radius_m, covariance, inputs.guess_covariance
-            )
+        is_weak, gains = sigma_m > cfg.max_constrained_sigma_m, np.ones(6)
+        if np.any(is_weak):
+            fusion = fused(prior, T, covariance, directions[is_weak], sigma_m[is_weak], found.radius_m)
+            T, covariance, gains[is_weak] = fusion.T, fusion.covariance, fusion.gains
             motion = prior.motion_guess
         return Outputs(
             transform=T,
             sweep=se3.transform(se3.exp_so3(-motion[3:]), -motion[:3]),
             covariance=0.5 * (covariance + covariance.T),
+            residual_covariance=by_residuals,
+            calibration_covariance=by_calibration,
             directions=directions,
             agreement=agreement,
             sigma_m=sigma_m,
+            gains=gains,
             radius_m=found.radius_m,
             inlier_ratio=found.matched_points / len(points),
             support_ratio=support_ratio,
@@ -196,6 +233,15 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         first_kernel_m = max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
         return Schedule(first_kernel_m, cfg.last_kernel_m, cfg.noise_m, cfg.max_iterations, cfg.tolerance_m)
 
+    def _shared_error_covariances(
+        self, points: FloatArray, fraction: FloatArray, found: Estimate
+    ) -> tuple[FloatArray, FloatArray]:
+        cfg = self.config
+        errors = CalibrationErrors(
+            cfg.range_sigma_m, cfg.ring_range_sigma_m, np.radians(cfg.ring_elevation_sigma_deg)
+        )
+        return shared_error_covariances(self._map, points, fraction, found, cfg.last_kernel_m, errors)
+
     def _support(self, points: FloatArray, fraction: FloatArray, found: Estimate) -> float:
         """Return the mean weight of the last kernel over all points at the estimated pose.
 
@@ -215,39 +261,6 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
         return float(support)
 
-    def _observability(
-        self, points: FloatArray, fraction: FloatArray, found: Estimate
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the directions of the information, the agreement of both halves of the map along them, and
-        the standard deviations along them.
-
-        One point per voxel is used, since points on the same plane share its noise, and only planes of enough
-        points: the normals of planes through a few distant points of a new map are noisy, and their long
-        lever arm would hide the information of the near ground on rotations.
-        """
-        cfg = self.config
-        T, motion = found.T, found.motion
-        selected = _voxel_table.first_in_voxels(points, cfg.voxel_m)
-        points, fraction = points[selected], fraction[selected]
-        R = se3.exp_so3(fraction[:, None] * motion[None, 3:])
-        deskewed = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
-        H, cross_information, total_weight = _kernels.common_information(
-            self._map.tables,
-            cfg.voxel_m,
-            deskewed,
-            np.ascontiguousarray(T[:3, :3]),
-            T[:3, 3].copy(),
-            cfg.last_kernel_m,
-            found.noise_m,
-            found.radius_m,
-            cfg.known_count,
-        )
-        values, vectors = np.linalg.eigh(H)
-        common = np.einsum("ij,ik,kj->j", vectors, cross_information, vectors)
-        agreement = common / np.maximum(values, 1e-12)
-        sigma_m = np.sqrt(found.variance / np.maximum(common * total_weight, 1e-12))
-        return np.ascontiguousarray(vectors.T, np.float64), agreement, sigma_m
-
     def _compile(self) -> None:
         one, eye, zero, noise = np.zeros((1, 3)), np.eye(3), np.zeros(3), np.ones(self.config.levels)
         maps = tuple(_voxel_table.empty_table(16) for _ in range(self.config.levels))
@@ -255,6 +268,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         _voxel_table.add(maps[0], one, 1.0, 6)
         _voxel_table.copy_near(maps[0], _voxel_table.empty_table(16), zero, 1.0, 1.0)
         _kernels.normal_equations(maps, 1.0, 0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
+        shared_gradients(maps, 1.0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
         _kernels.common_information(maps, 1.0, one, eye, zero, 1.0, noise, 1.0, 12)
         _kernels.supports(maps, 1.0, 0, one, np.zeros(1), np.eye(4)[None], np.zeros((1, 6)), 1.0)
 
@@ -265,9 +279,12 @@ def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
         transform=T,
         sweep=sweep,
         covariance=np.full((6, 6), np.nan),
+        residual_covariance=np.zeros((6, 6)),
+        calibration_covariance=np.zeros((6, 6)),
         directions=np.eye(6),
         agreement=np.zeros(6),
         sigma_m=np.full(6, np.inf),
+        gains=np.zeros(6),
         radius_m=0.0,
         inlier_ratio=0.0,
         support_ratio=0.0,
