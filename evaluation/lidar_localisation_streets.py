@@ -5,8 +5,9 @@
 The guess is 2 m and 20 degrees of heading off, in random directions. With halves, the points of one scan are
 divided into map and sweep; the truth is exact. Maps of several sweeps contain one half of the points of each
 sweep, at the poses of the data set or of ``lidar_slam``; the other half of the last one is the sweep.
-Vegetation (simulated): noise of 10 cm is added to all points above the road of all clouds. The truth of successive scans is that of the data set (centimetres, 0.1 degrees), whose
-error is part of the squared error (6 expected).
+Vegetation (simulated): noise of 10 cm is added to all points above the road of all clouds. The truth of
+successive scans is that of the data set (centimetres, 0.1 degrees), whose error is part of the squared error
+(6 expected).
 """
 
 from __future__ import annotations

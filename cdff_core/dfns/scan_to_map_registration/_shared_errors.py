@@ -29,7 +29,7 @@ _RING_BINS = 720
 class CalibrationErrors:
     """Standard deviations of constant errors of a lidar.
 
-    Ring errors are independent from ring to ring (error model of Glennie, Lichti 2010, doi:10.3390/rs2061610).
+    Errors of different rings are independent (Glennie, Lichti 2010, doi:10.3390/rs2061610).
     """
 
     range_m: float  # of all rings in common
@@ -88,7 +88,7 @@ def shared_gradients(
     kernel: float,
     noise: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Return gradients of the objective of ``normal_equations`` by points that share an error.
+    """Return gradients of the objective of ``normal_equations`` by points with a common error.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class Directions:
     gains: Float
 
     def projection(self, weights: Float) -> Float:
-        """Return the projection (6, 6) of a change of the pose on the directions, times their weights (k,)."""
+        """Return the projection (6, 6) of a pose change on the directions, times their weights (k,)."""
         return (self.rows.T * weights) @ self.rows * self.scale[None, :] / self.scale[:, None]
 
     @property

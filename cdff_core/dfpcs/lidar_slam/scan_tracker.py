@@ -256,8 +256,8 @@ class ScanTracker:
     ) -> tuple[Float, Float]:
         """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
 
-        Constrained directions have both covariances of the registration, times their ratios, and a floor as noise,
-        and ``noise.drift_ratio`` of this noise per metre as drift. With a new local map, both are larger until
+        Constrained directions have both covariances of the registration, times their ratios, and a floor as
+        noise, and ``noise.drift_ratio`` of it per metre as drift. With a new local map, both are larger until
         the lidar has moved. The calibration of the lidar adds its covariance to the noise, and to the drift
         per ``_CALIBRATION_RENEWAL_M``: the rings cross other ground, and the same error has another effect.
         Degenerate directions drift by the part of the covariance of the prediction that the map does not
