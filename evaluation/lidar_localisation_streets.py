@@ -3,9 +3,11 @@
 """Evaluate lidar_localisation on measured street scans: one scan is the map, another one the sweep.
 
 The guess is 2 m and 20 degrees of heading off, in random directions. With halves, the points of one scan are
-divided into map and sweep; the truth is exact. Vegetation: noise of 10 cm is added to all points above the
-road of both clouds. The truth of successive scans is that of the data set (centimetres, 0.1 degrees), whose
-error is part of the squared error (6 expected).
+divided into map and sweep; the truth is exact. Maps of several sweeps contain one half of the points of each
+sweep, at the poses of the data set or of ``lidar_slam``; the other half of the last one is the sweep.
+Vegetation (simulated): noise of 10 cm is added to all points above the road of all clouds. The truth of
+successive scans is that of the data set (centimetres, 0.1 degrees), whose error is part of the squared error
+(6 expected).
 """
 
 from __future__ import annotations
@@ -25,8 +27,10 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.types import LidarScan, Pointcloud, TransformWithCovariance
 from evaluation.data_sets.clouds import kitti_pair, small_gicp_pair
 from evaluation.icp_covariance import halves
+from evaluation.lidar_slam_thinned import run_lidar_slam
 from evaluation.real import RealRow
 from evaluation.record import squared_error
+from evaluation.runs.thinned_sweeps import kitti_sweeps
 
 #: Page that contains the table of this evaluation.
 PAGE = "lidar_localisation"
@@ -40,7 +44,10 @@ Street = tuple[FloatArray, FloatArray, FloatArray]
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return errors and squared errors per street, and the answers to sweeps that are not on the map."""
-    first = read_kitti_bin(data / "kitti_velodyne" / "000000.bin").points_m.astype(np.float64)
+    drive = [data / "kitti_velodyne" / f"{i:06d}.bin" for i in range(3)]
+    first = read_kitti_bin(drive[0]).points_m.astype(np.float64)
+    poses = _poses_by_lidar_slam(drive)
+    clouds = [read_kitti_bin(path).points_m.astype(np.float64) for path in drive]
     sweep, street, T = kitti_pair(data)
     source, target, T_target_source = small_gicp_pair(data)
     streets: dict[str, Callable[[int], Street]] = {
@@ -48,6 +55,11 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         "the same with vegetation": lambda seed: (*_vegetation(street, sweep, seed), T),
         "small_gicp's pair": lambda seed: (target, source, T_target_source),
         "halves of KITTI 000000": lambda seed: halves(first, seed)[:3],
+        "map of KITTI 94 and 95": lambda seed: _merged([street, sweep], [np.eye(4), T], seed),
+        "map of KITTI 0, 1, 2": lambda seed: _merged(clouds, poses, seed),
+        "map of KITTI 0, 1, 2 with vegetation": lambda seed: _merged(
+            [_rough(cloud, seed + i) for i, cloud in enumerate(clouds)], poses, seed
+        ),
     }
     results = {}
     for name, make in streets.items():
@@ -68,10 +80,13 @@ def _squared_errors(results: dict[str, Any]) -> dict[str, Any]:
     """
     return {
         name: squared_error(
-            row["mean_nees"], 6, row["localised"], row["localised"] if name.startswith("halves") else 1
+            row["mean_nees"],
+            6,
+            row["localised"],
+            1 if "sweep" in name or "pair" in name else row["localised"],
         )
         for name, row in results.items()
-        if row["localised"] and name != "the same with vegetation"
+        if row["localised"] and "with vegetation" not in name
     }
 
 
@@ -101,15 +116,31 @@ def inaccurate_guess(T: FloatArray, seed: int) -> FloatArray:
     return se3.transform(R, T[:3, 3] + GUESS_M * np.array([np.cos(angle), np.sin(angle), 0.0]))
 
 
+def _poses_by_lidar_slam(paths: list[Path]) -> list[FloatArray]:
+    """Return the poses of successive sweeps in the frame of the first one."""
+    outputs, _ = run_lidar_slam(kitti_sweeps(paths))
+    return [output.value.transform.matrix for output in outputs]
+
+
+def _merged(clouds: list[FloatArray], poses: list[FloatArray], seed: int) -> Street:
+    """Return a map of one half of the points of all clouds, the other half of the last one, and its pose."""
+    rng = np.random.default_rng([seed, 2])
+    map_m = []
+    for cloud, T in zip(clouds, poses, strict=True):
+        is_map = rng.random(len(cloud)) < 0.5
+        map_m.append(se3.transform_points(T, cloud[is_map]))
+    return np.vstack(map_m), clouds[-1][~is_map], poses[-1]
+
+
 def _vegetation(map_m: FloatArray, sweep_m: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
     """Return both clouds with noise on the points above the road."""
+    return _rough(map_m, 2 * seed), _rough(sweep_m, 2 * seed + 1)
+
+
+def _rough(points_m: FloatArray, seed: int) -> FloatArray:
     rng = np.random.default_rng([seed, 1])
-
-    def rough(points_m: FloatArray) -> FloatArray:
-        is_above = points_m[:, 2:] > ROAD_Z_M
-        return points_m + np.where(is_above, rng.normal(0.0, VEGETATION_M, points_m.shape), 0.0)
-
-    return rough(map_m), rough(sweep_m)
+    is_above = points_m[:, 2:] > ROAD_Z_M
+    return np.asarray(points_m + np.where(is_above, rng.normal(0.0, VEGETATION_M, points_m.shape), 0.0))
 
 
 def _localise_from_guess(street: Street, seed: int) -> tuple[float, float, float] | None:

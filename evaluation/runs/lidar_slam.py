@@ -29,6 +29,8 @@ ROBOT = "mana"
 #: Traverses of the evaluation; seeds 1 and 2 were used during development.
 SEEDS = (20260901, 20260911)
 SEGMENTS_M = (10.0, 20.0, 50.0, 100.0, 200.0, 400.0)
+#: Parameters of the registration for the simulated lidar, which has no calibration errors.
+EXACT_CALIBRATION = {"range_sigma_m": 0.0, "ring_range_sigma_m": 0.0, "ring_elevation_sigma_deg": 0.0}
 #: Drives up to this duration are simulated in this process, seconds.
 SINGLE_PROCESS_S = 20.0
 

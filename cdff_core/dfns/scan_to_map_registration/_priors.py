@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cdff_common.arrays import FloatArray
@@ -11,6 +13,66 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error, rotation_blocks
 from cdff_common.geometry.points import checked_transform
+from cdff_core.dfns.scan_to_map_registration.interface import Inputs
+
+#: Information on the motion during the sweep if its covariance is not given: fixed at its initial value.
+_FIXED_MOTION_INFORMATION = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Normal distribution of the pose and of the motion during the sweep.
+
+    Attributes
+    ----------
+    T_guess : ndarray, shape (4, 4)
+        T_map_sensor at the end of the sweep.
+    motion_guess : ndarray, shape (6,)
+        Translation and rotation during the sweep, in axes of the sensor.
+    pose_covariance : ndarray, shape (6, 6)
+        Zeros if not given.
+    pose_information, motion_information : ndarray, shape (6, 6)
+        Inverse covariances; zeros for a pose without a covariance.
+    T_previous : ndarray, shape (4, 4), or None
+        T_map_sensor at the end of the previous sweep; if given, the expected motion during the sweep is
+        ``sweep_fraction`` times the motion since this pose.
+    sweep_fraction : float
+    """
+
+    T_guess: FloatArray
+    motion_guess: FloatArray
+    pose_covariance: FloatArray
+    pose_information: FloatArray
+    motion_information: FloatArray
+    T_previous: FloatArray | None
+    sweep_fraction: float
+
+    @classmethod
+    def from_inputs(cls, inputs: Inputs, T_guess: FloatArray, motion_guess: FloatArray) -> Prior:
+        """Return the prior with the covariances and the previous pose of the inputs."""
+        motion_information = information(inputs.sweep_covariance)
+        motion_information += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
+        return cls(
+            T_guess,
+            motion_guess,
+            np.zeros((6, 6)) if inputs.guess_covariance is None else inputs.guess_covariance,
+            information(inputs.guess_covariance),
+            motion_information,
+            *previous_pose(inputs.before, inputs.sweep_fraction),
+        )
+
+    def add_to(self, A: FloatArray, g: FloatArray, T: FloatArray, motion: FloatArray) -> None:
+        """Add information and gradient at an estimate to the normal equations (12, 12) and (12,)."""
+        A[:6, :6] += self.pose_information
+        g[:6] += self.pose_information @ pose_error(T, self.T_guess)
+        expected, J = (
+            (self.motion_guess, np.zeros((6, 6)))
+            if self.T_previous is None
+            else fraction_of_motion(self.T_previous, T, self.sweep_fraction)
+        )
+        J_prior = np.hstack([-J, np.eye(6)])
+        A += J_prior.T @ self.motion_information @ J_prior
+        g += J_prior.T @ self.motion_information @ (motion - expected)
 
 
 def information(covariance: FloatArray | None) -> FloatArray:
@@ -41,27 +103,40 @@ def fraction_of_motion(
     return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
 
 
-def remapped(
-    T_guess: FloatArray,
-    T: FloatArray,
-    unconstrained: FloatArray,
-    radius_m: float,
-    covariance: FloatArray,
-    guess_covariance: FloatArray | None,
-) -> tuple[FloatArray, FloatArray]:
-    """Return pose and covariance with the guess along the unconstrained directions (solution remapping).
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """Pose with the guess as a measurement along weakly constrained directions."""
 
-    Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211.
+    T: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6)
+    gains: FloatArray  # (k,), weight of the registration along each of the directions
+
+
+def fused(
+    prior: Prior,
+    T: FloatArray,
+    covariance: FloatArray,
+    directions: FloatArray,
+    sigma_m: FloatArray,
+    radius_m: float,
+) -> Fusion:
+    """Return the pose fused with the guess along directions (k, 6) with standard deviations ``sigma_m`` (k,)
+    by the map alone.
+
+    Along a direction without information on which both halves of the map agree, ``sigma_m`` is large, and the
+    guess remains (solution remapping, Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211). Otherwise both are
+    weighted by their variances, as by a Kalman filter.
     """
     scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
-    constrained = np.eye(6) - unconstrained.T @ unconstrained  # projections on the directions
-    replaced = np.eye(6) - constrained
-    correction = constrained @ (scale * pose_error(T, T_guess))
-    R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ T_guess[:3, :3])
-    remapped = se3.transform(R, T_guess[:3, 3] + correction[:3])
-    prior_covariance = (
-        np.zeros((6, 6)) if guess_covariance is None else np.asarray(guess_covariance, dtype=np.float64)
+    P = prior.pose_covariance * np.outer(scale, scale)
+    variance = np.einsum("ki,ij,kj->k", directions, P, directions)
+    gains = variance / (variance + sigma_m**2)
+    constrained = np.eye(6) - directions.T @ directions
+    by_guess = (directions.T * (1.0 - gains)) @ directions
+    correction = (np.eye(6) - by_guess) @ (scale * pose_error(T, prior.T_guess))
+    R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ prior.T_guess[:3, :3])
+    mixed = constrained @ (covariance * np.outer(scale, scale)) @ constrained + by_guess @ P @ by_guess
+    mixed += (directions.T * (gains * sigma_m) ** 2) @ directions
+    return Fusion(
+        se3.transform(R, prior.T_guess[:3, 3] + correction[:3]), mixed / np.outer(scale, scale), gains
     )
-    S = np.diag(scale)
-    mixed = constrained @ S @ covariance @ S @ constrained + replaced @ S @ prior_covariance @ S @ replaced
-    return remapped, np.asarray(np.diag(1.0 / scale) @ mixed @ np.diag(1.0 / scale))

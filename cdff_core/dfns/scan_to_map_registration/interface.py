@@ -99,6 +99,12 @@ class ScanToMapRegistrationOutputs:
     covariance : ndarray of float64, shape (6,6)
         Covariance of transform, [x y z rx ry rz], error in the frame of the map; the information of the
         guess is included.
+    residual_covariance : ndarray of float64, shape (6,6)
+        Covariance of transform by errors that the points on a plane share, from their residuals (clustered
+        sandwich).
+    calibration_covariance : ndarray of float64, shape (6,6)
+        Covariance of transform by the calibration of the lidar, not contained in covariance: the same error
+        in every sweep.
     directions : ndarray of float64, shape (6,6)
         Eigenvectors of the information as rows: translation of the sensor, then rotation about the sensor
         times radiusM, in the axes of the map.
@@ -107,6 +113,8 @@ class ScanToMapRegistrationOutputs:
         noise.
     sigma_m : ndarray of float64, shape (6)
         Standard deviation along each direction from the map alone, metres.
+    gains : ndarray of float64, shape (6)
+        Weight of the map along each direction, 1 if it is constrained; the rest is that of the guess.
     radius_m : float
         Root mean square distance of the matched points, metres.
     inlier_ratio : float
@@ -125,9 +133,12 @@ class ScanToMapRegistrationOutputs:
     transform: NDArray[np.float64]
     sweep: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    residual_covariance: NDArray[np.float64]
+    calibration_covariance: NDArray[np.float64]
     directions: NDArray[np.float64]
     agreement: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
+    gains: NDArray[np.float64]
     radius_m: float
     inlier_ratio: float
     support_ratio: float

@@ -4,45 +4,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pydantic import Field
 
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.covariance import pose_error
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
-from cdff_core.dfns.scan_to_map_registration._priors import (
-    fraction_of_motion,
-    information,
-    previous_pose,
-    remapped,
+from cdff_core.dfns.scan_to_map_registration._candidates import best_candidates
+from cdff_core.dfns.scan_to_map_registration._observability import observability
+from cdff_core.dfns.scan_to_map_registration._optimisation import Estimate, Schedule, estimate
+from cdff_core.dfns.scan_to_map_registration._priors import Prior, fraction_of_motion, fused
+from cdff_core.dfns.scan_to_map_registration._shared_errors import (
+    CalibrationErrors,
+    shared_error_covariances,
+    shared_gradients,
 )
+from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
-#: Initial number of rows of the voxel table, and the fraction of used rows above which it is rebuilt.
-_INITIAL_CAPACITY, _MAX_LOAD = 1 << 15, 0.6
-_MIN_MATCHED_POINTS = 50
-#: Damping of the normal equations relative to their mean diagonal.
-_DAMPING = 1e-9
-#: Factor on the width of the robust kernel per iteration.
-_ANNEALING = 0.5
-#: Information on the motion during the sweep if its covariance is not given: fixed at its initial value.
-_FIXED_MOTION_INFORMATION = 1e6
-#: Maximum number of points of a voxel: more would hardly change its plane.
-_MAX_VOXEL_POINTS = 60
-#: Number of points per independent measurement.
-_POINTS_PER_MEASUREMENT = 10.0
 #: Width of the first kernel in standard deviations of the guess's translation.
 _FIRST_KERNEL_SIGMAS = 2.0
-#: Maximum number of points with which candidates are compared.
-_SUPPORT_POINTS = 2000
-#: Maximum number of candidates that are registered, their minimum support relative to the best one, and the
-#: minimum distance between them, metres or radians.
-_REGISTERED_CANDIDATES, _CANDIDATE_SUPPORT_RATIO = 3, 0.7
-_CANDIDATE_STEP_M, _CANDIDATE_STEP_RAD = 1.0, 0.25
+#: Number of points with which candidates are registered.
+_SEARCH_POINTS = 8000
 
 
 class VoxelPlanesConfig(DfnConfig):
@@ -79,6 +67,15 @@ class VoxelPlanesConfig(DfnConfig):
         description="Largest standard deviation of a constrained direction; equal to "
         "gates.degenerate_sigma_m of lidar_slam",
     )
+    range_sigma_m: float = Field(
+        0.005, ge=0, le=1, description="Calibration error of all ranges in common, standard deviation"
+    )
+    ring_range_sigma_m: float = Field(
+        0.01, ge=0, le=1, description="Calibration error of the ranges of a ring, standard deviation"
+    )
+    ring_elevation_sigma_deg: float = Field(
+        0.03, ge=0, le=5, description="Calibration error of the elevation of a ring, standard deviation"
+    )
     max_iterations: int = Field(30, ge=1, le=500, description="Maximum number of iterations")
     tolerance_m: float = Field(
         5e-4, gt=0, le=1, description="Step at convergence, translation plus rotation times radius"
@@ -103,20 +100,18 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
 
     def setup(self) -> None:
         """Clear the map; compile the kernels."""
-        self._kernels, self._tables = _kernels, _voxel_table
-        capacity = _INITIAL_CAPACITY
-        self._maps = tuple(_voxel_table.empty_table(capacity) for _ in range(self.config.levels))
+        self._map = VoxelMap(self.config.voxel_m, self.config.levels, self.config.radius_m)
         self._compile()
 
     @property
     def voxels(self) -> int:
         """Number of the smallest voxels of the map."""
-        return int(self._maps[0].used[0])
+        return self._map.voxels
 
     @property
     def map_bytes(self) -> int:
         """Memory of the map, bytes."""
-        return sum(column.nbytes for table in self._maps for column in table)
+        return self._map.memory_bytes
 
     def process(self, inputs: Inputs) -> Outputs:
         """Add the surface to the map, and return pose and motion of the sweep.
@@ -130,7 +125,9 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         """
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
         if inputs.surface is not None:
-            self._grow(checked_points(inputs.surface, "surface", least=0), T[:3, 3])
+            surface = checked_points(inputs.surface, "surface", least=0)
+            added = _voxel_table.first_in_voxels(surface, self.config.surface_voxel_m)
+            self._map.add(surface[added], T[:3, 3])
         sweep = checked_transform(
             np.eye(4) if inputs.sweep_guess is None else inputs.sweep_guess, "sweep_guess"
         )
@@ -144,247 +141,136 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
         if not len(points):
             return _outputs_without_points(T, sweep)
-        selected = self._tables.first_in_voxels(points, self.config.points_voxel_m)
+        selected = _voxel_table.first_in_voxels(points, self.config.points_voxel_m)
         motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
+        points, fraction = points[selected], fraction[selected]
+        prior = Prior.from_inputs(inputs, T, motion)
         if inputs.candidates is None:
-            return self._register(points[selected], fraction[selected], T, motion, inputs)
-        return self._register_candidates(points[selected], fraction[selected], T, motion, inputs)
+            return self._register(points, fraction, prior, inputs.guess_covariance)
+        return self._register_candidates(points, fraction, prior, inputs)
 
     def _register_candidates(
-        self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
+        self, points: FloatArray, fraction: FloatArray, prior: Prior, inputs: Inputs
     ) -> Outputs:
-        """Register from the guesses with the largest support, and return the result with the largest support.
-
-        The support of the guesses is computed with large voxels and a wide kernel.
+        """Register some points from the guesses with the largest support, and all points from the result with
+        the largest support.
         """
         assert inputs.candidates is not None  # checked by the caller
-        cfg, finest = self.config, min(1, self.config.levels - 1)
-        poses = np.concatenate([T[None], inputs.candidates])
-        T_previous, ratio = previous_pose(inputs.before, inputs.sweep_fraction)
+        poses = np.concatenate([prior.T_guess[None], inputs.candidates])
+        T_previous, ratio = prior.T_previous, prior.sweep_fraction
         motions = np.array(
-            [motion if T_previous is None else fraction_of_motion(T_previous, P, ratio)[0] for P in poses]
+            [
+                prior.motion_guess if T_previous is None else fraction_of_motion(T_previous, T, ratio)[0]
+                for T in poses
+            ]
         )
-        edge_m = cfg.voxel_m * (1 << finest)
-        sampled = self._tables.first_in_voxels(points, edge_m)
-        sampled = sampled[:: 1 + len(sampled) // _SUPPORT_POINTS]
-        support = self._kernels.supports(
-            self._maps, cfg.voxel_m, finest, points[sampled], fraction[sampled], poses, motions, edge_m
-        )
-        results = []
-        for i in _best_distinct(poses, support):
+        step = 1 + len(points) // _SEARCH_POINTS
+        some, their_fraction = points[::step], fraction[::step]
+        schedule, results = self._schedule(inputs.guess_covariance), []
+        for i in best_candidates(self._map, points, fraction, poses, motions):
+            candidate = replace(prior, T_guess=poses[i], motion_guess=motions[i])
             try:
-                results.append(self._register(points, fraction, poses[i], motions[i], inputs))
+                found = estimate(self._map, some, their_fraction, candidate, schedule)
             except RefusedError as error:
                 refusal = error
+            else:
+                results.append((self._support(some, their_fraction, found), candidate, found))
         if not results:
             raise refusal
-        return max(results, key=lambda result: result.support_ratio)
+        _, candidate, found = max(results, key=lambda result: result[0])
+        return self._register(points, fraction, candidate, None, found)
 
     def _register(
-        self, points: FloatArray, fraction: FloatArray, T: FloatArray, motion: FloatArray, inputs: Inputs
+        self,
+        points: FloatArray,
+        fraction: FloatArray,
+        prior: Prior,
+        guess_covariance: FloatArray | None,
+        start: Estimate | None = None,
     ) -> Outputs:
+        """Register the points; ``guess_covariance`` sets the width of the first kernel."""
         cfg = self.config
-        T_guess, T = T, T.copy()
-        motion_guess, motion = motion, motion.copy()
-        prior = information(inputs.guess_covariance)
-        prior_sweep = information(inputs.sweep_covariance)
-        prior_sweep += _FIXED_MOTION_INFORMATION * np.eye(6) * (inputs.sweep_covariance is None)
-        T_previous, sweep_fraction = previous_pose(inputs.before, inputs.sweep_fraction)
-        kernel, iterations, converged = self._first_kernel_m(inputs.guess_covariance), 0, False
-        noise_m = np.full(cfg.levels, cfg.noise_m)
-        for _ in range(cfg.max_iterations):
-            H, b, sums, level_sums = self._kernels.normal_equations(
-                self._maps,
-                cfg.voxel_m,
-                self._finest_level(kernel),
-                points,
-                fraction,
-                np.ascontiguousarray(T[:3, :3]),
-                T[:3, 3].copy(),
-                motion[3:].copy(),
-                motion[:3].copy(),
-                kernel,
-                noise_m,
-            )
-            if sums[1] < _MIN_MATCHED_POINTS:
-                raise RefusedError(f"{sums[1]:.0f} of {len(points)} points lie on the map", ["no_overlap"])
-            iterations += 1
-            rms_m, radius_m = float(np.sqrt(sums[2] / sums[0])), max(float(np.sqrt(sums[3] / sums[0])), 1e-6)
-            variance = max(rms_m, cfg.noise_m) ** 2 * _POINTS_PER_MEASUREMENT
-            A, g = H / variance, b / variance
-            A[:6, :6] += prior
-            g[:6] += prior @ pose_error(T, T_guess)
-            expected, J = (
-                (motion_guess, np.zeros((6, 6)))
-                if T_previous is None
-                else fraction_of_motion(T_previous, T, sweep_fraction)
-            )
-            J_prior = np.hstack([-J, np.eye(6)])
-            A += J_prior.T @ prior_sweep @ J_prior
-            g += J_prior.T @ prior_sweep @ (motion - expected)
-            A += (
-                _DAMPING
-                * np.trace(A)
-                * np.diag(np.concatenate([np.ones(3), np.full(3, radius_m**2)] * 2))
-                / 12.0
-            )
-            x = -np.linalg.solve(A, g)
-            T[:3, :3] = se3.normalise_rotation(se3.exp_so3(x[3:6]) @ T[:3, :3])
-            T[:3, 3] += x[:3]
-            motion += x[6:]
-            step_m = float(np.linalg.norm(x[:3]) + radius_m * np.linalg.norm(x[3:6]))
-            converged = kernel <= cfg.last_kernel_m and step_m < cfg.tolerance_m
-            if converged:
-                break
-            noise_m = _noise_of_levels(level_sums, cfg.noise_m)
-            if step_m < kernel:
-                kernel = max(cfg.last_kernel_m, _ANNEALING * kernel)
-        covariance = np.asarray(np.linalg.inv(A)[:6, :6], np.float64)
-        directions, agreement, sigma_m = self._observability(
-            points, fraction, T, motion, radius_m, variance, noise_m
+        found = estimate(self._map, points, fraction, prior, self._schedule(guess_covariance), start)
+        T, motion = found.T, found.motion
+        covariance = np.asarray(np.linalg.inv(found.information)[:6, :6], np.float64)
+        directions, agreement, sigma_m = observability(
+            self._map, points, fraction, found, cfg.last_kernel_m, cfg.known_count
         )
-        unconstrained = directions[sigma_m > cfg.max_constrained_sigma_m]
-        if len(unconstrained):
-            T, covariance = remapped(T_guess, T, unconstrained, radius_m, covariance, inputs.guess_covariance)
-            motion = motion_guess
-        sweep = se3.transform(se3.exp_so3(-motion[3:]), -motion[:3])
+        by_residuals, by_calibration = self._shared_error_covariances(points, fraction, found)
+        support_ratio = self._support(points, fraction, found)
+        is_weak, gains = sigma_m > cfg.max_constrained_sigma_m, np.ones(6)
+        if np.any(is_weak):
+            fusion = fused(prior, T, covariance, directions[is_weak], sigma_m[is_weak], found.radius_m)
+            T, covariance, gains[is_weak] = fusion.T, fusion.covariance, fusion.gains
+            motion = prior.motion_guess
         return Outputs(
             transform=T,
-            sweep=sweep,
+            sweep=se3.transform(se3.exp_so3(-motion[3:]), -motion[:3]),
             covariance=0.5 * (covariance + covariance.T),
+            residual_covariance=by_residuals,
+            calibration_covariance=by_calibration,
             directions=directions,
             agreement=agreement,
             sigma_m=sigma_m,
-            radius_m=radius_m,
-            inlier_ratio=float(sums[1] / len(points)),
-            support_ratio=float(sums[4] / len(points)),
-            rms_m=rms_m,
-            iterations=iterations,
-            converged=converged,
+            gains=gains,
+            radius_m=found.radius_m,
+            inlier_ratio=found.matched_points / len(points),
+            support_ratio=support_ratio,
+            rms_m=found.rms_m,
+            iterations=found.iterations,
+            converged=found.converged,
         )
 
-    def _first_kernel_m(self, guess_covariance: FloatArray | None) -> float:
-        """Return the first kernel width by the uncertainty of the guess, at most the largest voxel."""
+    def _schedule(self, guess_covariance: FloatArray | None) -> Schedule:
+        """Return the schedule with the first kernel by the uncertainty of the guess, at most the largest
+        voxel.
+        """
         cfg = self.config
         largest_m = cfg.voxel_m * (1 << (cfg.levels - 1))
         sigma_m = (
             0.0 if guess_covariance is None else float(np.sqrt(np.trace(guess_covariance[:3, :3]) / 3.0))
         )
-        return max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
+        first_kernel_m = max(cfg.first_kernel_m, min(_FIRST_KERNEL_SIGMAS * sigma_m, largest_m))
+        return Schedule(first_kernel_m, cfg.last_kernel_m, cfg.noise_m, cfg.max_iterations, cfg.tolerance_m)
 
-    def _finest_level(self, kernel_m: float) -> int:
-        """Return the first level whose voxels are as large as the kernel, so that they contain the plane."""
-        level = int(np.ceil(np.log2(max(kernel_m / self.config.voxel_m, 1.0)) - 1e-9))
-        return min(level, self.config.levels - 1)
+    def _shared_error_covariances(
+        self, points: FloatArray, fraction: FloatArray, found: Estimate
+    ) -> tuple[FloatArray, FloatArray]:
+        cfg = self.config
+        errors = CalibrationErrors(
+            cfg.range_sigma_m, cfg.ring_range_sigma_m, np.radians(cfg.ring_elevation_sigma_deg)
+        )
+        return shared_error_covariances(self._map, points, fraction, found, cfg.last_kernel_m, errors)
 
-    def _observability(
-        self,
-        points: FloatArray,
-        fraction: FloatArray,
-        T: FloatArray,
-        motion: FloatArray,
-        radius_m: float,
-        variance: float,
-        noise_m: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the directions of the information, the agreement of both halves of the map along them, and
-        the standard deviations along them.
+    def _support(self, points: FloatArray, fraction: FloatArray, found: Estimate) -> float:
+        """Return the mean weight of the last kernel over all points at the estimated pose.
 
-        One point per voxel is used, since points on the same plane share its noise, and only planes of enough
-        points: the normals of planes through a few distant points of a new map are noisy, and their long
-        lever arm would hide the information of the near ground on rotations.
+        The kernel is the same for every registration, so that results of all guesses are comparable, also if
+        the iteration ended at its limit.
         """
         cfg = self.config
-        selected = self._tables.first_in_voxels(points, cfg.voxel_m)
-        points, fraction = points[selected], fraction[selected]
-        R = se3.exp_so3(fraction[:, None] * motion[None, 3:])
-        deskewed = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * motion[:3]
-        H, cross_information, total_weight = self._kernels.common_information(
-            self._maps,
+        (support,) = _kernels.supports(
+            self._map.tables,
             cfg.voxel_m,
-            deskewed,
-            np.ascontiguousarray(T[:3, :3]),
-            T[:3, 3].copy(),
+            0,
+            points,
+            fraction,
+            found.T[None],
+            found.motion[None],
             cfg.last_kernel_m,
-            noise_m,
-            radius_m,
-            cfg.known_count,
         )
-        values, vectors = np.linalg.eigh(H)
-        common = np.einsum("ij,ik,kj->j", vectors, cross_information, vectors)
-        agreement = common / np.maximum(values, 1e-12)
-        sigma_m = np.sqrt(variance / np.maximum(common * total_weight, 1e-12))
-        return np.ascontiguousarray(vectors.T, np.float64), agreement, sigma_m
-
-    def _grow(self, surface: FloatArray, centre: FloatArray) -> None:
-        """Add a surface, downsampled, to the map.
-
-        Voxels beyond the radius are removed when the table is full; if it is still full, its capacity is
-        doubled.
-        """
-        cfg = self.config
-        points = surface[self._tables.first_in_voxels(surface, cfg.surface_voxel_m)]
-        points = points[np.sum((points - centre) ** 2, axis=1) < cfg.radius_m**2]
-        self._maps = tuple(
-            self._with_points(table, points, cfg.voxel_m * (1 << level), centre)
-            for level, table in enumerate(self._maps)
-        )
-
-    def _with_points(
-        self, table: _voxel_table.VoxelTable, points: FloatArray, voxel_m: float, centre: FloatArray
-    ) -> _voxel_table.VoxelTable:
-        """Return the table with points added; it is a new table if they did not fit."""
-        capacity = len(table.keys)
-        # Each point may create a voxel, and the compiled loop cannot enlarge the table.
-        if table.used[0] + len(points) > _MAX_LOAD * capacity:
-            table = self._rebuilt_table(table, capacity, voxel_m, centre)
-            if table.used[0] + len(points) > _MAX_LOAD * capacity:
-                table = self._rebuilt_table(table, 2 * capacity, voxel_m, centre)
-        self._tables.add(table, points, voxel_m, _MAX_VOXEL_POINTS)
-        return table
-
-    def _rebuilt_table(
-        self, table: _voxel_table.VoxelTable, capacity: int, voxel_m: float, centre: FloatArray
-    ) -> _voxel_table.VoxelTable:
-        target = self._tables.empty_table(capacity)
-        self._tables.copy_near(table, target, centre, self.config.radius_m, voxel_m)
-        return target
+        return float(support)
 
     def _compile(self) -> None:
         one, eye, zero, noise = np.zeros((1, 3)), np.eye(3), np.zeros(3), np.ones(self.config.levels)
-        maps = tuple(self._tables.empty_table(16) for _ in range(self.config.levels))
-        self._tables.first_in_voxels(one, 1.0)
-        self._tables.add(maps[0], one, 1.0, 6)
-        self._tables.copy_near(maps[0], self._tables.empty_table(16), zero, 1.0, 1.0)
-        self._kernels.normal_equations(maps, 1.0, 0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
-        self._kernels.common_information(maps, 1.0, one, eye, zero, 1.0, noise, 1.0, 12)
-        poses, motions = np.eye(4)[None], np.zeros((1, 6))
-        self._kernels.supports(maps, 1.0, 0, one, np.zeros(1), poses, motions, 1.0)
-
-
-def _noise_of_levels(level_sums: FloatArray, least_m: float) -> FloatArray:
-    """Return the standard deviation of the distances at each level (levels,), metres, from the residuals.
-
-    Large voxels also have planes on rough ground, with the relief as noise (variance component estimation).
-    """
-    variance = level_sums[:, 1] / np.maximum(level_sums[:, 0], 1e-12)
-    return np.asarray(np.maximum.accumulate(np.sqrt(np.maximum(variance, least_m**2))))
-
-
-def _best_distinct(poses: FloatArray, support: FloatArray) -> list[int]:
-    """Return the indices of the poses with the largest support that are not close to a better one."""
-    selected: list[int] = []
-    for i in np.argsort(-support, kind="stable"):
-        if support[i] < _CANDIDATE_SUPPORT_RATIO * support.max():
-            break
-        E = se3.inverse(poses[i]) @ poses[selected]
-        distance_m = np.linalg.norm(E[:, :3, 3], axis=1)
-        angle_rad = np.linalg.norm(se3.log_so3(E[:, :3, :3]), axis=1)
-        if np.all((distance_m > _CANDIDATE_STEP_M) | (angle_rad > _CANDIDATE_STEP_RAD)):
-            selected.append(int(i))
-        if len(selected) == _REGISTERED_CANDIDATES:
-            break
-    return selected
+        maps = tuple(_voxel_table.empty_table(16) for _ in range(self.config.levels))
+        _voxel_table.first_in_voxels(one, 1.0)
+        _voxel_table.add(maps[0], one, 1.0, 6)
+        _voxel_table.copy_near(maps[0], _voxel_table.empty_table(16), zero, 1.0, 1.0)
+        _kernels.normal_equations(maps, 1.0, 0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
+        shared_gradients(maps, 1.0, one, np.zeros(1), eye, zero, zero, zero, 1.0, noise)
+        _kernels.common_information(maps, 1.0, one, eye, zero, 1.0, noise, 1.0, 12)
+        _kernels.supports(maps, 1.0, 0, one, np.zeros(1), np.eye(4)[None], np.zeros((1, 6)), 1.0)
 
 
 def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
@@ -393,9 +279,12 @@ def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
         transform=T,
         sweep=sweep,
         covariance=np.full((6, 6), np.nan),
+        residual_covariance=np.zeros((6, 6)),
+        calibration_covariance=np.zeros((6, 6)),
         directions=np.eye(6),
         agreement=np.zeros(6),
         sigma_m=np.full(6, np.inf),
+        gains=np.zeros(6),
         radius_m=0.0,
         inlier_ratio=0.0,
         support_ratio=0.0,

@@ -23,6 +23,12 @@ class LidarLocalisationConfig(MatchingGates, DfpcConfig):
     keyframe_distance_m: float = Field(
         2.0, gt=0.0, le=1000.0, description="Distance between keyframes, metres"
     )
+    range_resolution_m: float = Field(
+        0.005,
+        gt=0.0,
+        le=1.0,
+        description="Range resolution of the sensor, metres: smallest roughness of sweep and map together",
+    )
     # Prediction
     drift_m_s: float = Field(
         0.5, gt=0.0, description="Standard deviation of the velocity without odometry, metres per second"

@@ -57,6 +57,9 @@ class Surface:
         return Surface(downsampled(self.points_m, len(self.points_m) // _COARSER)[0], self._normals_of)
 
 
-def joint_roughness_m(first: Surface, second: Surface) -> float:
-    """Return the standard deviation, metres, of the distances between surfaces with independent roughness."""
-    return float(np.hypot(first.roughness_m, second.roughness_m))
+def joint_roughness_m(first: Surface, second: Surface, range_resolution_m: float) -> float:
+    """Return the standard deviation, metres, of the distances between surfaces with independent roughness.
+
+    It is at least the range resolution of the sensor, which residuals of exact planes do not fall below.
+    """
+    return max(float(np.hypot(first.roughness_m, second.roughness_m)), range_resolution_m)

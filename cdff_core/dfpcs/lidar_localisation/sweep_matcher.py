@@ -94,7 +94,7 @@ class SweepMatcher:
             )
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
-        limit_m = _MAX_ROUGHNESSES * joint_roughness_m(sweep.fine, local)
+        limit_m = _MAX_ROUGHNESSES * self._roughness_m(sweep.fine, local)
         return Match(registration, self._quality(registration, limit_m, allow_degenerate=allow_degenerate))
 
     def register_coarse(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
@@ -110,7 +110,7 @@ class SweepMatcher:
                 guess=T,
             )
         )
-        limit_m = _MAX_COARSE_ROUGHNESSES * joint_roughness_m(sweep.coarse, local.coarse)
+        limit_m = _MAX_COARSE_ROUGHNESSES * self._roughness_m(sweep.coarse, local.coarse)
         if step.residual_scale_m > limit_m:
             reason = f"large_residuals:{step.residual_scale_m:.3g}m>{limit_m:.3g}m"
             raise RefusedError(f"coarse registration of sweep and map: {reason}", [reason])
@@ -139,6 +139,9 @@ class SweepMatcher:
             change = np.concatenate([direction[:3] + np.cross(rotation, T[:3, 3] - a.centre_m), rotation])
             C = C + _DEGENERATE_SIGMA_M**2 * np.outer(change, change)
         return UncertainTransform(T, C)
+
+    def _roughness_m(self, sweep: Surface, local: Surface) -> float:
+        return joint_roughness_m(sweep, local, self._config.range_resolution_m)
 
     def _quality(self, registration: Registration, limit_m: float, *, allow_degenerate: bool) -> Quality:
         """Return the quality from the shared gates and the largest RMS residual ``limit_m``, metres.

@@ -31,10 +31,16 @@ class PoseNoise(StrictModel):
     """Covariance of a registered pose, calibrated for one lidar (docs/dfpcs/lidar_slam.md)."""
 
     ratio: float = Field(
-        default=0.13,
+        default=0.06,
         gt=0.0,
         le=100.0,
         description="Factor from the registration's covariance to that of the pose",
+    )
+    residual_ratio: float = Field(
+        default=16.0,
+        ge=0.0,
+        le=1000.0,
+        description="Factor from the registration's covariance by residuals to that of the pose",
     )
     floor_m: float = Field(
         default=0.0018, ge=0.0, description="Minimum standard deviation of a translation, metres"

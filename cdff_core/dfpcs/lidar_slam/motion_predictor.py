@@ -13,6 +13,7 @@ from cdff_common.clock import NS_PER_S
 from cdff_common.geometry import OdometryBuffer, UncertainTransform, se3
 from cdff_common.types import LidarScan
 from cdff_core.dfpcs.lidar_slam.configuration import MotionPrediction
+from cdff_core.dfpcs.lidar_slam.motion_uncertainty import MotionUncertainty
 
 Float = NDArray[np.float64]
 
@@ -73,12 +74,12 @@ class MotionPredictor:
         return se3.vector_from_transform(T_lidar) * (NS_PER_S / window_ns)
 
     def predict(
-        self, scan: LidarScan, previous_ns: int | None, velocity: Float, covariance: Float
+        self, scan: LidarScan, previous_ns: int | None, velocity: Float, uncertainty: MotionUncertainty
     ) -> Prediction:
         """Predict the motion since the end of the previous sweep and during this one.
 
-        ``velocity`` (6,) of the lidar is in its axes, metres and radians per second; ``covariance`` (6, 6) is
-        that of the motion at this velocity. Odometry, if available, replaces both.
+        ``velocity`` (6,) of the lidar is in its axes, metres and radians per second; ``uncertainty`` is that
+        of the motion at this velocity. Odometry, if available, replaces both.
         """
         increment = self.increment(scan.t1_ns)
         duration_ns = scan.t1_ns - scan.t0_ns
@@ -86,6 +87,7 @@ class MotionPredictor:
         if previous_ns is not None:
             interval_s = max((scan.t1_ns - previous_ns) / NS_PER_S, 1e-3)
             sweep_ratio = min(1.0, duration_ns / NS_PER_S / interval_s)
+        covariance = uncertainty.covariance(interval_s)
         if increment is not None:
             if previous_ns is not None:  # else it is zero: the same sweep was predicted before the restart
                 velocity = se3.vector_from_transform(increment) / interval_s

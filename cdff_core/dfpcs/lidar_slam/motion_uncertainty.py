@@ -11,36 +11,50 @@ Float = NDArray[np.float64]
 
 #: Standard deviations while the velocity is unknown: translation, metres, and rotation, radians.
 _UNKNOWN_SIGMA = np.array([1.0] * 3 + [0.1] * 3)
-#: Minimum standard deviations while the velocity is known.
-_LEAST_SIGMA = np.array([0.2] * 3 + [0.05] * 3)
+#: Standard deviations of the error of a prediction by the noise of the poses that give the velocity.
+_POSE_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
+#: Minimum standard deviations of the change of a motion over one second by accelerations.
+_LEAST_CHANGE = np.array([0.6] * 3 + [0.14] * 3)
+#: Shortest interval over which a prediction error measures accelerations.
+_LEAST_INTERVAL_S = 0.05
 #: Weight of the newest prediction error in the mean of the squared errors.
 _NEWEST_WEIGHT = 0.3
 
 
 class MotionUncertainty:
-    """Mean squared errors of recent predictions along each axis of the lidar.
+    """Covariance of motions at constant velocity, by the errors of recent predictions.
 
-    After the adaptive threshold of Vizzo et al. (2023), "KISS-ICP", doi:10.1109/LRA.2023.3236571.
+    The velocity is a random walk: the variance of a predicted motion grows with the cube of the interval
+    (white noise acceleration; Bar-Shalom, Li, Kirubarajan 2001, "Estimation with Applications to Tracking and
+    Navigation", section 6.2.2). The mean of the squared errors of recent predictions is its scale, as in the
+    adaptive threshold of Vizzo et al. (2023), "KISS-ICP", doi:10.1109/LRA.2023.3236571.
     """
 
     def __init__(self) -> None:
-        self._variance: Float | None = None  # (6,); None while the velocity is unknown
+        self._change: Float | None = (
+            None  # (6,), variance over one second; None while the velocity is unknown
+        )
 
-    @property
-    def covariance(self) -> Float:
-        """Covariance (6, 6) of the next predicted motion, in the lidar's axes."""
-        variance = np.square(_UNKNOWN_SIGMA) if self._variance is None else self._variance
-        return np.diag(np.maximum(variance, np.square(_LEAST_SIGMA)))
+    def covariance(self, interval_s: float) -> Float:
+        """Return the covariance (6, 6) of the predicted motion over an interval, in the lidar's axes."""
+        if self._change is None:
+            return np.diag(np.square(_UNKNOWN_SIGMA))
+        change = np.maximum(self._change, np.square(_LEAST_CHANGE))
+        return np.diag(np.square(_POSE_SIGMA) + change * interval_s**3)
 
-    def update(self, error: Float) -> None:
-        """Add the error (6,) of a prediction: translation, metres, and rotation, radians.
+    def update(self, error: Float, interval_s: float) -> None:
+        """Add the error (6,) of a prediction over an interval: translation, metres, and rotation, radians.
 
         The first error is not averaged: it is the motion at the velocity that was unknown until then.
         """
-        if self._variance is None:
-            self._variance = np.square(_LEAST_SIGMA)
+        if self._change is None:
+            self._change = np.square(_LEAST_CHANGE)
             return
-        self._variance = (1.0 - _NEWEST_WEIGHT) * self._variance + _NEWEST_WEIGHT * np.square(error)
+        change = (
+            np.maximum(np.square(error) - np.square(_POSE_SIGMA), 0.0)
+            / max(interval_s, _LEAST_INTERVAL_S) ** 3
+        )
+        self._change = (1.0 - _NEWEST_WEIGHT) * self._change + _NEWEST_WEIGHT * change
 
 
 def growth(sweeps: int, *, by_odometry: bool) -> tuple[float, float]:

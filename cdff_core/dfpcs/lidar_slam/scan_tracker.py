@@ -22,6 +22,7 @@ from cdff_core.dfns.scan_to_map_registration.interface import (
     ScanToMapRegistrationOutputs,
 )
 from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
+from cdff_core.dfpcs.lidar_slam.degenerate_directions import degenerate_directions
 from cdff_core.dfpcs.lidar_slam.motion_predictor import MotionPredictor, Prediction
 from cdff_core.dfpcs.lidar_slam.motion_uncertainty import MotionUncertainty, growth
 from cdff_core.dfpcs.lidar_slam.rotation_search import SupportMonitor, rotations_about_lidar_axis
@@ -44,9 +45,14 @@ _LOST_INLIER_RATIO = 0.05
 #: Path length over which a new local map constrains poses poorly, since all its sweeps are from one place.
 _INITIAL_PATH_M = 5.0
 #: Additional covariance of a pose at the start of that path, relative to the covariance of later poses.
-_INITIAL_NOISE = 60.0
+_INITIAL_NOISE = 10.0
 #: Additional covariance of the drift per metre on that path, relative to the covariance of a pose.
 _INITIAL_DRIFT = 0.75
+#: Path length after which the calibration of the lidar has an independent effect on poses: the voxels of the
+#: near ground, which constrain the pose most, are then other ones.
+_CALIBRATION_RENEWAL_M = 1.0
+#: Weight of the map along a degenerate direction below which the prediction determines the pose.
+_MEASURED_GAIN = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +128,7 @@ class ScanTracker:
             self._support.update(accepted.support_ratio)
             if not self._unconstrained_sweeps and not prediction.used_odometry:
                 error = se3.inverse(prediction.T_previous_current) @ increment
-                self._uncertainty.update(se3.vector_from_transform(error))
+                self._uncertainty.update(se3.vector_from_transform(error), prediction.interval_s)
         is_withheld = 0 < self._lost_sweeps <= _WITHHELD_SWEEPS
         self._stamp_ns = scan.t1_ns
         self._surface = None if is_withheld else se3.transform_points(self._T, deskewed_m)
@@ -154,8 +160,7 @@ class ScanTracker:
         """Predict the motion to the end of a sweep; the robot may already move during its first sweep."""
         if self._stamp_ns is None and (velocity := self.predictor.velocity(scan.t1_ns)) is not None:
             self._velocity = velocity
-        covariance = self._uncertainty.covariance
-        return self.predictor.predict(scan, self._stamp_ns, self._velocity, covariance)
+        return self.predictor.predict(scan, self._stamp_ns, self._velocity, self._uncertainty)
 
     def _register_or_search(
         self, points_m: Float, fraction: Float, prediction: Prediction
@@ -251,28 +256,31 @@ class ScanTracker:
     ) -> tuple[Float, Float]:
         """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
 
-        Constrained directions have the registration's covariance times ``noise.ratio`` plus a floor as noise,
-        and ``noise.drift_ratio`` of this noise per metre as drift. Degenerate directions drift by the
-        covariance of the prediction, whose errors are correlated from sweep to sweep (``growth``). With a new
-        local map, both are larger until the lidar has moved.
+        Constrained directions have both covariances of the registration, times their ratios, and a floor as
+        noise, and ``noise.drift_ratio`` of it per metre as drift. With a new local map, both are larger until
+        the lidar has moved. The calibration of the lidar adds its covariance to the noise, and to the drift
+        per ``_CALIBRATION_RENEWAL_M``: the rings cross other ground, and the same error has another effect.
+        Degenerate directions drift by the part of the covariance of the prediction that the map does not
+        reduce; its errors are correlated from sweep to sweep (``growth``).
         """
         c = self._config
-        if registration is None:
-            degenerate, covariance = np.eye(6), np.zeros((6, 6))
-        else:
-            radius_m = max(registration.radius_m, 1e-6)
-            scale = np.concatenate([np.ones(3), np.full(3, radius_m)])
-            directions = registration.directions[registration.sigma_m > c.gates.degenerate_sigma_m]
-            degenerate = (directions.T @ directions) * scale[None, :] / scale[:, None]
+        degenerate = degenerate_directions(registration, c.gates.degenerate_sigma_m)
+        constrained = np.eye(6) - degenerate.projection(np.ones(len(degenerate.gains)))
+        noise, calibration = np.zeros((6, 6)), np.zeros((6, 6))
+        if registration is not None:
             floor = np.square([c.noise.floor_m] * 3 + [c.noise.floor_rad] * 3)
             covariance = c.noise.ratio * registration.covariance + np.diag(floor)
-        constrained = np.eye(6) - degenerate
-        noise = constrained @ covariance @ constrained.T
+            covariance += c.noise.residual_ratio * registration.residual_covariance
+            noise = constrained @ covariance @ constrained.T
+            calibration = constrained @ registration.calibration_covariance @ constrained.T
         path_m = float(np.linalg.norm(increment[:3, 3]))
         self._path_length_m += path_m
         initial = max(0.0, 1.0 - self._path_length_m / _INITIAL_PATH_M)
         drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if initial > 0.0 else 0.0)
         _, last_growth = growth(self._unconstrained_sweeps, by_odometry=used_odometry)
-        unconstrained = last_growth * (degenerate @ predicted @ degenerate.T)
-        self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if np.any(degenerate) else 0
-        return drift_ratio * path_m * noise + unconstrained, (1.0 + _INITIAL_NOISE * initial**2) * noise
+        by_prediction = degenerate.projection(1.0 - degenerate.gains)
+        unconstrained = last_growth * (by_prediction @ predicted @ by_prediction.T)
+        is_predicted = np.any(degenerate.gains < _MEASURED_GAIN)
+        self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if is_predicted else 0
+        drift = path_m * (drift_ratio * noise + calibration / _CALIBRATION_RENEWAL_M) + unconstrained
+        return drift, (1.0 + _INITIAL_NOISE * initial**2) * noise + calibration + degenerate.noise

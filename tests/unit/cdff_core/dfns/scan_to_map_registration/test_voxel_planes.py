@@ -160,7 +160,7 @@ def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_l
         node.process(Inputs(surface=se3.transform_points(T, points), guess=T))
         map_bytes.append(node.map_bytes)
     assert max(map_bytes[60:]) == max(map_bytes[:60])
-    assert node.voxels < 0.6 * len(node._maps[0].keys)
+    assert node.voxels < 0.6 * len(node._map.tables[0].keys)
 
 
 def test_non_finite_points_are_refused(ground: Ground, rng: np.random.Generator) -> None:
@@ -258,3 +258,42 @@ def test_the_best_of_several_candidates_is_registered(rng: np.random.Generator) 
     assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ alone.transform)) > 0.5
     assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ outputs.transform)) < 0.05
     assert outputs.support_ratio > 1.15 * alone.support_ratio
+
+
+def test_the_calibration_covariance_covers_the_effect_of_range_errors_of_the_rings(
+    ground: Ground, rng: np.random.Generator
+) -> None:
+    sigma_m = 0.02
+    node = make_node_with_map(
+        ground, rng, range_sigma_m=0.0, ring_range_sigma_m=sigma_m, ring_elevation_sigma_deg=0.0
+    )
+    T = pose_on_ground(ground, 0.1, 0.1, 0.0)
+    points, fraction = sweep_points(ground, T, T, rng)
+    exact = node.process(Inputs(points=points, fraction=fraction, guess=T))
+    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    ring = np.floor((elevation / np.pi + 0.5) * 720).astype(int)
+    squared = []
+    for _ in range(12):
+        error_m = rng.normal(0.0, sigma_m, 720)[ring]
+        moved = points * (1.0 + error_m / np.linalg.norm(points, axis=1))[:, None]
+        outputs = node.process(Inputs(points=moved, fraction=fraction, guess=T))
+        shift_m = outputs.transform[:3, 3] - exact.transform[:3, 3]
+        squared.append(shift_m @ np.linalg.solve(exact.calibration_covariance[:3, :3], shift_m))
+    assert 1.0 < np.mean(squared) < 9.0  # 3 expected
+
+
+def test_points_that_pull_against_each_other_increase_the_covariance_by_residuals(
+    ground: Ground, rng: np.random.Generator
+) -> None:
+    node = make_node_with_map(ground, rng)
+    T = pose_on_ground(ground, 0.1, 0.1, 0.0)
+    points, fraction = sweep_points(ground, T, T, rng)
+    raised = points + np.where(points[:, :1] > 0.0, 0.06, -0.06) * np.array([0.0, 0.0, 1.0])
+    consistent, contradicting = (
+        node.process(Inputs(points=p, fraction=fraction, guess=T, guess_covariance=1e-4 * PRIOR))
+        for p in (points, raised)
+    )
+    ratio = np.trace(contradicting.residual_covariance[:3, :3]) / np.trace(
+        consistent.residual_covariance[:3, :3]
+    )
+    assert ratio > 2.0

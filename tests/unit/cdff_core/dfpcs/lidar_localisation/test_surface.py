@@ -18,7 +18,12 @@ def plane(rng: np.random.Generator, noise_m: float) -> Surface:
 def test_the_roughness_of_a_noisy_plane_is_that_of_two_points(rng: np.random.Generator) -> None:
     surface = plane(rng, 0.02)
     assert surface.roughness_m == pytest.approx(0.02 * np.sqrt(2.0), rel=0.05)
-    assert joint_roughness_m(surface, surface) == pytest.approx(0.04, rel=0.05)
+    assert joint_roughness_m(surface, surface, 0.005) == pytest.approx(0.04, rel=0.05)
+
+
+def test_the_roughness_of_exact_planes_is_the_range_resolution(rng: np.random.Generator) -> None:
+    exact = plane(rng, 0.0)
+    assert joint_roughness_m(exact, exact, 0.005) == 0.005
 
 
 def test_a_coarser_surface_has_a_third_of_the_points(rng: np.random.Generator) -> None:

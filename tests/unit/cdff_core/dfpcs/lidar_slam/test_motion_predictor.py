@@ -8,6 +8,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import LidarScan
 from cdff_core.dfpcs.lidar_slam.configuration import MotionPrediction
 from cdff_core.dfpcs.lidar_slam.motion_predictor import MotionPredictor
+from cdff_core.dfpcs.lidar_slam.motion_uncertainty import MotionUncertainty
 
 NS_PER_S = 1_000_000_000
 MOUNT = se3.transform(se3.exp_so3(np.array([0.0, 0.0, 0.3])), np.array([0.5, 0.0, 1.0]))
@@ -78,7 +79,7 @@ def test_a_sweep_predicted_again_for_a_restart_keeps_the_motion_during_it() -> N
         t1_ns=NS_PER_S + NS_PER_S // 10,
         frame="r/lidar",
     )
-    first, second = (predictor.predict(scan, None, velocity, np.eye(6)) for _ in range(2))
+    first, second = (predictor.predict(scan, None, velocity, MotionUncertainty()) for _ in range(2))
     np.testing.assert_allclose(first.T_previous_current[0, 3], 0.1, atol=1e-3)
     np.testing.assert_allclose(second.T_previous_current, np.eye(4), atol=1e-12)
     np.testing.assert_array_equal(second.T_end_start, first.T_end_start)

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Directions that a registration with the local map does not constrain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_core.dfns.scan_to_map_registration.interface import ScanToMapRegistrationOutputs
+
+Float = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Directions:
+    """Degenerate directions of a registration.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (k, 6)
+        Translation, and rotation times the radius.
+    scale : ndarray, shape (6,)
+        1 for translations, the radius in metres for rotations.
+    sigma_m, gains : ndarray, shape (k,)
+        Standard deviation by the map alone, and weight of the map.
+    """
+
+    rows: Float
+    scale: Float
+    sigma_m: Float
+    gains: Float
+
+    def projection(self, weights: Float) -> Float:
+        """Return the projection (6, 6) of a pose change on the directions, times their weights (k,)."""
+        return (self.rows.T * weights) @ self.rows * self.scale[None, :] / self.scale[:, None]
+
+    @property
+    def noise(self) -> Float:
+        """Covariance (6, 6) of the pose by the map along the directions."""
+        weights = (self.gains * self.sigma_m) ** 2
+        return (self.rows.T * weights) @ self.rows / np.outer(self.scale, self.scale)
+
+
+def degenerate_directions(
+    registration: ScanToMapRegistrationOutputs | None, max_sigma_m: float
+) -> Directions:
+    """Return the degenerate directions; all without a registration."""
+    if registration is None:
+        return Directions(np.eye(6), np.ones(6), np.zeros(6), np.zeros(6))
+    is_degenerate = registration.sigma_m > max_sigma_m
+    return Directions(
+        rows=registration.directions[is_degenerate],
+        scale=np.concatenate([np.ones(3), np.full(3, max(registration.radius_m, 1e-6))]),
+        sigma_m=registration.sigma_m[is_degenerate],
+        gains=registration.gains[is_degenerate],
+    )
