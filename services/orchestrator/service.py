@@ -20,6 +20,7 @@ from cdff_common.contract.queries import (
 )
 from cdff_common.errors import CdffError, InputError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import parse_request, parse_robot, requested_type
 from services.orchestrator.dpm import DpmClient
@@ -67,6 +68,7 @@ class Orchestrator:
         self._profile = profile
         self._capacity = capacity
         self._metrics = Metrics()
+        self.loops = Loops(timing.now_s)
         self._journal = Journal(journal_path, bus.mission_clock)
         self._journal.listen(self._metrics.on_record)
         self._state = SystemState(profile, timing)
@@ -79,10 +81,11 @@ class Orchestrator:
         self._flow = RequestFlow(
             self._state, finder, self._planning, reply_builder, self._jobs, self._journal, clock, timing
         )
-        self._monitor = SystemMonitor(bus, self._state, timing)
-        self._reconciler = Reconciler(bus, self._state, self._journal, timing)
+        self._monitor = SystemMonitor(bus, self._state, self.loops, timing)
+        self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, timing)
         # Two orchestrators of a mission serve different robots: each has its own history.
-        self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0], timing)
+        origin = "orchestrator/" + profile.robot_ids[0]
+        self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)
 
     def start(self) -> None:
         """Start all parts; the liveliness tokens come last, when the service is ready."""
@@ -174,7 +177,7 @@ class Orchestrator:
 
     def _on_stat(self, call: Request) -> Reply:
         RobotParameters.parse(call.parameters)
-        return Reply.of(self._metrics.to_dict())
+        return Reply.of({**self._metrics.to_dict(), "loops": self.loops.describe()})
 
     def _robots(self, call: Request) -> set[str]:
         """Return the robots of a listing: all under ``ground`` unless the call states one."""
