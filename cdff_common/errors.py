@@ -94,7 +94,13 @@ class NotActiveError(CdffError):
 
 
 class UnavailableError(CdffError):
-    """Service that cannot answer now."""
+    """Service that cannot answer now; ``retry_after_s`` is set if the same request is expected to succeed then."""
+
+    retry_after_s: float | None = None
+
+    def __init__(self, message: str = "", retry_after_s: float | None = None) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
 
 
 class NoAnswerError(UnavailableError):
@@ -108,9 +114,10 @@ class DeadlineError(UnavailableError):
 class OverloadedError(UnavailableError):
     """Too many requests; retry after ``retry_after_s`` seconds."""
 
+    retry_after_s: float
+
     def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
-        super().__init__(message)
-        self.retry_after_s = retry_after_s
+        super().__init__(message, retry_after_s)
 
 
 class DeniedError(CdffError):

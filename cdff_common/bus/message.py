@@ -12,7 +12,7 @@ from urllib.parse import quote, unquote_to_bytes
 
 import msgpack
 
-from cdff_common.errors import ERROR_OF_CODE, CdffError, CodecError, InputError, OverloadedError, rpc_code
+from cdff_common.errors import ERROR_OF_CODE, CdffError, CodecError, InputError, UnavailableError, rpc_code
 
 logger = logging.getLogger(__name__)
 
@@ -160,7 +160,7 @@ def error_body(error: BaseException, asked: Mapping[str, str] | None = None) -> 
         "request": asked.get("request", "")[:200] or getattr(error, "request", ""),
         "asked": dict(getattr(error, "asked", None) or asked),
     }
-    if isinstance(error, OverloadedError):
+    if isinstance(error, UnavailableError) and error.retry_after_s is not None:
         body["retry_after_s"] = error.retry_after_s
     return body
 
@@ -170,8 +170,8 @@ def error_of(body: Any) -> CdffError:
     if not isinstance(body, dict) or "code" not in body:
         return CdffError(f"malformed error reply {body!r}")
     error = ERROR_OF_CODE.get(str(body["code"]), CdffError)(str(body.get("detail", "")))
-    if isinstance(error, OverloadedError):
-        error.retry_after_s = float(body.get("retry_after_s", 1.0))
+    if isinstance(error, UnavailableError) and "retry_after_s" in body:
+        error.retry_after_s = float(body["retry_after_s"])
     error.retriable = bool(body.get("retriable", False))
     error.request, error.asked = str(body.get("request", "")), body.get("asked")
     return error
