@@ -18,7 +18,6 @@ from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.journal import Journal
 from services.orchestrator.timing import REAL, Timing
 
-
 #: Time after which a new orchestrator may be running, and period of the check for ended jobs, seconds.
 _RESTART_S, _STOP_PERIOD_S = 1.0, 0.02
 

@@ -92,7 +92,7 @@ def test_an_alternative_of_an_always_active_dfpc_replaces_a_refused_mode(tmp_pat
 def test_an_unconfirmed_mode_activates_no_dfpc(tmp_path: Path) -> None:
     stage = Stage(tmp_path)
     answer = {"confirmed": False, "mode": "off", "sensor": "lidar"}
-    stage.mission.mode_answers |= {mode: answer for mode in ("slow", "dense", "fast")}
+    stage.mission.mode_answers |= dict.fromkeys(("slow", "dense", "fast"), answer)
     stage.mission.stop(stage.process("stereo_dem"))
     error = stage.final_answer(stage.send(**{**DEM, "deadline_ms": "8000"}))
     assert isinstance(error, UnavailableError)
