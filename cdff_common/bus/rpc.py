@@ -117,7 +117,11 @@ class CallServer:
                     encoding=reply.encoding or None,
                     attachment=pack({"kind": "result", "final": True, **reply.attachment}),
                 )
-        except Exception as raised:  # the caller receives an error rather than no answer
+        except CdffError as raised:
+            error = raised
+        except Exception as raised:  # the caller receives INTERNAL rather than no answer
+            if not self._stopping:
+                logger.exception("handler of %s failed", self._key)
             error = raised
         self._end(query, error)
         self._slots.release()
@@ -129,8 +133,6 @@ class CallServer:
         if is_open:
             with query:
                 if error is not None:
-                    if not isinstance(error, CdffError):
-                        logger.error("handler of %s failed", self._key, exc_info=error)
                     refuse(query, error)
         with self._changed:
             self._changed.notify_all()

@@ -45,7 +45,7 @@ class Supervisor:
 
     specs: Sequence[ProcessSpec]
     log_dir: Path | None = None
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
     children: dict[str, Child] = field(default_factory=dict)
     alarms: ProcessAlarms = field(default_factory=ProcessAlarms)
 

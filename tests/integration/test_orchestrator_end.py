@@ -86,7 +86,7 @@ def test_an_unknown_robot_is_not_found_at_once(spawn: tuple[str, Spawn]) -> None
             lambda: client._bus.call(keys.orchestrator_rpc("ground", "jobs"), {"robot": "nosuch"}),
             lambda: client._bus.call(keys.orchestrator_rpc("ground", "catalogue"), {"robot": "nosuch"}),
         ):
-            with pytest.raises(ProductNotFoundError, match="'nosuch'.*mana, minnie"):
+            with pytest.raises(ProductNotFoundError, match=r"'nosuch'.*mana, minnie"):
                 call()
         assert time.monotonic() - start_s < 5.0
 
