@@ -175,6 +175,13 @@ ERROR_OF_CODE: dict[str, type[CdffError]] = {
 }
 
 
+def public_text(error: BaseException) -> str:
+    """Return the text of an error for other processes; that of an unexpected one is only in the log."""
+    if isinstance(error, CdffError):
+        return str(error)
+    return f"internal error ({type(error).__name__}): the log of the service has the details"
+
+
 def rpc_code(error: BaseException) -> tuple[str, bool]:
     """Return the RPC code and whether a retry makes sense; unknown errors are INTERNAL."""
     return next((RPC_CODES[cls] for cls in type(error).__mro__ if cls in RPC_CODES), ("INTERNAL", False))

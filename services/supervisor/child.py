@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 from collections import deque
 from dataclasses import dataclass, field
@@ -35,6 +36,8 @@ class Limits:
         Wait before each restart in a crash loop.
     recovered_s : float
         Running time after which a crash loop is over.
+    log_bytes, logs_kept
+        Size at which the log of a process is rotated, and number of rotated logs.
     """
 
     silence_s: float = 15.0
@@ -46,6 +49,8 @@ class Limits:
     crash_loop_window_s: float = 300.0
     crash_loop_wait_s: float = 60.0
     recovered_s: float = 120.0
+    log_bytes: int = 16_000_000
+    logs_kept: int = 3
 
 
 @dataclass(slots=True)
@@ -121,6 +126,21 @@ class Child:
         if self.silent_s <= limit_s:
             return ""
         return f"{self.spec.name} sent no heartbeat for {self.silent_s:.0f} s"
+
+    def rotate_log(self) -> None:
+        """Move a large log to ``….1`` (older ones to ``….2`` and so on) and start it again.
+
+        The process keeps its descriptor, so that the file is copied and truncated; lines written in between
+        are lost.
+        """
+        if self.log is None or not self.log.is_file() or self.log.stat().st_size < self.limits.log_bytes:
+            return
+        for number in range(self.limits.logs_kept - 1, 0, -1):
+            older = self.log.with_name(f"{self.log.name}.{number}")
+            if older.is_file():
+                older.replace(self.log.with_name(f"{self.log.name}.{number + 1}"))
+        shutil.copyfile(self.log, self.log.with_name(f"{self.log.name}.1"))
+        os.truncate(self.log, 0)
 
     def add_failure(self, now_s: float) -> float:
         """Record the end of the process; return the wait before its restart, seconds."""

@@ -23,6 +23,8 @@ POLL_S = 0.05
 #: Longest time between two polls that counts as silence of the processes, seconds: while this process or the
 #: machine is stopped, the others are, too.
 _LONGEST_POLL_S = 1.0
+#: Time between two checks of the size of the logs, seconds.
+_ROTATION_S = 10.0
 #: Time between two starts, so that imports do not compete for few cores, seconds.
 STAGGER_S = 0.4
 #: Time for processes to end after SIGTERM, seconds.
@@ -55,7 +57,7 @@ class Supervisor:
         The kernel sends SIGTERM to the children when the thread that started them ends, so that even a
         SIGKILL of the supervisor leaves no orphan.
         """
-        polled_s = monotonic_s()
+        polled_s = rotated_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"
             self.children[spec.name] = Child(spec, self.limits, start_at_s=polled_s + i * STAGGER_S, log=log)
@@ -64,6 +66,9 @@ class Supervisor:
                 elapsed_s, polled_s = monotonic_s() - polled_s, monotonic_s()
                 for child in self.children.values():
                     self._check(child, min(elapsed_s, _LONGEST_POLL_S))
+                if polled_s - rotated_s > _ROTATION_S:
+                    rotated_s = polled_s
+                    self._rotate_logs()
         finally:
             self.end()
 
@@ -91,6 +96,13 @@ class Supervisor:
                 )
                 child.process.kill()
                 child.process.wait()
+
+    def _rotate_logs(self) -> None:
+        for child in self.children.values():
+            try:
+                child.rotate_log()
+            except OSError as error:  # a full disk must not end the supervision
+                logger.warning("the log of %s is not rotated: %s", child.spec.name, error)
 
     def _check(self, child: Child, elapsed_s: float) -> None:
         now_s, name = monotonic_s(), child.spec.name

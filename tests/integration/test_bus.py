@@ -104,7 +104,7 @@ def test_a_bug_in_a_handler_is_answered_with_internal(pair: tuple[Bus, Bus], eve
         raise ZeroDivisionError("oops")
 
     serve(server, client, handler, eventually)
-    with pytest.raises(Exception, match="ZeroDivisionError: oops"):
+    with pytest.raises(Exception, match="ZeroDivisionError"):
         client.call(STAT)
 
 

@@ -215,7 +215,7 @@ def test_a_dfpc_that_raises_enters_error_with_its_reason_and_recovers_on_activat
 ) -> None:
     active.send("trouble/raise")
     eventually(lambda: active.state() == "error")
-    assert "ZeroDivisionError: error on command" in active.rpc("status")["last_error"]
+    assert "internal error (ZeroDivisionError)" in active.rpc("status")["last_error"]
     eventually(
         lambda: any(kind == "alarm" and "error on command" in body["reason"] for kind, body in active.events)
     )

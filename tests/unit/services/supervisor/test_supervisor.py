@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -103,3 +104,17 @@ def test_a_stop_of_the_supervisor_is_no_silence_of_its_processes() -> None:
     assert not child.listen(1.0)
     assert not child.listen(1.0)
     assert "no heartbeat" in child.listen(0.1)
+
+
+def test_a_large_log_is_rotated_while_the_process_writes(tmp_path: Path) -> None:
+    log = tmp_path / "service.log"
+    child = Child(spec("service", HEALTHY), Limits(log_bytes=100, logs_kept=2), log=log)
+    with log.open("ab") as output:
+        for text in ("first", "second", "third", "fourth"):
+            output.write(text.encode() * 30)
+            output.flush()
+            child.rotate_log()
+        output.write(b"last")
+    assert log.read_text() == "last"
+    names = {path.name: path.read_text()[:3] for path in tmp_path.iterdir()}
+    assert names == {"service.log": "las", "service.log.1": "fou", "service.log.2": "thi"}
