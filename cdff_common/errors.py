@@ -94,7 +94,10 @@ class NotActiveError(CdffError):
 
 
 class UnavailableError(CdffError):
-    """Service that cannot answer now; ``retry_after_s`` is set if the same request is expected to succeed then."""
+    """Service that cannot answer now.
+
+    ``retry_after_s`` is set if the same request is expected to succeed after this time, seconds.
+    """
 
     retry_after_s: float | None = None
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Heartbeat of a process to its supervisor: one byte per period in a pipe, as long as the process is healthy.
 
-A liveliness token only states that the session lives: a stopped process keeps it for the lease, a hung thread
-for ever. A process whose checks report a problem ends itself, with or without a supervisor, so that its tokens
-disappear.
+A liveliness token only states that the session lives: a stopped process keeps it for the lease, one with a
+hung thread without end. A process whose checks report a problem ends itself, with or without a supervisor, so
+that its tokens disappear.
 """
 
 from __future__ import annotations

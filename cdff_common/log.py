@@ -40,9 +40,9 @@ class JsonLines(logging.Formatter):
 
 
 class RepetitionFilter(logging.Filter):
-    """Filter that passes ``limit`` warnings and errors of one message template per period and counts the others.
+    """Filter that passes ``limit`` warnings and errors of one message template per period.
 
-    A flood of malformed messages then fills neither disk nor CPU. The next passed record has the number of
+    A flood of malformed messages then does not fill the disk. The next passed record has the number of
     suppressed ones as ``suppressed``.
     """
 

@@ -3,8 +3,8 @@
 """Loops of a service that survive every error of one cycle, and their health.
 
 A loop waits for work and does it. An exception in a cycle is logged, counted and survived. A loop that ended
-without being stopped, or that is busy for longer than its limit, is a problem: the service reports it, and its
-process ends, so that a supervisor replaces it (``cdff_common.heartbeat``).
+without being stopped, or that is busy for longer than its limit, is a problem: the service reports it, and
+its process ends, so that a supervisor replaces it (``cdff_common.heartbeat``).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Loop:
         self._is_dead = False
 
     def run(self, wait: Callable[[], _T | None], work: Callable[[_T], object]) -> None:
-        """Call ``work`` with each result of ``wait`` until that is None; exceptions of ``work`` are survived."""
+        """Call ``work`` with each result of ``wait`` until that is None; errors of ``work`` are survived."""
         has_ended_as_demanded = False
         try:
             while (item := wait()) is not None:

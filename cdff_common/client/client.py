@@ -294,7 +294,10 @@ class Client:
     def _orchestrator(
         self, robot: str, verb: str, query: Mapping[str, object], timeout_s: float = _CALL_S
     ) -> dict[str, Any]:
-        """Return the body of the reply of the orchestrator; raises ProductNotFoundError for an unknown robot."""
+        """Return the body of the reply of the orchestrator.
+
+        Raises ProductNotFoundError for an unknown robot.
+        """
         try:
             reply = self._bus.call(_orchestrator_key(robot, verb), query, timeout_s=timeout_s)
         except NoAnswerError:

@@ -188,9 +188,9 @@ def world_of(
 ) -> World:
     """Return the current world for a request of a priority.
 
-    ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason. With ``optimistic``, every DFPC of the
-    profile counts as available, also without a running process. A request may take sensors from requests of
-    lower ``priority``, by default from none.
+    ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
+    With ``optimistic``, every DFPC of the profile counts as available, also without a running process. A
+    request may take sensors from requests of lower ``priority``, by default from none.
     """
     providers = {}
     rates_hz = _rates_hz(profile, observed)

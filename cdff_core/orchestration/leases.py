@@ -145,7 +145,7 @@ class Leases:
         return others
 
     def avoid(self, modes: Mapping[SensorId, Iterable[str]]) -> None:
-        """Select these modes, which the sensors do not reach now, only if no other mode serves the holders."""
+        """Select these modes, which sensors do not reach now, only if no other mode serves the holders."""
         self._avoided_modes = {sensor: frozenset(names) for sensor, names in modes.items()}
         for sensor in self._avoided_modes.keys() & self._demands.keys():
             self._select_mode(sensor)

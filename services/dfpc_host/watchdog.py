@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Detection of steps that stall: a step that computes slowly is not one.
 
-The kernel accounts for each thread the time on a CPU and the time in which it waits for one. A step on a slow or
-loaded machine spends its whole duration in these two; one that waits for a lock, a file or another process
-spends it in neither.
+The kernel accounts for each thread the time on a CPU and the time in which it waits for one. A step on a
+slow or loaded machine spends its whole duration in these two; one that waits for a lock, a file or another
+process spends it in neither.
 """
 
 from __future__ import annotations

@@ -78,9 +78,9 @@ class RequestPlanner:
         """Return the best plan, and True if it accounts for the coverage of the region.
 
         ``match`` is the product in the DPM, ``exclude`` the providers to avoid, ``until_s`` (monotonic) the
-        limit of queries, ``horizon_s`` the time in which a robot must observe the missing part, ``holder`` the
-        job whose leases the plan replaces. A plan may include DFPCs without a process: the supervisor restarts
-        them.
+        limit of queries, ``horizon_s`` the time in which a robot must observe the missing part, ``holder``
+        the job whose leases the plan replaces. A plan may include DFPCs without a process: the supervisor
+        restarts them.
         """
         plans = self._plans(request, robots, match, exclude, until_s, horizon_s, holder)
         now, later = plans.now, plans.later

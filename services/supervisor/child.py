@@ -114,7 +114,7 @@ class Child:
         return self.process.pid
 
     def listen(self, elapsed_s: float) -> str:
-        """Read the heartbeats of the last ``elapsed_s``; return why the process counts as hung, or nothing."""
+        """Read the heartbeats of the last ``elapsed_s``; return why the process is hung, if it is."""
         self.silent_s += elapsed_s
         if self._pipe is not None:
             try:

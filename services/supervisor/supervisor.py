@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Supervision of processes: staggered start, restart after failure or silence, and end within a few seconds."""
+"""Supervision of processes: staggered start, restart after failure or silence, end within a few seconds."""
 
 from __future__ import annotations
 

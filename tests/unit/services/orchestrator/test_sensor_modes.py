@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sensor modes of the orchestrator: fallback after a refusal, confirmation, and release after the last user."""
+"""Sensor modes of the orchestrator: fallback after a refusal, confirmation, release after the last user."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Replacement of hung processes and bounded restarts of failing ones, with real processes and short limits."""
+"""Replacement of hung processes and bounded restarts of failing ones: real processes, short limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
 from services.supervisor.supervisor import Supervisor
 
-HEALTHY = "from cdff_common.process import run_service; raise SystemExit(run_service('x', lambda stop: stop.wait()))"
+HEALTHY = (
+    "from cdff_common.process import run_service\n"
+    "raise SystemExit(run_service('x', lambda stop: stop.wait()))"
+)
 DEAD_LOOP = (
     "from cdff_common.heartbeat import add_check; from cdff_common.process import run_service\n"
     "add_check(lambda: 'loop watcher has ended')\n"
