@@ -217,7 +217,7 @@ def test_a_dfpc_that_raises_enters_error_with_its_reason_and_recovers_on_activat
     eventually(lambda: active.state() == "error")
     assert "internal error (ZeroDivisionError)" in active.rpc("status")["last_error"]
     eventually(
-        lambda: any(kind == "alarm" and "error on command" in body["reason"] for kind, body in active.events)
+        lambda: any(kind == "alarm" and "ZeroDivisionError" in body["reason"] for kind, body in active.events)
     )
     with pytest.raises(NotActiveError):
         active.rpc("deactivate")
