@@ -94,7 +94,16 @@ class NotActiveError(CdffError):
 
 
 class UnavailableError(CdffError):
-    """Service that cannot answer now."""
+    """Service that cannot answer now.
+
+    ``retry_after_s`` is set if the same request is expected to succeed after this time, seconds.
+    """
+
+    retry_after_s: float | None = None
+
+    def __init__(self, message: str = "", retry_after_s: float | None = None) -> None:
+        super().__init__(message)
+        self.retry_after_s = retry_after_s
 
 
 class NoAnswerError(UnavailableError):
@@ -108,9 +117,10 @@ class DeadlineError(UnavailableError):
 class OverloadedError(UnavailableError):
     """Too many requests; retry after ``retry_after_s`` seconds."""
 
+    retry_after_s: float
+
     def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
-        super().__init__(message)
-        self.retry_after_s = retry_after_s
+        super().__init__(message, retry_after_s)
 
 
 class DeniedError(CdffError):
@@ -166,6 +176,13 @@ ERROR_OF_CODE: dict[str, type[CdffError]] = {
     "DENIED": DeniedError,
     "INTERNAL": CdffError,
 }
+
+
+def public_text(error: BaseException) -> str:
+    """Return the text of an error for other processes; that of an unexpected one is only in the log."""
+    if isinstance(error, CdffError):
+        return str(error)
+    return f"internal error ({type(error).__name__}): the log of the service has the details"
 
 
 def rpc_code(error: BaseException) -> tuple[str, bool]:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.heartbeat import start_heartbeat
 from cdff_common.log import configure_logging
 from cdff_common.output import storage_errors
 
@@ -105,6 +106,7 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
     stop = stop_event()
     follow_supervisor()
     configure_logging(name, os.environ.get("CDFF_LOG_LEVEL", "INFO"))
+    start_heartbeat(stop)
     try:
         body(stop)
     except CdffError as error:

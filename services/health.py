@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Health check of containers by the liveliness tokens of their services.
+"""Health check of containers: liveliness tokens of their services, and answers of those that hang.
 
 python -m services.health ground/dpm mana/visual_odometry_sparse
 """
@@ -13,10 +13,34 @@ import sys
 from cdff_common.bus import Bus, keys
 from cdff_common.errors import CdffError
 
+#: Services without a status call; the supervisor, or the restart policy of the container, replaces them.
+_WITHOUT_STATUS = ("router", "dpm", "icu", "map_merging")
+_CALL_S = 2.0
+
 
 def missing_services(bus: Bus, services: list[str]) -> list[str]:
     """Return the services ``scope/service`` without a token; raises InputError on a malformed name."""
     return [s for s in services if not bus.alive(keys.alive(*(s.split("/", 1) if "/" in s else ("", s))))]
+
+
+def unhealthy_services(bus: Bus, services: list[str]) -> list[str]:
+    """Return why orchestrators and DFPCs with a token do not work: a hung process keeps its token."""
+    problems = []
+    for service in services:
+        scope, name = service.split("/", 1)
+        if name in _WITHOUT_STATUS:
+            continue
+        is_orchestrator = name == "orchestrator"
+        key = (
+            keys.orchestrator_rpc(scope, "stat") if is_orchestrator else keys.dfpc_rpc(scope, name, "status")
+        )
+        try:
+            body = bus.call(key, timeout_s=_CALL_S).body()
+        except CdffError as error:
+            problems.append(f"{service} does not answer: {error}")
+            continue
+        problems += [f"{service}: {x['problem']}" for x in body.get("loops", {}).values() if x["problem"]]
+    return problems
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -33,12 +57,15 @@ def main(argv: list[str] | None = None) -> int:
     try:
         with Bus.open(name="health", wait_s=args.wait_s) as bus:
             absent = missing_services(bus, args.services)
+            problems = [] if absent else unhealthy_services(bus, args.services)
     except CdffError as error:
         sys.stderr.write(f"{error}\n")
         return 1
     if absent:
         sys.stderr.write(f"not alive: {', '.join(absent)}\n")
-    return 1 if absent else 0
+    for problem in problems:
+        sys.stderr.write(f"{problem}\n")
+    return 1 if absent or problems else 0
 
 
 if __name__ == "__main__":

@@ -18,11 +18,13 @@ from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
-from cdff_common.clock import MissionClock
+from cdff_common.clock import MissionClock, monotonic_s
 
 logger = logging.getLogger(__name__)
 
 _CLOSE_DEADLINE_S = 3.0
+#: Time for running handlers to answer when the bus closes, seconds.
+_ANSWER_S = 0.5
 
 
 class Bus:
@@ -84,9 +86,17 @@ class Bus:
         self.close()
 
     def close(self) -> None:
-        """Undeclare everything, newest first, and close the session; never longer than a few seconds."""
+        """Answer the open calls, undeclare everything, newest first, and close the session; never longer than
+        a few seconds.
+        """
         with self._lock:
             declarations, self._declarations = self._declarations[::-1], []
+        servers = [d for d in declarations if isinstance(d, rpc.CallServer)]
+        for server in servers:
+            server.stop()
+        until_s = monotonic_s() + _ANSWER_S
+        for server in servers:
+            server.finish(until_s)
         closer = threading.Thread(target=self._close_all, args=(declarations,), name="bus close", daemon=True)
         closer.start()
         closer.join(_CLOSE_DEADLINE_S)

@@ -12,7 +12,15 @@ from urllib.parse import quote, unquote_to_bytes
 
 import msgpack
 
-from cdff_common.errors import ERROR_OF_CODE, CdffError, CodecError, InputError, OverloadedError, rpc_code
+from cdff_common.errors import (
+    ERROR_OF_CODE,
+    CdffError,
+    CodecError,
+    InputError,
+    UnavailableError,
+    public_text,
+    rpc_code,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -91,21 +99,26 @@ def unpack(data: bytes) -> Any:
         raise CodecError(f"MessagePack of {len(data)} bytes: expected at most {_MAX_MAP_BYTES}")
     try:
         return msgpack.unpackb(data, strict_map_key=False)
-    except (ValueError, msgpack.UnpackException, msgpack.ExtraData, RecursionError) as error:
+    except (ValueError, TypeError, msgpack.UnpackException, msgpack.ExtraData, RecursionError) as error:
         raise CodecError(f"{len(data)} bytes that are not MessagePack: {error}") from error
 
 
 def on_map(callback: Callable[[str, dict[str, Any]], None]) -> Callable[[Message], None]:
-    """Return a subscriber that calls back with key and MessagePack map; malformed messages are logged."""
+    """Return a subscriber that calls back with key and MessagePack map; malformed messages are counted and
+    logged.
+    """
+    malformed = 0
 
     def receive(message: Message) -> None:
+        nonlocal malformed
         try:
             body = unpack(message.payload)
             if not isinstance(body, dict):
                 raise CodecError(f"got a {type(body).__name__}, expected a map")
             callback(message.key, body)
         except (CdffError, KeyError, TypeError, ValueError) as error:
-            logger.warning("malformed message on %s: %s", message.key, error)
+            malformed += 1
+            logger.warning("malformed message on %s (%d so far): %s", message.key, malformed, error)
 
     return receive
 
@@ -156,11 +169,11 @@ def error_body(error: BaseException, asked: Mapping[str, str] | None = None) -> 
     body = {
         "code": code,
         "retriable": retriable,
-        "detail": str(error) if isinstance(error, CdffError) else f"{type(error).__name__}: {error}",
+        "detail": public_text(error),
         "request": asked.get("request", "")[:200] or getattr(error, "request", ""),
         "asked": dict(getattr(error, "asked", None) or asked),
     }
-    if isinstance(error, OverloadedError):
+    if isinstance(error, UnavailableError) and error.retry_after_s is not None:
         body["retry_after_s"] = error.retry_after_s
     return body
 
@@ -170,8 +183,8 @@ def error_of(body: Any) -> CdffError:
     if not isinstance(body, dict) or "code" not in body:
         return CdffError(f"malformed error reply {body!r}")
     error = ERROR_OF_CODE.get(str(body["code"]), CdffError)(str(body.get("detail", "")))
-    if isinstance(error, OverloadedError):
-        error.retry_after_s = float(body.get("retry_after_s", 1.0))
+    if isinstance(error, UnavailableError) and "retry_after_s" in body:
+        error.retry_after_s = float(body["retry_after_s"])
     error.retriable = bool(body.get("retriable", False))
     error.request, error.asked = str(body.get("request", "")), body.get("asked")
     return error

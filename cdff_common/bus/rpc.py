@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Remote calls: handlers in a bounded pool on one side, typed errors and a deadline on the other.
 
-Every query gets at least one reply or one ``reply_err``; no reply at all means that no service is running
-(UNAVAILABLE).
+Every query gets at least one reply or one ``reply_err``, also when its service stops in an orderly way; no
+reply at all means that no service is running, or that the network is lost (UNAVAILABLE).
 """
 
 from __future__ import annotations
@@ -27,9 +27,13 @@ from cdff_common.bus.message import (
     parse_parameters,
     unpack,
 )
-from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError, UnavailableError
 
 logger = logging.getLogger(__name__)
+
+#: Time after which a service that stops in an orderly way may be back, seconds.
+STOPPING_RETRY_S = 1.0
 
 Handler = Callable[[Request], Reply | Iterable[Reply]]
 
@@ -56,50 +60,85 @@ class CallServer:
         self._key = key
         self._handler = handler
         self._slots = threading.BoundedSemaphore(workers + backlog)
+        self._changed = threading.Condition()
+        self._open: dict[int, zenoh.Query] = {}  # calls without a final answer, by ``id``
+        self._stopping = False
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
         self._queryable = (
             None if session is None else session.declare_queryable(key, self.enqueue, complete=True)
         )
 
+    def stop(self) -> None:
+        """Refuse further and waiting calls as UNAVAILABLE; running handlers continue."""
+        with self._changed:
+            self._stopping = True
+
+    def finish(self, until_s: float) -> None:
+        """Wait for running handlers (monotonic limit), then refuse the calls that are still open."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._open, max(until_s - monotonic_s(), 0.0))
+            unanswered = list(self._open.values())
+            self._open.clear()
+        for query in unanswered:
+            with query:
+                refuse(query, self._stopping_error())
+
     def close(self) -> None:
-        """Stop answering; waiting calls are dropped and end as UNAVAILABLE at their callers."""
+        """Stop answering."""
         if self._queryable is not None:
             self._queryable.undeclare()
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def enqueue(self, query: zenoh.Query) -> None:
-        """Answer a query in the pool, or with OVERLOADED if it is full."""
-        if not self._slots.acquire(blocking=False):
-            with query:
-                refuse(query, OverloadedError(f"{self._key}: too many calls at once"))
-            return
-        try:
-            self._pool.submit(self._answer, query)
-        except RuntimeError:  # the pool is shutting down
-            self._slots.release()
-            query.drop()
+        """Answer a query in the pool, or with an error if the pool is full or the server stops."""
+        with self._changed:
+            error = self._stopping_error() if self._stopping else None
+            if error is None and not self._slots.acquire(blocking=False):
+                error = OverloadedError(f"{self._key}: too many calls at once")
+            if error is None:
+                self._open[id(query)] = query
+                self._pool.submit(self._answer, query)
+                return
+        with query:
+            refuse(query, error)
 
     def _answer(self, query: zenoh.Query) -> None:
-        with query:
-            try:
-                request = _request_of(query)
-                replies = self._handler(request)
-                # The key of the query: a queryable on a wildcard answers with the caller's concrete key.
-                key = str(query.key_expr)
-                for reply in [replies] if isinstance(replies, Reply) else replies:
-                    query.reply(
-                        reply.key or key,
-                        reply.payload,
-                        encoding=reply.encoding or None,
-                        attachment=pack({"kind": "result", "final": True, **reply.attachment}),
-                    )
-            except CdffError as error:
-                refuse(query, error)
-            except Exception as error:  # the caller receives INTERNAL rather than no answer
+        error: Exception | None = None
+        try:
+            if self._stopping:
+                raise self._stopping_error()
+            replies = self._handler(_request_of(query))
+            # The key of the query: a queryable on a wildcard answers with the caller's concrete key.
+            key = str(query.key_expr)
+            for reply in [replies] if isinstance(replies, Reply) else replies:
+                query.reply(
+                    reply.key or key,
+                    reply.payload,
+                    encoding=reply.encoding or None,
+                    attachment=pack({"kind": "result", "final": True, **reply.attachment}),
+                )
+        except CdffError as raised:
+            error = raised
+        except Exception as raised:  # the caller receives INTERNAL rather than no answer
+            if not self._stopping:
                 logger.exception("handler of %s failed", self._key)
-                refuse(query, error)
-            finally:
-                self._slots.release()
+            error = raised
+        self._end(query, error)
+        self._slots.release()
+
+    def _end(self, query: zenoh.Query, error: Exception | None) -> None:
+        """End a query that ``finish`` has not ended, with an error if there is one."""
+        with self._changed:
+            is_open = self._open.pop(id(query), None) is not None
+        if is_open:
+            with query:
+                if error is not None:
+                    refuse(query, error)
+        with self._changed:
+            self._changed.notify_all()
+
+    def _stopping_error(self) -> UnavailableError:
+        return UnavailableError(f"{self._key}: the service is stopping; repeat the call", STOPPING_RETRY_S)
 
 
 def refuse(query: zenoh.Query, error: BaseException) -> None:
@@ -167,5 +206,7 @@ def call_stream(
         yield reply
         if reply.final:
             return
+    if not session.info.routers_zid():
+        raise NoAnswerError(f"{key}: the connection to the router is lost; the call may be repeated")
     what = "the answer broke off before the final reply" if answered else "no service answers"
     raise NoAnswerError(f"{key}: {what}; is the service running?")

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 import uuid
@@ -18,9 +19,19 @@ from cdff_common.client.request_options import RequestOptions, parameters_of
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import CODECS, decode_payload, parse_encoding
 from cdff_common.contract.queries import SearchParameters
-from cdff_common.errors import CdffError, CodecError, InputError, NoAnswerError, UnavailableError
+from cdff_common.errors import (
+    CdffError,
+    CodecError,
+    InputError,
+    NoAnswerError,
+    OverloadedError,
+    ProductNotFoundError,
+    UnavailableError,
+)
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
+
+logger = logging.getLogger(__name__)
 
 #: Called with the body of each progress reply: job, state, reason, remaining_s, plan.
 OnProgress = Callable[[Mapping[str, Any]], None]
@@ -97,6 +108,7 @@ class Client:
         key, deadline = _orchestrator_key(robot, "request"), monotonic_s() + deadline_s
         parameters = parameters_of(product, robot, **options)
         parameters["progress"] = "false" if on_progress is None else "true"
+        reported: UnavailableError | None = None
         while True:
             remaining_s = max(deadline - monotonic_s(), 0.2)
             query = {**parameters, "deadline_ms": int(remaining_s * 1000), "request": str(uuid.uuid4())}
@@ -106,10 +118,14 @@ class Client:
                         break
                     if on_progress is not None:
                         on_progress(reply.body())
-            except NoAnswerError:  # repeated with a new request id while no orchestrator answers
-                if deadline - monotonic_s() <= _RETRY_S:
+            except UnavailableError as error:  # repeated with a new request id until the deadline
+                retry_after_s = self._retry_after_s(error, robot)
+                if retry_after_s is None or deadline - monotonic_s() <= retry_after_s:
                     raise
-                time.sleep(_RETRY_S)
+                if not isinstance(error, type(reported)):
+                    logger.warning("request for %s: %s; it is repeated", product, error)
+                reported = error
+                time.sleep(retry_after_s)
             else:
                 return self._retrieve(reply)
 
@@ -153,6 +169,7 @@ class Client:
                 self._orchestrator(robot, "cancel", {"job": name}, lease_s / 3)
 
         key, answered_s = _orchestrator_key(robot, "request"), monotonic_s()
+        reported: UnavailableError | None = None
         thread = threading.Thread(target=renew, name="renew", daemon=True)
         thread.start()
         try:
@@ -161,12 +178,17 @@ class Client:
                 query = {**parameters, **deadline, "every_s": every_s, "request": name}
                 try:
                     for reply in self._bus.call_stream(key, query, timeout_s=_STANDING_S):
-                        answered_s = monotonic_s()
+                        answered_s, reported = monotonic_s(), None
                         if reply.attachment.get("kind") in ("product", "reference"):
                             yield self._retrieve(reply)
-                except NoAnswerError:
-                    if monotonic_s() - answered_s > lease_s:
+                except UnavailableError as error:
+                    if stopped.is_set():  # the request was cancelled
+                        break
+                    if self._retry_after_s(error, robot) is None or monotonic_s() - answered_s > lease_s:
                         raise
+                    if not isinstance(error, type(reported)):
+                        logger.warning("standing request for %s: %s; it is repeated", product, error)
+                    reported = error
                 except CdffError:
                     if not stopped.is_set():  # otherwise the request was cancelled
                         raise
@@ -272,11 +294,37 @@ class Client:
     def _orchestrator(
         self, robot: str, verb: str, query: Mapping[str, object], timeout_s: float = _CALL_S
     ) -> dict[str, Any]:
-        """Return the body of the reply of the orchestrator."""
-        body: dict[str, Any] = self._bus.call(
-            _orchestrator_key(robot, verb), query, timeout_s=timeout_s
-        ).body()
+        """Return the body of the reply of the orchestrator.
+
+        Raises ProductNotFoundError for an unknown robot.
+        """
+        try:
+            reply = self._bus.call(_orchestrator_key(robot, verb), query, timeout_s=timeout_s)
+        except NoAnswerError:
+            self._check_robot(robot)
+            raise
+        body: dict[str, Any] = reply.body()
         return body
+
+    def _retry_after_s(self, error: UnavailableError, robot: str) -> float | None:
+        """Return the pause before a request is repeated; None if it shall not be repeated.
+
+        It is repeated while no orchestrator answers, and after the orderly stop of one. Raises
+        ProductNotFoundError for an unknown robot.
+        """
+        if isinstance(error, NoAnswerError):
+            self._check_robot(robot)
+            return _RETRY_S
+        return None if isinstance(error, OverloadedError) else error.retry_after_s
+
+    def _check_robot(self, robot: str) -> None:
+        """Raise ProductNotFoundError if an orchestrator runs, but none for this robot."""
+        if robot == "any":
+            return
+        scopes = {key.split("/")[2] for key in self._bus.alive(keys.alive("*", "orchestrator"))}
+        if keys.GROUND in scopes and robot not in scopes:
+            robots = ", ".join(sorted(scopes - {keys.GROUND}))
+            raise ProductNotFoundError(f"no robot {robot!r}: expected any or one of {robots}")
 
     def _dpm(self, verb: str, query: Mapping[str, object]) -> Any:
         """Return the body of the reply of the DPM."""

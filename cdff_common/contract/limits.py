@@ -16,6 +16,8 @@ MAX_PATH_CORNERS = 1024
 MAX_COORDINATE_M = 1e8
 #: Times, nanoseconds: before the year 2116.
 LATEST_NS = 1 << 62
+#: Ages, seconds.
+MAX_AGE_S = LATEST_NS // 1_000_000_000
 #: Generations of a provenance query.
 MAX_GENERATIONS = 64
 #: Deadline of a request: the default is below the 10 s after which a Zenoh query ends by itself.

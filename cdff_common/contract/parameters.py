@@ -27,7 +27,7 @@ from pydantic import (
 )
 
 from cdff_common.clock import parse_stamp
-from cdff_common.contract.limits import LATEST_NS, MAX_COORDINATE_M, MAX_PATH_CORNERS
+from cdff_common.contract.limits import LATEST_NS, MAX_AGE_S, MAX_COORDINATE_M, MAX_PATH_CORNERS
 from cdff_common.contract.names import MAX_FRAME_LENGTH, ROBOT_ID
 from cdff_common.errors import InputError
 from cdff_common.geometry import checked_frame
@@ -177,6 +177,8 @@ _as_text = PlainSerializer(_joined, return_type=str)
 Whole = Annotated[int, BeforeValidator(_whole)]
 Revision = Annotated[int, Field(ge=0), BeforeValidator(_whole)]
 Number = Annotated[float, BeforeValidator(_number)]
+#: Age of a product, seconds.
+Age = Annotated[float, BeforeValidator(_number), Field(ge=0, le=MAX_AGE_S)]
 Flag = Annotated[
     bool, BeforeValidator(_flag), PlainSerializer(lambda flag: str(flag).lower(), return_type=str)
 ]

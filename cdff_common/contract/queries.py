@@ -21,6 +21,7 @@ from cdff_common.contract.limits import (
 from cdff_common.contract.metric_bounds import MetricBound, parse_metric_bounds
 from cdff_common.contract.names import REQUEST_ID
 from cdff_common.contract.parameters import (
+    Age,
     Flag,
     Frame,
     Names,
@@ -119,7 +120,7 @@ class MapParameters(RegionParameters):
         None, description="Captures that ended at or before this: nanoseconds or RFC 3339"
     )
     newest_after: Stamp | None = Field(None, description="Lower limit of the end of the newest capture")
-    max_age_s: Annotated[Number, Field(ge=0)] | None = Field(None, description="Age of the newest capture")
+    max_age_s: Age | None = Field(None, description="Age of the newest capture")
     min_coverage: Annotated[Number, Field(ge=0, le=1)] = Field(
         0.0, description="Fraction of the region that must be observed; less is UNAVAILABLE (503)"
     )
@@ -355,7 +356,7 @@ class RequestParameters(Parameters):
     frame: Frame = Field("site", description="Frame of the answer; for a pose the parent")
     child: Frame | None = Field(None, description="Child frame of a pose; default: the robot's base")
     t: Stamp | None = Field(None, description="Mission time: nanoseconds or RFC 3339; default: the newest")
-    max_age_s: Annotated[Number, Field(ge=0)] | None = Field(None, description="Largest age")
+    max_age_s: Age | None = Field(None, description="Largest age")
     resolution_m: Resolution | None = Field(None, description="Cell size, metres")
     min_coverage: Annotated[Number, Field(ge=0, le=1)] = Field(
         0.0, description="Fraction of the region that must hold data"

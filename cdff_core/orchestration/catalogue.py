@@ -180,7 +180,7 @@ def world_of(
     descriptions: Mapping[ProviderId, Mapping[str, Any]],
     observed: ObservedState,
     leases: Leases,
-    refused: Mapping[SensorId, frozenset[str]],
+    refused: Mapping[SensorId, Mapping[str, str]],
     *,
     optimistic: bool = False,
     priority: int = -1,
@@ -188,9 +188,9 @@ def world_of(
 ) -> World:
     """Return the current world for a request of a priority.
 
-    ``refused`` are the modes that the instrument control unit refused. With ``optimistic``, every DFPC of the
-    profile counts as available, also without a running process. A request may take sensors from requests of
-    lower ``priority``, by default from none.
+    ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
+    With ``optimistic``, every DFPC of the profile counts as available, also without a running process. A
+    request may take sensors from requests of lower ``priority``, by default from none.
     """
     providers = {}
     rates_hz = _rates_hz(profile, observed)
@@ -220,7 +220,7 @@ def world_of(
                 held=held,
                 priority_modes=serving if serving is not None or held is None else frozenset(sensor.modes),
                 shared_modes=leases.serving_modes(sensor_id),
-                refused=refused.get(sensor_id, frozenset()),
+                refused=refused.get(sensor_id, {}),
                 lost=observed.lost.get(sensor_id, ""),
                 switch_s=sensor.switch_durations_s.get(current, {}),
             )
@@ -285,35 +285,46 @@ def upstream_providers(
     world: World, chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None
 ) -> dict[ProviderId, frozenset[ProviderId]]:
     """Return for each provider those that provide its inputs: the planned sources, else all wired ones."""
-    upstream: dict[ProviderId, frozenset[ProviderId]] = {}
-    for provider in world.providers.values():
-        selected = (chosen_sources or {}).get(provider.id)
-        sources = [
-            s
-            for port in provider.inputs
-            for s in port.sources
-            if selected is None or (port.port in selected and s.wiring == selected[port.port])
-        ]
-        upstream[provider.id] = frozenset(
-            ProviderId(s.robot, s.owner) for s in sources if s.kind == "product"
+    return {
+        provider.id: frozenset(
+            ProviderId(s.robot, s.owner)
+            for s in _selected_sources(provider, chosen_sources)
+            if s.kind == "product"
         )
-    return upstream
+        for provider in world.providers.values()
+    }
 
 
-def sensors_used(world: World) -> dict[ProviderId, frozenset[SensorId]]:
-    """Return for each provider the sensors whose samples or modes it needs."""
+def sensors_used(
+    world: World, chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None
+) -> dict[ProviderId, frozenset[SensorId]]:
+    """Return for each provider the sensors whose samples (from planned, else all wired sources) or modes it
+    needs.
+    """
     return {
         provider.id: frozenset(
             {
                 SensorId(s.robot, s.owner)
-                for port in provider.inputs
-                for s in port.sources
+                for s in _selected_sources(provider, chosen_sources)
                 if s.kind == "sensor"
             }
             | {SensorId(provider.id.robot, s) for s in provider.modes}
         )
         for provider in world.providers.values()
     }
+
+
+def _selected_sources(
+    provider: Provider, chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None
+) -> list[InputSource]:
+    """Return the planned sources of a provider, else all wired ones."""
+    selected = (chosen_sources or {}).get(provider.id)
+    return [
+        s
+        for port in provider.inputs
+        for s in port.sources
+        if selected is None or (port.port in selected and s.wiring == selected[port.port])
+    ]
 
 
 @lru_cache(maxsize=4096)

@@ -10,8 +10,8 @@ passes times of the monotonic clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from cdff_core.orchestration.request import DEFAULT_PRIORITY
@@ -51,6 +51,7 @@ class Leases:
     #: Modes of the sensors that each wanted provider uses.
     _mode_of: dict[ProviderId, dict[SensorId, str]] = field(default_factory=dict)
     _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
+    _avoided_modes: dict[SensorId, frozenset[str]] = field(default_factory=dict)
     _count: int = 0  # number of acquisitions
 
     def acquire(
@@ -62,13 +63,15 @@ class Leases:
         priority: int = DEFAULT_PRIORITY,
         accepts: Mapping[SensorId, Iterable[str]] | None = None,
         chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
+        uses: Mapping[ProviderId, Container[SensorId]] | None = None,
     ) -> None:
         """Add providers and sensor modes to the lease of ``holder``.
 
-        Providers of the same robot use the samples, so that the modes stay wanted during their linger time. A
-        sensor that cannot be shared is in the mode of the holder with the highest priority, among equals of
+        A sensor that cannot be shared is in the mode of the holder with the highest priority, among equals of
         the earliest holder. ``accepts`` lists all acceptable modes, by default only the one in ``modes``;
-        ``chosen_sources`` are the selected sources of the ports of a provider, for all its holders.
+        ``chosen_sources`` are the selected sources of the ports of a provider, for all its holders. ``uses``
+        are the sensors of each provider, whose modes stay wanted during its linger time; by default all
+        sensors of its robot.
         """
         self._count += 1
         for provider in providers:
@@ -76,7 +79,11 @@ class Leases:
             lease.holders.add(holder)
             lease.linger_until_s = None
             self._mode_of.setdefault(provider, {}).update(
-                {s: m for s, m in modes.items() if s.robot == provider.robot}
+                {
+                    s: m
+                    for s, m in modes.items()
+                    if (s.robot == provider.robot if uses is None else s in uses[provider])
+                }
             )
             if chosen_sources is not None and provider in chosen_sources:
                 self._chosen_sources[provider] = dict(chosen_sources[provider])
@@ -98,18 +105,50 @@ class Leases:
             del self._demands[sensor][holder]
             self._select_mode(sensor)
 
-    def expire(self, now_s: float) -> tuple[ProviderId, ...]:
-        """Remove the providers with an expired linger time and return them."""
+    def expire(self, now_s: float, active: Container[ProviderId] | None = None) -> tuple[ProviderId, ...]:
+        """Remove the providers with an expired linger time and return them.
+
+        Of the lingering providers only ``active`` ones (default: all) stay wanted, so that none is started.
+        """
         expired = tuple(
             provider
             for provider, lease in self._provider_leases.items()
-            if not lease.holders and lease.linger_until_s is not None and lease.linger_until_s <= now_s
+            if not lease.holders
+            and lease.linger_until_s is not None
+            and (lease.linger_until_s <= now_s or (active is not None and provider not in active))
         )
         for provider in expired:
             del self._provider_leases[provider]
             self._mode_of.pop(provider, None)
             self._chosen_sources.pop(provider, None)
         return expired
+
+    def without(self, holder: str) -> Leases:
+        """Return the leases of all other holders, in which the providers of ``holder`` do not linger."""
+        others = replace(
+            self,
+            _provider_leases={
+                provider: replace(lease, holders=lease.holders - {holder})
+                for provider, lease in self._provider_leases.items()
+                if lease.holders != {holder}
+            },
+            _demands={
+                sensor: {h: d for h, d in demands.items() if h != holder}
+                for sensor, demands in self._demands.items()
+            },
+            _mode=dict(self._mode),
+            _mode_of={},  # only for the modes of lingering providers
+        )
+        for sensor, demands in self._demands.items():
+            if holder in demands:
+                others._select_mode(sensor)
+        return others
+
+    def avoid(self, modes: Mapping[SensorId, Iterable[str]]) -> None:
+        """Select these modes, which sensors do not reach now, only if no other mode serves the holders."""
+        self._avoided_modes = {sensor: frozenset(names) for sensor, names in modes.items()}
+        for sensor in self._avoided_modes.keys() & self._demands.keys():
+            self._select_mode(sensor)
 
     @property
     def wanted(self) -> frozenset[ProviderId]:
@@ -145,8 +184,9 @@ class Leases:
     def wanted_modes(self) -> dict[SensorId, str]:
         """Return the wanted mode of each sensor that is held or used by lingering providers."""
         modes: dict[SensorId, str] = {}
-        for provider in sorted(self._provider_leases):
-            modes.update(self._mode_of.get(provider, {}))
+        for provider, lease in sorted(self._provider_leases.items()):
+            if not lease.holders:
+                modes.update(self._mode_of.get(provider, {}))
         modes.update(sorted(self._mode.items()))
         return modes
 
@@ -185,6 +225,7 @@ class Leases:
             self._mode.pop(sensor, None)
             return
         common = frozenset.intersection(*(d.accepts for d in compatible))
+        common = common - self._avoided_modes.get(sensor, frozenset()) or common
         if self._mode.get(sensor) not in common:
             planned = [d.mode for d in sorted(compatible, key=lambda d: -d.number) if d.mode in common]
             self._mode[sensor] = planned[0] if planned else min(common)

@@ -100,7 +100,8 @@ class SensorState:
     #: If held: modes that serve all holders; any other takes the sensor from holders of lower priority. None:
     #: the same as ``priority_modes``.
     shared_modes: frozenset[str] | None = None
-    refused: frozenset[str] = frozenset()  # modes refused by the instrument control unit
+    #: Modes that the instrument control unit refused or did not confirm, with the reason.
+    refused: Mapping[str, str] = field(default_factory=dict)
     lost: str = ""  # reason why the sensor is unavailable; empty otherwise
     #: Time to reach each mode from the current one, seconds; others cannot be reached. Empty: unknown.
     switch_s: Mapping[str, float] = field(default_factory=dict)
@@ -115,7 +116,7 @@ class SensorState:
         if self.held is not None and mode not in allowed:
             return f"sensor {self.id} is kept in mode {self.held} by another request"
         if mode in self.refused and mode != self.current:
-            return f"sensor {self.id} refused mode {mode}"
+            return self.refused[mode]
         if self.switch_s and mode not in self.switch_s:
             return f"sensor {self.id} cannot switch from mode {self.current} to {mode}"
         return None

@@ -20,10 +20,12 @@ from services.dfpc_host.hosted_dfpc import HostedDfpc
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
+from services.dfpc_host.watchdog import StepWatchdog
 
 logger = logging.getLogger(__name__)
 
 HEARTBEAT_S = 1.0
+_WATCH_S = 0.2
 #: Longest wait of an operation or store query for the running step, seconds.
 BUSY_S = 4.0
 #: Exit code of a process ended by its watchdog; the supervisor restarts it.
@@ -93,16 +95,17 @@ class DfpcHost:
         self._bus.publish_latched(keys.dfpc_status(hosted.robot.id, hosted.entry.name), self._status(hosted))
 
     def _watch(self, stop: threading.Event) -> None:
-        """End the process when a step hangs, since a thread cannot be stopped."""
-        while not stop.wait(0.2):
-            for hosted in self._hosted:
-                started_s, limit_s = hosted.step_started_s, hosted.entry.step_timeout_s
-                if started_s is not None and monotonic_s() - started_s > limit_s:
-                    reason = f"a step of {hosted.entry.name} runs longer than {limit_s:g} s"
+        """End the process when a step stalls, since a thread cannot be stopped."""
+        watchdogs = [StepWatchdog(hosted.entry.step_timeout_s) for hosted in self._hosted]
+        while not stop.wait(_WATCH_S):
+            for hosted, watchdog in zip(self._hosted, watchdogs, strict=True):
+                problem = watchdog.problem(hosted.step_started_s, monotonic_s(), hosted.step_times())
+                if problem:
+                    reason = f"a step of {hosted.entry.name} {problem}"
                     logger.error("%s; the process ends", reason)
                     alarm = hosted.event(reason=reason) | {"state": "error"}
                     self._bus.publish_map(keys.event(hosted.robot.id, "alarm"), alarm)
-                    stop.wait(0.2)  # time to send the alarm
+                    stop.wait(_WATCH_S)  # time to send the alarm
                     os._exit(EXIT_HUNG)
 
 

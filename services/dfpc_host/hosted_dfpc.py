@@ -23,6 +23,7 @@ from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.spool import SpooledProduct
 from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
+from services.dfpc_host.watchdog import ThreadTimes
 
 logger = logging.getLogger(__name__)
 
@@ -126,6 +127,11 @@ class HostedDfpc(DfpcLifeCycle):
     def _record_activity(self) -> None:
         if self.entry.activation == "always":
             self._activity.write(self.wired)
+
+    def step_times(self) -> ThreadTimes | None:
+        """Return the times of the thread of the steps; None if there is none."""
+        thread = self._thread
+        return None if thread is None else ThreadTimes.of(thread)
 
     # -- queries
 

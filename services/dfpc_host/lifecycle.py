@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from cdff_common.bus import Reply, Request, keys
 from cdff_common.contract.wiring import Wiring
-from cdff_common.errors import CdffError, InputError, NotActiveError
+from cdff_common.errors import CdffError, InputError, NotActiveError, public_text
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
@@ -159,7 +159,7 @@ class DfpcLifeCycle(ABC):
             yield
         except Exception as error:
             logger.exception("%s raised; it is switched to error", self.entry.name)
-            self.last_error = f"{type(error).__name__}: {error}"
+            self.last_error = public_text(error)
             self.state = DfpcState.ERROR
 
     def describe(self) -> dict[str, Any]:

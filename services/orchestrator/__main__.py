@@ -13,6 +13,7 @@ import threading
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.codecs import encode
+from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
@@ -47,6 +48,7 @@ def main(argv: list[str] | None = None) -> int:
             )
             claim(bus, profile.robot_ids)
             orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
+            add_check(orchestrator.loops.problem)
             try:
                 orchestrator.start()
                 stop.wait()

@@ -11,7 +11,8 @@ from typing import Any
 
 from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import pack
-from cdff_common.errors import CdffError, InputError
+from cdff_common.errors import CdffError, CodecError, InputError, UnavailableError
+from cdff_common.loops import Loops
 from services.orchestrator.journal import Journal
 from services.orchestrator.timing import REAL, Timing
 
@@ -39,13 +40,15 @@ class HistoryForwarder:
     timing : Timing, optional
     """
 
-    def __init__(self, bus: Bus, journal: Journal, origin: str, timing: Timing = REAL) -> None:
+    def __init__(self, bus: Bus, journal: Journal, origin: str, loops: Loops, timing: Timing = REAL) -> None:
         self._bus = bus
         self._journal = journal
         self._origin = origin
         self._timing = timing
         self._stop, self._new_records = timing.event(), timing.event()
+        self._loop = loops.add("history")  # sending lasts as long as the DPM is unreachable
         self._acknowledged = 0
+        self._offset: int | None = None  # end of the last sent record; None before the first cycle
         self._thread: threading.Thread | None = None
         journal.listen(lambda _record: self._new_records.set())
 
@@ -61,21 +64,30 @@ class HistoryForwarder:
             self._thread.join(timeout=2.0)
 
     def _run(self) -> None:
-        self._send([])  # reads the last acknowledged number
-        batch: list[dict[str, Any]] = []
-        for record in self._journal.archived():
-            batch = self._add(batch, record)
-        offset = 0
-        while not self._stop.is_set():
-            self._new_records.clear()
-            for record, end in self._journal.records_from(offset):
-                batch = self._add(batch, record)
-                offset = end
-            if batch:
-                self._send(batch)
-                batch = []
+        self._loop.run(self._wait, self._forward)
+
+    def _wait(self) -> bool | None:
+        """Wait for new records; return None once stopped."""
+        if self._offset is not None:
             self._new_records.wait()
             self._stop.wait(_COLLECT_S)
+        return None if self._stop.is_set() else True
+
+    def _forward(self, _: object) -> None:
+        """Send the records since the last cycle; in the first cycle those not acknowledged before."""
+        self._new_records.clear()
+        batch: list[dict[str, Any]] = []
+        offset = self._offset or 0
+        if self._offset is None:
+            self._send([])  # reads the last acknowledged number
+            for record in self._journal.archived():
+                batch = self._add(batch, record)
+        for record, end in self._journal.records_from(offset):
+            batch = self._add(batch, record)
+            offset = end
+        if batch:
+            self._send(batch)
+        self._offset = offset  # after an error, the next cycle reads the same records again
 
     def _add(self, batch: list[dict[str, Any]], record: Mapping[str, Any]) -> list[dict[str, Any]]:
         if int(record["n"]) <= (batch[-1]["number"] if batch else self._acknowledged):
@@ -108,11 +120,11 @@ class HistoryForwarder:
     def _call(self, batch: list[dict[str, Any]]) -> int:
         """Send entries; return the number of the last acknowledged entry."""
         body = pack({"origin": self._origin, "entries": batch})
-        return int(
-            self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), payload=body, timeout_s=_TIMEOUT_S).body()[
-                "last"
-            ]
-        )
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), payload=body, timeout_s=_TIMEOUT_S)
+        try:
+            return int(reply.body()["last"])
+        except (CodecError, KeyError, TypeError, ValueError) as error:
+            raise UnavailableError(f"malformed answer of the history: {error}") from error
 
 
 def entry_of(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -167,7 +167,13 @@ class JobPlan:
         standing = self.job.request.every_s is not None
         stored = None if standing else match
         selected, is_covered = self.planner.best(
-            self.job.request, self.robots, stored, excluded, self.query_until_s, self.job.remaining_s()
+            self.job.request,
+            self.robots,
+            stored,
+            excluded,
+            self.query_until_s,
+            self.job.remaining_s(),
+            self.job.id,
         )
         if self.job.plan is None:  # products found later may be those of the plan
             coverage = 0.0 if stored is None else stored.candidate.coverage or 0.0

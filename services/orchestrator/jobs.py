@@ -18,6 +18,13 @@ from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.journal import Journal
 from services.orchestrator.timing import REAL, Timing
 
+#: Time after which a new orchestrator may be running, and period of the check for ended jobs, seconds.
+_RESTART_S, _STOP_PERIOD_S = 1.0, 0.02
+
+
+def _stopping_error() -> UnavailableError:
+    return UnavailableError("the orchestrator is stopping; repeat the request", _RESTART_S)
+
 
 @dataclass(slots=True)
 class Job:
@@ -35,9 +42,11 @@ class Job:
         Result of a completed job: kind, id, delivered.
     retry_after_s : float or None
         Retry time of a job displaced by one of higher priority.
+    is_stopped : bool
+        Set when the orchestrator stops.
     timing : Timing
     cancelled : Event
-        Set when the job is cancelled or displaced.
+        Set when the job is cancelled, displaced or stopped.
     """
 
     id: str
@@ -49,6 +58,7 @@ class Job:
     plan: Mapping[str, Any] | None = None
     result: Mapping[str, Any] | None = None
     retry_after_s: float | None = None
+    is_stopped: bool = False
     timing: Timing = REAL
     cancelled: threading.Event = field(init=False)
 
@@ -60,7 +70,9 @@ class Job:
         return self.deadline_s - self.timing.now_s()
 
     def check_cancelled(self) -> None:
-        """Raise UnavailableError if the job was cancelled, OverloadedError if it was displaced."""
+        """Raise UnavailableError if the job was cancelled or stopped, OverloadedError if it was displaced."""
+        if self.is_stopped:
+            raise _stopping_error()
         if self.retry_after_s is not None:
             raise OverloadedError(
                 f"job {self.id} of priority {self.request.priority} was displaced by one of higher priority",
@@ -111,6 +123,7 @@ class JobRegistry:
         self._ended_limit = ended_limit
         self._wake = wake
         self._timing = timing
+        self._is_stopping = False
         self._lock = timing.lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._past: dict[str, Mapping[str, Any]] = {}  # of earlier processes
@@ -132,6 +145,8 @@ class JobRegistry:
             If a request of the same name is open.
         """
         with self._lock:
+            if self._is_stopping:
+                raise _stopping_error()
             running = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
             if any(j.request.id == request.id for j in running):
                 raise InputError(f"request={request.id}: a request with this id is open; use a new id")
@@ -155,6 +170,20 @@ class JobRegistry:
             self._journal.append("decision", job=displaced.id, displaced_by=job.id)
             self._wake()
         return job
+
+    def stop(self, timeout_s: float) -> None:
+        """End all open jobs as retriable, refuse new ones, and wait until they have ended."""
+        with self._lock:
+            self._is_stopping = True
+            stopped = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
+            for job in stopped:
+                job.is_stopped = True
+                job.cancelled.set()
+        if self._wake is not None:
+            self._wake()
+        until_s, pause = self._timing.now_s() + timeout_s, self._timing.event()
+        while any(j.state not in FINAL_STATES for j in stopped) and self._timing.now_s() < until_s:
+            pause.wait(_STOP_PERIOD_S)
 
     def _displace(self, request: ProductRequest, candidates: list[Job]) -> Job | None:
         """Return the displaced job, or None if there is capacity; raises OverloadedError."""

@@ -73,14 +73,16 @@ class RequestPlanner:
         exclude: frozenset[ProviderId],
         until_s: float,
         horizon_s: float,
+        holder: str = "",
     ) -> tuple[Plan | NoPlan, bool]:
         """Return the best plan, and True if it accounts for the coverage of the region.
 
         ``match`` is the product in the DPM, ``exclude`` the providers to avoid, ``until_s`` (monotonic) the
-        limit of queries, ``horizon_s`` the time in which a robot must observe the missing part. A plan may
-        include DFPCs without a process: the supervisor restarts them.
+        limit of queries, ``horizon_s`` the time in which a robot must observe the missing part, ``holder``
+        the job whose leases the plan replaces. A plan may include DFPCs without a process: the supervisor
+        restarts them.
         """
-        plans = self._plans(request, robots, match, exclude, until_s, horizon_s)
+        plans = self._plans(request, robots, match, exclude, until_s, horizon_s, holder)
         now, later = plans.now, plans.later
         waits = isinstance(now, NoPlan) or isinstance(later, NoPlan) or now.provider == later.provider
         return (later if waits else now), plans.coverage is not None
@@ -134,12 +136,12 @@ class RequestPlanner:
         exclude: frozenset[ProviderId],
         until_s: float,
         horizon_s: float,
+        holder: str = "",
     ) -> _Plans:
-        optimistic_world = self.state.world(optimistic=True, priority=request.priority)
+        optimistic_world = self.state.world(optimistic=True, priority=request.priority, holder=holder)
         coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
-        world = self.state.world(
-            priority=request.priority
-        )  # after the query of the coverage, which takes time
+        # After the query of the coverage, which takes time.
+        world = self.state.world(priority=request.priority, holder=holder)
         return _Plans(
             world=world,
             now=_plan(request, world, robots, exclude, coverage),

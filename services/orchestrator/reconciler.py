@@ -7,10 +7,12 @@ from __future__ import annotations
 import logging
 import threading
 
-from cdff_common.bus import Bus, keys
+from cdff_common.bus import Bus, Reply, keys
 from cdff_common.bus.message import pack
-from cdff_common.errors import CdffError, DeniedError
+from cdff_common.errors import CdffError, CodecError, DeadlineError, DeniedError
+from cdff_common.loops import Loops
 from cdff_core.orchestration.reconciliation import Action, Activate, CleanUp, Configure, Deactivate, SetMode
+from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.journal import Journal
 from services.orchestrator.state import SystemState
 from services.orchestrator.timing import REAL, Timing
@@ -19,8 +21,11 @@ logger = logging.getLogger(__name__)
 
 #: Longest wait between two evaluations, seconds; a change ends it.
 _IDLE_S = 5.0
-_MODE_TIMEOUT_S = 10.0
+#: Limits of the calls; a request falls back to another plan within 10 s of a unit that hangs.
+_MODE_TIMEOUT_S = 9.5
 _DFPC_TIMEOUT_S = 5.0
+#: Longest duration of one evaluation, seconds.
+_BUSY_LIMIT_S = 60.0
 _WORKERS = 8
 _VERBS: dict[type[Action], str] = {
     Configure: "configure",
@@ -33,11 +38,15 @@ _VERBS: dict[type[Action], str] = {
 class Reconciler:
     """Thread that requests actions, and pool that executes one per DFPC or sensor at a time."""
 
-    def __init__(self, bus: Bus, state: SystemState, journal: Journal, timing: Timing = REAL) -> None:
+    def __init__(
+        self, bus: Bus, state: SystemState, journal: Journal, loops: Loops, timing: Timing = REAL
+    ) -> None:
         self._bus = bus
         self._state = state
         self._journal = journal
         self._timing = timing
+        self._loop = loops.add("control", _BUSY_LIMIT_S)
+        self._version, self._wait_s = -1, 0.0
         self._stop = timing.event()
         self._lock = timing.lock()
         self._busy: set[object] = set()
@@ -57,27 +66,35 @@ class Reconciler:
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _run(self) -> None:
-        while not self._stop.is_set():
-            version = self._state.version
-            actions, next_s = self._state.actions()
-            for action in actions:
-                subject = action.sensor if isinstance(action, SetMode) else action.provider
-                with self._lock:
-                    if subject in self._busy:
-                        continue
-                    self._busy.add(subject)
-                self._pool.submit(self._execute, action, subject)
-            wait_s = _IDLE_S if next_s is None else min(max(next_s - self._timing.now_s(), 0.0), _IDLE_S)
-            self._state.wait(version, wait_s)
+        self._loop.run(self._wait, self._submit_actions)
 
-    def _execute(self, action: Action, subject: object) -> None:
+    def _wait(self) -> bool | None:
+        """Wait for a change or the time of the next action; return None once stopped."""
+        self._state.wait(self._version, self._wait_s)
+        return None if self._stop.is_set() else True
+
+    def _submit_actions(self, _: object) -> None:
+        self._version, self._wait_s = self._state.version, _IDLE_S
+        actions, next_s = self._state.actions()
+        for action in actions:
+            subject = action.sensor if isinstance(action, SetMode) else action.provider
+            with self._lock:
+                if subject in self._busy:
+                    continue
+                self._busy.add(subject)
+            self._pool.submit(self._execute, action, subject)
+        if next_s is not None:
+            self._wait_s = min(max(next_s - self._timing.now_s(), 0.0), _IDLE_S)
+
+    def _execute(self, action: Action, subject: ProviderId | SensorId) -> None:
         try:
             if isinstance(action, SetMode):
                 self._set_mode(action)
             else:
                 self._switch(action, _VERBS[type(action)])
-        except Exception:  # an unexpected error of one action is logged; the action is repeated
+        except Exception as error:  # an unexpected error of one action; it is repeated after a back-off
             logger.exception("%s failed", action)
+            self._state.add_failure(subject, f"{action}: {type(error).__name__}")
         finally:
             with self._lock:
                 self._busy.discard(subject)
@@ -87,13 +104,20 @@ class Reconciler:
         sensor, mode = action.sensor, action.mode
         parameters = {"sensor": sensor.sensor, "mode": mode, "holder": "orchestrator"}
         try:
-            self._bus.call(keys.icu_rpc(sensor.robot, "set_mode"), parameters, timeout_s=_MODE_TIMEOUT_S)
+            reply = self._bus.call(
+                keys.icu_rpc(sensor.robot, "set_mode"), parameters, timeout_s=_MODE_TIMEOUT_S
+            )
+            _check_confirmation(reply, mode)
         except CdffError as error:
-            if isinstance(error, DeniedError):
-                self._state.add_mode_refusal(sensor, mode)
             self._journal.append("mode", sensor=str(sensor), mode=mode, ok=False, reason=str(error))
             logger.warning("mode %s of %s: %s", mode, sensor, error)
-            self._state.add_failure(sensor, f"sensor {sensor} mode {mode}: {error}")
+            reason = f"sensor {sensor} mode {mode}: {error}"
+            if isinstance(error, DeniedError):
+                self._state.add_mode_refusal(sensor, mode, f"sensor {sensor} refused mode {mode}: {error}")
+            elif isinstance(error, (DeadlineError, CodecError)) or type(error) is CdffError:
+                self._state.add_mode_refusal(sensor, mode, reason)
+            else:  # no unit, a lost sensor or another demand: the mode itself may work
+                self._state.add_failure(sensor, reason)
             return
         self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason="")
         self._state.clear_failures(sensor)
@@ -127,4 +151,16 @@ class Reconciler:
         changes = reply.attachment.get("changes")
         self._state.set_state(
             provider, state, wired=inputs or None, changes=None if changes is None else int(changes)
+        )
+
+
+def _check_confirmation(reply: Reply, mode: str) -> None:
+    """Raise CodecError unless a reply of the instrument control unit confirms a mode."""
+    body = reply.body()
+    confirmed = body.get("confirmed") if isinstance(body, dict) else None
+    reached = body.get("mode") if isinstance(body, dict) else None
+    if confirmed is not True or reached != mode:
+        raise CodecError(
+            f"the instrument control unit answered confirmed: {confirmed!r}, mode: {reached!r}; "
+            f"expected confirmed: True, mode: {mode!r}"
         )

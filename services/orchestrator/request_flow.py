@@ -136,7 +136,7 @@ class RequestFlow:
             with self._shared.share(request):
                 yield from self._serve(run) if request.every_s is None else self._serve_standing(run)
         except CdffError as error:
-            cancelled = job.cancelled.is_set() and job.retry_after_s is None
+            cancelled = job.cancelled.is_set() and job.retry_after_s is None and not job.is_stopped
             state = JobState.CANCELLED if cancelled else JobState.FAILED
             self.jobs.move(job, state, str(error), error=type(error).__name__)
             error.request, error.asked = request.id, request.describe()

@@ -18,8 +18,9 @@ from cdff_common.contract.queries import (
     RenewParameters,
     RobotParameters,
 )
-from cdff_common.errors import CdffError, InputError
+from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import parse_request, parse_robot, requested_type
 from services.orchestrator.dpm import DpmClient
@@ -42,6 +43,8 @@ logger = logging.getLogger(__name__)
 RESTARTED = "the orchestrator was restarted: ask again"
 #: Additional threads, for refusals, explanations and requests that displace a job.
 _EXTRA_WORKERS = 32
+#: Longest wait for the end of the open requests when the process stops, seconds.
+_STOP_S = 1.0
 #: Size above which the journal is compacted at the start, bytes.
 _COMPACTION_BYTES = 16 << 20
 
@@ -67,6 +70,7 @@ class Orchestrator:
         self._profile = profile
         self._capacity = capacity
         self._metrics = Metrics()
+        self.loops = Loops(timing.now_s)
         self._journal = Journal(journal_path, bus.mission_clock)
         self._journal.listen(self._metrics.on_record)
         self._state = SystemState(profile, timing)
@@ -79,10 +83,11 @@ class Orchestrator:
         self._flow = RequestFlow(
             self._state, finder, self._planning, reply_builder, self._jobs, self._journal, clock, timing
         )
-        self._monitor = SystemMonitor(bus, self._state, timing)
-        self._reconciler = Reconciler(bus, self._state, self._journal, timing)
+        self._monitor = SystemMonitor(bus, self._state, self.loops, timing)
+        self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, timing)
         # Two orchestrators of a mission serve different robots: each has its own history.
-        self._history = HistoryForwarder(bus, self._journal, "orchestrator/" + profile.robot_ids[0], timing)
+        origin = "orchestrator/" + profile.robot_ids[0]
+        self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)
 
     def start(self) -> None:
         """Start all parts; the liveliness tokens come last, when the service is ready."""
@@ -111,7 +116,10 @@ class Orchestrator:
         logger.info("orchestrating %s", ", ".join(self._profile.robot_ids))
 
     def close(self) -> None:
-        """Stop; active DFPCs stay active, and the next orchestrator finds them in the journal."""
+        """End the open requests as retriable and stop; active DFPCs stay active, and the next orchestrator
+        finds them in the journal.
+        """
+        self._jobs.stop(_STOP_S)
         self._reconciler.close()
         self._monitor.close()
         self._history.close()
@@ -138,9 +146,7 @@ class Orchestrator:
         try:
             request = parse_request({**call.parameters, "request": request_id}, call.scope)
             if request.robot not in (*self._profile.robot_ids, "any"):
-                raise InputError(
-                    f"robot={request.robot!r}: expected any or one of {', '.join(self._profile.robot_ids)}"
-                )
+                raise self._unknown_robot(request.robot)
             description = request.describe()
             return self._planning.explain(request) if request.explain else self._flow.run(request)
         except CdffError as error:
@@ -174,10 +180,17 @@ class Orchestrator:
 
     def _on_stat(self, call: Request) -> Reply:
         RobotParameters.parse(call.parameters)
-        return Reply.of(self._metrics.to_dict())
+        return Reply.of({**self._metrics.to_dict(), "loops": self.loops.describe()})
 
     def _robots(self, call: Request) -> set[str]:
         """Return the robots of a listing: all under ``ground`` unless the call states one."""
         if call.scope == keys.GROUND and call.parameters.get("robot", "any") == "any":
             return set(self._profile.robot_ids)
-        return {parse_robot(call.parameters.get("robot"), call.scope)}
+        robot = parse_robot(call.parameters.get("robot"), call.scope)
+        if robot not in self._profile.robot_ids:
+            raise self._unknown_robot(robot)
+        return {robot}
+
+    def _unknown_robot(self, robot: str) -> ProductNotFoundError:
+        robots = ", ".join(self._profile.robot_ids)
+        return ProductNotFoundError(f"no robot {robot!r}: expected any or one of {robots}")

@@ -23,12 +23,19 @@ from cdff_core.orchestration.catalogue import (
 from cdff_core.orchestration.leases import ALWAYS, ALWAYS_PRIORITY, Leases
 from cdff_core.orchestration.offers import describe_world, product_offers
 from cdff_core.orchestration.planner import Plan
-from cdff_core.orchestration.reconciliation import Action, ObservedState, dependency_order, next_actions
+from cdff_core.orchestration.reconciliation import (
+    Action,
+    ObservedState,
+    SetMode,
+    dependency_order,
+    next_actions,
+)
 from cdff_core.orchestration.world import ProviderId, SensorId, World
 from services.orchestrator.provider_monitor import ProviderMonitor
 from services.orchestrator.timing import REAL, Timing
 
-#: Time for which plans avoid a mode that the instrument control unit refused, seconds.
+#: Time for which a mode is not demanded after the instrument control unit refused or did not confirm it,
+#: seconds.
 REFUSAL_S = 30.0
 #: Time in state active after which the failures of a DFPC are cleared, seconds.
 HEALTHY_S = 5.0
@@ -91,7 +98,7 @@ class SystemState:
         self._monitor = ProviderMonitor(profile, self._observed, self._descriptions)
         self._state_changes: dict[ProviderId, int] = {}
         self._warm_up_s = {provider: entry.warm_up_s for provider, _, entry in entries}
-        self._refused_modes: dict[tuple[SensorId, str], float] = {}
+        self._refused_modes: dict[tuple[SensorId, str], tuple[float, str]] = {}  # until when, and why
         self._changed_modes: set[SensorId] = set()
         self._insertions: Counter[str] = Counter()
         self._leases = Leases({provider: entry.linger_s for provider, _, entry in entries})
@@ -221,10 +228,22 @@ class SystemState:
             if before != (o.modes.get(sensor), o.lost.get(sensor)):
                 self.notify()
 
-    def add_mode_refusal(self, sensor: SensorId, mode: str) -> None:
-        """Record a mode refused by the instrument control unit; plans avoid it for a while."""
+    def add_mode_refusal(self, sensor: SensorId, mode: str, reason: str) -> None:
+        """Record a mode that was refused or not confirmed; it is not demanded for ``REFUSAL_S``."""
         with self._change():
-            self._refused_modes[sensor, mode] = self._timing.now_s() + REFUSAL_S
+            now_s = self._timing.now_s()
+            self._refused_modes[sensor, mode] = (now_s + REFUSAL_S, reason)
+            self._observed.add_failure(sensor, reason, now_s)
+            self._observed.failures[sensor].not_before_s = now_s  # another mode may be demanded at once
+            self._leases.avoid(self._refusals(now_s))
+
+    def _refusals(self, now_s: float) -> dict[SensorId, dict[str, str]]:
+        """Return the modes that are not demanded now, with the reason, by sensor."""
+        self._refused_modes = {k: v for k, v in self._refused_modes.items() if v[0] > now_s}
+        refusals: dict[SensorId, dict[str, str]] = {}
+        for (sensor, mode), (_, reason) in self._refused_modes.items():
+            refusals.setdefault(sensor, {})[mode] = reason
+        return refusals
 
     def add_mode_change(self, sensor: SensorId) -> None:
         """Record a sensor whose mode this orchestrator changed, for its reset after the last use."""
@@ -273,6 +292,7 @@ class SystemState:
                 priority=priority,
                 accepts=plan.accepts,
                 chosen_sources=plan.chosen_sources,
+                uses=sensors_used(self.world(optimistic=True), plan.chosen_sources),
             )
 
     def release(self, holder: str) -> None:
@@ -297,20 +317,27 @@ class SystemState:
         """Return the due actions, and the time of the next call if nothing changes (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
-            self._leases.expire(now_s)
+            self._leases.expire(now_s, self._observed.active)
+            refusals = self._refusals(now_s)
+            self._leases.avoid(refusals)
             world = self.world(optimistic=True)
             sources = {m: s for m in self._leases.wanted if (s := self._leases.chosen_sources(m))}
             upstream = upstream_providers(world, sources)
             actions = next_actions(
                 wanted=dependency_order(sorted(self._leases.wanted), upstream),
                 wanted_modes={**self._idle_modes(world), **self._leases.wanted_modes()},
-                uses=sensors_used(world),
+                uses=sensors_used(world, sources),
                 upstream=upstream,
                 observed=self._observed,
                 now_s=now_s,
                 chosen_sources=sources,
             )
+            # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
+            actions = [
+                a for a in actions if not (isinstance(a, SetMode) and a.mode in refusals.get(a.sensor, ()))
+            ]
             times = [
+                *(until_s for until_s, _ in self._refused_modes.values()),
                 *(h.not_before_s for h in self._observed.failures.values()),
                 *self._observed.warm_at_s.values(),
             ]
@@ -319,36 +346,30 @@ class SystemState:
             return actions, min(later_times_s, default=None)
 
     def _idle_modes(self, world: World) -> dict[SensorId, str]:
-        """Return the initial modes of changed sensors that no active or wanted provider uses."""
-        sensors_in_use = {
-            s
-            for m, sensors in sensors_used(world).items()
-            for s in sensors
-            if m in self._observed.active or m in self._leases.wanted
-        }
+        """Return the initial modes of changed sensors without a lease that no other active DFPC uses."""
+        unwanted = self._observed.active - self._leases.wanted
+        wired = {p: self._observed.wired[p] for p in unwanted if self._observed.wired.get(p)}
+        sensors = sensors_used(world, wired)
+        sensors_in_use = {s for p in unwanted & sensors.keys() for s in sensors[p]}
         return {
             s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode
-            for s in self._changed_modes - sensors_in_use
+            for s in self._changed_modes - sensors_in_use - self._leases.wanted_modes().keys()
         }
 
     # -- views for planning and replies
 
-    def world(self, *, optimistic: bool = False, priority: int = -1) -> World:
-        """Return the current world of the planner for a request of some priority."""
+    def world(self, *, optimistic: bool = False, priority: int = -1, holder: str = "") -> World:
+        """Return the current world of the planner for a request of some priority.
+
+        The leases of ``holder``, which a new plan replaces, do not count.
+        """
         with self._changed:
-            now_s = self._timing.now_s()
-            self._refused_modes = {
-                k: until_s for k, until_s in self._refused_modes.items() if until_s > now_s
-            }
-            refused: dict[SensorId, frozenset[str]] = {}
-            for sensor, mode in self._refused_modes:
-                refused[sensor] = refused.get(sensor, frozenset()) | {mode}
             return world_of(
                 self.profile,
                 self._descriptions,
                 self._observed,
-                self._leases,
-                refused,
+                self._leases.without(holder) if holder else self._leases,
+                self._refusals(self._timing.now_s()),
                 optimistic=optimistic,
                 priority=priority,
                 measured=self._monitor.usage,

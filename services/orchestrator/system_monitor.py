@@ -10,7 +10,8 @@ from typing import Any
 
 from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import on_map
-from cdff_common.errors import CdffError
+from cdff_common.errors import CodecError, UnavailableError
+from cdff_common.loops import Loops
 from cdff_core.orchestration.catalogue import provider_of
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.state import SystemState
@@ -18,8 +19,8 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
-#: Longest duration of a call, seconds.
-_CALL_S = 3.0
+#: Longest duration of a call, and of the work after a new token, seconds.
+_CALL_S, _BUSY_LIMIT_S = 3.0, 60.0
 
 
 class SystemMonitor:
@@ -29,10 +30,11 @@ class SystemMonitor:
     callback must not block.
     """
 
-    def __init__(self, bus: Bus, state: SystemState, timing: Timing = REAL) -> None:
+    def __init__(self, bus: Bus, state: SystemState, loops: Loops, timing: Timing = REAL) -> None:
         self._bus = bus
         self._state = state
         self._timing = timing
+        self._loop = loops.add("watcher", _BUSY_LIMIT_S)
         self._work = timing.queue()
         self._tokens: set[ProviderId] = set()
         self._described: set[ProviderId] = set()
@@ -51,12 +53,7 @@ class SystemMonitor:
         self._work.put(None)
 
     def _run(self) -> None:
-        task: Callable[[], None] | None
-        while (task := self._work.get()) is not None:
-            try:
-                task()
-            except CdffError as error:
-                logger.warning("%s", error)
+        self._loop.run(self._work.get, _execute)
 
     def _on_alive(self, key: str, alive: bool) -> None:
         scope, service = key.split("/")[2], key.rsplit("/", 1)[1]
@@ -89,8 +86,8 @@ class SystemMonitor:
 
     def _query_modes(self, robot: str) -> None:
         body = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=_CALL_S).body()
-        for name, sensor in body["sensors"].items():
-            self._state.set_mode(SensorId(robot, str(name)), str(sensor["mode"]), _lost(sensor))
+        for sensor, event in _modes_of(body, robot).items():
+            self._state.set_mode(sensor, event["mode"], _lost(event))
 
     def _on_status(self, key: str, body: dict[str, Any]) -> None:
         parts = key.split("/")
@@ -109,8 +106,9 @@ class SystemMonitor:
             self._state.add_status(provider, body)
 
     def _on_mode(self, key: str, body: dict[str, Any]) -> None:
-        sensor = SensorId(key.split("/")[2], str(body["sensor"]))
-        self._state.set_mode(sensor, str(body["mode"]), _lost(body))
+        robot = key.split("/")[2]
+        for sensor, event in _modes_of({"sensors": {str(body["sensor"]): body}}, robot).items():
+            self._state.set_mode(sensor, event["mode"], _lost(event))
 
     def _on_inserted(self, _key: str, body: dict[str, Any]) -> None:
         self._state.add_insertion(str(body.get("product", "")))
@@ -121,8 +119,27 @@ class SystemMonitor:
             self._state.set_state(provider, "error", str(body.get("reason", "")))
 
 
+def _execute(task: Callable[[], None]) -> None:
+    """Run a task; no answer is expected from time to time, and the next heartbeat repeats the task."""
+    try:
+        task()
+    except UnavailableError as error:
+        logger.warning("%s", error)
+
+
 def _lost(body: Mapping[str, object]) -> str:
     """Return why a sensor is lost, as reported by the instrument control unit; empty otherwise."""
     if body.get("state") != "lost":
         return ""
     return str(body.get("reason") or "reported by the instrument control unit")
+
+
+def _modes_of(body: Any, robot: str) -> dict[SensorId, Mapping[str, Any]]:
+    """Return the events in an answer ``{sensors: {name: event}}``; raises CodecError if it is malformed."""
+    sensors = body.get("sensors") if isinstance(body, dict) else None
+    if not isinstance(sensors, dict):
+        raise CodecError(f"modes of {robot}: got {str(body)[:80]}, expected a map with 'sensors'")
+    for name, event in sensors.items():
+        if not isinstance(event, dict) or not isinstance(event.get("mode"), str):
+            raise CodecError(f"modes of {robot}: sensor {name!r} has no mode in {str(event)[:80]}")
+    return {SensorId(robot, str(name)): event for name, event in sensors.items()}

@@ -1,11 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Supervision of processes: staggered start, restart after failure, and end within a few seconds."""
+"""Supervision of processes: staggered start, restart after failure or silence, end within a few seconds."""
 
 from __future__ import annotations
 
 import logging
-import os
 import signal
 import subprocess
 import threading
@@ -14,33 +13,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cdff_common.clock import monotonic_s
+from services.supervisor.alarms import ProcessAlarms
+from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
 
 logger = logging.getLogger(__name__)
 
 POLL_S = 0.05
+#: Longest time between two polls that counts as silence of the processes, seconds: while this process or the
+#: machine is stopped, the others are, too.
+_LONGEST_POLL_S = 1.0
+#: Time between two checks of the size of the logs, seconds.
+_ROTATION_S = 10.0
 #: Time between two starts, so that imports do not compete for few cores, seconds.
 STAGGER_S = 0.4
-#: Back-off of a failing process: first and longest wait, seconds; reset after ``STABLE_S`` of running.
-BACKOFF_FIRST_S = 0.2
-BACKOFF_LONGEST_S = 3.0
-STABLE_S = 10.0
 #: Time for processes to end after SIGTERM, seconds.
 GRACE_S = 2.5
 ROUTER_GRACE_S = 0.7
-
-
-@dataclass(slots=True)
-class Child:
-    """A process and its restarts."""
-
-    spec: ProcessSpec
-    process: subprocess.Popen[bytes] | None = None
-    started_s: float = 0.0
-    start_at_s: float = 0.0
-    backoff_s: float = BACKOFF_FIRST_S
-    restarts: int = 0
-    log: Path | None = None
 
 
 @dataclass(slots=True)
@@ -53,11 +42,14 @@ class Supervisor:
         Processes in start order.
     log_dir : Path or None
         Folder of a log file per process; None: standard error of this process.
+    limits : Limits, optional
     """
 
     specs: Sequence[ProcessSpec]
     log_dir: Path | None = None
+    limits: Limits = field(default_factory=Limits)
     children: dict[str, Child] = field(default_factory=dict)
+    alarms: ProcessAlarms = field(default_factory=ProcessAlarms)
 
     def run(self, stop: threading.Event) -> None:
         """Start and restart the processes until ``stop``, then end them. Call it from the main thread.
@@ -65,14 +57,18 @@ class Supervisor:
         The kernel sends SIGTERM to the children when the thread that started them ends, so that even a
         SIGKILL of the supervisor leaves no orphan.
         """
-        start_s = monotonic_s()
+        polled_s = rotated_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"
-            self.children[spec.name] = Child(spec, start_at_s=start_s + i * STAGGER_S, log=log)
+            self.children[spec.name] = Child(spec, self.limits, start_at_s=polled_s + i * STAGGER_S, log=log)
         try:
             while not stop.wait(POLL_S):
+                elapsed_s, polled_s = monotonic_s() - polled_s, monotonic_s()
                 for child in self.children.values():
-                    self._check(child)
+                    self._check(child, min(elapsed_s, _LONGEST_POLL_S))
+                if polled_s - rotated_s > _ROTATION_S:
+                    rotated_s = polled_s
+                    self._rotate_logs()
         finally:
             self.end()
 
@@ -101,39 +97,34 @@ class Supervisor:
                 child.process.kill()
                 child.process.wait()
 
-    def _check(self, child: Child) -> None:
-        now_s = monotonic_s()
+    def _rotate_logs(self) -> None:
+        for child in self.children.values():
+            try:
+                child.rotate_log()
+            except OSError as error:  # a full disk must not end the supervision
+                logger.warning("the log of %s is not rotated: %s", child.spec.name, error)
+
+    def _check(self, child: Child, elapsed_s: float) -> None:
+        now_s, name = monotonic_s(), child.spec.name
         if child.process is None:
             if now_s >= child.start_at_s:
-                self._start(child)
+                logger.info("started %s (pid %d)", name, child.start())
             return
         code = child.process.poll()
         if code is None:
+            silence = child.listen(elapsed_s)
+            if silence:
+                self.alarms.raise_alarm("hung_process", name, f"{silence}; it is killed and started again")
+                child.process.kill()  # SIGTERM has no effect on a stopped process
+            elif child.has_recovered(now_s):
+                self.alarms.clear(name)
             return
-        if now_s - child.started_s > STABLE_S:
-            child.backoff_s = BACKOFF_FIRST_S
-        logger.warning(
-            "%s ended with code %s; starting it again in %.1f s", child.spec.name, code, child.backoff_s
-        )
-        child.process = None
-        child.restarts += 1
-        child.start_at_s = now_s + child.backoff_s
-        child.backoff_s = min(child.backoff_s * 2, BACKOFF_LONGEST_S)
-
-    def _start(self, child: Child) -> None:
-        environment = {**os.environ, **child.spec.environment, "CDFF_SUPERVISOR": str(os.getpid())}
-        output = None if child.log is None else child.log.open("ab")
-        try:
-            child.process = subprocess.Popen(
-                child.spec.argv,
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=output,
-                start_new_session=True,
+        wait_s = child.add_failure(now_s)
+        logger.warning("%s ended with code %s; starting it again in %.1f s", name, code, wait_s)
+        if child.in_crash_loop:
+            self.alarms.raise_alarm(
+                "crash_loop",
+                name,
+                f"{name} ended {len(child.failures_s)} times within {self.limits.crash_loop_window_s:g} s, "
+                f"last with code {code}; it is started every {wait_s:g} s, and the others run without it",
             )
-        finally:
-            if output is not None:
-                output.close()
-        child.started_s = monotonic_s()
-        logger.info("started %s (pid %d)", child.spec.name, child.process.pid)

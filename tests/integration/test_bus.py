@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import pytest
 
 from cdff_common.bus import Bus, Message, Reply, Request, keys
-from cdff_common.errors import DeadlineError, InputError, OverloadedError, UnavailableError
+from cdff_common.errors import DeadlineError, InputError, NoAnswerError, OverloadedError, UnavailableError
 from tests.integration.conftest import Eventually, Spawn
 
 pytestmark = pytest.mark.integration
@@ -104,7 +104,7 @@ def test_a_bug_in_a_handler_is_answered_with_internal(pair: tuple[Bus, Bus], eve
         raise ZeroDivisionError("oops")
 
     serve(server, client, handler, eventually)
-    with pytest.raises(Exception, match="ZeroDivisionError: oops"):
+    with pytest.raises(Exception, match="ZeroDivisionError"):
         client.call(STAT)
 
 
@@ -299,3 +299,48 @@ def test_an_unknown_verb_is_answered_with_an_error(pair: tuple[Bus, Bus], eventu
     server.declare_alive("ground", "dpm")
     with pytest.raises(InputError, match="no verb 'nonsense'; it has get, stat"):
         client.call(unknown)
+
+
+def test_open_calls_are_answered_as_retriable_when_a_service_closes(
+    router: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
+) -> None:
+    running, errors = threading.Event(), []
+
+    def handler(_request: Request) -> Reply:
+        running.set()
+        threading.Event().wait(5.0)
+        return Reply.of(True)
+
+    with Bus.open(endpoint, name="client", wait_s=10) as client:
+
+        def call() -> None:
+            try:
+                client.call(STAT, timeout_s=20)
+            except UnavailableError as error:
+                errors.append(error)
+
+        with Bus.open(endpoint, name="server", wait_s=10) as server:
+            serve(server, client, handler, eventually, workers=1)
+            threads = [threading.Thread(target=call) for _ in range(3)]  # one runs, two wait
+            for thread in threads:
+                thread.start()
+            assert running.wait(5)
+            eventually(lambda: sum(len(d._open) for d in server._declarations if hasattr(d, "_open")) == 3)
+        for thread in threads:
+            thread.join(5)
+    assert len(errors) == 3
+    for error in errors:
+        assert not isinstance(error, NoAnswerError)
+        assert (error.retriable, error.retry_after_s) == (True, 1.0)
+
+
+def test_a_call_without_a_router_names_the_lost_connection_at_once(
+    router: subprocess.Popen[bytes], pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
+    _, client = pair
+    router.kill()
+    router.wait()
+    start_s = time.monotonic()
+    with pytest.raises(NoAnswerError, match="connection to the router is lost"):
+        client.call(STAT, timeout_s=20)
+    assert time.monotonic() - start_s < 2.0

@@ -215,9 +215,9 @@ def test_a_dfpc_that_raises_enters_error_with_its_reason_and_recovers_on_activat
 ) -> None:
     active.send("trouble/raise")
     eventually(lambda: active.state() == "error")
-    assert "ZeroDivisionError: error on command" in active.rpc("status")["last_error"]
+    assert "internal error (ZeroDivisionError)" in active.rpc("status")["last_error"]
     eventually(
-        lambda: any(kind == "alarm" and "error on command" in body["reason"] for kind, body in active.events)
+        lambda: any(kind == "alarm" and "ZeroDivisionError" in body["reason"] for kind, body in active.events)
     )
     with pytest.raises(NotActiveError):
         active.rpc("deactivate")
@@ -237,7 +237,7 @@ def test_a_dfpc_that_hangs_ends_its_process(
 ) -> None:
     active.send("trouble/hang")
     eventually(lambda: host.poll() == EXIT_HUNG, timeout_s=10)
-    assert any(kind == "alarm" and "longer than 1 s" in body["reason"] for kind, body in active.events)
+    assert any(kind == "alarm" and "without computing" in body["reason"] for kind, body in active.events)
     eventually(lambda: not active.ready())
 
 

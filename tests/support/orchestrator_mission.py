@@ -121,15 +121,19 @@ _ENTRIES: list[dict[str, Any]] = [
 ]
 
 
-def profile() -> Profile:
-    """Return a profile of two rovers; ``minnie`` has fewer DFPCs."""
+def profile(**changes: dict[str, Any]) -> Profile:
+    """Return a profile of two rovers; ``minnie`` has fewer DFPCs.
+
+    ``changes`` are replaced fields of entries, by the name of the DFPC.
+    """
+    entries = [{**e, **changes.get(e["name"], {})} for e in _ENTRIES]
 
     def robot(name: str, dfpcs: list[dict[str, Any]]) -> dict[str, Any]:
         sensors = {s: x | {"frame": f"{name}/{s}"} for s, x in _SENSORS.items()}
         limits = {"cpu_cores": 2.0, "memory_mb": 500.0, "max_speed_m_s": 0.1}
         return {"id": name, "sensors": sensors, "limits": limits, "dfpcs": dfpcs}
 
-    entries_of_minnie = [e for e in _ENTRIES if e["name"] not in ("stereo_dem", "navigation")]
+    entries_of_minnie = [e for e in entries if e["name"] not in ("stereo_dem", "navigation")]
     return Profile.model_validate(
-        {"name": "day", "robots": [robot("mana", _ENTRIES), robot("minnie", entries_of_minnie)]}
+        {"name": "day", "robots": [robot("mana", entries), robot("minnie", entries_of_minnie)]}
     )

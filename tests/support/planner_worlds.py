@@ -68,7 +68,7 @@ def random_sensor(r: random.Random, name: str) -> SensorState:
         held_mode,
         firm_modes,
         retained_modes,
-        frozenset(r.sample(STREAMING, r.choice([0, 0, 0, 1, 2]))),
+        dict.fromkeys(r.sample(STREAMING, r.choice([0, 0, 0, 1, 2])), "refused"),
         lost="gone" if r.random() < 0.05 else "",
         switch_s=switch_s,
     )

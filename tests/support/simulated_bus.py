@@ -116,6 +116,11 @@ class Mission:
         faults = Faults(seed=seed, spread=0.3, refuses=failure_rate)
         self.icu = SimulatedIcu(profile, self._on_mode, faults, clock=lambda: scheduler.now_s)
         self.icu_up = self.dpm_up = True
+        #: Answers of a faulty unit to ``set_mode`` by mode; None: no answer before the deadline.
+        self.mode_answers: dict[str, Any] = {}
+        self.modes_answer: Any = None  # answer of a faulty unit to ``modes``
+        #: Demands that reached the unit: time, sensor, mode.
+        self.mode_demands: list[tuple[float, str, str]] = []
         self.products: dict[tuple[str, str], list[Product]] = {}
         self.observed = {r.id: np.zeros((4, 4), dtype=bool) for r in profile.robots}
         self.tokens = {keys.alive(r.id, s) for r in profile.robots for s in ("icu", "dpm")}
@@ -387,9 +392,9 @@ class SimulatedBus:
         if parts[3] == "icu":
             if not m.icu_up:
                 raise NoAnswerError("no service answers")
-            return Reply.of(
-                m.icu.modes(parts[2]) if verb == "modes" else self._set_mode(parts[2], p, until_s)
-            )
+            if verb == "modes":
+                return Reply.of(m.icu.modes(parts[2]) if m.modes_answer is None else m.modes_answer)
+            return Reply.of(self._set_mode(parts[2], p, until_s))
         process = m.processes[ProviderId(parts[2], parts[4])]
         if not process.alive:
             raise NoAnswerError("no service answers")
@@ -409,9 +414,15 @@ class SimulatedBus:
         request = Request(key, p, payload, "", b"")
         return m.switch(process, verb, request.body() if payload else {})
 
-    def _set_mode(self, robot: str, p: Mapping[str, str], until_s: float) -> dict[str, Any]:
+    def _set_mode(self, robot: str, p: Mapping[str, str], until_s: float) -> Any:
         """Set a mode like ``SimulatedIcu.set_mode``, but wait in virtual time."""
-        icu, scheduler = self._mission.icu, self._mission.scheduler
+        icu, scheduler, answers = self._mission.icu, self._mission.scheduler, self._mission.mode_answers
+        self._mission.mode_demands.append((scheduler.now_s, p["sensor"], p["mode"]))
+        if p["mode"] in answers:
+            if answers[p["mode"]] is None:
+                scheduler.sleep(until_s - scheduler.now_s)
+                raise DeadlineError("the unit does not answer")
+            return answers[p["mode"]]
         machine = icu.demand(robot, p["sensor"], p["mode"], "orchestrator")
         while machine.target == p["mode"] and scheduler.now_s < until_s:
             scheduler.sleep(max(min(machine.steps[0][1], until_s) - scheduler.now_s, 0.001))
@@ -422,7 +433,7 @@ class SimulatedBus:
             raise DeniedError(machine.refusal)
         if machine.mode != p["mode"]:
             raise DeadlineError("mode not reached before the deadline")
-        return {"confirmed": True}
+        return {"robot": robot, "confirmed": True, **machine.event()}
 
     def query(self, key: str, parameters: Mapping[str, str]) -> Iterator[Reply]:
         """Query the orchestrator as a client would."""

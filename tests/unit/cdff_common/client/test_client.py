@@ -27,6 +27,9 @@ class ScriptedBus:
         self.outcomes = list(outcomes)
         self.requests: list[str] = []
 
+    def alive(self, _keyexpr: str) -> set[str]:
+        return set()
+
     def call_stream(self, _key: str, query: Mapping[str, Any], **_: object) -> Iterator[Reply]:
         self.requests.append(query["request"])
         outcome = self.outcomes.pop(0)

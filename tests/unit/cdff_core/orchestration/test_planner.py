@@ -124,7 +124,7 @@ def test_providers_that_depend_on_each_other_yield_no_plan() -> None:
     ("state", "reason"),
     [
         ({"held": "off"}, "kept in mode off by another request"),
-        ({"refused": frozenset({"on"})}, "refused mode on"),
+        ({"refused": {"on": "refused mode on"}}, "refused mode on"),
         ({"modes": {"off": False}}, "no mode on"),
     ],
 )

@@ -1,0 +1,44 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Loops survive errors, and report their end and their stalls."""
+
+from __future__ import annotations
+
+import pytest
+
+from cdff_common.loops import Loops
+
+
+def test_a_loop_survives_and_counts_every_error() -> None:
+    loops = Loops()
+    loop, items, done = loops.add("watcher"), iter([1, 0, 2, None]), []
+    loop.run(lambda: next(items), lambda x: done.append(1 / x))
+    assert done == [1.0, 0.5]
+    assert loops.describe()["watcher"] == {
+        "healthy": True,
+        "problem": "",
+        "errors": 1,
+        "last_error": "ZeroDivisionError: division by zero",
+    }
+
+
+def test_a_loop_that_ends_by_itself_is_a_problem() -> None:
+    loops = Loops()
+    loop, items = loops.add("watcher"), iter([1])
+    with pytest.raises(StopIteration):
+        loop.run(lambda: next(items), lambda _: None)
+    assert loops.problem() == "loop watcher has ended"
+
+
+def test_a_loop_that_is_busy_for_too_long_is_a_problem_until_it_continues() -> None:
+    now_s = 0.0
+    loops = Loops(lambda: now_s)
+    loop, items = loops.add("control", busy_limit_s=60.0), iter([1, None])
+
+    def work(_: int) -> None:
+        nonlocal now_s
+        now_s = 61.0
+        assert "busy for 61 s" in loops.problem()
+
+    loop.run(lambda: next(items), work)
+    assert loops.problem() == ""
