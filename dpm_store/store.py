@@ -23,6 +23,7 @@ from dpm_store.frames.anchors import AnchorTable
 from dpm_store.frames.frames import FrameTable
 from dpm_store.frames.poses import PoseTable
 from dpm_store.frames.robots import RobotTable
+from dpm_store.history.clock_reference import read_clock_reference, write_clock_reference
 from dpm_store.history.events import EventTable
 from dpm_store.history.maintenance import collect, statistics, verify
 from dpm_store.history.provenance import lineage
@@ -111,6 +112,7 @@ class Store:
         Statistics of tiles, at every level.
     search : callable
         ``Search.run``: a page of products by a ``Query``.
+    disk_space : DiskSpace
     changes : ChangeRecorder
         Records of all changes outside the database.
     transact : callable
@@ -136,7 +138,7 @@ class Store:
             must_exist = not new and has_payloads(directory)
             if must_exist and not (directory / dialect.FILE_NAME).exists():
                 raise StorageError(_without_database(directory))
-            disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
+            self.disk_space = disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
             self._database = database = Database(directory, disk_space, dialect)
             exit_stack.callback(database.close)
             if must_exist and revision_of(database) is None:
@@ -144,7 +146,7 @@ class Store:
             migrate(database)
             self._payloads = payloads = Payloads(directory, dialect)
             exit_stack.callback(payloads.packs.close)
-            self.changes = ChangeRecorder(directory, database)
+            self.changes = ChangeRecorder(directory, database, payloads)
             exit_stack.callback(self.changes.close)
             self._opened = exit_stack.pop_all()  # they stay open unless a step failed
         self.events = EventTable(database, clock)
@@ -170,6 +172,8 @@ class Store:
         self.verify = partial(verify, database, payloads, self.changes)
         self.collect = partial(collect, database, payloads, self.changes)
         self.unnamed_payloads = partial(unnamed_payloads, database, payloads)
+        self.read_clock_reference = partial(read_clock_reference, database)
+        self.write_clock_reference = partial(write_clock_reference, database)
         self.statistics = partial(statistics, database)
         self.extents = partial(extents, database)
         self.footprints = partial(footprints, database)

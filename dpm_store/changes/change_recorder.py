@@ -18,6 +18,8 @@ from cdff_common.output import replace_file
 from dpm_store.changes.change_files import ChangeFiles
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database, dialect_of
+from dpm_store.history.unnamed import unnamed_payloads
+from dpm_store.payloads.payloads import Payloads
 
 logger = logging.getLogger(__name__)
 
@@ -78,20 +80,20 @@ class ChangeRecorder:
     directory : Path
         Directory of the store.
 
-    Attributes
-    ----------
-    lost : int
-        Changes that were acknowledged and are missing in the database, which therefore is damaged or has been
-        replaced; ``rebuild`` restores them.
+    payloads : Payloads
+        Compared with the database if there are no records yet.
     """
 
-    def __init__(self, directory: Path, database: Database) -> None:
+    def __init__(self, directory: Path, database: Database, payloads: Payloads) -> None:
         self._database = database
         self._folder = directory / FOLDER
+        is_first = not self._folder.exists()
         self.files = ChangeFiles(self._folder)
         self._is_failing = False
-        self.lost = 0
+        self._note = self._read_note()
         self._last = self._last_common()
+        if is_first and (unnamed := unnamed_payloads(database, payloads)).is_most:
+            self._write_note(f"{unnamed}, which is most of them", changes=self._note["changes"])
         with database.read() as connection:
             while not self._is_failing and (changes := self.unrecorded(connection, _PAGE)):
                 self.record(changes)
@@ -121,41 +123,48 @@ class ChangeRecorder:
         with suppress(OSError):  # they are written again from the database
             self.files.close()
 
+    @property
+    def loss(self) -> str:
+        """Reason why the database is known to be damaged or replaced, until it is rebuilt; else empty."""
+        if not self._note["reason"]:
+            return ""
+        return (
+            f"{self._note['reason']}: the database is damaged or was replaced; stop the DPM and run `cdff dpm "
+            "rebuild`, until then nothing is collected"
+        )
+
     def _last_common(self) -> int:
-        """Return the ordinal of the last event that is recorded and in the database; note a loss in a file."""
-        noted = self._read_noted()
-        self.lost = noted["changes"]
+        """Return the ordinal of the last event that is recorded and in the database; note a loss."""
         record = self.files.last()
         if record is None:
             return 0
         newest = Change.parse(record)
+        key = [newest.ordinal, newest.stamp_ns]
         with self._database.read() as connection:
             if _contains(connection, newest):
                 return newest.ordinal
-            if [newest.ordinal, newest.stamp_ns] == noted["newest"]:  # nothing was written since it was noted
-                return noted["common"]
+            if key == self._note["newest"]:  # nothing was written since the loss was noted
+                return int(self._note["common"])
             last: int = connection.execute(select(func.max(_e.ordinal))).scalar() or 0
             common = 0
             for change in map(Change.parse, self.files):
                 if change.ordinal == last and _contains(connection, change):
                     common = last
-        self.lost += max(newest.ordinal - common, 1)
-        note = {"changes": self.lost, "newest": [newest.ordinal, newest.stamp_ns], "common": common}
-        replace_file(self._folder / _LOST, json.dumps(note).encode(), sync=True)
-        logger.error("%s", self.loss())
+        lost = int(self._note["changes"]) + max(newest.ordinal - common, 1)
+        reason = f"{lost} acknowledged changes are missing in the database"
+        self._write_note(reason, changes=lost, newest=key, common=common)
         return common
 
-    def _read_noted(self) -> dict[str, Any]:
+    def _read_note(self) -> dict[str, Any]:
         path = self._folder / _LOST
-        noted: dict[str, Any] = {"changes": 0, "newest": None, "common": 0}
-        return noted | json.loads(path.read_text("utf-8")) if path.exists() else noted
+        note: dict[str, Any] = {"reason": "", "changes": 0, "newest": None, "common": 0}
+        return note | json.loads(path.read_text("utf-8")) if path.exists() else note
 
-    def loss(self) -> str:
-        """Return the description of the lost changes."""
-        return (
-            f"{self.lost} changes that were acknowledged are missing in the database, which is damaged or was "
-            "replaced: stop the DPM and run `cdff dpm rebuild`; nothing is collected until then"
-        )
+    def _write_note(self, reason: str, **fields: Any) -> None:
+        """Note a loss in a file, so that the next process knows it."""
+        self._note |= {"reason": reason, **fields}
+        replace_file(self._folder / _LOST, json.dumps(self._note).encode(), sync=True)
+        logger.error("%s", self.loss)
 
 
 def _contains(connection: Connection, change: Change) -> bool:

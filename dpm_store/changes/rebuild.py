@@ -51,8 +51,13 @@ class Rebuilt:
     lost: list[str] = field(default_factory=list)
 
 
-def rebuild(directory: Path) -> Rebuilt:
+def rebuild(directory: Path, *, remove_unnamed: bool = False) -> Rebuilt:
     """Replace the database of a store that no process uses.
+
+    Parameters
+    ----------
+    remove_unnamed : bool
+        Also remove the payloads that no record names, even if they are most of them.
 
     Raises
     ------
@@ -79,10 +84,14 @@ def rebuild(directory: Path) -> Rebuilt:
             replay.run()
             result.changes, result.lost = replay.changes, sorted(replay.lost)
             _exchange(directory, result.replaced)
+            if remove_unnamed:
+                (directory / FOLDER).mkdir()
         finally:
             os.close(lock)
     with open_store(f"sqlite:///{directory}") as store:
         result.products = store.statistics().count
+        if remove_unnamed:
+            store.collect()
     return result
 
 

@@ -19,16 +19,12 @@ from cdff_common.interfaces.product import Header
 from dpm_store.changes.change_recorder import ChangeRecorder
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
-from dpm_store.history.unnamed import unnamed_payloads, without_row
+from dpm_store.history.unnamed import without_row
 from dpm_store.payloads.blobs import digest
 from dpm_store.payloads.payloads import Payloads
 
 #: Rows in one read transaction, and payloads in one write transaction.
 _READ_ROWS, _WRITE_PAYLOADS = 1000, 200
-_MISSING_ROWS = (
-    "rows are missing, or a large insertion was interrupted; stop the DPM and run `cdff dpm rebuild`, with "
-    "--remove-unnamed if they are not needed"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +76,7 @@ class Statistics:
 def verify(database: Database, payloads: Payloads, changes: ChangeRecorder) -> tuple[Problem, ...]:
     """Check the database, the index, the sums, the headers, and the SHA-256 of every payload.
 
-    Acknowledged changes that the database lost are a problem, and so are payloads without a row if they are
-    more than the others.
+    A database that is known to be damaged or replaced is a problem; see ``ChangeRecorder``.
     """
     with database.read() as connection:
         problems = [Problem("database", what) for what in database.dialect.check(connection)]
@@ -91,9 +86,7 @@ def verify(database: Database, payloads: Payloads, changes: ChangeRecorder) -> t
             if (count := connection.execute(differing).scalar_one())
         ]
     problems += _header_problems(database)
-    problems += [Problem("database", changes.loss())] if changes.lost else []
-    unnamed = unnamed_payloads(database, payloads)
-    problems += [Problem("payloads", f"{unnamed}, most of all: {_MISSING_ROWS}")] if unnamed.is_most else []
+    problems += [Problem("database", changes.loss)] if changes.loss else []
     for rows in _pages(database, select(schema.blobs.c.sha256), _READ_ROWS):
         problems += [problem for row in rows for problem in _payload_problems(database, payloads, row.sha256)]
     return tuple(problems)
@@ -165,29 +158,19 @@ def _header_problems(database: Database) -> Iterator[Problem]:
                 yield Problem(f"product {row.id}", "its row and its header differ")
 
 
-def collect(
-    database: Database, payloads: Payloads, changes: ChangeRecorder, *, remove_unnamed: bool = False
-) -> int:
+def collect(database: Database, payloads: Payloads, changes: ChangeRecorder) -> int:
     """Remove payloads of tombstones only, and payloads without a row; return the bytes freed.
 
     Safe with concurrent writers: a payload is checked again in the transaction that removes it, and a product
     that is inserted meanwhile with the same content writes its payload again.
 
-    Parameters
-    ----------
-    remove_unnamed : bool
-        Also if most payloads have no row.
-
     Raises
     ------
     StorageError
-        If the database lost changes, or most payloads have no row: nothing is removed.
+        If the database is known to be damaged or replaced: nothing is removed.
     """
-    if changes.lost:
-        raise StorageError(f"nothing is collected: {changes.loss()}")
-    unnamed = unnamed_payloads(database, payloads)
-    if unnamed.is_most and not remove_unnamed:
-        raise StorageError(f"nothing is collected: {unnamed}, which is most of them: {_MISSING_ROWS}")
+    if changes.loss:
+        raise StorageError(f"nothing is collected: {changes.loss}")
     freed_bytes = 0
     p = schema.products.c
     of_tombstones = select(p.sha256).where(p.deleted_ns.is_not(None), p.sha256.is_not(None)).distinct()

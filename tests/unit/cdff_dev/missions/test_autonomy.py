@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.clock import MissionClock
+from cdff_common.mission_clock import MissionClock
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.resources import deploy_folder

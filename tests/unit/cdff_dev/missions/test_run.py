@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cdff_common.clock import MissionClock
+from cdff_common.mission_clock import MissionClock
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.resources import deploy_folder

@@ -16,7 +16,7 @@ from cdff_common.clock import ManualClock
 from cdff_common.errors import ConfigurationError, StorageError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header, product_id
-from dpm_store import NewProduct, Query, open_store
+from dpm_store import NewProduct, Query, Store, open_store
 from dpm_store.changes.rebuild import rebuild
 from dpm_store.payloads.blobs import digest
 
@@ -125,16 +125,16 @@ def test_a_database_that_lost_acknowledged_insertions_is_reported_and_rebuilt(
     shutil.copy(older, folder / "store.sqlite")
     assert tables(folder) == before
     with open_store(f"sqlite:///{folder}") as store:
-        assert store.changes.lost == 15
-        assert any("15 changes" in problem.what for problem in store.verify())
+        assert store.changes.loss.startswith("15 acknowledged changes")
+        assert any("15 acknowledged changes" in problem.what for problem in store.verify())
         with pytest.raises(StorageError, match="rebuild"):
             store.collect()
     with open_store(f"sqlite:///{folder}") as store:  # also after the next start
-        assert store.changes.lost == 15
+        assert store.changes.loss.startswith("15 acknowledged changes")
     assert rebuild(folder).products == 43
     assert tables(folder) == complete
     with open_store(f"sqlite:///{folder}") as store:
-        assert (store.changes.lost, store.verify()) == (0, ())
+        assert (store.changes.loss, store.verify()) == ("", ())
 
 
 def test_products_of_a_database_created_with_new_are_kept_by_a_rebuild(folder: Path) -> None:
@@ -166,7 +166,7 @@ def test_records_survive_a_kill_in_the_middle_of_one(folder: Path) -> None:
     with file.open("ab") as end:
         end.write(b"\x40\x00\x00\x00half of a record")
     with open_store(f"sqlite:///{folder}") as store:
-        assert store.changes.lost == 0
+        assert store.changes.loss == ""
         store.put_all((product(70),))
     remove_database(folder)
     assert rebuild(folder).products == 29
@@ -188,7 +188,7 @@ def test_without_records_there_is_nothing_to_rebuild_from(folder: Path) -> None:
         rebuild(folder)
 
 
-def test_collection_refuses_when_most_payloads_are_unnamed(folder: Path) -> None:
+def test_a_new_database_over_payloads_that_nothing_names_collects_none_of_them(folder: Path) -> None:
     shutil.rmtree(folder / "changes")
     remove_database(folder)
     with open_store(f"sqlite:///{folder}", new=True) as store:
@@ -196,3 +196,18 @@ def test_collection_refuses_when_most_payloads_are_unnamed(folder: Path) -> None
         assert any("have no row" in problem.what for problem in store.verify())
         with pytest.raises(StorageError, match="most"):
             store.collect()
+    rebuild(folder)
+    with open_store(f"sqlite:///{folder}") as store, pytest.raises(StorageError, match="most"):
+        store.collect()
+    assert rebuild(folder, remove_unnamed=True).products == 1
+    with open_store(f"sqlite:///{folder}") as store:
+        assert (store.changes.loss, store.unnamed_payloads().files) == ("", 0)
+
+
+def test_the_payload_of_an_interrupted_insertion_is_collected(store: Store) -> None:
+    orphan = store.directory / "blobs" / "ab" / ("c" * 62)
+    orphan.parent.mkdir()
+    orphan.write_bytes(b"x" * 50_000)
+    assert (store.unnamed_payloads().files, store.verify()) == (1, ())
+    store.collect()
+    assert not orphan.exists()
