@@ -51,9 +51,11 @@ class ClockGuard:
             return ""
         with self._lock:
             reason = self._compare(clock)
-            if not reason and monotonic_s() - self._written_s >= _WRITE_PERIOD_S:
-                if self._store.statistics().count:  # else nothing can be retired
-                    self._write(clock)
+            is_due = monotonic_s() - self._written_s >= _WRITE_PERIOD_S
+            if (
+                not reason and is_due and self._store.statistics().count
+            ):  # without products nothing is retired
+                self._write(clock)
         if reason:
             remedy = "restart the publisher of the mission clock, or " if "lost" in reason else ""
             self._alarms.set(_KIND, _SOURCE, Severity.WARNING, reason, remedy + _CONFIRM)
