@@ -248,8 +248,8 @@ def _keep_location(
         add_to_tallies(connection, schema.blob_tallies, [((location is not None,), size)])
 
 
-def _next(connection: Connection, last: Select[tuple[int]]) -> int:
-    return (connection.execute(last).scalar() or 0) + 1
+def _next(connection: Connection, last: Select[Any]) -> int:
+    return int(connection.execute(last).scalar() or 0) + 1
 
 
 def _row_dict(table: Table, change: Change) -> dict[str, Any] | None:

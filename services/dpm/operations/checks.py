@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cdff_common.clock import NS_PER_S
+from cdff_common.contract.limits import LATEST_NS
 from cdff_common.errors import ClockSkewError, FrameNotFoundError, InputError
 from cdff_common.geodesy import body_names
 from cdff_common.interfaces.product import Header
@@ -47,6 +48,8 @@ def check_header(header: Header, now_ns: int) -> None:
         raise InputError(
             f"capture begins at t0_ns={header.t0_ns}: expected 0 (mission start, or 1970) or later"
         )
+    if header.t1_ns > LATEST_NS:
+        raise InputError(f"capture ends at t1_ns={header.t1_ns}: expected at most {LATEST_NS}")
     late_s = (header.t1_ns - now_ns) / NS_PER_S
     if late_s > MAX_SKEW_S:
         raise ClockSkewError(
