@@ -115,7 +115,7 @@ class OverloadedError(UnavailableError):
 
 
 class ClockSkewError(UnavailableError):
-    """Stamp ahead of mission time by more than clocks may differ; a retry is accepted once the clocks agree."""
+    """Stamp ahead of mission time by more than clocks may differ; accepted when the clocks agree."""
 
 
 class DeniedError(CdffError):

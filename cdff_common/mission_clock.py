@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 MAX_RATE = 1000.0
 #: Latest mission time of a tick, the start of the year 2100; the earliest is 1970.
 LATEST_TICK_NS = 4_102_444_800 * NS_PER_S
-#: Largest jump of a tick that is accepted at once: mission seconds, plus two seconds at the rate of the clock.
+#: Largest jump of a tick that is accepted at once, mission seconds; plus two seconds at the rate of the clock.
 MAX_JUMP_S = 60.0
 #: Time for which ticks must agree with each other until a larger jump is accepted, seconds.
 CONFIRMATION_S = 2.0
@@ -52,8 +52,8 @@ class _Tick:
 class MissionClock:
     """Mission time, extrapolated at its rate from the last tick; the wall clock before the first tick.
 
-    After ``timeout_s`` seconds without a tick the clock is lost, and the extrapolation goes on. A tick that jumps
-    further than ``MAX_JUMP_S`` is accepted when the ticks of ``CONFIRMATION_S`` seconds agree with it.
+    After ``timeout_s`` seconds without a tick the clock is lost, and the extrapolation continues. A tick that
+    jumps further than ``MAX_JUMP_S`` is accepted when the ticks of ``CONFIRMATION_S`` seconds agree with it.
     """
 
     def __init__(self, timeout_s: float = 2.0) -> None:
@@ -86,8 +86,8 @@ class MissionClock:
             jump_s = 0.0 if self._tick is None else self._tick.jump_s(tick)
             if jump_s and not self._is_confirmed(tick):
                 raise InputError(
-                    f"mission clock: a jump of {jump_s:.0f} s, which no other tick confirms yet; expected at most "
-                    f"{MAX_JUMP_S:g} s"
+                    f"mission clock: a jump of {jump_s:.0f} s, which no other tick confirms yet; expected at "
+                    f"most {MAX_JUMP_S:g} s"
                 )
             self._jumped_s += jump_s
             self._tick, self._candidate, self._is_reported = tick, None, False

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Append-only files of records, each with its length and CRC-32.
 
-A record is written after the commit of its change and handed to the disk without waiting for it: the end of the
-process loses none, and the sync of the next commit also makes it durable. After a loss of power the last
+A record is written after the commit of its change and handed to the disk without waiting for it: the end of
+the process loses none, and the sync of the next commit also makes it durable. After a loss of power the last
 records can be missing; they are written again from the database.
 """
 

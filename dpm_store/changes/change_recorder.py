@@ -129,8 +129,8 @@ class ChangeRecorder:
         if not self._note["reason"]:
             return ""
         return (
-            f"{self._note['reason']}: the database is damaged or was replaced; stop the DPM and run `cdff dpm "
-            "rebuild`, until then nothing is collected"
+            f"{self._note['reason']}: the database is damaged or was replaced; stop the DPM and run "
+            "`cdff dpm rebuild`, until then nothing is collected"
         )
 
     def _last_common(self) -> int:
@@ -161,7 +161,7 @@ class ChangeRecorder:
         return note | json.loads(path.read_text("utf-8")) if path.exists() else note
 
     def _write_note(self, reason: str, **fields: Any) -> None:
-        """Note a loss in a file, so that the next process knows it."""
+        """Note a loss in a file, so that the next process reports it."""
         self._note |= {"reason": reason, **fields}
         replace_file(self._folder / _LOST, json.dumps(self._note).encode(), sync=True)
         logger.error("%s", self.loss)

@@ -112,7 +112,7 @@ def _new_folder(directory: Path) -> Path:
 def _exchange(directory: Path, replaced: Path) -> None:
     """Move the old files to ``replaced`` and the new database to its place.
 
-    After an interruption at any point the records are complete, so that the next rebuild gives the same result.
+    After an interruption the records are complete, so that the next rebuild gives the same result.
     """
     replaced.mkdir()
     for name in (f"{EMBEDDED.FILE_NAME}{suffix}" for suffix in ("-wal", "-shm", "")):

@@ -313,7 +313,7 @@ def _check_successor(connection: Connection, product_id: str, by_id: str) -> Non
         step = connection.execute(select(s.by_id).where(s.product_id == step)).scalar()
 
 
-def _annotation(row: Mapping[str, Any]) -> Annotation:
+def _annotation(row: Any) -> Annotation:
     packed = row["quality"]
     quality = None if packed is None else Quality.from_dict(msgpack.unpackb(packed))
     return Annotation(**{**row, "tags": tuple(json.loads(row["tags"])), "quality": quality})

@@ -169,7 +169,7 @@ class Spool:
             self._append(len(data), path, value=value)
 
     def write_out(self) -> None:
-        """Write the products that are only in memory to files, the most valuable first, as far as possible."""
+        """Write the products that are only in memory to files, the most valuable first, while possible."""
         waiting = [entry for entry in self._entries if entry.product is not None]
         for entry in sorted(waiting, key=lambda entry: -entry.value):
             assert entry.product is not None
@@ -221,7 +221,7 @@ class Spool:
             self._count_in_memory(entry.product, -1)
 
     def _count_in_memory(self, product: SpooledProduct, change: int) -> None:
-        """Count a product that begins or ends to be only in memory, and note the number for the next process."""
+        """Count a product that starts or ends to be only in memory, and note it for the next process."""
         owner = product.robot, product.dfpc
         self._in_memory[owner] = self._in_memory.get(owner, 0) + change
         self.in_memory += change

@@ -84,7 +84,7 @@ def enter_profile(store: Store, profile: Profile) -> None:
 
 
 def publish_alarm(bus: Bus, alarm: Alarm, is_active: bool) -> None:
-    """Publish the begin or end of an alarm on the bus."""
+    """Publish the start or end of an alarm on the bus."""
     bus.publish_map(keys.event(keys.GROUND, "alarm"), alarm.to_dict() | {"active": is_active})
 
 
