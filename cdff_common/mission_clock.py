@@ -19,7 +19,7 @@ logger = logging.getLogger(__name__)
 MAX_RATE = 1000.0
 #: Latest mission time of a tick, the start of the year 2100; the earliest is 1970.
 LATEST_TICK_NS = 4_102_444_800 * NS_PER_S
-#: Largest jump of a tick that is accepted at once, mission seconds; plus two seconds at the rate of the clock.
+#: Largest jump of a tick that is accepted at once, mission seconds; plus two seconds at the clock's rate.
 MAX_JUMP_S = 60.0
 #: Time for which ticks must agree with each other until a larger jump is accepted, seconds.
 CONFIRMATION_S = 2.0

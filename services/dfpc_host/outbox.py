@@ -35,8 +35,8 @@ class Outbox:
     """Thread that puts products into the DPM in order.
 
     While the DPM is unreachable, its disk full or failing, or its clock behind the stamps of the products,
-    they stay in the ``spool``, which the next process continues. A product on which the DPM fails repeatedly moves
-    to the end of the queue. Products
+    they stay in the ``spool``, which the next process continues. A product on which the DPM fails repeatedly
+    moves to the end of the queue. Products
     that the DPM refuses (same id with other content; malformed) and unreadable files are counted in
     ``refused`` and logged, since a retry would not help.
 

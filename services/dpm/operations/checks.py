@@ -49,7 +49,7 @@ def check_header(header: Header, now_ns: int) -> None:
             f"capture begins at t0_ns={header.t0_ns}: expected 0 (mission start, or 1970) or later"
         )
     if header.t1_ns > LATEST_NS:
-        raise InputError(f"capture ends at t1_ns={header.t1_ns}: expected at most {LATEST_NS}")
+        raise InputError(f"capture ends at t1_ns={header.t1_ns}, out of range: expected at most {LATEST_NS}")
     late_s = (header.t1_ns - now_ns) / NS_PER_S
     if late_s > MAX_SKEW_S:
         raise ClockSkewError(
