@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mission clock, which is injected everywhere, and the only access to the wall clock.
+"""Clocks, which are injected everywhere, stamps, and the only access to the wall clock.
 
 ``stamp_ns`` is integer nanoseconds since the UNIX epoch, a multiple of 1000 because messages and logs contain
 microseconds. Freshness, validity and retention use the mission clock; deadlines, leases and heartbeats use
@@ -10,7 +10,6 @@ microseconds. Freshness, validity and retention use the mission clock; deadlines
 from __future__ import annotations
 
 import re
-import threading
 import time
 from datetime import UTC, datetime
 from typing import Protocol
@@ -60,35 +59,6 @@ class ManualClock:
     def set_ns(self, now_ns: int) -> None:
         """Set the clock to ``now_ns``."""
         self._now_ns = now_ns // 1000 * 1000
-
-
-class MissionClock:
-    """Mission time as published on ``cdff/@v1/ground/clock``, extrapolated at its rate between two ticks.
-
-    Without a tick for ``timeout_s`` seconds of monotonic time it returns the wall clock.
-    """
-
-    def __init__(self, timeout_s: float = 2.0) -> None:
-        self._timeout_s = timeout_s
-        self._lock = threading.Lock()
-        self._tick: tuple[int, float, float] | None = None
-
-    def on_tick(self, now_ns: int, rate: float) -> None:
-        """Process a published tick: mission time ``now_ns`` and its rate."""
-        with self._lock:
-            self._tick = (now_ns, rate, monotonic_s())
-
-    def now_ns(self) -> int:
-        """Return mission time, nanoseconds, a multiple of 1000."""
-        with self._lock:
-            tick = self._tick
-        if tick is None:
-            return wall_ns()
-        now_ns, rate, received_s = tick
-        elapsed_s = monotonic_s() - received_s
-        if elapsed_s > self._timeout_s:
-            return wall_ns()
-        return (now_ns + int(elapsed_s * rate * NS_PER_S)) // 1000 * 1000
 
 
 _DECIMAL = re.compile(r"-?\d{1,19}\Z")

@@ -18,7 +18,8 @@
     ├── UnavailableError          retry later, or use another service
     │   ├── NoAnswerError         no service answers, or its answer is incomplete; a retry is safe
     │   ├── DeadlineError         allow more time
-    │   └── OverloadedError       retry after ``retry_after_s``
+    │   ├── OverloadedError       retry after ``retry_after_s``
+    │   └── ClockSkewError        a stamp is ahead of mission time; set the clocks, then retry
     ├── DeniedError               a permission is missing
     └── StorageError              the disk is full or defective
 
@@ -121,6 +122,10 @@ class OverloadedError(UnavailableError):
 
     def __init__(self, message: str, retry_after_s: float = 1.0) -> None:
         super().__init__(message, retry_after_s)
+
+
+class ClockSkewError(UnavailableError):
+    """Stamp ahead of mission time by more than clocks may differ; accepted when the clocks agree."""
 
 
 class DeniedError(CdffError):

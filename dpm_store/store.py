@@ -11,26 +11,30 @@ from pathlib import Path
 from types import TracebackType
 
 from cdff_common.clock import Clock, WallClock
+from cdff_common.errors import StorageError
 from cdff_common.output import make_folder
 from cdff_common.process import lock_file
+from dpm_store.changes.change_recorder import ChangeRecorder
 from dpm_store.engine.database import Database, parse_url
 from dpm_store.engine.dialect import Dialect
 from dpm_store.engine.disk_space import LOW_WATER_BYTES, DiskSpace
-from dpm_store.engine.migrate import migrate
+from dpm_store.engine.migrate import migrate, revision_of
 from dpm_store.frames.anchors import AnchorTable
 from dpm_store.frames.frames import FrameTable
 from dpm_store.frames.poses import PoseTable
 from dpm_store.frames.robots import RobotTable
+from dpm_store.history.clock_reference import read_clock_reference, write_clock_reference
 from dpm_store.history.events import EventTable
 from dpm_store.history.maintenance import collect, statistics, verify
 from dpm_store.history.provenance import lineage
 from dpm_store.history.purge import purge
 from dpm_store.history.retention import Retention
+from dpm_store.history.unnamed import unnamed_payloads
 from dpm_store.maps.clouds import Clouds
 from dpm_store.maps.elevation import Maps
 from dpm_store.maps.patches import Patches
 from dpm_store.maps.pyramid import Pyramid
-from dpm_store.payloads.payloads import Payloads
+from dpm_store.payloads.payloads import Payloads, has_payloads
 from dpm_store.products import pose_graphs
 from dpm_store.products.annotations import AnnotationTable
 from dpm_store.products.products import ProductTable
@@ -43,7 +47,12 @@ _TILES = "tiles"
 
 
 def open_store(
-    url: str, clock: Clock | None = None, *, low_water_bytes: int = LOW_WATER_BYTES, reserve_bytes: int = 0
+    url: str,
+    clock: Clock | None = None,
+    *,
+    low_water_bytes: int = LOW_WATER_BYTES,
+    reserve_bytes: int = 0,
+    new: bool = False,
 ) -> Store:
     """Open a store, or create it.
 
@@ -57,6 +66,8 @@ def open_store(
         Space that additions must leave on the disk; see ``DiskSpace``.
     reserve_bytes : int
         Size of a file that allows deletions on a full disk.
+    new : bool
+        Create a database although there are payloads of an earlier one.
 
     Raises
     ------
@@ -65,10 +76,10 @@ def open_store(
     UnavailableError
         If another process has it open.
     StorageError
-        If the disk is full or fails.
+        If the disk is full or fails, or the database is missing while there are payloads.
     """
     dialect, directory = parse_url(url)
-    return Store(directory, dialect, clock or WallClock(), low_water_bytes, reserve_bytes)
+    return Store(directory, dialect, clock or WallClock(), low_water_bytes, reserve_bytes, new=new)
 
 
 class Store:
@@ -101,25 +112,42 @@ class Store:
         Statistics of tiles, at every level.
     search : callable
         ``Search.run``: a page of products by a ``Query``.
+    disk_space : DiskSpace
+    changes : ChangeRecorder
+        Records of all changes outside the database.
     transact : callable
         ``Transactions.run``: several changes, all or none.
     """
 
     def __init__(
-        self, directory: Path, dialect: Dialect, clock: Clock, low_water_bytes: int, reserve_bytes: int
+        self,
+        directory: Path,
+        dialect: Dialect,
+        clock: Clock,
+        low_water_bytes: int,
+        reserve_bytes: int,
+        *,
+        new: bool = False,
     ) -> None:
         make_folder(directory)
         self.directory = directory
         self.clock = clock
         with ExitStack() as exit_stack:
-            lock = lock_file(directory / "store.lock", str(os.getpid()), partial(_in_use, directory))
+            lock = lock_file(directory / "store.lock", str(os.getpid()), partial(in_use, directory))
             exit_stack.callback(os.close, lock)
-            disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
+            must_exist = not new and has_payloads(directory)
+            if must_exist and not (directory / dialect.FILE_NAME).exists():
+                raise StorageError(_without_database(directory))
+            self.disk_space = disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
             self._database = database = Database(directory, disk_space, dialect)
             exit_stack.callback(database.close)
+            if must_exist and revision_of(database) is None:
+                raise StorageError(_without_database(directory))
             migrate(database)
             self._payloads = payloads = Payloads(directory, dialect)
             exit_stack.callback(payloads.packs.close)
+            self.changes = ChangeRecorder(directory, database, payloads)
+            exit_stack.callback(self.changes.close)
             self._opened = exit_stack.pop_all()  # they stay open unless a step failed
         self.events = EventTable(database, clock)
         self.frames = FrameTable(database, self.events, clock)
@@ -141,8 +169,11 @@ class Store:
         self.transact = Transactions(database, products, self.annotations, self.frames).run
         self.purge = partial(purge, database, payloads, self.events)
         self.lineage = partial(lineage, database)
-        self.verify = partial(verify, database, payloads)
-        self.collect = partial(collect, database, payloads)
+        self.verify = partial(verify, database, payloads, self.changes)
+        self.collect = partial(collect, database, payloads, self.changes)
+        self.unnamed_payloads = partial(unnamed_payloads, database, payloads)
+        self.read_clock_reference = partial(read_clock_reference, database)
+        self.write_clock_reference = partial(write_clock_reference, database)
         self.statistics = partial(statistics, database)
         self.extents = partial(extents, database)
         self.footprints = partial(footprints, database)
@@ -164,5 +195,13 @@ class Store:
         self._opened.close()
 
 
-def _in_use(directory: Path, holder: str) -> str:
+def _without_database(directory: Path) -> str:
+    return (
+        f"data directory {directory}: payloads of products, but no database that names them: run `cdff dpm "
+        "rebuild`, or restore a backup into another directory; --new creates an empty database"
+    )
+
+
+def in_use(directory: Path, holder: str) -> str:
+    """Return the reason why another process cannot open a store."""
     return f"data directory {directory}: in use by process {holder}; only one DPM opens it at a time"

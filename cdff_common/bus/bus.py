@@ -18,7 +18,8 @@ from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
-from cdff_common.clock import MissionClock, monotonic_s
+from cdff_common.clock import monotonic_s
+from cdff_common.mission_clock import MissionClock
 
 logger = logging.getLogger(__name__)
 
@@ -232,7 +233,7 @@ class Bus:
         if is_new:
             self.subscribe(
                 keys.CLOCK,
-                on_map(lambda _, tick: clock.on_tick(int(tick["now_ns"]), float(tick["rate"]))),
+                on_map(lambda _, tick: clock.on_tick(tick["now_ns"], tick["rate"])),
                 depth=4,
             )
         return clock

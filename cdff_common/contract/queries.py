@@ -291,10 +291,14 @@ class PayloadParameters(Parameters):
 
 
 class RetentionParameters(Parameters):
-    """Application of the retention rules, and the listing of every decision."""
+    """Application of the retention rules, and the listing of every decision.
+
+    ``confirm_clock`` states that the mission time is correct, after the clock was lost or has jumped.
+    """
 
     apply: Flag = False
     all: Flag = False
+    confirm_clock: Flag = False
 
 
 Deadline = Annotated[Number, Field(ge=DEADLINE_BOUNDS_MS[0], le=DEADLINE_BOUNDS_MS[1])]

@@ -15,7 +15,7 @@ import numpy as np
 
 from cdff_common.bus import Bus
 from cdff_common.client import Client
-from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.clock import NS_PER_S
 from cdff_common.errors import (
     DeadlineError,
     FrameNotFoundError,
@@ -26,6 +26,7 @@ from cdff_common.errors import (
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.registry import Registry
+from cdff_common.mission_clock import MissionClock
 from cdff_common.types import ElevationMap, NavigationMap
 from cdff_core.dfns.traversability.interface import TraversabilityInputs
 from cdff_core.dfpcs.navigation_mapping.compound import LIMITS

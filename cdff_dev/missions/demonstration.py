@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from cdff_common.bus import Bus
-from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError, InputError, UnavailableError
+from cdff_common.mission_clock import MissionClock
 from cdff_common.resources import resolve
 from cdff_dev.missions.map_sharing import assess_shared_map
 from cdff_dev.missions.report import Report, elevation_around, resource_usage, write_report

@@ -13,8 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cdff_common.bus import Bus
-from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.clock import NS_PER_S
 from cdff_common.errors import CdffError, ProductNotFoundError
+from cdff_common.mission_clock import MissionClock
 from cdff_common.types import ElevationMap
 from cdff_dev.missions.autonomy import Arrival, Autonomy
 from cdff_dev.missions.orbital_map import simulate_orbital_model, store_orbital_model

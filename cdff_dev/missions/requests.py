@@ -13,11 +13,12 @@ from typing import Any
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import unpack
 from cdff_common.client import Answer, Client
-from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.clock import NS_PER_S
 from cdff_common.codecs.warm import warm_wire
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry.region import Region, parse_region
+from cdff_common.mission_clock import MissionClock
 from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 from cdff_dev.missions.tracks import http_json

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import unquote
 
 from sqlalchemy import Connection, Table
@@ -66,6 +66,16 @@ def parse_url(url: str) -> tuple[Dialect, Path]:
     return DIALECTS[scheme], Path(unquote(directory))
 
 
+class WriteObserver(Protocol):
+    """Observer of committed transactions."""
+
+    def unrecorded(self, connection: Connection) -> Any:
+        """Return the changes of a transaction, just before its commit."""
+
+    def record(self, changes: Any) -> None:
+        """Process these changes after the commit, while no other transaction writes."""
+
+
 class Database:
     """The database of a store with its kinds of transaction.
 
@@ -76,6 +86,7 @@ class Database:
         Limits of additions.
     write_lock : RLock
         Lock of the thread that writes.
+    observer : WriteObserver or None
     """
 
     def __init__(
@@ -85,6 +96,7 @@ class Database:
         self.disk_space = disk_space or DiskSpace(directory)
         self.engine = dialect.open_engine(directory / dialect.FILE_NAME)
         self.write_lock = threading.RLock()
+        self.observer: WriteObserver | None = None
 
     @contextmanager
     def read(self, connection: Connection | None = None) -> Iterator[Connection]:
@@ -167,8 +179,13 @@ class Session:
     @contextmanager
     def write(self) -> Iterator[Connection]:
         """Run a transaction like ``Database.write``, without its check of the disk space."""
-        with self._database.write_lock, self._transaction(writes=True) as connection:
-            yield connection
+        observer = self._database.observer
+        with self._database.write_lock:
+            with self._transaction(writes=True) as connection:
+                yield connection
+                changes = None if observer is None else observer.unrecorded(connection)
+            if observer is not None:
+                observer.record(changes)
 
     @contextmanager
     def deletion(self) -> Iterator[Connection]:

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
-from sqlalchemy import Connection, Row, Select, bindparam, func, select, update
+from sqlalchemy import Row, Select, bindparam, func, select, update
 
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
+from dpm_store.changes.change_recorder import ChangeRecorder
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
+from dpm_store.history.unnamed import without_row
 from dpm_store.payloads.blobs import digest
 from dpm_store.payloads.payloads import Payloads
 
@@ -71,8 +73,11 @@ class Statistics:
         return sum(self.product_bytes.values())
 
 
-def verify(database: Database, payloads: Payloads) -> tuple[Problem, ...]:
-    """Check the database, the index, the sums, the headers, and the SHA-256 of every payload."""
+def verify(database: Database, payloads: Payloads, changes: ChangeRecorder) -> tuple[Problem, ...]:
+    """Check the database, the index, the sums, the headers, and the SHA-256 of every payload.
+
+    A database that is known to be damaged or replaced is a problem; see ``ChangeRecorder``.
+    """
     with database.read() as connection:
         problems = [Problem("database", what) for what in database.dialect.check(connection)]
         problems += [
@@ -81,6 +86,7 @@ def verify(database: Database, payloads: Payloads) -> tuple[Problem, ...]:
             if (count := connection.execute(differing).scalar_one())
         ]
     problems += _header_problems(database)
+    problems += [Problem("database", changes.loss)] if changes.loss else []
     for rows in _pages(database, select(schema.blobs.c.sha256), _READ_ROWS):
         problems += [problem for row in rows for problem in _payload_problems(database, payloads, row.sha256)]
     return tuple(problems)
@@ -152,12 +158,19 @@ def _header_problems(database: Database) -> Iterator[Problem]:
                 yield Problem(f"product {row.id}", "its row and its header differ")
 
 
-def collect(database: Database, payloads: Payloads) -> int:
-    """Remove payloads of tombstones only, and files without a row; return the bytes freed.
+def collect(database: Database, payloads: Payloads, changes: ChangeRecorder) -> int:
+    """Remove payloads of tombstones only, and payloads without a row; return the bytes freed.
 
     Safe with concurrent writers: a payload is checked again in the transaction that removes it, and a product
     that is inserted meanwhile with the same content writes its payload again.
+
+    Raises
+    ------
+    StorageError
+        If the database is known to be damaged or replaced: nothing is removed.
     """
+    if changes.loss:
+        raise StorageError(f"nothing is collected: {changes.loss}")
     freed_bytes = 0
     p = schema.products.c
     of_tombstones = select(p.sha256).where(p.deleted_ns.is_not(None), p.sha256.is_not(None)).distinct()
@@ -167,10 +180,10 @@ def collect(database: Database, payloads: Payloads) -> int:
     for digests in payloads.files.names():
         for start in range(0, len(digests), _WRITE_PAYLOADS):
             with database.read() as connection:
-                orphans = _without_row(connection, digests[start : start + _WRITE_PAYLOADS])
+                orphans = without_row(connection, digests[start : start + _WRITE_PAYLOADS])
             if orphans:
                 with database.deletion() as connection:
-                    orphans = _without_row(connection, orphans)
+                    orphans = without_row(connection, orphans)
                     freed_bytes += sum(payloads.files.remove(sha256) for sha256 in orphans)
     return freed_bytes
 
@@ -190,14 +203,6 @@ def _delete_unused(database: Database, payloads: Payloads, digests: Sequence[str
     for row in rows:
         payloads.mark_unreferenced(row.location)
     return sum(int(row.size) for row in rows if row.location is not None)
-
-
-def _without_row(connection: Connection, digests: Sequence[str]) -> list[str]:
-    """Return the digests of files that have no row."""
-    b = schema.blobs.c
-    in_files = select(b.sha256).where(b.sha256.in_(digests), b.location.is_(None))
-    stored = set(connection.execute(in_files).scalars())
-    return [sha256 for sha256 in digests if sha256 not in stored]
 
 
 def statistics(database: Database) -> Statistics:

@@ -75,6 +75,11 @@ class PackFiles:
         """Return the numbers of all packs."""
         return sorted(int(path.stem) for path in self._directory.glob("*.pack"))
 
+    def allocated_bytes(self) -> int:
+        """Return the bytes of all packs on the disk, without holes."""
+        sizes = (self.path(number).stat() for number in self.numbers())
+        return sum(min(size.st_size, size.st_blocks * 512) for size in sizes)
+
     def append(self, payloads: Sequence[bytes]) -> list[int]:
         """Write payloads, durable after ``flush``, and return their locations.
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,6 +28,12 @@ _SPANS = (
     .where(_b.location >= bindparam("first"), _b.location < bindparam("end"))
     .order_by(_b.location)
 )
+
+
+def has_payloads(directory: Path) -> bool:
+    """Return whether the directory of a store has payloads."""
+    files = chain((directory / PACKS).glob("*.pack"), (directory / BLOBS).glob("??/*"))
+    return any(path.stat().st_size for path in files)
 
 
 class Content(NamedTuple):

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import msgpack
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
-from sqlalchemy import ColumnElement, Connection, Row, func, insert, select
+from sqlalchemy import ColumnElement, Connection, func, insert, select
 
 from cdff_common.clock import Clock
 from cdff_common.contract.parameters import Parameters
@@ -144,7 +144,7 @@ class AnnotationTable:
             if as_of_ns is not None:
                 statement = statement.where(a.stamp_ns <= as_of_ns)
             row = connection.execute(statement.order_by(a.revision.desc()).limit(1)).first()
-            return Annotation(product_id) if row is None else _annotation(row)
+            return Annotation(product_id) if row is None else _annotation(row._mapping)
 
     def history(self, product_id: str) -> tuple[Annotation, ...]:
         """Return all revisions, oldest first."""
@@ -153,7 +153,7 @@ class AnnotationTable:
             rows = connection.execute(
                 select(schema.annotation_revisions).where(a.product_id == product_id).order_by(a.revision)
             ).all()
-        return tuple(_annotation(row) for row in rows)
+        return tuple(_annotation(row._mapping) for row in rows)
 
     def update(
         self,
@@ -283,6 +283,14 @@ def _insert(connection: Connection, new: Annotation) -> None:
         )
 
 
+def restore_revision(connection: Connection, row: Mapping[str, Any]) -> None:
+    """Insert a row of ``annotations`` of another database as the next revision of its product."""
+    a = schema.annotation_revisions.c
+    last = select(func.max(a.revision)).where(a.product_id == row["product_id"])
+    revision = (connection.execute(last).scalar() or 0) + 1
+    _insert(connection, replace(_annotation(row), revision=revision))
+
+
 def _names_of_live(connection: Connection, product_id: str) -> dict[str, str]:
     p = schema.products.c
     names = select(*(p[name] for name in NAMES)).where(p.id == product_id, p.deleted_ns.is_(None))
@@ -305,7 +313,7 @@ def _check_successor(connection: Connection, product_id: str, by_id: str) -> Non
         step = connection.execute(select(s.by_id).where(s.product_id == step)).scalar()
 
 
-def _annotation(row: Row[Any]) -> Annotation:
-    quality = None if row.quality is None else Quality.from_dict(msgpack.unpackb(row.quality))
-    decoded = {"tags": tuple(json.loads(row.tags)), "quality": quality}
-    return Annotation(**{**row._mapping, **decoded})
+def _annotation(row: Any) -> Annotation:
+    packed = row["quality"]
+    quality = None if packed is None else Quality.from_dict(msgpack.unpackb(packed))
+    return Annotation(**{**row, "tags": tuple(json.loads(row["tags"])), "quality": quality})

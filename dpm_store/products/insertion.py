@@ -111,6 +111,13 @@ class Inserter:
 
     def _insert(self, connection: Connection, new: Sequence[PreparedProduct]) -> None:
         now_ns = self._clock.now_ns()
+        self.insert_rows(connection, new, now_ns)
+        bodies = [(item.product.robot, event_body(item.header, item.product.names)) for item in new]
+        self._events.append_all_in(connection, "inserted", bodies)
+        self._payloads.packs.flush()
+
+    def insert_rows(self, connection: Connection, new: Sequence[PreparedProduct], now_ns: int) -> None:
+        """Insert products without events; small payloads are durable after ``packs.flush``."""
         first: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
         numbered = list(enumerate(new, first))
         contents = {item.header.sha256 or "": Content(item.product.payload, item.chunk_sums) for item in new}
@@ -147,9 +154,18 @@ class Inserter:
                     product_id=header.id,
                     inserted_ns=now_ns,
                 )
-        bodies = [(item.product.robot, event_body(item.header, item.product.names)) for item in new]
-        self._events.append_all_in(connection, "inserted", bodies)
-        self._payloads.packs.flush()
+
+    def insert_tombstone(
+        self, connection: Connection, product: NewProduct, size: int, inserted_ns: int
+    ) -> None:
+        """Insert the row of a product whose payload no longer exists, as deleted."""
+        item = PreparedProduct(product, product.header, b"", None)
+        ordinal: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
+        row = item.row(ordinal, inserted_ns) | {"size": size, "sha256": None, "deleted_ns": inserted_ns}
+        connection.execute(insert(schema.products), row)
+        _index(connection, [(ordinal, item)])
+        dialect_of(connection).index_deleted(connection, ordinal)
+        dialect_of(connection).insert_rows(connection, schema.provenance, _links(item.header))
 
 
 def stored_products(connection: Connection, prepared: Sequence[PreparedProduct]) -> set[str]:

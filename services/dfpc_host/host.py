@@ -16,9 +16,11 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode_payload
 from cdff_common.interfaces.profile import DfpcEntry, Robot
+from services.alarms import Alarm, Alarms
 from services.dfpc_host.hosted_dfpc import HostedDfpc
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
+from services.dfpc_host.outbox_alarms import set_outbox_alarms
 from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
 from services.dfpc_host.watchdog import StepWatchdog
 
@@ -39,6 +41,8 @@ class DfpcHost:
         self._bus = bus
         owners = [(robot.id, entry.name) for robot, entry in entries]
         self._outbox = Outbox(bus, Spool(spool_folder(), owners, capacity_bytes()))
+        self._alarms = Alarms(self._publish_alarm)
+        self._source = ",".join(sorted(f"{robot}/{dfpc}" for robot, dfpc in owners))
         self._process = psutil.Process()
         self._hosted = [HostedDfpc(bus, self._outbox, robot, entry) for robot, entry in entries]
 
@@ -56,6 +60,7 @@ class DfpcHost:
             logger.info("%s of %s is ready", hosted.entry.name, hosted.robot.id)
         threading.Thread(target=self._watch, args=(stop,), name="watchdog", daemon=True).start()
         while not stop.wait(HEARTBEAT_S):
+            set_outbox_alarms(self._alarms, self._source, self._outbox)
             for hosted in self._hosted:
                 self._publish_status(hosted)
         for hosted in self._hosted:
@@ -89,7 +94,14 @@ class DfpcHost:
             "outbox_dropped": self._outbox.spool.dropped,
             "outbox_refused": self._outbox.refused,
             "outbox_error": self._outbox.last_error,
+            "outbox_in_memory": self._outbox.spool.in_memory,
+            "outbox_lost": self._outbox.spool.lost,
+            "alarms": [alarm.to_dict() for alarm in self._alarms.active()],
         }
+
+    def _publish_alarm(self, alarm: Alarm, is_active: bool) -> None:
+        robot = self._hosted[0].robot.id
+        self._bus.publish_map(keys.event(robot, "alarm"), alarm.to_dict() | {"active": is_active})
 
     def _publish_status(self, hosted: HostedDfpc) -> None:
         self._bus.publish_latched(keys.dfpc_status(hosted.robot.id, hosted.entry.name), self._status(hosted))

@@ -9,13 +9,20 @@ import logging
 import threading
 
 from cdff_common.bus import Bus, keys
-from cdff_common.errors import CdffError, CodecError, UnavailableError
+from cdff_common.errors import (
+    CdffError,
+    CodecError,
+    DeadlineError,
+    NoAnswerError,
+    OverloadedError,
+    UnavailableError,
+)
 from services.dfpc_host.spool import Spool, SpooledProduct, SpoolEntry
 
 logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.5
-#: Internal errors of the DPM on one product after which the product moves to the end of the queue.
+#: Failures of the DPM on one product after which the product moves to the end of the queue.
 _FAILURES = 20
 #: Errors of a temporary shortage in this process; the file itself is intact.
 _SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.ENOMEM)
@@ -27,8 +34,9 @@ _SLOWEST_BYTES_S = 25_000
 class Outbox:
     """Thread that puts products into the DPM in order.
 
-    While the DPM is unreachable, its disk full or failing, products stay in the ``spool``, which the next
-    process continues. A product on which the DPM fails repeatedly moves to the end of the queue. Products
+    While the DPM is unreachable, its disk full or failing, or its clock behind the stamps of the products,
+    they stay in the ``spool``, which the next process continues. A product on which the DPM fails repeatedly
+    moves to the end of the queue. Products
     that the DPM refuses (same id with other content; malformed) and unreadable files are counted in
     ``refused`` and logged, since a retry would not help.
 
@@ -61,6 +69,8 @@ class Outbox:
             self._closed = True
             self._changed.notify_all()
         self._thread.join(timeout=1.0)
+        with self._changed:
+            self.spool.write_out()
 
     def _run(self) -> None:
         while True:
@@ -77,6 +87,8 @@ class Outbox:
                 with self._changed:
                     if entry.failures >= _FAILURES:
                         self.spool.postpone(entry)
+                    if self.spool.in_memory:
+                        self.spool.write_out()
                     self._changed.wait_for(lambda: self._closed, timeout=_RETRY_S)
 
     def _deliver(self, entry: SpoolEntry) -> bool:
@@ -106,6 +118,8 @@ class Outbox:
             )
         except CdffError as error:
             if isinstance(error, UnavailableError) or error.retriable:
+                if not isinstance(error, NoAnswerError | DeadlineError | OverloadedError):
+                    entry.failures += 1  # the DPM answered: others may be accepted before this one
                 return self._retry(name, error)
             if type(error) is CdffError:  # an internal error of the DPM; a restarted DPM may accept it
                 entry.failures += 1

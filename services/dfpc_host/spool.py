@@ -18,6 +18,8 @@ from cdff_common.clock import wall_ns
 from cdff_common.errors import CodecError, ConfigurationError
 from cdff_common.output import replace_file
 from cdff_common.process import data_dir_of
+from services.dfpc_host.memory_ledger import MemoryLedger
+from services.dfpc_host.product_value import DEFAULT_VALUE, value_of
 
 logger = logging.getLogger(__name__)
 
@@ -25,6 +27,7 @@ logger = logging.getLogger(__name__)
 DEFAULT_MB = 256
 _SUFFIX = ".product"
 _PART = ".part"
+_LEDGER = "memory.count"
 #: Length of the header; CRC-32 of header and payload.
 _PREFIX = struct.Struct("<II")
 #: Smallest size of an entry, bytes: one disk block, more than its memory use without payload.
@@ -57,13 +60,16 @@ class SpoolEntry:
     ----------
     size : int
         Bytes.
+    value : int
+        See ``value_of``.
     failures : int
-        Internal errors of the DPM on this product.
+        Failures of the DPM on this product.
     """
 
     size: int
     path: Path
     product: SpooledProduct | None = None
+    value: int = DEFAULT_VALUE
     failures: int = 0
 
     def read(self) -> SpooledProduct:
@@ -101,21 +107,28 @@ class Spool:
     owners : iterable of (robot, DFPC)
         DFPCs whose files of earlier processes are queued.
     capacity : int
-        Bytes, at least 4096 for each product; beyond it the oldest are dropped and counted.
+        Bytes, at least 4096 for each product; beyond it the least valuable are dropped and counted, of these
+        the oldest.
 
     Attributes
     ----------
     dropped : int
         Products dropped because the spool was full.
+    in_memory : int
+        Products of which only the memory has a copy, because their file could not be written.
+    lost : int
+        Products that the previous process had only in memory when it ended.
     bytes : int
         Size of the queue.
     """
 
     def __init__(self, folder: Path, owners: Iterable[tuple[str, str]], capacity: int) -> None:
-        self.dropped = self.bytes = 0
+        self.dropped = self.bytes = self.in_memory = 0
         self._folder, self._capacity = folder, capacity
-        self._in_memory = False  # logged once until files can be written again
+        self._in_memory: dict[tuple[str, str], int] = {}
+        self._ledgers: dict[tuple[str, str], MemoryLedger] = {}
         self._entries: deque[SpoolEntry] = deque()
+        owners = list(owners)
         paths = [
             path
             for owner in owners
@@ -125,10 +138,17 @@ class Spool:
         self._last = 0
         for path in sorted(paths, key=lambda p: p.name):
             if path.suffix == _PART:  # left by a process killed while writing
-                _remove(path)
+                _remove_file(path)
             elif path.suffix == _SUFFIX:
-                self._last = int(path.stem)
-                self._append(path.stat().st_size, path)
+                number, *value = path.stem.split(".")
+                self._last = int(number)
+                self._append(path.stat().st_size, path, value=int(value[0]) if value else DEFAULT_VALUE)
+        self._ledgers = {owner: MemoryLedger(self._outbox(*owner) / _LEDGER) for owner in owners}
+        self.lost = sum(ledger.previous for ledger in self._ledgers.values())
+        if self.lost:
+            logger.error(
+                "%d products were only in memory when the last process ended: they are lost", self.lost
+            )
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -136,18 +156,29 @@ class Spool:
     def add(self, product: SpooledProduct) -> None:
         """Append a product; it stays in memory if its file cannot be written."""
         self._last = max(self._last + 1, wall_ns())  # file names in order of arrival, also over restarts
-        path = self._outbox(product.robot, product.dfpc) / f"{self._last:020d}{_SUFFIX}"
+        value = value_of(product.product)
+        path = self._outbox(product.robot, product.dfpc) / f"{self._last:020d}.{value}{_SUFFIX}"
         data = product.to_bytes()
         try:
             replace_file(path, data)
         except OSError as error:
-            if not self._in_memory:
-                logger.warning("products wait in memory only: %s", error)
-            self._in_memory = True
-            self._append(len(data), path, product)
+            if not self.in_memory:
+                logger.error("products wait in memory only, a kill would lose them: %s", error)
+            self._append(len(data), path, product, value)
         else:
-            self._in_memory = False
-            self._append(len(data), path)
+            self._append(len(data), path, value=value)
+
+    def write_out(self) -> None:
+        """Write the products that are only in memory to files, the most valuable first, while possible."""
+        waiting = [entry for entry in self._entries if entry.product is not None]
+        for entry in sorted(waiting, key=lambda entry: -entry.value):
+            assert entry.product is not None
+            try:
+                replace_file(entry.path, entry.product.to_bytes())
+            except OSError:
+                return
+            self._count_in_memory(entry.product, -1)
+            entry.product = None
 
     def first(self) -> SpoolEntry:
         """Return the oldest entry; raises IndexError if the spool is empty."""
@@ -156,36 +187,52 @@ class Spool:
     def remove(self, entry: SpoolEntry) -> None:
         """Remove the first entry, unless it was dropped meanwhile."""
         if self._entries and self._entries[0] is entry:
-            self._remove_first()
+            self._remove(entry)
 
     def postpone(self, entry: SpoolEntry) -> None:
         """Move the first entry to the end, unless it was dropped meanwhile."""
         if self._entries and self._entries[0] is entry:
             self._entries.rotate(-1)
 
-    def _append(self, size: int, path: Path, product: SpooledProduct | None = None) -> None:
-        entry = SpoolEntry(max(size, _MIN_BYTES), path, product)
+    def _append(
+        self, size: int, path: Path, product: SpooledProduct | None = None, value: int = DEFAULT_VALUE
+    ) -> None:
+        entry = SpoolEntry(max(size, _MIN_BYTES), path, product, value)
         self._entries.append(entry)
         self.bytes += entry.size
+        if product is not None:
+            self._count_in_memory(product, 1)
         while self.bytes > self._capacity and len(self._entries) > 1:
             if not self.dropped:
                 logger.error(
-                    "the outbox is full at %d bytes: the oldest products are dropped", self._capacity
+                    "the outbox is full at %d bytes: the least valuable products are dropped", self._capacity
                 )
-            self._remove_first()
+            self._remove(
+                min(self._entries, key=lambda entry: entry.value)
+            )  # the first, oldest, of the smallest
             self.dropped += 1
 
-    def _remove_first(self) -> None:
-        entry = self._entries.popleft()
+    def _remove(self, entry: SpoolEntry) -> None:
+        self._entries.remove(entry)
         self.bytes -= entry.size
         if entry.product is None:
-            _remove(entry.path)
+            _remove_file(entry.path)
+        else:
+            self._count_in_memory(entry.product, -1)
+
+    def _count_in_memory(self, product: SpooledProduct, change: int) -> None:
+        """Count a product that starts or ends to be only in memory, and note it for the next process."""
+        owner = product.robot, product.dfpc
+        self._in_memory[owner] = self._in_memory.get(owner, 0) + change
+        self.in_memory += change
+        if owner in self._ledgers:
+            self._ledgers[owner].set(self._in_memory[owner])
 
     def _outbox(self, robot: str, dfpc: str) -> Path:
         return self._folder / robot / f"{dfpc}.outbox"
 
 
-def _remove(path: Path) -> None:
+def _remove_file(path: Path) -> None:
     """Remove a file; a file that stays is put again by the next process, which is a no-op in the DPM."""
     try:
         path.unlink(missing_ok=True)

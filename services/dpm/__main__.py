@@ -4,21 +4,25 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import os
 import threading
 from collections.abc import Sequence
 
-from cdff_common.bus import Bus
+from cdff_common.bus import Bus, keys
+from cdff_common.errors import StorageError
 from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.engine.disk_space import RESERVE_BYTES
+from services.alarms import Alarm
 from services.dpm.bus.recorder import Recorder, rules_of_history
 from services.dpm.bus.retention import rules_of
 from services.dpm.bus.service import serve
 from services.dpm.bus.service_monitor import ServiceMonitor
+from services.dpm.operations.condition_monitor import ConditionMonitor
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings, parse_settings
 
@@ -41,10 +45,11 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     profile = load_profile(settings.profile) if settings.profile is not None else None
     with Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus:
         clock = bus.mission_clock
-        with open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES) as store:
-            if profile is not None:
-                anchor(store, profile)
+        with open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES, new=settings.new) as store:
             dpm = Dpm(store, settings.max_body_bytes)
+            dpm.alarms.on_change = functools.partial(publish_alarm, bus)
+            if profile is not None:
+                enter_profile(store, profile)
             watch = ServiceMonitor(bus, dpm)
             with HttpServer(Context(dpm, settings, bus, watch, profile)):
                 serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
@@ -52,7 +57,9 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
                 logger.info("serving", extra=_addresses(settings, store))
                 warming = threading.Thread(target=_warm, name="warm", daemon=True)
                 warming.start()
+                conditions = ConditionMonitor(dpm)
                 stop.wait()
+                conditions.close()
             bus.close()  # before the store is closed
             if recorder is not None:
                 recorder.flush()
@@ -66,6 +73,19 @@ def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
     if profile is not None:
         return profile.robot_ids
     return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
+
+
+def enter_profile(store: Store, profile: Profile) -> None:
+    """Add a profile like ``anchor``; on a full disk the store is served as it is."""
+    try:
+        anchor(store, profile)
+    except StorageError as error:
+        logger.error("the profile is not entered in the store: %s", error)
+
+
+def publish_alarm(bus: Bus, alarm: Alarm, is_active: bool) -> None:
+    """Publish the start or end of an alarm on the bus."""
+    bus.publish_map(keys.event(keys.GROUND, "alarm"), alarm.to_dict() | {"active": is_active})
 
 
 def anchor(store: Store, profile: Profile) -> None:

@@ -38,6 +38,8 @@ class Settings:
         API keys as lines of ``sha256hex role name``; needed off loopback.
     max_body_bytes : int
         Largest body of one insertion, bytes.
+    new : bool
+        Create a database although the directory has payloads of an earlier one.
     """
 
     data_dir: Path
@@ -48,6 +50,7 @@ class Settings:
     hosts: tuple[str, ...] = ()
     keys_file: Path | None = None
     max_body_bytes: int = DEFAULT_MAX_BODY_MB << 20
+    new: bool = False
 
     @property
     def store_url(self) -> str:
@@ -92,6 +95,11 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         default=environment.get("CDFF_HTTP_KEYS") or None,
         help="file of API keys, lines of 'sha256hex role name'; needed off loopback",
     )
+    parser.add_argument(
+        "--new",
+        action="store_true",
+        help="create an empty database although the directory has payloads of a missing one",
+    )
     parser.add_argument("--max-body-mb", type=int, default=DEFAULT_MAX_BODY_MB)
     args = parser.parse_args(arguments)
     host, separator, port = args.http.rpartition(":")
@@ -113,4 +121,5 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         tuple(args.host_name),
         args.keys,
         args.max_body_mb << 20,
+        args.new,
     )

@@ -24,6 +24,9 @@ def register_up(nouns: Any) -> None:
     parser.add_argument("--http", default=DEFAULT_HTTP, help="host:port of the DPM's HTTP server")
     parser.add_argument("--data-dir", default=None, help="CDFF_DATA_DIR, ~/.local/share/cdff")
     parser.add_argument(
+        "--new", action="store_true", help="create an empty store although there are payloads; see `dpm`"
+    )
+    parser.add_argument(
         "--log-dir", default=None, help="one log file per process there; default: standard error"
     )
     parser.add_argument(
@@ -67,6 +70,7 @@ def run_up(args: argparse.Namespace) -> int:
         data_dir=data_dir,
         scopes=args.scopes or (),
         uplink=args.uplink,
+        dpm_options=("--new",) if args.new else (),
     )
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,6 +43,7 @@ def plan(
     data_dir: Path,
     scopes: Collection[str] = (),
     uplink: str | None = None,
+    dpm_options: Sequence[str] = (),
 ) -> list[ProcessSpec]:
     """Return the processes of a profile in start order.
 
@@ -61,6 +62,8 @@ def plan(
         router.
     uplink : str, optional
         Endpoint of a remote router to which the local one links.
+    dpm_options : sequence of str
+        Further options of the DPM.
 
     Raises
     ------
@@ -98,7 +101,7 @@ def plan(
     ]
     if GROUND in selected_scopes:
         specs += [
-            spec("dpm", "services.dpm", "--http", http, tokens=((GROUND, "dpm"),)),
+            spec("dpm", "services.dpm", "--http", http, *dpm_options, tokens=((GROUND, "dpm"),)),
             spec("orchestrator", "services.orchestrator", tokens=((GROUND, "orchestrator"),)),
             spec("icu", "services.icu", tokens=((GROUND, "icu"),)),
         ]

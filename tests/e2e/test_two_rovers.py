@@ -17,10 +17,11 @@ import pytest
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import pack
-from cdff_common.clock import NS_PER_S, MissionClock
+from cdff_common.clock import NS_PER_S
 from cdff_common.errors import UnavailableError
 from cdff_common.interfaces.product import Header
 from cdff_common.interfaces.profile import Profile, load_profile
+from cdff_common.mission_clock import MissionClock
 from cdff_common.resources import deploy_folder
 from cdff_dev.missions.map_sharing import assess_shared_map
 from cdff_dev.missions.requests import wait_for_clock

@@ -17,7 +17,7 @@ from typing import Any
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.codecs import decode, encode, encoding_string, parse_encoding
 from cdff_common.contract.products import product_of_sample
-from cdff_common.errors import CdffError
+from cdff_common.errors import CdffError, StorageError, UnavailableError
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.interfaces.profile import History, Profile
 from dpm_store import Rule
@@ -167,7 +167,10 @@ class Recorder:
             if not self._rules or 0 <= now_ns - self._retired_ns < _RETIRE_EVERY_S * 1e9:
                 return
             self._retired_ns = now_ns
-        self._count("retired", self._dpm.writer.retire(self._rules, apply=True).to_delete)
+        try:
+            self._count("retired", self._dpm.writer.retire(self._rules, apply=True).to_delete)
+        except (UnavailableError, StorageError) as error:  # an alarm reports it; the sample is stored
+            logger.debug("retention waits: %s", error)
 
     def _count(self, what: str, times: int = 1) -> None:
         with self._lock:

@@ -10,9 +10,11 @@ from dataclasses import asdict
 from typing import Any
 
 from cdff_common.bus import Reply, Request
+from cdff_common.contract.names import GROUND
 from cdff_common.contract.queries import RetentionParameters
 from cdff_common.interfaces.profile import Profile
 from dpm_store import RetentionPlan, Rule
+from dpm_store.history.events import check_robot
 from dpm_store.history.retention import MAX_DECISIONS
 from services.dpm.bus.calls import parse_call
 from services.dpm.operations.dpm import Dpm
@@ -31,6 +33,9 @@ def retention(dpm: Dpm, rules: Sequence[Rule], request: Request) -> Reply | Iter
     has the first thousand.
     """
     p = parse_call(RetentionParameters, request)
+    if p.confirm_clock:
+        check_robot(GROUND)
+        dpm.writer.clock_guard.confirm()
     if not p.all:
         return Reply.of(plan_dict(dpm.writer.retire(rules, apply=p.apply), len(rules), p.apply))
     return _in_parts(dpm, rules, p.apply)

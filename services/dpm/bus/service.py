@@ -30,7 +30,7 @@ from cdff_common.contract.queries import (
     UpdateParameters,
     WindowParameters,
 )
-from cdff_common.errors import CdffError, InputError, rpc_code
+from cdff_common.errors import CdffError, ClockSkewError, InputError, rpc_code
 from dpm_store import Event, Rule
 from dpm_store.history.events import CHANGES, Actor, acting
 from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact
@@ -104,6 +104,8 @@ def _answer_as_scope(
             answer = handler(dpm, request)
             return answer if isinstance(answer, Reply) else _acting_parts(actor, answer)
     except CdffError as error:
+        if isinstance(error, ClockSkewError):  # it waits; an alarm reports it
+            raise
         if verb in _WRITES_BARE or (verb in _WRITES and request.payload):
             refusals.enter(actor, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
         raise

@@ -37,6 +37,13 @@ class ServiceMonitor:
                 if owner == robot
             ]
 
+    def alarms(self) -> list[dict[str, Any]]:
+        """Return the alarms in the newest status of the live DFPCs."""
+        with self._lock:
+            bodies = [body for key, body in self._dfpcs.items() if key in self._alive]
+        unique = {(a["kind"], a["source"]): a for body in bodies for a in body.get("alarms", ())}
+        return list(unique.values())
+
     def services(self) -> dict[str, list[str]]:
         """Return the services that are alive, by scope."""
         with self._lock:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|put|rm|stat|retention|verify|backup|restore|export``."""
+"""``cdff dpm search|get|put|rm|stat|retention|verify|rebuild|backup|restore|export``."""
 
 from __future__ import annotations
 
@@ -57,12 +57,27 @@ def register(nouns: Any) -> None:
     verify.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
     verify.add_argument("--json", action="store_true")
     verify.set_defaults(run=run_verify)
+    rebuild = verbs.add_parser(
+        "rebuild",
+        help="restore a damaged or missing database from the records of all changes and the payloads",
+    )
+    rebuild.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    rebuild.add_argument("--json", action="store_true")
+    rebuild.add_argument(
+        "--remove-unnamed", action="store_true", help="then remove the payloads that no record names"
+    )
+    rebuild.set_defaults(run=run_rebuild)
     retention = verbs.add_parser(
         "retention", help="products to delete by the retention rules, with reasons; --apply deletes them"
     )
     how = retention.add_mutually_exclusive_group()
     how.add_argument("--dry-run", action="store_true", help="only list them (the default)")
     how.add_argument("--apply", action="store_true", help="delete them")
+    retention.add_argument(
+        "--confirm-clock",
+        action="store_true",
+        help="state that the mission time is correct, after the clock was lost or has jumped",
+    )
     retention.set_defaults(run=run_retention)
     backup = verbs.add_parser("backup", help="copy a store on this machine, while its DPM runs and writes")
     backup.add_argument("out", type=Path, help="directory to be created")
@@ -194,6 +209,7 @@ def run_retention(args: argparse.Namespace) -> int:
     from cdff_common.bus import Bus, keys
 
     parameters = {"apply": "true" if args.apply else "false", "all": "true"}
+    parameters |= {"confirm_clock": "true"} if args.confirm_clock else {}
     with Bus.open(args.connect, name="cdff dpm") as bus:
         for reply in bus.call_stream(keys.dpm_rpc(keys.GROUND, "retention"), parameters, timeout_s=600.0):
             body = reply.body()
@@ -229,16 +245,34 @@ def run_verify(args: argparse.Namespace) -> int:
     from services.dpm.settings import Settings
 
     with open_store(Settings(data_dir_of(args.data_dir)).store_url) as store:
-        problems, count = store.verify(), store.statistics().count
+        problems, count, unnamed = store.verify(), store.statistics().count, store.unnamed_payloads()
     if args.json:
         defects = [{"where": problem.where, "what": problem.what} for problem in problems]
-        print(json.dumps({"products": count, "problems": defects}))
+        summary = {"products": count, "problems": defects, "unnamed_files": unnamed.files}
+        print(json.dumps(summary))
     else:
         print(
             "\n".join(f"{p.where}: {p.what}" for p in problems)
             or f"{count} products, all as they were written"
         )
+        if unnamed.files:
+            print(f"{unnamed.files} payload files without a row, such as those of interrupted insertions")
     return 1 if problems else 0
+
+
+def run_rebuild(args: argparse.Namespace) -> int:
+    """Rebuild a database and verify it; exit 1 if products are lost."""
+    from dpm_store.changes.rebuild import rebuild
+
+    result = rebuild(data_dir_of(args.data_dir), remove_unnamed=args.remove_unnamed)
+    if args.json:
+        summary = {"products": result.products, "lost": result.lost, "replaced": str(result.replaced)}
+        print(json.dumps(summary))
+    else:
+        for product_id in result.lost:
+            print(f"product {product_id}: its payload is missing or corrupt")
+        print(f"{result.products} products; the old database is in {result.replaced}")
+    return 1 if result.lost else 0
 
 
 def run_backup(args: argparse.Namespace) -> int:

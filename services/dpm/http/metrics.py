@@ -17,7 +17,13 @@ def dpm_lines(status: Mapping[str, Any]) -> list[str]:
         for t, n in of.items()
     }
     operations = {f'{{operation="{name}"}}': n for name, n in sorted(status["counters"].items())}
+    alarms = {
+        f'{{kind="{alarm["kind"]}",source="{alarm["source"]}",severity="{alarm["severity"]}"}}': 1
+        for alarm in status["alarms"]
+    }
     return [
+        *_metric("cdff_dpm_alarm", "gauge", alarms),
+        *_metric("cdff_dpm_free_bytes", "gauge", {"": status["free_bytes"]}),
         *_metric("cdff_dpm_products", "gauge", products),
         *_metric("cdff_dpm_payload_bytes", "gauge", {"": status["payload_bytes"]}),
         *_metric("cdff_dpm_events_total", "counter", {"": status["events"]}),

@@ -196,6 +196,23 @@ class Robot(OpenModel):
     described: dict[str, Any] | None
 
 
+class AlarmBody(OpenModel):
+    """A condition that needs an operator."""
+
+    kind: str
+    source: str
+    severity: Literal["warning", "critical"]
+    since_ns: StampNs
+    what: str
+    remedy: str
+
+
+class AlarmList(OpenModel):
+    """Active alarms."""
+
+    items: list[AlarmBody]
+
+
 class Status(OpenModel):
     """Counts and sizes, and the running services."""
 
@@ -205,6 +222,7 @@ class Status(OpenModel):
     newest_t1_ns: StampNs | None
     events: int
     now_ns: StampNs
+    alarms: list[AlarmBody]
     counters: dict[str, int]
     services: dict[str, list[str]]
     mission: str | None

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.contract.limits import LATEST_NS
+from cdff_common.errors import ClockSkewError, FrameNotFoundError, InputError
 from cdff_common.geodesy import body_names
 from cdff_common.interfaces.product import Header
 from cdff_common.types import ElevationMap, Map, NavigationMap, Pointcloud
@@ -40,16 +41,20 @@ def check_header(header: Header, now_ns: int) -> None:
     Raises
     ------
     InputError
+    ClockSkewError
+        If the capture ends in the future by more than ``MAX_SKEW_S``.
     """
     if header.t0_ns < 0:
         raise InputError(
             f"capture begins at t0_ns={header.t0_ns}: expected 0 (mission start, or 1970) or later"
         )
+    if header.t1_ns > LATEST_NS:
+        raise InputError(f"capture ends at t1_ns={header.t1_ns}, out of range: expected at most {LATEST_NS}")
     late_s = (header.t1_ns - now_ns) / NS_PER_S
     if late_s > MAX_SKEW_S:
-        raise InputError(
+        raise ClockSkewError(
             f"capture ends {late_s:.3f} s after the mission clock's now, expected at most {MAX_SKEW_S:g} s: "
-            "set the clock of the robot"
+            "set the clock of the robot or of the DPM; the product is accepted afterwards"
         )
     if len(header.inputs) > _MAX_INPUTS:
         raise InputError(f"inputs: {len(header.inputs)} ids, expected at most {_MAX_INPUTS}")

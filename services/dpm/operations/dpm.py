@@ -7,6 +7,7 @@ from __future__ import annotations
 from cdff_common.clock import Clock
 from dpm_store import Store
 from dpm_store.history.events import CHANGES
+from services.alarms import Alarms
 from services.dpm.operations.checks import FrameNames
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.operations.frame_operations import FrameOperations
@@ -27,16 +28,22 @@ class Dpm:
     store : Store
     max_payload_bytes : int
         Larger insertions are refused.
+
+    Attributes
+    ----------
+    alarms : Alarms
+        Active alarms of the DPM.
     """
 
     def __init__(self, store: Store, max_payload_bytes: int = 256 << 20) -> None:
         self.store = store
+        self.alarms = Alarms()
         frame_names = FrameNames(store)
         self.events = EventPublisher(store)
-        self.writer = StoreWriter(store, self.events, frame_names, max_payload_bytes)
+        self.writer = StoreWriter(store, self.events, frame_names, max_payload_bytes, self.alarms)
         self.retrieval = Retrieval(store, self.events, frame_names)
         self.frames = FrameOperations(store, self.events)
-        self.reports = Reports(store, self.events)
+        self.reports = Reports(store, self.events, self.alarms)
         self.tiles = Tiles(store)
 
     @property

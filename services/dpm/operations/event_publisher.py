@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 from dpm_store import Event, Store
 
-_COUNTERS = ("inserted", "already", "refused", "updated", "deleted", "searches", "gets", "windows")
+_COUNTERS = ("inserted", "already", "refused", "skewed", "updated", "deleted", "searches", "gets", "windows")
 
 
 class EventPublisher:

@@ -11,13 +11,15 @@ from cdff_common.contract.limits import MAX_GENERATIONS
 from cdff_common.errors import InputError
 from dpm_store import Event, ProductRecord, Store
 from dpm_store.history.events import CHANGES
+from services.alarms import Alarms
 from services.dpm.operations.event_publisher import EventPublisher
 
 
 class Reports:
     """Reports on products and events."""
 
-    def __init__(self, store: Store, events: EventPublisher) -> None:
+    def __init__(self, store: Store, events: EventPublisher, alarms: Alarms) -> None:
+        self._alarms = alarms
         self._store = store
         self._events = events
 
@@ -70,6 +72,7 @@ class Reports:
             "newest_t1_ns": s.newest_t1_ns,
             "events": s.events,
             "now_ns": self._store.clock.now_ns(),
+            "alarms": [alarm.to_dict() for alarm in self._alarms.active()],
             "counters": dict(self._events.counters),
             **{name: dict(counts()) for name, counts in self._events.other_counters.items()},
         }

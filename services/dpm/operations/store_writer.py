@@ -12,15 +12,18 @@ from cdff_common.codecs import decode, parse_encoding
 from cdff_common.codecs.wire_types import base_type
 from cdff_common.contract.names import GROUND
 from cdff_common.contract.products import product_type
-from cdff_common.errors import CodecError, InputError, ProductNotFoundError
+from cdff_common.errors import ClockSkewError, CodecError, InputError, ProductNotFoundError, StorageError
 from cdff_common.interfaces.product import Header, Status
 from dpm_store import Annotation, Event, Insertion, NewProduct, RetentionPlan, Rule, Store
 from dpm_store.history.events import actor, check_robot
 from dpm_store.products.transaction import Change, Delete, Reanchor
+from services.alarms import Alarms, Severity
 from services.dpm.operations.checks import FrameNames, check_header, check_value
+from services.dpm.operations.clock_guard import ClockGuard
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.operations.transactions import outcome_dict
 
+_SKEW_REMEDY = "set the clocks of the robot and of the DPM; the product waits at the robot"
 #: Payloads up to this size are decoded before they are stored: the store does not trust its clients.
 DECODED_BYTES = 16 << 20
 
@@ -29,8 +32,15 @@ class StoreWriter:
     """Operations that change the store; each is durable when it returns."""
 
     def __init__(
-        self, store: Store, events: EventPublisher, frame_names: FrameNames, max_payload_bytes: int
+        self,
+        store: Store,
+        events: EventPublisher,
+        frame_names: FrameNames,
+        max_payload_bytes: int,
+        alarms: Alarms,
     ) -> None:
+        self.clock_guard = ClockGuard(store, alarms)
+        self._alarms = alarms
         self._store = store
         self._events = events
         self._frame_names = frame_names
@@ -56,6 +66,8 @@ class StoreWriter:
             If header, encoding or payload cannot be read.
         InputError, ConflictError, StorageError
             As ``Store.put_all``.
+        ClockSkewError
+            If the product was captured in the future; see ``check_header``.
         """
         return self.put_all(((names, payload, encoding, attachment),))[0]
 
@@ -68,9 +80,15 @@ class StoreWriter:
         try:
             products = [self.checked_product(*item) for item in batch]
             insertions = self._store.put_all(products)
-        except (InputError, KeyError):
+        except ClockSkewError as error:
+            self._events.count("skewed")
+            self._alarms.set("clock_skew", batch[0][0]["robot"], Severity.WARNING, str(error), _SKEW_REMEDY)
+            raise
+        except (InputError, StorageError, KeyError):
             self._events.count("refused")
             raise
+        for names, *_ in batch:
+            self._alarms.clear("clock_skew", names["robot"])
         for insertion in insertions:
             self._events.count(str(insertion))
         self._events.publish()
@@ -135,10 +153,17 @@ class StoreWriter:
             return getattr(actor(), "name", "")
 
     def retire(self, rules: Sequence[Rule], *, apply: bool = False) -> RetentionPlan:
-        """Return what the rules retire; with ``apply`` delete it and collect its payloads."""
+        """Return what the rules retire; with ``apply`` delete it and collect its payloads.
+
+        Raises
+        ------
+        UnavailableError
+            If products would be deleted while the mission clock is not confirmed.
+        """
         if not apply:
             return self._store.retention.plan(rules)
         check_robot(GROUND)
+        self.clock_guard.check()
         plan = self._store.retention.apply(rules)
         self._events.publish()
         self._store.collect()

@@ -25,24 +25,6 @@ def test_malformed_stamps_are_refused(text: str) -> None:
         clock.parse_stamp(text)
 
 
-def test_without_a_publisher_mission_time_is_the_wall_clock() -> None:
-    mission = clock.MissionClock()
-    assert abs(mission.now_ns() - clock.wall_ns()) < 10**9
-
-
-def test_mission_time_is_extrapolated_between_ticks_and_falls_back_after_the_last(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now = [100.0]
-    monkeypatch.setattr(clock, "monotonic_s", lambda: now[0])
-    mission = clock.MissionClock(timeout_s=2.0)
-    mission.on_tick(5_000_000_000, 2.0)
-    now[0] += 0.5
-    assert mission.now_ns() == 6_000_000_000
-    now[0] += 10.0
-    assert abs(mission.now_ns() - clock.wall_ns()) < 10**9
-
-
 @pytest.mark.parametrize(
     "text", ["9223372036854776000", "9990000000000000000", "-9990000000000000000", "2300-01-01T00:00:00Z"]
 )

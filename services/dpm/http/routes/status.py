@@ -19,9 +19,11 @@ from cdff_common.contract.queries import EventParameters, HistoryParameters
 from cdff_common.errors import CdffError
 from dpm_store import Event
 from dpm_store.history.events import CHANGES
+from services.alarms import Severity
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.metrics import dpm_lines, orchestrator_lines
-from services.dpm.http.native_models import Changes, Status
+from services.dpm.http.native_models import AlarmList, Changes, Status
+from services.dpm.operations.condition_monitor import check_disk
 
 router = APIRouter(tags=["status"])
 
@@ -49,9 +51,20 @@ def healthz() -> str:
 
 @router.get("/readyz", response_class=PlainTextResponse)
 def readyz(context: Ctx) -> str:
-    """Return ``ready``: the store answers."""
+    """Return ``ready``: the store answers; with a line for each restriction, such as a full disk."""
     context.dpm.store.events.last_ordinal()
-    return "ready\n"
+    check_disk(context.dpm)
+    critical = (alarm for alarm in context.dpm.alarms.active() if alarm.severity is Severity.CRITICAL)
+    return "".join(["ready\n", *(f"{alarm.kind}: {alarm.what}; {alarm.remedy}\n" for alarm in critical)])
+
+
+@router.get("/api/v1/alarms", response_model=AlarmList)
+def alarms(context: Ctx) -> Any:
+    """Return the active alarms of the DPM and of the DFPCs, oldest first."""
+    check_disk(context.dpm)
+    own = [alarm.to_dict() for alarm in context.dpm.alarms.active()]
+    others = [] if context.watch is None else context.watch.alarms()
+    return jsonable({"items": sorted(own + others, key=lambda alarm: int(alarm["since_ns"]))})
 
 
 @router.get("/metrics", response_class=PlainTextResponse)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.clock import MissionClock
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.mission_clock import MissionClock
 from cdff_common.resources import deploy_folder
 from cdff_dev.missions.autonomy import Autonomy
 from cdff_dev.missions.script import load_mission

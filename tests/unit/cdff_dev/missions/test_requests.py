@@ -4,7 +4,7 @@
 
 import pytest
 
-from cdff_common.clock import MissionClock
+from cdff_common.mission_clock import MissionClock
 from cdff_dev.missions import requests
 from cdff_dev.missions.script import TimedRequest
 

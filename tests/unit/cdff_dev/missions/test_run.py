@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from cdff_common.clock import MissionClock
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.mission_clock import MissionClock
 from cdff_common.resources import deploy_folder
 from cdff_dev.missions import mission_run
 from cdff_dev.missions.autonomy import Autonomy

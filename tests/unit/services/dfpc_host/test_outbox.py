@@ -14,7 +14,9 @@ from typing import Any
 import pytest
 
 from cdff_common.errors import CdffError, CodecError, ConfigurationError, InputError, UnavailableError
+from services.alarms import Alarms
 from services.dfpc_host.outbox import Outbox
+from services.dfpc_host.outbox_alarms import set_outbox_alarms
 from services.dfpc_host.spool import Spool, SpooledProduct, capacity_bytes
 
 OWNERS = [("mana", "slam"), ("mana", "mapping")]
@@ -286,3 +288,101 @@ def test_the_capacity_is_read_from_the_environment(monkeypatch: pytest.MonkeyPat
     monkeypatch.setenv("CDFF_OUTBOX_MB", "much")
     with pytest.raises(ConfigurationError, match="CDFF_OUTBOX_MB='much'"):
         capacity_bytes()
+
+
+@contextmanager
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let every new file of the spool fail, as on a full disk."""
+
+    def replace_file(path: Path, data: bytes, **_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("services.dfpc_host.spool.replace_file", replace_file)
+        yield
+
+
+def of_type(name: str, payload: bytes) -> SpooledProduct:
+    return SpooledProduct("mana", "slam", name, name, payload, "encoding", b"attachment")
+
+
+def test_products_that_only_memory_had_are_stated_after_a_kill(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spool = Spool(tmp_path, OWNERS, 100_000)  # of a process that is killed
+    with full_disk(monkeypatch):
+        for i in range(3):
+            spool.add(product(b"%d" % i))
+    assert (spool.in_memory, spool.lost) == (3, 0)
+    assert (Spool(tmp_path, OWNERS, 100_000).lost, Spool(tmp_path, OWNERS, 100_000).lost) == (3, 0)
+
+
+def test_products_in_memory_are_written_once_the_disk_has_space(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spool = Spool(tmp_path, OWNERS, 100_000)
+    with full_disk(monkeypatch):
+        spool.add(product(b"a"))
+        spool.write_out()
+        assert spool.in_memory == 1
+    spool.write_out()
+    assert spool.in_memory == 0
+    following = Spool(tmp_path, OWNERS, 100_000)
+    assert (following.lost, following.first().read()) == (0, product(b"a"))
+
+
+def test_a_full_spool_drops_the_least_valuable_products_also_of_an_earlier_process(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, OWNERS, 3 * 4096)
+    for name in ("pose", "disparity", "pointcloud"):
+        spool.add(of_type(name, name.encode()))
+    spool = Spool(tmp_path, OWNERS, 3 * 4096)
+    for name in ("dem", "pose"):
+        spool.add(of_type(name, name.encode()))
+    assert spool.dropped == 2
+    left = []
+    while spool:
+        left.append(spool.first().read().product)
+        spool.remove(spool.first())
+    assert left == ["pose", "dem", "pose"]
+
+
+def test_an_outbox_on_a_full_disk_and_its_losses_raise_alarms(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alarms, dpm = Alarms(), Dpm(in_contact=False)
+    with outbox_of(dpm, tmp_path) as outbox:
+        with full_disk(monkeypatch):
+            outbox.put(product(b"a"))
+            set_outbox_alarms(alarms, "mana/slam", outbox)
+            (alarm,) = alarms.active()
+            assert (alarm.kind, alarm.severity) == ("outbox_in_memory", "critical")
+        wait_until(lambda: not outbox.spool.in_memory)
+        set_outbox_alarms(alarms, "mana/slam", outbox)
+        assert alarms.active() == []
+        outbox.spool.lost = 2
+        set_outbox_alarms(alarms, "mana/slam", outbox)
+        assert "2 products were only in memory" in alarms.active()[0].what
+
+
+def test_products_ahead_of_the_clock_of_the_dpm_wait_and_do_not_block_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.dfpc_host.outbox._FAILURES", 2)
+
+    class LateDpm(Dpm):
+        is_late = True
+
+        def call(self, key: str, parameters: Any, *, payload: bytes, timeout_s: float, **_: Any) -> None:
+            if self.is_late and payload != b"b":
+                raise UnavailableError("capture ends 3600 s after the mission clock's now")
+            super().call(key, parameters, payload=payload, timeout_s=timeout_s)
+
+    dpm = LateDpm()
+    with outbox_of(dpm, tmp_path) as outbox:
+        for payload in (b"a", b"b"):
+            outbox.put(product(payload))
+        wait_until(lambda: dpm.received == [b"b"])
+        assert (outbox.refused, len(outbox.spool)) == (0, 1)
+        assert "3600 s" in outbox.last_error
+        dpm.is_late = False
+        wait_until(lambda: dpm.received == [b"b", b"a"])

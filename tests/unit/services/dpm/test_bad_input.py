@@ -60,7 +60,6 @@ HEADERS: dict[str, Change] = {
     "a frame of an unknown robot": lambda h: h | {"frame": "ghost/odom"},
     "a frame that is a path": lambda h: h | {"frame": "../site"},
     "a frame that is a list": lambda h: h | {"frame": ["site"]},
-    "a time in the future": lambda h: h | {"t1_ns": BEYOND_SKEW_NS},
     "a time beyond all columns": lambda h: h | {"t1_ns": 2**63 // 1000 * 1000},
     "a time before the mission": lambda h: h | {"t0_ns": -S},
     "an unknown field": lambda h: h | {"boxm": BOX},
@@ -235,7 +234,7 @@ def test_one_invalid_product_rejects_the_whole_batch(http: TestClient, dpm: Dpm)
     valid, in_future = item(elevation(0.0), "dem", 1), item(elevation(0.0), "dem", 2, t1_ns=BEYOND_SKEW_NS)
     with unchanged_store(dpm):
         answer = http.post("/api/v1/products/batch", content=msgpack.packb([valid, in_future]))
-        assert answer.status_code == 422
+        assert (answer.status_code, answer.json()["code"]) == (503, "UNAVAILABLE")  # it may be sent again
         assert "mission clock" in answer.json()["detail"]
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from cdff_common import cli
+from cdff_common.errors import StorageError
+from dpm_store import open_store
 from dpm_store.payloads.payloads import PACKED_BYTES
 from services.dpm.cli.commands import register
 from services.dpm.operations.dpm import Dpm
@@ -90,4 +92,20 @@ def test_a_backup_of_an_open_store_is_restored(
     assert run("backup", str(backup), "--data-dir", str(tmp_path), "--json") == 0
     assert json.loads(capsys.readouterr().out)["products"] == 1
     assert run("restore", str(backup), "--data-dir", str(restored), "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {"products": 1, "problems": []}
+    assert json.loads(capsys.readouterr().out) == {"products": 1, "problems": [], "unnamed_files": 0}
+
+
+def test_a_store_without_its_database_is_an_error_until_it_is_rebuilt(
+    dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, header = dpm.writer.put(*put_arguments(cloud(5000), "pointcloud"))
+    dpm.store.close()
+    for path in tmp_path.glob("store.sqlite*"):
+        path.unlink()
+    with pytest.raises(StorageError, match="cdff dpm rebuild"):
+        run("verify", "--data-dir", str(tmp_path))
+    assert run("rebuild", "--data-dir", str(tmp_path), "--json") == 0
+    assert json.loads(capsys.readouterr().out)["products"] == 1
+    assert run("verify", "--data-dir", str(tmp_path)) == 0
+    with open_store(f"sqlite:///{tmp_path}") as store:
+        assert store.get(header.id).size > PACKED_BYTES

@@ -1,0 +1,258 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Replay of recorded changes into a new database; payloads stay where they are."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import msgpack
+from sqlalchemy import Connection, Select, Table, func, insert, select, update
+
+from cdff_common.clock import ManualClock
+from cdff_common.errors import CdffError, StorageError
+from cdff_common.interfaces.product import Header
+from dpm_store.changes.change_files import ChangeFiles
+from dpm_store.changes.change_recorder import FOLDER, Change
+from dpm_store.engine import schema
+from dpm_store.engine.database import Database, add_to_tallies, dialect_of
+from dpm_store.engine.migrate import migrate
+from dpm_store.frames.poses import PoseTable
+from dpm_store.history.events import EventTable
+from dpm_store.payloads.blobs import digest
+from dpm_store.payloads.payloads import PACKED_BYTES, Payloads
+from dpm_store.products.annotations import AnnotationTable, restore_revision
+from dpm_store.products.insertion import Inserter, PreparedProduct, prepare
+from dpm_store.products.records import NAMES, NewProduct
+
+logger = logging.getLogger(__name__)
+
+#: Changes replayed in one transaction, and bytes of their payloads in memory.
+_BATCH, _BATCH_BYTES = 1000, 1 << 28
+
+
+class Replay:
+    """Replay of the records of a store.
+
+    Parameters
+    ----------
+    directory : Path
+        Directory of the store.
+    target : Path
+        Directory of the new database.
+
+    Attributes
+    ----------
+    changes : int
+        Replayed changes.
+    lost : set of str
+        Ids of products that were not deleted and whose payload is missing or corrupt.
+    """
+
+    def __init__(self, directory: Path, target: Path) -> None:
+        self.changes = 0
+        self.lost: set[str] = set()
+        self._records = ChangeFiles(directory / FOLDER)
+        self._database = Database(target)
+        self._payloads = Payloads(directory)
+        clock = ManualClock()
+        self._inserter = Inserter(self._payloads, EventTable(self._database, clock), clock)
+        self._other: dict[str, Callable[[Connection, Change], bool]] = {
+            "deleted": self._delete,
+            "purged": self._purge,
+            "updated": self._annotate,
+            "reanchored": self._set_frame,
+            "body_defined": self._define_body,
+            "robot_described": self._describe_robot,
+        }
+
+    def run(self) -> None:
+        """Replay everything and close the database."""
+        try:
+            migrate(self._database)
+            for batch in _batches(map(Change.parse, self._records)):
+                with self._database.write() as connection:
+                    for kind, changes in groupby(batch, lambda change: change.kind):
+                        self._replay(connection, kind, list(changes))
+        finally:
+            self._payloads.packs.close()
+            self._database.close()
+
+    def _replay(self, connection: Connection, kind: str, changes: Sequence[Change]) -> None:
+        if kind == "inserted" and all(change.row is not None for change in changes):
+            replayed = self._insert(connection, changes)
+        else:
+            apply = self._other.get(kind, _keep_event)
+            replayed = [change for change in changes if apply(connection, change)]
+        names = ("stamp_ns", "scope", "kind", "body")
+        rows = [{name: getattr(change, name) for name in names} for change in replayed]
+        dialect_of(connection).insert_rows(connection, schema.events, rows)
+        self.changes += len(replayed)
+
+    def _insert(self, connection: Connection, changes: Sequence[Change]) -> list[Change]:
+        """Insert products; those whose payload is missing become tombstones."""
+        p = schema.products.c
+        known: set[str] = set()
+        for change in changes:  # a second history, of a database created with --new, can repeat products
+            if connection.execute(select(p.id).where(p.id == change.fields["id"])).first() is not None:
+                known.add(change.fields["id"])
+        new = {c.fields["id"]: c for c in changes if c.fields["id"] not in known}
+        for change in new.values():
+            item, inserted_ns = self._prepared(connection, change)
+            if item is None:
+                self._insert_tombstone(connection, change)
+            else:
+                self._inserter.insert_rows(connection, [item], inserted_ns)
+        return list(new.values())
+
+    def _prepared(self, connection: Connection, change: Change) -> tuple[PreparedProduct | None, int]:
+        """Return the product of a record with its payload, and the time of its insertion."""
+        product, ring, sums, location, inserted_ns = _product_of(change)
+        sha256, size = product.header.sha256 or "", (change.row or [])[3]
+        try:
+            payload = self._read(sha256, size, sums, location)
+        except StorageError:
+            return None, inserted_ns
+        if size <= PACKED_BYTES:
+            _keep_location(connection, sha256, size, sums, location)
+        try:
+            item = prepare(replace(product, payload=payload))
+        except CdffError as error:
+            logger.warning("product %s is not restored: %s", product.header.id, error)
+            return None, inserted_ns
+        return replace(item, ring=ring), inserted_ns
+
+    def _read(self, sha256: str, size: int, sums: bytes | None, location: int | None) -> bytes:
+        what = f"payload {sha256}"
+        if size == 0:
+            payload = b""
+        elif sums is None:
+            raise StorageError(f"{what}: it was collected")
+        elif location is None:
+            payload = self._payloads.files.read(sha256, size, sums, 0, size, what)
+        else:
+            payload = self._payloads.packs.read((location, size), sums, what)
+        if digest(payload) != sha256:
+            raise StorageError(f"{what}: content has another digest")
+        return payload
+
+    def _insert_tombstone(self, connection: Connection, change: Change) -> None:
+        product, _, _, _, inserted_ns = _product_of(change)
+        self._inserter.insert_tombstone(connection, product, (change.row or [])[3], inserted_ns)
+        self.lost.add(product.header.id)
+
+    def _delete(self, connection: Connection, change: Change) -> bool:
+        product_id, p = change.fields["id"], schema.products.c
+        row = connection.execute(select(p.ordinal, p.deleted_ns).where(p.id == product_id)).first()
+        if row is None:
+            return False
+        connection.execute(
+            update(schema.products).where(p.id == product_id).values(deleted_ns=change.stamp_ns)
+        )
+        if row.deleted_ns is None:
+            dialect_of(connection).index_deleted(connection, row.ordinal)
+            PoseTable.delete_in(connection, product_id, change.stamp_ns)
+        AnnotationTable.remove_from_search_in(connection, product_id)
+        self.lost.discard(product_id)  # it has no payload because it was deleted
+        return True
+
+    def _purge(self, connection: Connection, change: Change) -> bool:
+        p = schema.products.c
+        connection.execute(update(schema.products).where(p.id == change.fields["id"]).values(sha256=None))
+        return True
+
+    def _annotate(self, connection: Connection, change: Change) -> bool:
+        values = _row_dict(schema.annotation_revisions, change)
+        if values is not None:
+            restore_revision(connection, values)
+        return True
+
+    def _set_frame(self, connection: Connection, change: Change) -> bool:
+        values, f = _row_dict(schema.frames, change), schema.frames.c
+        if values is not None:
+            last = select(func.max(f.revision)).where(f.frame == values["frame"])
+            values["revision"] = _next(connection, last)
+            connection.execute(insert(schema.frames), values)
+            entry = {"frame": values["frame"], "revision": values["revision"]}
+            connection.execute(insert(schema.frame_log), entry)
+        return True
+
+    def _define_body(self, connection: Connection, change: Change) -> bool:
+        values, b = _row_dict(schema.bodies, change), schema.bodies.c
+        if values is not None:
+            last = select(func.max(b.revision)).where(b.name == values["name"])
+            values["revision"] = _next(connection, last)
+            connection.execute(insert(schema.bodies), values)
+        return True
+
+    def _describe_robot(self, connection: Connection, change: Change) -> bool:
+        body = change.fields
+        row = {
+            "robot": change.scope,
+            "doc": body["doc"],
+            "description": msgpack.packb(body["description"]),
+            "inserted_ns": change.stamp_ns,
+            "updated_ns": change.stamp_ns,
+        }
+        changing = ("doc", "description", "updated_ns")
+        dialect_of(connection).upsert_rows(connection, schema.robots, [row], replace=changing)
+        return True
+
+
+def _keep_event(connection: Connection, change: Change) -> bool:
+    """Keep an event of the history; those from another service's journal also advance its number."""
+    body = change.fields if change.kind != "inserted" else {}
+    origin, number = body.get("origin"), body.get("number")
+    if isinstance(origin, str) and isinstance(number, int):
+        value = {"name": f"history:{origin}", "value": str(number)}
+        dialect_of(connection).upsert_rows(connection, schema.meta, [value], replace=("value",))
+    return True
+
+
+def _batches(changes: Iterator[Change]) -> Iterator[list[Change]]:
+    batch: list[Change] = []
+    size = 0
+    for change in changes:
+        batch.append(change)
+        size += change.row[3] if change.kind == "inserted" and change.row is not None else 0
+        if len(batch) == _BATCH or size > _BATCH_BYTES:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
+
+
+def _product_of(change: Change) -> tuple[NewProduct, bytes | None, bytes | None, int | None, int]:
+    """Return a product without its payload, its outline, chunk sums, location and time of insertion."""
+    type_name, codec, header, _, inserted_ns, sums, location, ring = change.row or []
+    names = {name: change.fields[name] for name in NAMES}
+    product = NewProduct(
+        Header.from_dict(msgpack.unpackb(header)), b"", **names, type_name=type_name, codec=codec
+    )
+    return product, ring, sums, location, inserted_ns
+
+
+def _keep_location(
+    connection: Connection, sha256: str, size: int, sums: bytes | None, location: int | None
+) -> None:
+    """Enter a payload where it is, so that the insertion does not write it again."""
+    b = schema.blobs.c
+    if connection.execute(select(b.sha256).where(b.sha256 == sha256)).first() is None:
+        row = {"sha256": sha256, "size": size, "chunk_sums": sums or b"", "location": location, "live": 0}
+        connection.execute(insert(schema.blobs), row)
+        add_to_tallies(connection, schema.blob_tallies, [((location is not None,), size)])
+
+
+def _next(connection: Connection, last: Select[Any]) -> int:
+    return int(connection.execute(last).scalar() or 0) + 1
+
+
+def _row_dict(table: Table, change: Change) -> dict[str, Any] | None:
+    if change.row is None:
+        return None
+    return dict(zip((column.name for column in table.columns), change.row, strict=True))

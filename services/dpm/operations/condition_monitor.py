@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Monitor of the conditions that restrict the DPM: disk, database and mission clock."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+from cdff_common.errors import CdffError
+from services.alarms import Severity
+from services.dpm.operations.dpm import Dpm
+
+logger = logging.getLogger(__name__)
+
+PERIOD_S = 5.0
+_SOURCE = "dpm"
+
+
+def check_conditions(dpm: Dpm) -> None:
+    """Begin and end the alarms of the DPM."""
+    check_disk(dpm)
+    dpm.writer.clock_guard.update()
+    if dpm.store.changes.loss:
+        remedy = "stop the DPM and run `cdff dpm rebuild`"
+        dpm.alarms.set("database_damaged", _SOURCE, Severity.CRITICAL, dpm.store.changes.loss, remedy)
+
+
+def check_disk(dpm: Dpm) -> bool:
+    """Begin or end the alarm of the disk; return whether products can be stored."""
+    disk = dpm.store.disk_space
+    if disk.holds(0):
+        dpm.alarms.clear("disk_full", _SOURCE)
+        return True
+    what = f"{disk.free_bytes()} bytes are free: products are served and deleted, but not stored"
+    remedy = "free space on the disk, delete products, or run `cdff dpm retention --apply`"
+    dpm.alarms.set("disk_full", _SOURCE, Severity.CRITICAL, what, remedy)
+    return False
+
+
+class ConditionMonitor:
+    """Thread that checks the conditions until it is closed."""
+
+    def __init__(self, dpm: Dpm) -> None:
+        self._dpm = dpm
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="conditions", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._closed.set()
+        self._thread.join(PERIOD_S)
+
+    def _run(self) -> None:
+        while True:
+            try:
+                check_conditions(self._dpm)
+            except (CdffError, OSError) as error:
+                logger.warning("conditions not checked: %s", error)
+            if self._closed.wait(PERIOD_S):
+                return
