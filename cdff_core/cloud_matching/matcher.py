@@ -209,26 +209,10 @@ class CloudMatcher:
         return solution
 
     def refine(
-        self,
-        source: Surface,
-        target: Surface,
-        T_target_source: Float,
-        metrics: Mapping[str, float],
-        *,
-        source_step: int = 1,
+        self, source: Surface, target: Surface, T_target_source: Float, metrics: Mapping[str, float]
     ) -> Registration:
-        """Register every ``source_step``-th point of the source from a candidate pose, and assess the result
-        on all points; raises RefusedError without overlap.
-        """
-        return refine_and_assess(
-            self._refine,
-            self._assess,
-            source,
-            target,
-            T_target_source,
-            metrics,
-            source_step=source_step,
-        )
+        """Register from a candidate pose and assess the result; raises RefusedError without overlap."""
+        return refine_and_assess(self._refine, self._assess, source, target, T_target_source, metrics)
 
 
 def refine_and_assess(
@@ -239,17 +223,15 @@ def refine_and_assess(
     T_target_source: Float,
     metrics: Mapping[str, float],
     coarser: tuple[Surface, Surface] | None = None,
-    source_step: int = 1,
 ) -> Registration:
     """Return the assessed registration from a candidate pose; raises RefusedError without overlap.
 
-    Every ``source_step``-th point of the source is registered; the assessment uses all points.
     ``coarser`` are source and target with fewer points. They are registered from the result, and the
     difference is added to the covariance as resolution error.
     """
     step = refine.process(
         Registration3DInputs(
-            source=source.points_m[::source_step],
+            source=source.points_m,
             target=target.points_m,
             target_normals=target.normals,
             guess=T_target_source,

@@ -24,8 +24,6 @@ AssessedRegistration = tuple[Registration, Quality]
 
 #: Keypoints of the target within this distance of the registered source are explained by the registration.
 _EXPLAINED_VOXELS = 3.0
-#: Every n-th point of the coarse source is registered; the fine clouds correct the remaining error.
-_COARSE_STEP = 4
 
 
 class AlignmentSearch:
@@ -92,8 +90,8 @@ class AlignmentSearch:
     def _refine(self, T: Float, metrics: dict[str, float]) -> AssessedRegistration | None:
         """Refine on the coarse clouds, then on the fine clouds; None if either fails the gates."""
         try:
-            for (source, target), step in ((self._coarse, _COARSE_STEP), (self._fine, 1)):
-                registration = self._matcher.refine(source, target, T, metrics, source_step=step)
+            for source, target in (self._coarse, self._fine):
+                registration = self._matcher.refine(source, target, T, metrics)
                 quality = self._quality_of(registration)
                 if quality.status is Status.FAILED:
                     self._record_refusal(quality.reasons)
