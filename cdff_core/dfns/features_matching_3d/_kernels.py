@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loop of MutualRatio: the two nearest targets of each source and the nearest source of each target."""
+"""Compiled loop of MutualRatio: two nearest targets of each source, nearest source of each target."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from numba import njit
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_core.dfns.pose_graph_optimization._elimination import Fronts
 
-#: Rows of a triangular matrix that are inverted by loops; larger matrices are inverted in blocks of this size.
+#: Rows of a triangular matrix inverted by loops; larger matrices are inverted in blocks of this size.
 _LOOP_ROWS = 32
 
 

@@ -67,7 +67,7 @@ class Elimination(NamedTuple):
 
 
 def analyse(count: int, first: IntArray, second: IntArray) -> Elimination:
-    """Return order and structure for ``count`` unknowns, at least one, and pairs ``(m,)`` of different ones."""
+    """Return order and structure for ``count`` unknowns, at least one, and pairs ``(m,)`` of them."""
     position = _minimum_degree(count, first, second)
     start, columns = _by_row(count, *_ordered(position[first], position[second]))
     position = _postorder(_elimination_tree(start, columns))[position]

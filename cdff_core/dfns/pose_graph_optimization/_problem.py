@@ -179,7 +179,7 @@ def _repair_information(information: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _are_definite(information: FloatArray) -> bool:
-    """Return whether all matrices have Cholesky factors, which takes a fraction of the time of eigenvalues."""
+    """Return whether all matrices have Cholesky factors, which is faster than computing eigenvalues."""
     try:
         np.linalg.cholesky(information)
     except np.linalg.LinAlgError:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Normal equations of a pose graph agree with the equations of the geometry package, small and large angles."""
+"""Normal equations of a pose graph agree with the geometry package, for small and large angles."""
 
 from __future__ import annotations
 
