@@ -101,7 +101,7 @@ def chi2(graph: PoseGraph, poses: np.ndarray) -> float:
     """Return the objective of poses: the sum of the squared normalised errors of all edges."""
     problem = make_problem(graph)
     rigid = se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3])
-    return float(problem.squared_errors(problem.errors(rigid)).sum())
+    return float(problem.squared_errors(rigid).sum())
 
 
 def covariances(graph: PoseGraph, trials: int) -> dict[str, Any]:

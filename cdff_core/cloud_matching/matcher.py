@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -44,14 +45,19 @@ class FewPointsError(InputError):
     """Too few points of a cloud remain in voxels of the size that the other cloud requires."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Cloud:
     """A point cloud prepared for registration: thinned, without outliers."""
 
     points_m: Float  # (n, 3)
-    normals: Float  # (n, 3)
     #: Voxel size for feature matching that this cloud requires; the larger one of two clouds is used.
     voxel_m: float
+    estimate_normals: Callable[[Float], Float]
+
+    @cached_property
+    def normals(self) -> Float:
+        """Unit normals (n, 3), estimated at their first use: only the last refinement needs them."""
+        return self.estimate_normals(self.points_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +129,7 @@ class CloudMatcher:
         self._gates = gates
 
     def prepare(self, points_m: NDArray[Any], name: str, voxel_choice: Dfn[Any, Any, Any]) -> Cloud:
-        """Filter, thin, remove outliers, estimate normals; raises InputError if too few points remain.
+        """Filter, thin, remove outliers; raises InputError if too few points remain.
 
         ``voxel_choice`` is a PointCloudDownsampling. Only the voxel size it returns is used: it becomes
         ``Cloud.voxel_m``, the size for feature matching. If it returns none, the size that halves the number
@@ -138,8 +144,7 @@ class CloudMatcher:
         points = self._outliers.process(PointCloudFilteringInputs(points=thinned)).filtered_points
         voxel_m = voxel_choice.process(PointCloudDownsamplingInputs(points=points)).voxel_m
         voxel_m = voxel_m or voxel_for(points, len(points) // 2)
-        normals = self._normals.process(NormalsEstimationInputs(points=points)).normals
-        return Cloud(points, normals, voxel_m)
+        return Cloud(points, voxel_m, self._estimate_normals)
 
     def extract_keypoints(self, clouds: Sequence[Cloud], voxel_m: float) -> list[KeypointCloud]:
         """Thin clouds to voxels of one size, estimate normals, extract keypoints."""
@@ -152,13 +157,18 @@ class CloudMatcher:
                 raise FewPointsError(
                     f"{len(points)} points remain of {len(cloud.points_m)} in voxels of {voxel_m:.3g} m"
                 )
-            normals = self._normals.process(NormalsEstimationInputs(points=points)).normals
+            normals = self._estimate_normals(points)
             radius_m = self._gates.keypoint_voxels * voxel_m
             keypoints = self._keypoints.process(
                 FeaturesExtraction3DInputs(points=points, radius_m=radius_m)
             ).keypoints
             results.append(KeypointCloud(points, normals, keypoints))
         return results
+
+    def _estimate_normals(self, points_m: Float) -> Float:
+        """Return the unit normals (n, 3) of points (n, 3)."""
+        normals: Float = self._normals.process(NormalsEstimationInputs(points=points_m)).normals
+        return normals
 
     def describe(self, cloud: KeypointCloud, radius_m: float) -> DescribedKeypoints:
         """Describe the keypoints; omit keypoints with too few points in their support."""

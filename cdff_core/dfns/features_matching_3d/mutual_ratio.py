@@ -9,10 +9,15 @@ from pydantic import Field
 
 from cdff_common.arrays import Float32Array, IntArray
 from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.features_matching_3d._kernels import no_neighbours, update_nearest
 from cdff_core.dfns.features_matching_3d.interface import Inputs, Interface, Outputs
 
-#: Rows of the source that are compared with all targets at a time, to limit memory.
-_BLOCK_ROWS = 1024
+#: Rows of the source that are compared with all targets at a time, so that the distances fit in the cache.
+_BLOCK_ROWS = 256
+#: Descriptors, at least, per component of which the principal components are computed.
+_SAMPLE_PER_COMPONENT = 4
+#: Ratio of the variance of all discarded components to the total variance of the descriptors.
+_MAX_DISCARDED = 1e-5
 
 
 class MutualRatioConfig(DfnConfig):
@@ -32,6 +37,11 @@ class MutualRatio(Interface[MutualRatioConfig]):
 
     Lowe (2004), doi:10.1023/B:VISI.0000029664.99615.94, for the ratio.
     """
+
+    def setup(self) -> None:
+        """Compile the kernel."""
+        one = np.zeros((1, 1), np.float32)
+        _find_nearest(one, one)
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the matches."""
@@ -62,23 +72,29 @@ def _find_nearest(
     """Return the nearest target of each source, the distances of the two nearest, and the nearest source of
     each target.
     """
-    nearest_target, nearest_source = np.empty(len(source), np.int64), np.zeros(len(target), np.int64)
-    nearest_distance, second_distance = np.empty(len(source), np.float32), np.empty(len(source), np.float32)
-    source_d2 = np.full(len(target), np.inf, np.float32)
-    target_norm2 = np.einsum("ij,ij->i", target, target)
+    source, target = _principal_components(source, target)
+    neighbours = no_neighbours(len(source), len(target))
+    # The product of the extended rows (-2 s, s's, 1) and (t, 1, t't) is the squared distance of s and t.
+    s2, t2 = (np.einsum("ij,ij->i", d, d)[:, None] for d in (source, target))
+    extended_source = np.hstack([np.float32(-2.0) * source, s2, np.ones_like(s2)])
+    extended_target = np.hstack([target, np.ones_like(t2), t2])
     for start in range(0, len(source), _BLOCK_ROWS):
-        block = source[start : start + _BLOCK_ROWS]
-        d2 = np.maximum(
-            np.einsum("ij,ij->i", block, block)[:, None] + target_norm2 - 2.0 * (block @ target.T), 0.0
-        )
-        source_row = np.argmin(d2, axis=0)
-        column_d2 = d2[source_row, np.arange(len(target))]
-        is_nearer = column_d2 < source_d2
-        nearest_source[is_nearer], source_d2[is_nearer] = source_row[is_nearer] + start, column_d2[is_nearer]
-        target_row = np.argmin(d2, axis=1)
-        block_rows = slice(start, start + len(block))
-        nearest_target[block_rows] = target_row
-        nearest_distance[block_rows] = np.sqrt(d2[np.arange(len(block)), target_row])
-        d2[np.arange(len(block)), target_row] = np.inf
-        second_distance[block_rows] = np.sqrt(d2.min(axis=1))
-    return nearest_target, nearest_distance, second_distance, nearest_source
+        update_nearest(extended_source[start : start + _BLOCK_ROWS] @ extended_target.T, start, neighbours)
+    distances = np.sqrt(np.maximum(neighbours.target_distances2, np.float32(0.0)))
+    return neighbours.target, distances[:, 0], distances[:, 1], neighbours.source
+
+
+def _principal_components(source: Float32Array, target: Float32Array) -> tuple[Float32Array, Float32Array]:
+    """Return the descriptors in the principal components of a sample, without those of negligible variance.
+
+    Neighbouring bins of a histogram are correlated, so that a third of the components of SHOT holds the
+    distances.
+    """
+    size = source.shape[1]
+    step = max(1, (len(source) + len(target)) // (_SAMPLE_PER_COMPONENT * size))
+    sample = np.vstack([source[::step], target[::step]])
+    sample -= sample.mean(axis=0)
+    variances, axes = np.linalg.eigh(sample.T @ sample)
+    discarded = np.cumsum(np.maximum(variances, 0.0))
+    axes = axes[:, np.searchsorted(discarded, _MAX_DISCARDED * discarded[-1]) :]
+    return (source @ axes, target @ axes) if axes.shape[1] < size else (source, target)

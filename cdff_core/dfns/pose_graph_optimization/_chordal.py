@@ -4,14 +4,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix
-from scipy.sparse.linalg import splu
+from numba import njit
 
-from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry import se3
+from cdff_core.dfns.pose_graph_optimization._block_cholesky import factorise, solve
 from cdff_core.dfns.pose_graph_optimization._problem import Problem
 
 
@@ -25,98 +23,90 @@ def chordal_poses(problem: Problem, poses: FloatArray, weights: FloatArray) -> F
     are ignored.
     """
     kappa, tau = (weights * w for w in _isotropic(problem))
-    n = len(poses)
-    prior = problem.is_prior
-    a, b = problem.vertex_a[~prior], problem.vertex_b[~prior]
-    Z = problem.measured[~prior]
+    Z, fixed = problem.measured, problem.fixed
     # Row i of R_b is row i of R_a times R_ab: three unknowns for each pose, and one right-hand side for each
-    # row.
-    blocks = np.swapaxes(Z[:, :3, :3], 1, 2)
-    fixed_rotations = poses[problem.fixed, :3, :3]
-    rows = _solve_linear(
-        n,
-        problem,
-        _Edges(a, b, blocks, kappa[~prior]),
-        np.zeros((len(a), 3, 3)),
-        _Priors(problem.vertex_a[prior], kappa[prior], np.swapaxes(problem.measured[prior, :3, :3], 1, 2)),
-        np.swapaxes(fixed_rotations, 1, 2),
-    )
-    R = se3.normalise_rotation(np.swapaxes(rows, 1, 2))
-    R[problem.fixed] = fixed_rotations
-    translation = (R[a] @ Z[:, :3, 3, None])[..., 0]
-    t = _solve_linear(
-        n,
-        problem,
-        _Edges(a, b, np.ones((len(a), 1, 1)), tau[~prior]),
-        translation[:, None, :],
-        _Priors(problem.vertex_a[prior], tau[prior], problem.measured[prior, None, :3, 3]),
-        poses[problem.fixed, None, :3, 3],
-    )
+    # row. A prior has the value R_ab.
+    blocks = np.ascontiguousarray(np.swapaxes(Z[:, :3, :3], 1, 2))
+    offsets = np.where(problem.is_prior[:, None, None], blocks, 0.0)
+    rows = np.zeros((len(poses), 3, 3))
+    rows[fixed] = np.swapaxes(poses[fixed, :3, :3], 1, 2)
+    _solve_linear(problem, blocks, kappa, offsets, rows)
+    R = poses[:, :3, :3].copy()
+    R[problem.free] = se3.normalise_rotation(np.swapaxes(rows[problem.free], 1, 2))
+    rotated = (R[problem.vertex_a] @ Z[:, :3, 3, None])[..., 0]
+    offsets = np.where(problem.is_prior[:, None], Z[:, :3, 3], rotated)[:, None, :]
+    t = np.zeros((len(poses), 1, 3))
+    t[fixed, 0] = poses[fixed, :3, 3]
+    _solve_linear(problem, np.ones((len(Z), 1, 1)), tau, offsets, t)
     return se3.transform(R, t[:, 0])
 
 
-class _Edges:
-    """Terms ``weight |x_b - block x_a - offset|^2`` of the objective."""
-
-    def __init__(self, a: IntArray, b: IntArray, blocks: FloatArray, weights: FloatArray) -> None:
-        self.a, self.b, self.blocks, self.weights = a, b, blocks, weights
-
-
-class _Priors:
-    """Terms ``weight |x_a - value|^2`` of the objective."""
-
-    def __init__(self, a: IntArray, weights: FloatArray, values: FloatArray) -> None:
-        self.a, self.weights, self.values = a, weights, values
-
-
 def _solve_linear(
-    n: int, problem: Problem, edges: _Edges, offsets: FloatArray, priors: _Priors, fixed: FloatArray
-) -> FloatArray:
-    """Return the unknowns ``(n, k, r)`` that minimise the sum of all terms; those of fixed vertices are
-    ``fixed (g, k, r)``. The offsets are those of the edges, ``(m, k, r)``.
+    problem: Problem, blocks: FloatArray, weights: FloatArray, offsets: FloatArray, x: FloatArray
+) -> None:
+    """Write to the unknowns ``x (n, k, r)`` of free vertices the minimum of
+    ``sum weight |x_b - block x_a - offset|^2``, with ``weight |x_a - offset|^2`` of each prior.
+
+    ``x`` of the fixed vertices is given; blocks are ``(m, k, k)``, offsets ``(m, k, r)``.
     """
-    k, r = offsets.shape[1:] if len(offsets) else fixed.shape[1:]
-    m, p = len(edges.a), len(priors.a)
-    edge_scale, prior_scale = np.sqrt(edges.weights)[:, None, None], np.sqrt(priors.weights)[:, None, None]
-    eye = np.broadcast_to(np.eye(k), (m, k, k))
-    equation = np.arange((m + p) * k).reshape(m + p, k, 1)
-    values = np.concatenate(
-        [
-            -(edges.blocks * edge_scale).ravel(),
-            (eye * edge_scale).ravel(),
-            (np.broadcast_to(np.eye(k), (p, k, k)) * prior_scale).ravel(),
-        ]
+    if not len(problem.free):
+        return
+    k, fronts = x.shape[1], problem.elimination.fronts
+    diagonal, right = np.zeros(len(problem.free)), np.zeros((len(problem.free), k, x.shape[2]))
+    lower = np.zeros((len(fronts.slot_row), k, k))
+    _accumulate(
+        problem.vertex_a,
+        problem.vertex_b,
+        blocks,
+        weights,
+        offsets,
+        x,
+        problem.position,
+        problem.slot,
+        problem.is_a_later,
+        diagonal,
+        lower,
+        right,
     )
-    equations = np.concatenate(
-        [
-            np.broadcast_to(equation[rows], (len(equation[rows]), k, k)).ravel()
-            for rows in (slice(0, m), slice(0, m), slice(m, m + p))
-        ]
-    )
-    unknowns = np.concatenate([_block_columns(i, k) for i in (edges.a, edges.b, priors.a)])
-    A = coo_matrix((values, (equations, unknowns)), shape=((m + p) * k, n * k)).tocsc()
-    right = np.concatenate([offsets * edge_scale, priors.values * prior_scale]).reshape(-1, r)
-    x = np.zeros((n, k, r))
-    x[problem.fixed] = fixed
-    free = np.setdiff1d(np.arange(n), problem.fixed)
-    columns = (free[:, None] * k + np.arange(k)).ravel()
-    B = A[:, columns]
-    normal = csc_matrix(B.T @ B)
-    # A small diagonal term keeps the system regular if vertices have no measurements.
-    normal.setdiag(normal.diagonal() + 1e-12 * max(float(normal.diagonal().max(initial=0.0)), 1e-300))
-    if len(free):
-        x[free] = factorise(normal).solve(B.T @ (right - A @ x.reshape(-1, r))).reshape(-1, k, r)
-    return x
+    # A small term keeps the system regular if vertices have no measurements.
+    diagonal += 1e-12 * max(float(diagonal.max()), 1e-300)
+    factors = factorise(fronts, diagonal[:, None, None] * np.eye(k), lower)
+    solution = solve(factors, right.reshape(-1, x.shape[2])).reshape(right.shape)
+    x[problem.free] = solution[problem.position[problem.free]]
 
 
-def _block_columns(vertices: IntArray, k: int) -> IntArray:
-    """Return the column of each entry of the blocks ``(len, k, k)`` of these vertices, flattened."""
-    return np.broadcast_to((vertices[:, None] * k + np.arange(k))[:, None, :], (len(vertices), k, k)).ravel()
-
-
-def factorise(matrix: csc_matrix) -> Any:
-    """Return the sparse factors of a positive definite matrix; raises RuntimeError if it is singular."""
-    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+@njit(cache=True)
+def _accumulate(
+    a: IntArray,
+    b: IntArray,
+    blocks: FloatArray,
+    weights: FloatArray,
+    offsets: FloatArray,
+    x: FloatArray,
+    position: IntArray,
+    slot: IntArray,
+    is_a_later: BoolArray,
+    diagonal: FloatArray,
+    lower: FloatArray,
+    right: FloatArray,
+) -> None:  # pragma: no cover - compiled
+    """Add the normal equations of ``_solve_linear``, for orthogonal blocks, in the order of elimination."""
+    for m in range(len(a)):
+        p, q, w, B = position[a[m]], position[b[m]], weights[m], blocks[m]
+        if q >= 0:
+            diagonal[q] += w
+            right[q] += w * offsets[m]
+            if p < 0:
+                right[q] += w * np.dot(B, x[a[m]])
+        if a[m] == b[m]:
+            continue
+        if p >= 0:
+            diagonal[p] += w
+            right[p] -= w * np.dot(B.T, offsets[m])
+            if q < 0:
+                right[p] += w * np.dot(B.T, x[b[m]])
+        if p >= 0 and q >= 0:
+            lower[slot[m]] -= w * (B.T if is_a_later[m] else B)
 
 
 def _isotropic(problem: Problem) -> tuple[FloatArray, FloatArray]:

@@ -7,12 +7,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix, csc_matrix, diags
 
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import DegenerateGeometryError
 from cdff_common.geometry import se3
-from cdff_core.dfns.pose_graph_optimization._chordal import factorise
+from cdff_core.dfns.pose_graph_optimization._block_cholesky import factorise, solve
+from cdff_core.dfns.pose_graph_optimization._linearisation import accumulate
 from cdff_core.dfns.pose_graph_optimization._problem import Problem
 
 _MIN_DAMPING, _MAX_DAMPING = 1e-6, 1e8
@@ -28,6 +28,28 @@ class Solution:
     converged: bool
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class NormalEquations:
+    """Gauss-Newton approximation of the cost at some poses, in the order of elimination.
+
+    Attributes
+    ----------
+    diagonal, lower : ndarray, shapes (f, d, d) and (s, d, d)
+        Blocks of the Hessian.
+    gradient : ndarray, shape (f, d)
+    """
+
+    diagonal: FloatArray
+    lower: FloatArray
+    gradient: FloatArray
+
+    @property
+    def scale(self) -> FloatArray:
+        """Diagonal of the Hessian ``(f, d)``, bounded from 0."""
+        values = np.diagonal(self.diagonal, axis1=1, axis2=2)
+        return np.maximum(values, 1e-12 * max(float(values.max(initial=0.0)), 1e-300))
+
+
 def minimise(
     problem: Problem, poses: FloatArray, weights: FloatArray, max_iterations: int, tolerance: float
 ) -> Solution:
@@ -40,19 +62,15 @@ def minimise(
     DegenerateGeometryError
         If the information leaves poses unconstrained even with damping.
     """
-    chi2 = float(weights @ problem.squared_errors(problem.errors(poses)))
-    damping = 0.0
+    chi2, damping = float(weights @ problem.squared_errors(poses)), 0.0
     for iteration in range(max_iterations):
-        H, g = normal_equations(problem, poses, weights)
-        diagonal = H.diagonal()
-        scale = np.maximum(diagonal, 1e-12 * max(float(diagonal.max(initial=0.0)), 1e-300))
-        if float(np.sum(g**2 / scale)) <= tolerance * max(chi2, 1e-12):
+        equations = normal_equations(problem, poses, weights)
+        scale = equations.scale
+        if float(np.sum(equations.gradient**2 / scale)) <= tolerance * max(chi2, 1e-12):
             return Solution(poses, chi2, iteration, True)
         while True:
-            moved = _step(problem, poses, H, g, damping * scale)
-            new_chi2 = (
-                np.inf if moved is None else float(weights @ problem.squared_errors(problem.errors(moved)))
-            )
+            moved = _step(problem, poses, equations, damping * scale)
+            new_chi2 = np.inf if moved is None else float(weights @ problem.squared_errors(moved))
             if new_chi2 <= chi2 * (1.0 + 1e-12):
                 break
             if damping >= _MAX_DAMPING:
@@ -72,64 +90,44 @@ def minimise(
     return Solution(poses, chi2, max_iterations, False)
 
 
-def normal_equations(
-    problem: Problem, poses: FloatArray, weights: FloatArray
-) -> tuple[csc_matrix, FloatArray]:
-    """Return the Gauss-Newton Hessian and the gradient with respect to the poses that are not fixed, ``d``
-    rows for each pose.
-    """
-    n, d = len(poses), len(problem.rows)
-    prior = problem.is_prior
-    e = problem.errors(poses)
-    Jb = se3.inverse_right_jacobian_se3(e)
-    # An error changes by -Ad(X_b^-1 X_a) x_a for a step x_a of pose a, and by x_b for a step of pose b.
-    Ja = -Jb @ se3.adjoint(se3.inverse(poses[problem.vertex_b]) @ poses[problem.vertex_a])
-    e, Ja, Jb = e[:, problem.rows], *(J[:, problem.rows[:, None], problem.rows] for J in (Ja, Jb))
-    Ja[prior] = 0.0
-    W = problem.information * weights[:, None, None]
-    WJa, WJb = W @ Ja, W @ Jb
-    JaT, JbT = np.swapaxes(Ja, 1, 2), np.swapaxes(Jb, 1, 2)
-    unknown = np.full(n, -1)  # row of each pose among those that are not fixed, -1 for a fixed one
-    free = np.setdiff1d(np.arange(n), problem.fixed)
-    unknown[free] = np.arange(len(free))
-    a, b = unknown[problem.vertex_a], unknown[problem.vertex_b]
-    cross = JaT @ WJb
-    rows, columns, values = [], [], []
-    for i, j, block in (
-        (a, a, JaT @ WJa),
-        (b, b, JbT @ WJb),
-        (a, b, cross),
-        (b, a, np.swapaxes(cross, 1, 2)),
-    ):
-        both_free = (i >= 0) & (j >= 0)
-        shape = (int(both_free.sum()), d, d)
-        rows.append(np.broadcast_to((i[both_free, None] * d + np.arange(d))[:, :, None], shape).ravel())
-        columns.append(np.broadcast_to((j[both_free, None] * d + np.arange(d))[:, None, :], shape).ravel())
-        values.append(block[both_free].ravel())
-    size = len(free) * d
-    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    g = np.zeros((n, d))
-    np.add.at(g, problem.vertex_a, np.einsum("mji,mj->mi", WJa, e))
-    np.add.at(g, problem.vertex_b, np.einsum("mji,mj->mi", WJb, e))
-    return coo_matrix(entries, shape=(size, size)).tocsc(), g[free].ravel()
+def normal_equations(problem: Problem, poses: FloatArray, weights: FloatArray) -> NormalEquations:
+    """Return the normal equations at poses ``(n, 4, 4)`` for weights ``(m,)`` of the edges."""
+    d, elimination = len(problem.rows), problem.elimination
+    count, slots = len(problem.free), len(elimination.fronts.slot_row)
+    diagonal, lower, gradient = np.zeros((count, d, d)), np.zeros((slots, d, d)), np.zeros((count, d))
+    accumulate(
+        poses,
+        problem.vertex_a,
+        problem.vertex_b,
+        problem.measured,
+        problem.information,
+        weights,
+        tuple(problem.rows.tolist()),
+        problem.position,
+        problem.slot,
+        problem.is_a_later,
+        diagonal,
+        lower,
+        gradient,
+    )
+    return NormalEquations(diagonal, lower, gradient)
 
 
 def _step(
-    problem: Problem, poses: FloatArray, H: csc_matrix, g: FloatArray, damping: FloatArray
+    problem: Problem, poses: FloatArray, equations: NormalEquations, damping: FloatArray
 ) -> FloatArray | None:
-    """Return the poses after a step; None if the equations are singular."""
-    if not len(g):
+    """Return the poses after a step with damping ``(f, d)``; None if the equations are singular."""
+    if not len(problem.free):
         return poses
-    try:
-        x = factorise(csc_matrix(H + diags(damping))).solve(-g)
-    except RuntimeError:  # SuperLU: the matrix is exactly singular
-        return None
-    if not np.isfinite(x).all():
-        return None
     d = len(problem.rows)
-    step = np.zeros((len(poses), 6))
-    free = np.setdiff1d(np.arange(len(poses)), problem.fixed)
-    step[np.ix_(free, problem.rows)] = x.reshape(-1, d)
-    moved = poses @ se3.exp_se3(step)
-    moved[problem.fixed] = poses[problem.fixed]
-    return moved
+    diagonal = equations.diagonal + damping[:, :, None] * np.eye(d)
+    try:
+        factors = factorise(problem.elimination.fronts, diagonal, equations.lower)
+    except np.linalg.LinAlgError:  # not positive definite
+        return None
+    x = solve(factors, -equations.gradient.reshape(-1, 1)).reshape(-1, d)
+    step = np.zeros((len(problem.free), 6))
+    step[:, problem.rows] = x[problem.position[problem.free]]
+    moved = poses.copy()
+    moved[problem.free] = poses[problem.free] @ se3.exp_se3(step)
+    return moved if np.isfinite(moved).all() else None

@@ -12,9 +12,10 @@ from scipy.sparse.csgraph import connected_components
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.errors import InputError
-from cdff_common.geometry import se3
 from cdff_common.types import PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE
+from cdff_core.dfns.pose_graph_optimization._elimination import Elimination, analyse
+from cdff_core.dfns.pose_graph_optimization._linearisation import squared_errors
 
 #: Unknowns of a pose in a planar and in a spatial graph, rows of x y z rx ry rz.
 _PLANAR, _SPATIAL = np.array([0, 1, 5]), np.arange(6)
@@ -39,6 +40,14 @@ class Problem:
         Rows of the fixed vertices.
     rows : ndarray of int64, shape (d,)
         Unknowns of a pose, rows of x y z rx ry rz: three in a planar graph, else all.
+    free : ndarray of int64, shape (f,)
+        Rows of the other vertices.
+    position : ndarray of int64, shape (n,)
+        Position of each vertex in the order of elimination, -1 if it is fixed.
+    slot, is_a_later : ndarray, shape (m,)
+        Block of each edge between free vertices, and whether its row is vertex a.
+    elimination : Elimination
+        Order and structure of the normal equations.
     components, repaired : int
         Number of connected components and of repaired information matrices.
     """
@@ -50,6 +59,11 @@ class Problem:
     is_loop: BoolArray
     fixed: IntArray
     rows: IntArray
+    free: IntArray
+    position: IntArray
+    slot: IntArray
+    is_a_later: BoolArray
+    elimination: Elimination
     components: int
     repaired: int
 
@@ -58,16 +72,11 @@ class Problem:
         """Mask of the edges that measure a pose in the frame of the graph."""
         return np.asarray(self.vertex_a == self.vertex_b)
 
-    def errors(self, poses: FloatArray) -> FloatArray:
-        """Return the errors ``(m, 6)`` of the edges at poses ``(n, 4, 4)``."""
-        between = se3.inverse(poses[self.vertex_a]) @ poses[self.vertex_b]
-        between[self.is_prior] = poses[self.vertex_a[self.is_prior]]
-        return se3.log_se3(se3.inverse(self.measured) @ between)
-
-    def squared_errors(self, errors: FloatArray) -> FloatArray:
-        """Return ``e' Omega e`` of each edge ``(m,)``."""
-        e = errors[:, self.rows]
-        return np.asarray(np.einsum("mi,mij,mj->m", e, self.information, e))
+    def squared_errors(self, poses: FloatArray) -> FloatArray:
+        """Return ``e' Omega e`` of each edge ``(m,)`` at poses ``(n, 4, 4)``."""
+        return squared_errors(
+            poses, self.vertex_a, self.vertex_b, self.measured, self.information, tuple(self.rows.tolist())
+        )
 
 
 def make_problem(graph: PoseGraph) -> Problem:
@@ -97,14 +106,29 @@ def make_problem(graph: PoseGraph) -> Problem:
     components, label = connected_components(
         coo_matrix((np.ones(len(a)), (a, b)), shape=(len(ids), len(ids))), directed=False
     )
+    fixed = _fixed_rows(graph, a[a == b], int(components), label)
+    free = np.setdiff1d(np.arange(len(ids)), fixed)
+    unknown = np.full(len(ids), -1)
+    unknown[free] = np.arange(len(free))
+    is_pair = (a != b) & (unknown[a] >= 0) & (unknown[b] >= 0)
+    elimination = analyse(len(free), unknown[a[is_pair]], unknown[b[is_pair]])
+    position = np.full(len(ids), -1)
+    position[free] = elimination.position
+    slot, is_a_later = np.full(len(a), -1), np.zeros(len(a), np.bool_)
+    slot[is_pair], is_a_later[is_pair] = elimination.slot, elimination.is_first_later
     return Problem(
         vertex_a=a,
         vertex_b=b,
         measured=measured,
         information=information,
         is_loop=graph.edges.kinds == LOOP_CLOSURE,
-        fixed=_fixed_rows(graph, a[a == b], int(components), label),
+        fixed=fixed,
         rows=rows,
+        free=free,
+        position=position,
+        slot=slot,
+        is_a_later=is_a_later,
+        elimination=elimination,
         components=int(components),
         repaired=repaired,
     )
@@ -139,6 +163,8 @@ def _repair_information(information: FloatArray) -> tuple[FloatArray, int]:
     """
     if not len(information):
         return information, 0
+    if _are_definite(information):
+        return information, 0
     smallest, largest = np.linalg.eigvalsh(information)[:, [0, -1]].T
     is_indefinite = smallest < -_ROUNDING * np.maximum(largest, 0.0)
     if not is_indefinite.any():
@@ -150,6 +176,15 @@ def _repair_information(information: FloatArray) -> tuple[FloatArray, int]:
     values, vectors = np.linalg.eigh(blocks)
     repaired[is_indefinite] = (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     return repaired, int(is_indefinite.sum())
+
+
+def _are_definite(information: FloatArray) -> bool:
+    """Return whether all matrices have Cholesky factors, which is faster than computing eigenvalues."""
+    try:
+        np.linalg.cholesky(information)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _fixed_rows(graph: PoseGraph, with_prior: IntArray, components: int, label: IntArray) -> IntArray:

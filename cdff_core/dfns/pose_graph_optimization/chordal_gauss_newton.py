@@ -11,12 +11,13 @@ from pydantic import Field
 
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import InputError
-from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import rotate_covariance
 from cdff_common.geometry.robust import GNC_GROWTH, chi_squared_quantile, truncated_weights
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.types import PoseGraph
-from cdff_core.dfns.pose_graph_optimization._chordal import chordal_poses, factorise
+from cdff_common.types.pose_graph_ext import ODOMETRY
+from cdff_core.dfns.pose_graph_optimization._block_cholesky import factorise, solve
+from cdff_core.dfns.pose_graph_optimization._chordal import chordal_poses
 from cdff_core.dfns.pose_graph_optimization._least_squares import Solution, minimise, normal_equations
 from cdff_core.dfns.pose_graph_optimization._problem import Problem, make_problem
 from cdff_core.dfns.pose_graph_optimization.interface import Inputs, Interface, Outputs
@@ -58,6 +59,24 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
     is solved if no new edge contradicts them.
     """
 
+    def setup(self) -> None:
+        """Compile the kernels, for spatial and for planar graphs."""
+        step = np.tile(np.eye(4), (2, 1, 1))
+        planar = np.diag([1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+        for information in (np.eye(6), planar):
+            graph = PoseGraph.from_arrays(
+                range(3),
+                [0] * 3,
+                np.tile(np.eye(4), (3, 1, 1)),
+                [(0, 1), (1, 2)],
+                step,
+                np.tile(information, (2, 1, 1)),
+                [ODOMETRY] * 2,
+                frame="map",
+            )
+            problem = make_problem(graph)
+            minimise(problem, chordal_poses(problem, graph.vertices.matrices, np.ones(2)), np.ones(2), 1, 0.0)
+
     def process(self, inputs: Inputs) -> Outputs:
         """Return the optimised graph; raises InputError and DegenerateGeometryError."""
         cfg = self.config
@@ -71,7 +90,7 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
             solution = self._minimise(problem, self._initial_poses(problem, given, np.inf), weights)
         self.reasons = _reasons(problem, solution, weights)
         self.metrics = {
-            f"chi2_{name}": float(weights @ problem.squared_errors(problem.errors(poses)))
+            f"chi2_{name}": float(weights @ problem.squared_errors(poses))
             for name, poses in (("initial", given), ("final", solution.poses))
         }
         return Outputs(
@@ -100,9 +119,7 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
             candidates.append(chordal_poses(problem, given, ones))
             if np.isfinite(limit):
                 candidates.append(chordal_poses(problem, given, np.where(problem.is_loop, 0.0, 1.0)))
-        costs = [
-            np.minimum(problem.squared_errors(problem.errors(poses)), limit).sum() for poses in candidates
-        ]
+        costs = [np.minimum(problem.squared_errors(poses), limit).sum() for poses in candidates]
         return candidates[int(np.argmin(costs))]
 
     def _solve_robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
@@ -115,7 +132,7 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
             problem, self._initial_poses(problem, given, limit), weights, 2 * _GNC_ITERATIONS
         )
         iterations = solution.iterations
-        r2 = problem.squared_errors(problem.errors(solution.poses))[problem.is_loop]
+        r2 = problem.squared_errors(solution.poses)[problem.is_loop]
         mu = limit / max(2.0 * float(r2.max()) - limit, 1e-9 * limit)
         for _ in range(_GNC_UPDATES):
             if r2.max() <= limit or mu > 1e6:
@@ -123,7 +140,7 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
             weights[problem.is_loop] = loop_weights = truncated_weights(r2, limit, mu)
             solution = self._minimise(problem, solution.poses, weights, _GNC_ITERATIONS)
             iterations += solution.iterations
-            r2 = problem.squared_errors(problem.errors(solution.poses))[problem.is_loop]
+            r2 = problem.squared_errors(solution.poses)[problem.is_loop]
             if np.all((loop_weights < 1e-4) | (loop_weights > 1.0 - 1e-4)):
                 break
             mu *= GNC_GROWTH
@@ -162,7 +179,7 @@ def _with_poses(graph: PoseGraph, poses: FloatArray, fixed: IntArray) -> PoseGra
     return PoseGraph.from_arrays(
         vertices.ids,
         vertices.stamps_ns,
-        se3.transform(se3.normalise_rotation(poses[:, :3, :3]), poses[:, :3, 3]),
+        poses,
         edges.ends,
         edges.matrices,
         edges.information_matrices,
@@ -178,19 +195,18 @@ def _covariances(problem: Problem, poses: FloatArray, weights: FloatArray, rows:
     poses.
     """
     covariances = np.zeros((len(rows), 6, 6))
-    free = np.setdiff1d(np.arange(len(poses)), problem.fixed)
-    if not len(rows) or not len(free):
+    is_free = problem.position[rows] >= 0
+    if not is_free.any():
         return covariances
     d = len(problem.rows)
-    factors = factorise(normal_equations(problem, poses, weights)[0])
-    for k, row in enumerate(rows):
-        at = np.searchsorted(free, row)
-        if at == len(free) or free[at] != row:
-            continue
-        unit = np.zeros((len(free) * d, d))
-        unit[at * d : (at + 1) * d] = np.eye(d)
-        block = factors.solve(unit)[at * d : (at + 1) * d]
+    equations = normal_equations(problem, poses, weights)
+    factors = factorise(problem.elimination.fronts, equations.diagonal, equations.lower)
+    for k in np.flatnonzero(is_free):
+        first = problem.position[rows[k]] * d
+        unit = np.zeros((len(problem.free) * d, d))
+        unit[first : first + d] = np.eye(d)
+        block = solve(factors, unit)[first : first + d]
         covariance = np.zeros((6, 6))
         covariance[np.ix_(problem.rows, problem.rows)] = 0.5 * (block + block.T)
-        covariances[k] = rotate_covariance(covariance, poses[row][:3, :3])
+        covariances[k] = rotate_covariance(covariance, poses[rows[k]][:3, :3])
     return covariances
