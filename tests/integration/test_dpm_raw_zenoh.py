@@ -207,7 +207,7 @@ INVALID: dict[str, dict[str, Any]] = {
         "footprint_m": [[0, 0], [4, 4], [4, 0], [0, 4]],
     },
     "an unknown frame": {"frame": "elsewhere"},
-    "a time in the future": {"t1_ns": 4_000_000_000 * S},
+    "a time after the year 2100": {"t1_ns": 5_000_000_000 * S},
     "an id that is a path": {"id": "../../etc/passwd"},
     "another digest": {"sha256": "0" * 64},
     "random bytes": {"payload": b"\xff" * 5000},
@@ -224,6 +224,14 @@ def test_invalid_input_is_refused_with_a_reason_and_not_stored(session: RawSessi
     assert reply.error is not None
     assert (reply.error["code"], reply.error["retriable"]) == ("INVALID_ARGUMENT", False)
     assert reply.error["detail"]
+    assert session.count() == before
+
+
+def test_a_product_ahead_of_the_clock_is_not_stored_and_may_be_sent_again(session: RawSession) -> None:
+    before = session.count()
+    reply = session.put(seq=50, t1_ns=4_000_000_000 * S)
+    assert reply.error is not None
+    assert (reply.error["code"], reply.error["retriable"]) == ("UNAVAILABLE", True)
     assert session.count() == before
 
 

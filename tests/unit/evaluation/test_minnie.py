@@ -64,6 +64,7 @@ def test_a_camera_matrix_with_missing_zeros_is_read(folder: Path) -> None:
     np.testing.assert_array_equal(K, [[1018.6, 0.0, 956.501], [0.0, 1018.6, 617.314], [0.0, 0.0, 1.0]])
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_motion_agrees_with_sampled_poses_and_a_common_mount(
     folder: Path, rng: np.random.Generator
 ) -> None:

@@ -53,7 +53,7 @@ def test_the_evaluation_is_listed_and_its_tools_are_not() -> None:
 def test_the_end_error_is_a_percentage_of_the_path_length(
     drive: TraverseRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(position_manager, "run", lambda *_: [product(10 * S, at(10.2), 0.1)])
+    monkeypatch.setattr(position_manager, "run", lambda *_, **__: [product(10 * S, at(10.2), 0.1)])
     share, squared = position_manager._error(drive, [])
     assert drive.path_length_m == pytest.approx(10.0)
     assert share == pytest.approx(0.02)
@@ -74,7 +74,7 @@ def test_each_set_of_sources_gets_its_named_inputs(
 ) -> None:
     received: list[list[Sample]] = []
 
-    def run(_dfpc: str, _context: DfpcContext, samples: list[Sample]) -> list[Any]:
+    def run(_dfpc: str, _context: DfpcContext, samples: list[Sample], **_parameters: Any) -> list[Any]:
         received.append(samples)
         return [product(10 * S, at(10.0), 0.1)]
 

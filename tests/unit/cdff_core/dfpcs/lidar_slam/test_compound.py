@@ -225,6 +225,7 @@ def test_a_restart_continues_in_the_same_map(
     assert rover.node.export_map().frame == "mana/slam"
 
 
+@pytest.mark.slow
 def test_the_covariance_after_a_restart_is_in_the_axes_of_the_keyframe(
     ground: Ground, rover_after_lap: tuple[Rover, list[Output]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -336,6 +337,7 @@ def test_the_map_of_another_rover_is_connected_by_a_loop(ground: Ground) -> None
     assert np.median(np.abs(site[:, 2] - ground(site[:, 0], site[:, 1]))) < 0.1
 
 
+@pytest.mark.slow
 def test_a_map_without_overlap_is_reported_as_not_linked(ground: Ground) -> None:
     rover, distant_rover = Rover(ground, seed=9), Rover(hills(77), seed=10)
     rover.drive(laps(ground, 0.3))
