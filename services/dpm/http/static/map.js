@@ -92,6 +92,15 @@ async function showLayers() {
   else await fit();
 }
 
+/** Run a part of the drawing; if the DPM does not answer, again after two seconds. */
+async function untilAnswered(part) {
+  try {
+    await part();
+  } catch (error) {
+    setTimeout(() => untilAnswered(part), 2000);
+  }
+}
+
 function at(event) {
   const box = view().getBoundingClientRect();
   return [map.x + (event.clientX - box.left - box.width / 2) * cell(), map.y - (event.clientY - box.top - box.height / 2) * cell()];
@@ -153,11 +162,11 @@ byId("map-layer").addEventListener("change", () => { byId("map-note").textConten
 byId("map-frame").addEventListener("change", (event) => {
   map.frame = event.target.value;
   map.placed = false;
-  showLayers();
+  untilAnswered(showLayers);
 });
 document.addEventListener("news", () => {
-  if (!map.placed) fit();
+  if (!map.placed) untilAnswered(fit);
   else for (const [path, image] of map.tiles) load(path, image);
 });
 window.addEventListener("resize", draw);
-showLayers();
+untilAnswered(showLayers);
