@@ -48,6 +48,7 @@ def replayed(real_data: Callable[[str], Path], tmp_path_factory: pytest.TempPath
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-DEV-022")
 def test_a_replay_of_a_recorded_drive_is_repeatable(
     real_data: Callable[[str], Path], replayed: Path, tmp_path: Path

@@ -131,7 +131,7 @@ def drive(ground: Ground) -> PatchRun:
 @pytest.mark.req("CDFF-CORE-088")
 @pytest.mark.parametrize(
     ("port", "odometry"),
-    [("fix", True), ("absolute_fix", False)],
+    [pytest.param("fix", True, marks=pytest.mark.slow), ("absolute_fix", False)],
     ids=["pose jumps known from wheel odometry", "poses only"],
 )
 def test_fixes_that_correct_the_poses_do_not_prevent_further_fixes(

@@ -35,15 +35,9 @@ def ratios() -> dict[str, float]:
     return {name: row["nees_ratio"]["mean"] for name, row in model_consistency(120).items()}
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-CORE-093")
-@pytest.mark.parametrize(
-    "model",
-    [
-        *(pytest.param(m, marks=pytest.mark.slow) for m in ("fundamental", "homography")),
-        "essential",
-        "transform",
-    ],
-)
+@pytest.mark.parametrize("model", ["fundamental", "homography", "essential", "transform"])
 def test_the_covariances_of_models_are_consistent_with_their_errors(
     model: str, ratios: dict[str, float]
 ) -> None:

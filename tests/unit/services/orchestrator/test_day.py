@@ -334,8 +334,8 @@ def outcomes(day: Day) -> Counter[str]:
 @pytest.mark.parametrize(
     ("seed", "hours"),
     [
-        (1, 0.5),
-        pytest.param(2, 6.0, marks=pytest.mark.slow),
+        pytest.param(1, 0.5, marks=pytest.mark.slow),
+        pytest.param(2, 6.0, marks=pytest.mark.soak),
         pytest.param(3, 24.0, marks=[pytest.mark.soak, pytest.mark.timeout(1800)]),
     ],
 )

@@ -78,7 +78,9 @@ def make_graph(
 
 
 @pytest.mark.req("CDFF-CORE-079")
-@pytest.mark.parametrize("name", OPTIMA)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n == "sphere2500" else n for n in OPTIMA]
+)
 def test_the_cost_is_that_of_the_published_optimum(name: str, real_data: Callable[[str], Path]) -> None:
     graph = read_pose_graph(real_data(f"posegraphs/{name}.g2o"), frame="map")
     node, outputs = solve(graph)

@@ -206,6 +206,7 @@ def test_in_degenerate_directions_sigma_grows_linearly_with_the_path_length() ->
     assert sigma_z_m < 0.1 * sigma_m[23]  # the ground constrains the height
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-CORE-077")
 def test_a_restart_continues_in_the_same_map(
     ground: Ground, rover_after_lap: tuple[Rover, list[Output]]
