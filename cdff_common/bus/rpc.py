@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypedDict
@@ -34,6 +35,8 @@ logger = logging.getLogger(__name__)
 
 #: Time after which a service that stops in an orderly way may be back, seconds.
 STOPPING_RETRY_S = 1.0
+#: Time in which a session removes a router whose link is lost, and interval of the checks, seconds.
+_LINK_LOSS_S, _PAUSE_S = 0.2, 0.01
 
 Handler = Callable[[Request], Reply | Iterable[Reply]]
 
@@ -157,6 +160,19 @@ def _request_of(query: zenoh.Query) -> Request:
     )
 
 
+def _has_router(session: zenoh.Session) -> bool:
+    """Return whether a router is connected after a query without a final reply.
+
+    The loss of a link can end the query before the session removes the router; then it is removed soon after.
+    """
+    deadline_s = monotonic_s() + _LINK_LOSS_S
+    while session.info.routers_zid():
+        if monotonic_s() > deadline_s:
+            return True
+        time.sleep(_PAUSE_S)
+    return False
+
+
 def call_stream(
     session: zenoh.Session,
     key: str,
@@ -206,7 +222,7 @@ def call_stream(
         yield reply
         if reply.final:
             return
-    if not session.info.routers_zid():
+    if not _has_router(session):
         raise NoAnswerError(f"{key}: the connection to the router is lost; the call may be repeated")
     what = "the answer broke off before the final reply" if answered else "no service answers"
     raise NoAnswerError(f"{key}: {what}; is the service running?")

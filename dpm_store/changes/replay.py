@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
-from sqlalchemy import Connection, Select, Table, func, insert, select, update
+from sqlalchemy import Connection, Table, func, insert, select, update
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import CdffError, StorageError
@@ -173,21 +173,14 @@ class Replay:
         return True
 
     def _set_frame(self, connection: Connection, change: Change) -> bool:
-        values, f = _row_dict(schema.frames, change), schema.frames.c
+        values = _insert_revision(connection, schema.frames, "frame", change)
         if values is not None:
-            last = select(func.max(f.revision)).where(f.frame == values["frame"])
-            values["revision"] = _next(connection, last)
-            connection.execute(insert(schema.frames), values)
             entry = {"frame": values["frame"], "revision": values["revision"]}
             connection.execute(insert(schema.frame_log), entry)
         return True
 
     def _define_body(self, connection: Connection, change: Change) -> bool:
-        values, b = _row_dict(schema.bodies, change), schema.bodies.c
-        if values is not None:
-            last = select(func.max(b.revision)).where(b.name == values["name"])
-            values["revision"] = _next(connection, last)
-            connection.execute(insert(schema.bodies), values)
+        _insert_revision(connection, schema.bodies, "name", change)
         return True
 
     def _describe_robot(self, connection: Connection, change: Change) -> bool:
@@ -248,8 +241,14 @@ def _keep_location(
         add_to_tallies(connection, schema.blob_tallies, [((location is not None,), size)])
 
 
-def _next(connection: Connection, last: Select[Any]) -> int:
-    return int(connection.execute(last).scalar() or 0) + 1
+def _insert_revision(connection: Connection, table: Table, key: str, change: Change) -> dict[str, Any] | None:
+    """Insert the row of a change as the next revision; return its values, None if the change has no row."""
+    values = _row_dict(table, change)
+    if values is not None:
+        last = select(func.max(table.c.revision)).where(table.c[key] == values[key])
+        values["revision"] = int(connection.execute(last).scalar() or 0) + 1
+        connection.execute(insert(table), values)
+    return values
 
 
 def _row_dict(table: Table, change: Change) -> dict[str, Any] | None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Payloads that no row of the database names.
 
-The end of the process during an insertion leaves some. If there are more of them than of other payloads, then
-rows are missing, and a collection would delete products.
+A process that ends during an insertion leaves such payloads. If they are more than half of all payloads, rows
+are missing from the database, and a collection would delete products.
 """
 
 from __future__ import annotations

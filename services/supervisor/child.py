@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A supervised process: start with a heartbeat pipe, silence, and the times of its failures."""
+"""A supervised process: its start with a pipe for heartbeats, the last heartbeat, and its failures."""
 
 from __future__ import annotations
 
@@ -128,10 +128,10 @@ class Child:
         return f"{self.spec.name} sent no heartbeat for {self.silent_s:.0f} s"
 
     def rotate_log(self) -> None:
-        """Move a large log to ``….1`` (older ones to ``….2`` and so on) and start it again.
+        """Copy a large log to ``….1`` (older ones move to ``….2`` and so on) and empty it.
 
-        The process keeps its descriptor, so that the file is copied and truncated; lines written in between
-        are lost.
+        The process keeps its descriptor of the log, so the log cannot be renamed. Lines that the process
+        writes between copying and emptying are lost.
         """
         if self.log is None or not self.log.is_file() or self.log.stat().st_size < self.limits.log_bytes:
             return

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cdff_common.clock import monotonic_s
-from services.supervisor.alarms import ProcessAlarms
+from services.alarms import Alarms, Severity
 from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
 
@@ -49,7 +49,7 @@ class Supervisor:
     log_dir: Path | None = None
     limits: Limits = field(default_factory=Limits)
     children: dict[str, Child] = field(default_factory=dict)
-    alarms: ProcessAlarms = field(default_factory=ProcessAlarms)
+    alarms: Alarms = field(default_factory=Alarms)
 
     def run(self, stop: threading.Event) -> None:
         """Start and restart the processes until ``stop``, then end them. Call it from the main thread.
@@ -114,17 +114,26 @@ class Supervisor:
         if code is None:
             silence = child.listen(elapsed_s)
             if silence:
-                self.alarms.raise_alarm("hung_process", name, f"{silence}; it is killed and started again")
+                self.alarms.set(
+                    "hung_process",
+                    name,
+                    Severity.WARNING,
+                    f"{silence}; it is killed and started again",
+                    "read its log",
+                )
                 child.process.kill()  # SIGTERM has no effect on a stopped process
             elif child.has_recovered(now_s):
-                self.alarms.clear(name)
+                self.alarms.clear("hung_process", name)
+                self.alarms.clear("crash_loop", name)
             return
         wait_s = child.add_failure(now_s)
         logger.warning("%s ended with code %s; starting it again in %.1f s", name, code, wait_s)
         if child.in_crash_loop:
-            self.alarms.raise_alarm(
+            self.alarms.set(
                 "crash_loop",
                 name,
+                Severity.CRITICAL,
                 f"{name} ended {len(child.failures_s)} times within {self.limits.crash_loop_window_s:g} s, "
                 f"last with code {code}; it is started every {wait_s:g} s, and the others run without it",
+                "read its log and correct the cause",
             )

@@ -123,7 +123,10 @@ def estimate(
 
 
 def finest_level(local_map: VoxelMap, kernel_m: float) -> int:
-    """Return the first level whose voxels are as large as the kernel, so that they contain the plane."""
+    """Return the finest level whose voxels have at least the width of the kernel.
+
+    A point within the kernel of a plane then finds that plane in its own voxel or a neighbour.
+    """
     level = int(np.ceil(np.log2(max(kernel_m / local_map.voxel_m, 1.0)) - 1e-9))
     return min(level, len(local_map.tables) - 1)
 

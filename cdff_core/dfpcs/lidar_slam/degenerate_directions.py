@@ -39,7 +39,7 @@ class Directions:
 
     @property
     def noise(self) -> Float:
-        """Covariance (6, 6) of the pose by the map along the directions."""
+        """Covariance (6, 6), m and rad, that the map contributes to the pose along the directions."""
         weights = (self.gains * self.sigma_m) ** 2
         return (self.rows.T * weights) @ self.rows / np.outer(self.scale, self.scale)
 

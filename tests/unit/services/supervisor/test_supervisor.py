@@ -62,19 +62,19 @@ def test_a_stopped_process_is_replaced_after_the_limit_of_silence() -> None:
         first = child.process.pid
         os.kill(first, signal.SIGSTOP)
         wait_until(lambda: child.process is not None and child.process.pid != first and child.has_beaten)
-        (alarm,) = supervisor.alarms.raised()
+        (alarm,) = supervisor.alarms.active()
         assert (alarm.kind, alarm.source) == ("hung_process", "service")
-        assert "no heartbeat" in alarm.detail
+        assert "no heartbeat" in alarm.what
 
 
 def test_a_crash_loop_raises_an_alarm_and_restarts_at_long_intervals_beside_healthy_processes() -> None:
     limits = Limits(backoff_first_s=0.01, backoff_longest_s=0.05, crash_loop_failures=3)
     supervisor = Supervisor([spec("broken", "raise SystemExit(3)"), spec("service", HEALTHY)], limits=limits)
     with running(supervisor):
-        wait_until(lambda: supervisor.alarms.raised() and supervisor.children["service"].has_beaten)
-        (alarm,) = supervisor.alarms.raised()
+        wait_until(lambda: supervisor.alarms.active() and supervisor.children["service"].has_beaten)
+        (alarm,) = supervisor.alarms.active()
         assert (alarm.kind, alarm.source) == ("crash_loop", "broken")
-        assert "code 3" in alarm.detail
+        assert "code 3" in alarm.what
         child = supervisor.children["broken"]
         assert child.restarts == 3
         assert child.start_at_s - time.monotonic() > limits.crash_loop_wait_s / 2
