@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import asn1tools
 
+from cdff_common.asn1 import asn1_files
 from cdff_common.types.schema import (
     Alias,
     Array,
@@ -73,6 +75,12 @@ class TypeModel:
     def class_node(self) -> Message | Enumeration | Choice:
         """Node of the class: the node of the large variant if there is one."""
         return self.node if self.large is None else self.large.node
+
+
+@cache
+def type_models() -> dict[str, TypeModel]:
+    """Return the models of all types of ``cdff_common/asn1`` by name, each after those to which it refers."""
+    return ModelReader(asn1_files()).types
 
 
 class ModelReader:

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import cdff_common
-from cdff_common.asn1 import asn1_files
 from cdff_common.types.schema import (
     Alias,
     Choice,
@@ -29,7 +28,7 @@ from cdff_common.types.schema import (
     fields_of,
 )
 from cdff_dev.generate.artefacts import Artefact
-from cdff_dev.generate.asn1_model import ModelReader, TypeModel
+from cdff_dev.generate.asn1_model import TypeModel, type_models
 from cdff_dev.generate.python_source import formatted
 from cdff_dev.generate.type_expressions import annotation, default, documented_type, member, sentence
 from cdff_dev.tree import Tree
@@ -73,7 +72,7 @@ def modules(tree: Tree) -> list[Artefact]:
 
 def render() -> dict[Path, str]:
     """Return the unformatted content of every file generated from the ASN.1 modules, by path."""
-    models = ModelReader(asn1_files()).types
+    models = type_models()
     families = sorted({m.module for m in models.values() if not m.is_large_variant})
     sources: dict[Path, str] = {}
     for family in families:

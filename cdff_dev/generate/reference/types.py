@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from cdff_common.asn1 import asn1_files
 from cdff_common.codecs.sizes import uper_bytes
 from cdff_common.types.schema import (
     Alias,
@@ -19,7 +18,7 @@ from cdff_common.types.schema import (
     Text,
     fields_of,
 )
-from cdff_dev.generate.asn1_model import ModelReader, TypeModel
+from cdff_dev.generate.asn1_model import TypeModel, type_models
 from cdff_dev.generate.python_source import render
 
 _SCALARS = {"Real": "float", "Boolean": "bool"}
@@ -27,7 +26,7 @@ _SCALARS = {"Real": "float", "Boolean": "bool"}
 
 def pages() -> dict[str, str]:
     """Return the text of the index and of the page of each type, by path below ``docs/reference``."""
-    models = [m for m in ModelReader(asn1_files()).types.values() if not m.is_large_variant]
+    models = [m for m in type_models().values() if not m.is_large_variant]
     families: dict[str, list[TypeModel]] = {}
     for model in models:
         families.setdefault(model.module, []).append(model)

@@ -98,7 +98,7 @@ def fill_store(store: Store, size: int) -> None:
 
 
 @pytest.mark.req("CDFF-SUP-170")
-@pytest.mark.parametrize("size", [PACKED_BYTES, 4 * PACKED_BYTES])
+@pytest.mark.parametrize("size", [PACKED_BYTES, pytest.param(4 * PACKED_BYTES, marks=pytest.mark.slow)])
 def test_on_a_full_disk_nothing_is_added_and_everything_can_be_deleted(
     small_disk: Path, clock: ManualClock, size: int
 ) -> None:
