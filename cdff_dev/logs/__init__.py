@@ -8,22 +8,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cdff_dev.logs.log_formats import open_log
-    from cdff_dev.logs.reader import LogReader
+    from cdff_dev.logs.formats import open_log
+    from cdff_dev.logs.formats.infuse.reader import LogReader
+    from cdff_dev.logs.formats.infuse.writer import LogWriter
     from cdff_dev.logs.source import LogSample, LogSource, StreamInfo
-    from cdff_dev.logs.writer import LogWriter
 
 __all__ = ["LogReader", "LogSample", "LogSource", "LogWriter", "StreamInfo", "open_log"]
 
 #: Module of each public name. Modules are imported on use: the command line imports this package at every
 #: start.
 _MODULES = {
-    "LogReader": "reader",
+    "LogReader": "formats.infuse.reader",
     "LogSample": "source",
     "LogSource": "source",
-    "LogWriter": "writer",
+    "LogWriter": "formats.infuse.writer",
     "StreamInfo": "source",
-    "open_log": "log_formats",
+    "open_log": "formats",
 }
 
 

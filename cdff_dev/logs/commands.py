@@ -11,12 +11,13 @@ import json
 import logging
 import math
 from contextlib import ExitStack, closing
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
-_LOG_HELP = "a .msg file, a folder or pattern of them, or a KITTI folder"
+_LOG_HELP = "file, folder or pattern of files: InFuse .msg, ROS 1 or 2 bag, MCAP, KITTI sequence"
 
 
 def register(nouns: Any) -> None:
@@ -86,7 +87,8 @@ def _info(args: argparse.Namespace) -> int:
                 name: {"type": s.type_name, "count": s.count, "t0_ns": str(s.t0_ns), "t1_ns": str(s.t1_ns)}
                 for name, s in log.streams.items()
             }
-            print(json.dumps({"streams": streams, "quirks": quirks}))
+            unconverted = {name: asdict(item) for name, item in log.unconverted.items()}
+            print(json.dumps({"streams": streams, "quirks": quirks, "unconverted": unconverted}))
             return 0
         width = max((len(name) for name in log.streams), default=0)
         for name, s in log.streams.items():
@@ -94,6 +96,8 @@ def _info(args: argparse.Namespace) -> int:
             rate = f"{(s.count - 1) / span_s:8.2f} Hz" if span_s > 0 else " " * 11
             start = format_stamp(s.t0_ns) if s.count else "empty"
             print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {start} + {span_s:.3f} s")
+        for name, item in log.unconverted.items():
+            print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}")
     return 0
 
 
@@ -182,7 +186,7 @@ def _refuse_own_input(log: LogSource, out: str) -> None:
     from pathlib import Path
 
     from cdff_common.errors import InputError
-    from cdff_dev.logs.writer import chunk_files
+    from cdff_dev.logs.formats.infuse.writer import chunk_files
 
     target = Path(out).resolve()
     replaced = {target, *chunk_files(target.parent, target.stem)}

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -36,6 +36,24 @@ class StreamInfo:
     def is_empty(self) -> bool:
         """True if the stream has no samples and does not grow."""
         return self.count == 0 and self.t0_ns == self.t1_ns
+
+
+@dataclass(frozen=True, slots=True)
+class Unconverted:
+    """A topic or field of a log that has no stream.
+
+    Attributes
+    ----------
+    type_name : str
+        Message type in the log.
+    count : int
+        Number of messages.
+    reason : str
+    """
+
+    type_name: str
+    count: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +157,10 @@ class LogSource(Protocol):
     @property
     def streams(self) -> dict[str, StreamInfo]:
         """Streams by name."""
+
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Content without a stream, by its name in the log."""
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""

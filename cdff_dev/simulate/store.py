@@ -16,7 +16,7 @@ from typing import Any
 from cdff_common.errors import ConflictError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.logs.writer import chunk_files
+from cdff_dev.logs.formats.infuse.writer import chunk_files
 from cdff_dev.simulate.scenario import Scenario
 
 #: File next to the chunks: frames and calibration of the rovers for a profile, and the scenario of the log.

@@ -18,7 +18,7 @@ from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import FramePair
 from cdff_dev.compare.error_summary import error_summary
-from cdff_dev.logs.kitti import PAIR, TRUTH, KittiLog
+from cdff_dev.logs.formats.kitti.sequence import PAIR, TRUTH, kitti_log
 
 FloatArray = NDArray[np.float64]
 SEQUENCE = "kitti_stereo/KITTI_sequence_1"
@@ -30,7 +30,7 @@ def read(folder: Path) -> tuple[list[FramePair], FloatArray]:
     """Return the stereo pairs and the reference poses ``(n, 4, 4)`` of the left camera relative to the first
     one.
     """
-    samples = list(KittiLog(folder).samples())
+    samples = list(kitti_log(folder).samples())
     pairs = [s.value for s in samples if s.stream == PAIR]
     return pairs, np.stack([s.value.transform.matrix for s in samples if s.stream == TRUTH])
 

@@ -8,24 +8,25 @@ suite. CVPR. doi:10.1109/CVPR.2012.6248074
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdff_common.camera import check_image_size, read_stereo
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_common.interfaces.product import Header
-from cdff_common.types import FramePair, TransformWithCovariance
-from cdff_dev.logs.kitti_velodyne import read_scan, scan_files
-from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams, recorded_header
+from cdff_common.types import FramePair, LidarScan, TransformWithCovariance
+from cdff_dev.logs.formats.kitti.velodyne import read_scan, scan_files
+from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 
 ROBOT = "kitti"
 PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
-_CAMERA, _LIDAR = f"{ROBOT}/navcam_left", f"{ROBOT}/lidar"
+_CAMERA, _LIDAR, _START = (f"{ROBOT}/{name}" for name in ("navcam_left", "lidar", "vo"))
+Stamps = NDArray[np.int64]
 #: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
 _IMAGE_FOLDERS = (
     ("image_0", "image_1"),
@@ -47,8 +48,8 @@ def is_kitti(folder: Path) -> bool:
     return _has_images(folder) or bool(scan_files(folder))
 
 
-class KittiLog:
-    """A KITTI sequence as a ``LogSource``; raises InputError if its files are inconsistent.
+def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
+    """Open a KITTI sequence; raises InputError if its files are inconsistent.
 
     Streams, each if its files exist, are ``/kitti/navcam.pair`` (FramePair) of the images,
     ``/kitti/lidar.scan`` (LidarScan) of ``velodyne/NNNNNN.bin`` in the frame ``kitti/lidar``, and
@@ -62,95 +63,61 @@ class KittiLog:
     calibration : Path, optional
         Calibration of the stereo camera; by default ``calib_kitti.txt``, else ``calib.txt``.
     """
+    scans = scan_files(folder)
+    pairs = _images(folder) if _has_images(folder) or not scans else []
+    if not pairs and calibration is not None:
+        raise InputError(f"{folder}: no images for the calibration {calibration}")
+    n = max(len(pairs), *(number + 1 for number in scans), 0)
+    stamps_ns = _stamps(folder, n)
+    streams = {}
+    if pairs:
+        streams[PAIR] = _pair_stream(pairs, stamps_ns, *_calibration(folder, calibration, pairs[0][0]))
+    if scans:
+        streams[SCAN] = _scan_stream(list(scans.values()), stamps_ns[list(scans)])
+    if (truth := _truth(folder, len(pairs) or n)) is not None:
+        streams[TRUTH] = _truth_stream(truth, stamps_ns)
+    return IndexedLog(streams)
 
-    def __init__(self, folder: Path, calibration: Path | None = None) -> None:
-        scans, pairs = scan_files(folder), []
-        if _has_images(folder) or not scans:
-            pairs = _images(folder)
-            self.camera_matrix, self.baseline_m = _calibration(folder, calibration, pairs[0][0])
-        elif calibration is not None:
-            raise InputError(f"{folder}: no images for the calibration {calibration}")
-        n = len(pairs) or max(scans) + 1
-        truth = _truth(folder, n)
-        self._stamps_ns = _stamps(folder, max(n, max(scans, default=0) + 1))
-        self._pairs, self._scans = dict(enumerate(pairs)), scans
-        self._truth = {} if truth is None else dict(enumerate(truth))
-        self.streams = {
-            name: StreamInfo(type_name, len(items), *self._span(items))
-            for name, type_name, items in (
-                (PAIR, "FramePair", self._pairs),
-                (SCAN, "LidarScan", self._scans),
-                (TRUTH, "TransformWithCovariance", self._truth),
-            )
-            if items
-        }
 
-    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
-        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
-
-        A file is read when its sample is yielded.
-
-        Raises
-        ------
-        InputError
-            If a stream is not in the log.
-        CodecError
-            If an image or a scan cannot be read.
-        """
-        readers: dict[str, tuple[Collection[int], Callable[[int, int], Any]]] = {
-            PAIR: (self._pairs, self._pair),
-            SCAN: (self._scans, self._scan),
-            TRUTH: (self._truth, self._pose),
-        }
-        names = chosen_streams(self.streams, streams)
-        for i in range(len(self._stamps_ns)):
-            for name in names:
-                items, read = readers[name]
-                if i in items:
-                    stamp_ns = int(self._stamps_ns[i])
-                    header = _header(name, i, stamp_ns)
-                    type_name = self.streams[name].type_name
-                    yield LogSample(name, type_name, stamp_ns, i, read(i, stamp_ns), header)
-
-    def close(self) -> None:
-        """Do nothing: no file is kept open."""
-
-    def _span(self, items: Collection[int]) -> tuple[int, int]:
-        """Return the first and the last stamp of the samples with the given numbers."""
-        return int(self._stamps_ns[min(items)]), int(self._stamps_ns[max(items)])
-
-    def _pair(self, i: int, stamp_ns: int) -> Any:
-        left, right = self._pairs[i]
+def _pair_stream(
+    pairs: list[tuple[Path, Path]], stamps_ns: Stamps, camera_matrix: FloatArray, baseline_m: float
+) -> IndexedStream:
+    def read(i: int) -> FramePair:
         return FramePair.from_images(
-            _read_grey(left),
-            _read_grey(right),
-            baseline_m=self.baseline_m,
-            camera_matrix=self.camera_matrix,
-            stamp_ns=stamp_ns,
+            *map(_read_grey, pairs[i]),
+            baseline_m=baseline_m,
+            camera_matrix=camera_matrix,
+            stamp_ns=int(stamps_ns[i]),
             sensor=_CAMERA,
         )
 
-    def _scan(self, i: int, stamp_ns: int) -> Any:
-        return read_scan(self._scans[i], _LIDAR, stamp_ns)
+    stamps_ns = stamps_ns[: len(pairs)]
+    header = headers(PAIR, stamps_ns, frame=_CAMERA, producer=f"{ROBOT}/navcam")
+    return IndexedStream("FramePair", stamps_ns, read, header)
 
-    def _pose(self, i: int, stamp_ns: int) -> Any:
+
+def _scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
+    def read(i: int) -> LidarScan:
+        return read_scan(files[i], _LIDAR, int(stamps_ns[i]))
+
+    return IndexedStream(
+        "LidarScan", stamps_ns, read, headers(SCAN, stamps_ns, frame=_LIDAR, producer=_LIDAR)
+    )
+
+
+def _truth_stream(T_start_camera: FloatArray, stamps_ns: Stamps) -> IndexedStream:
+    def read(i: int) -> TransformWithCovariance:
         return TransformWithCovariance.from_transform(
-            UncertainTransform(self._truth[i]),
-            parent=f"{ROBOT}/vo",
+            UncertainTransform(T_start_camera[i]),
+            parent=_START,
             child=_CAMERA,
-            stamp_ns=stamp_ns,
+            stamp_ns=int(stamps_ns[i]),
             producer=ROBOT,
         )
 
-
-def _header(stream: str, seq: int, stamp_ns: int) -> Header:
-    if stream == TRUTH:
-        frames = {"frame": f"{ROBOT}/vo", "child": _CAMERA, "producer": f"{ROBOT}/truth"}
-    elif stream == SCAN:
-        frames = {"frame": _LIDAR, "producer": _LIDAR}
-    else:
-        frames = {"frame": _CAMERA, "producer": f"{ROBOT}/navcam"}
-    return recorded_header(stream, seq, stamp_ns, **frames)
+    stamps_ns = stamps_ns[: len(T_start_camera)]
+    header = headers(TRUTH, stamps_ns, frame=_START, child=_CAMERA, producer=f"{ROBOT}/truth")
+    return IndexedStream("TransformWithCovariance", stamps_ns, read, header)
 
 
 def _has_images(folder: Path) -> bool:
@@ -228,7 +195,7 @@ def _has_rows(path: Path, names: Collection[str]) -> bool:
     return set(names) <= {line.partition(":")[0].strip() for line in lines}
 
 
-def _stamps(folder: Path, n: int) -> np.ndarray:
+def _stamps(folder: Path, n: int) -> Stamps:
     path = folder / "times.txt"
     if not path.is_file():
         return np.arange(n, dtype=np.int64) * (_PERIOD_US * 1000)

@@ -15,7 +15,7 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.description import Port
 from cdff_dev.logs import open_log
-from cdff_dev.logs.kitti import PAIR, SCAN, TRUTH, KittiLog, is_kitti
+from cdff_dev.logs.formats.kitti.sequence import PAIR, SCAN, TRUTH, is_kitti, kitti_log
 from cdff_dev.run.inputs import read_inputs
 
 P0 = "7.0e+00 0 4.5 0 0 7.0e+00 2.8 0 0 0 1 0"
@@ -31,8 +31,13 @@ def sequence(folder: Path, left: str = "image_0", right: str = "image_1", n: int
     return folder
 
 
+def baseline_m(*arguments: Path) -> float:
+    """Return the baseline of the first pair."""
+    return float(next(kitti_log(*arguments).samples([PAIR])).value.baseline)
+
+
 def test_pairs_carry_images_calibration_and_stamps(tmp_path: Path) -> None:
-    log = KittiLog(sequence(tmp_path / "06"))
+    log = kitti_log(sequence(tmp_path / "06"))
     samples = list(log.samples())
     assert [s.stream for s in samples] == [PAIR] * 3
     assert [s.stamp_ns for s in samples] == [0, 100_000_000, 200_000_000]
@@ -49,7 +54,7 @@ def test_times_and_true_poses_are_read_if_their_files_exist(tmp_path: Path) -> N
     (folder / "times.txt").write_text("0.0\n1.036224e-01\n2.072e-01\n", encoding="utf-8")
     rows = ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0.1 0 1 0 0.2 0 0 1 1.2", "1 0 0 0.2 0 1 0 0.4 0 0 1 2.4"]
     (folder / "poses.txt").write_text("\n".join(rows), encoding="utf-8")
-    log = KittiLog(folder)
+    log = kitti_log(folder)
     truth = list(log.samples([TRUTH]))
     assert [s.stamp_ns for s in truth] == [0, 103_622_000, 207_200_000]
     np.testing.assert_allclose(
@@ -61,16 +66,16 @@ def test_times_and_true_poses_are_read_if_their_files_exist(tmp_path: Path) -> N
 def test_the_calibration_of_an_extract_precedes_that_of_its_parent_folder(tmp_path: Path) -> None:
     folder = sequence(tmp_path / "x", "image_l_kitti", "image_r_kitti")
     (folder / "calib_kitti.txt").write_text(f"{P0}\n{P1.replace('-3.5', '-1.4')}\n", encoding="utf-8")
-    assert KittiLog(folder).baseline_m == pytest.approx(0.2)
+    assert baseline_m(folder) == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(("left", "right"), [("image_2", "image_3"), ("image_l", "image_r")])
 def test_colour_cameras_and_extracts_are_read(tmp_path: Path, left: str, right: str) -> None:
     folder = sequence(tmp_path / "06", left, right)
-    assert KittiLog(folder).baseline_m == pytest.approx(0.5)
+    assert baseline_m(folder) == pytest.approx(0.5)
     lines = [f"P0: {P0}", f"P1: {P1}", f"P2: {P0}", f"P3: {P1.replace('-3.5', '-2.1')}"]
     (folder / "calib.txt").write_text("\n".join(lines), encoding="utf-8")
-    assert KittiLog(folder).baseline_m == pytest.approx(0.3 if left == "image_2" else 0.5)
+    assert baseline_m(folder) == pytest.approx(0.3 if left == "image_2" else 0.5)
 
 
 @pytest.mark.parametrize("place", ["sequences/06/poses/06.txt", "poses/06.txt"])
@@ -79,7 +84,7 @@ def test_poses_of_the_benchmark_are_found_by_the_number_of_the_sequence(tmp_path
     path = tmp_path / place
     path.parent.mkdir(exist_ok=True)
     path.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3, encoding="utf-8")
-    assert KittiLog(folder).streams[TRUTH].count == 3
+    assert kitti_log(folder).streams[TRUTH].count == 3
 
 
 @pytest.mark.parametrize(
@@ -99,21 +104,21 @@ def test_a_calibration_that_does_not_fit_the_images_is_refused(
     text = (folder / "calib.txt").read_text(encoding="utf-8").replace(wrong, right)
     (folder / "calib.txt").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message):
-        KittiLog(folder)
+        kitti_log(folder)
 
 
 def test_a_calibration_of_the_command_line_precedes_those_of_the_folder(tmp_path: Path) -> None:
     folder = sequence(tmp_path / "06")
     mine = tmp_path / "mine.txt"
     mine.write_text(f"{P0}\n{P1.replace('-3.5', '-2.8')}\n", encoding="utf-8")
-    assert KittiLog(folder, mine).baseline_m == pytest.approx(0.4)
+    assert baseline_m(folder, mine) == pytest.approx(0.4)
     pair = Port(name="pair", type="FramePair")
     value = read_inputs([pair], {"pair": f"{folder},{mine}"})["pair"]
     assert value.baseline == pytest.approx(0.4)
     with pytest.raises(InputError, match="--calibration"):
         open_log(folder, tmp_path / "missing.txt")
     (tmp_path / "log.msg").write_bytes(b"")
-    with pytest.raises(InputError, match="is for a KITTI folder"):
+    with pytest.raises(InputError, match="its own cameras"):
         open_log(tmp_path / "log.msg", mine)
 
 
@@ -148,7 +153,7 @@ def test_a_folder_of_scans_needs_neither_images_nor_a_calibration(tmp_path: Path
     assert list(log.streams) == [SCAN]
     assert [s.stamp_ns for s in log.samples()] == [400_000_000, 500_000_000]
     with pytest.raises(InputError, match="no images for the calibration"):
-        KittiLog(tmp_path / "06", tmp_path / "calib.txt")
+        kitti_log(tmp_path / "06", tmp_path / "calib.txt")
 
 
 def test_a_file_that_is_not_a_scan_is_reported_when_it_is_read(tmp_path: Path) -> None:
@@ -167,11 +172,11 @@ def test_open_log_recognises_a_kitti_folder(tmp_path: Path) -> None:
 
 def test_inconsistent_folders_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="image_0"):
-        KittiLog(tmp_path)
+        kitti_log(tmp_path)
     folder = sequence(tmp_path / "06")
     (folder / "image_1" / "000002.png").unlink()
     with pytest.raises(InputError, match="3 images in image_0, 2 in image_1"):
-        KittiLog(folder)
+        kitti_log(folder)
 
 
 @pytest.mark.parametrize(
@@ -191,13 +196,13 @@ def test_malformed_calibration_time_and_pose_files_are_refused(
     folder = sequence(tmp_path / "06")
     (folder / name).write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message):
-        KittiLog(folder)
+        kitti_log(folder)
 
 
 def test_a_corrupt_image_is_reported_when_it_is_read(tmp_path: Path) -> None:
     folder = sequence(tmp_path / "06")
     (folder / "image_0" / "000001.png").write_bytes(b"not a png")
-    samples = KittiLog(folder).samples()
+    samples = kitti_log(folder).samples()
     assert next(samples).seq == 0
     with pytest.raises(CodecError, match=r"000001\.png"):
         next(samples)
@@ -206,9 +211,9 @@ def test_a_corrupt_image_is_reported_when_it_is_read(tmp_path: Path) -> None:
 def test_the_recorded_sequence_has_its_length_baseline_and_path_length(
     real_data: Callable[[str], Path],
 ) -> None:
-    log = KittiLog(real_data("kitti_stereo/KITTI_sequence_1"))
+    log = kitti_log(real_data("kitti_stereo/KITTI_sequence_1"))
     assert log.streams[PAIR].count == log.streams[TRUTH].count == 51
-    assert log.baseline_m == pytest.approx(0.537, abs=1e-3)
+    assert next(log.samples([PAIR])).value.baseline == pytest.approx(0.537, abs=1e-3)
     poses = np.array([s.value.transform.matrix for s in log.samples([TRUTH])])
     path_length_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()
     assert path_length_m == pytest.approx(59.9, abs=0.2)

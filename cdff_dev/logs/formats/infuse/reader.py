@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import msgpack
 import numpy as np
@@ -19,9 +20,9 @@ from cdff_common.codecs.messagepack._kernels import skip, skip_many
 from cdff_common.codecs.wire_types import base_type, message_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
-from cdff_dev.logs import quirks as quirk
-from cdff_dev.logs.byte_files import LogFiles, MappedFile, mapped_file
-from cdff_dev.logs.source import LogSample, StreamInfo, chosen_streams
+from cdff_dev.logs.formats.infuse import quirks as quirk
+from cdff_dev.logs.formats.infuse.byte_files import LogFiles, MappedFile, mapped_file
+from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 
 #: Number of samples that are skipped by one call of the compiled function.
 _STRIDE = 64
@@ -38,7 +39,7 @@ class _Part:
     headers: list[Any]
 
 
-class LogReader:
+class LogReader(IndexedLog):
     """A log of one or several files.
 
     Opening a log indexes its files, which needs about 50 bytes of memory per sample. A sample is read when it
@@ -67,70 +68,47 @@ class LogReader:
         except BaseException:
             self.close()
             raise
-        self.streams: dict[str, StreamInfo] = {name: self._info(name) for name in sorted(self._parts)}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+        super().__init__({name: self._stream(name, parts) for name, parts in self._parts.items()})
 
     def close(self) -> None:
         """Close the files."""
         self._files.close()
 
-    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
-        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
-
-        Raises
-        ------
-        InputError
-            If a stream is not in the log.
-        CodecError
-            If a sample does not have the type of its stream.
-        """
-        names = chosen_streams(self.streams, streams)
-        # One row per sample: stamp, rank of the stream, seq, index of the part, index in the part.
-        rows = []
-        for rank, name in enumerate(names):
-            seq = 0
-            for number, part in enumerate(self._parts[name]):
-                n = len(part.starts)
-                row = np.empty((n, 5), dtype=np.int64)
-                row[:, 0], row[:, 1], row[:, 2] = part.stamps_ns, rank, np.arange(seq, seq + n)
-                row[:, 3], row[:, 4] = number, np.arange(n)
-                rows.append(row)
-                seq += n
-        if not rows:
-            return
-        table = np.concatenate(rows)
-        for i in np.lexsort((table[:, 2], table[:, 1], table[:, 0])):
-            stamp_ns, rank, seq, number, at = (int(v) for v in table[i])
-            yield self._sample(names[rank], self._parts[names[rank]][number], at, stamp_ns, seq)
-
-    def _sample(self, name: str, part: _Part, at: int, stamp_ns: int, seq: int) -> LogSample:
-        data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
+    def _stream(self, name: str, parts: list[_Part]) -> IndexedStream:
+        """Return a stream made of its parts in all files, in order."""
+        first = np.cumsum([0, *(len(part.starts) for part in parts)])
         type_name = self._types[name]
-        try:
-            dict_form = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
-            value = from_dict_form(type_name, dict_form, lambda text: self.quirks.record(f"{name}: {text}"))
-            header = (
-                Header.from_dict(part.headers[at]) if part.headers and part.headers[at] is not None else None
-            )
-        except InputError as error:
-            raise CodecError(f"{self.files[part.file]}: {name} sample {seq}: {error}") from error
-        return LogSample(name, type_name, stamp_ns, seq, value, header)
 
-    def _info(self, name: str) -> StreamInfo:
-        stamps = [p.stamps_ns for p in self._parts[name] if len(p.stamps_ns)]
-        if not stamps:
-            return StreamInfo(self._types[name], 0, 0, 0)
-        return StreamInfo(
-            self._types[name],
-            sum(len(s) for s in stamps),
-            min(int(s.min()) for s in stamps),
-            max(int(s.max()) for s in stamps),
-        )
+        def part_of(number: int) -> tuple[_Part, int]:
+            k = int(np.searchsorted(first, number, side="right")) - 1
+            return parts[k], number - int(first[k])
+
+        def read(number: int) -> Any:
+            part, at = part_of(number)
+            data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
+            with self._located(part, name, number):
+                dict_form = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
+                return from_dict_form(
+                    type_name, dict_form, lambda text: self.quirks.record(f"{name}: {text}")
+                )
+
+        def header(number: int) -> Header | None:
+            part, at = part_of(number)
+            if not part.headers or part.headers[at] is None:
+                return None
+            with self._located(part, name, number):
+                return Header.from_dict(part.headers[at])
+
+        stamps_ns = np.concatenate([part.stamps_ns for part in parts])
+        return IndexedStream(type_name, stamps_ns, read, header)
+
+    @contextmanager
+    def _located(self, part: _Part, name: str, number: int) -> Iterator[None]:
+        """Name file, stream and sample in an InputError."""
+        try:
+            yield
+        except InputError as error:
+            raise CodecError(f"{self.files[part.file]}: {name} sample {number}: {error}") from error
 
     def _index(self, file: int, path: Path) -> None:
         """Index the samples of a file."""

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Formats of logs: one folder each, whose package has a constant ``FORMAT``."""
+
+from __future__ import annotations
+
+import glob
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from cdff_common.errors import InputError
+
+if TYPE_CHECKING:
+    from cdff_dev.logs.source import LogSource
+
+
+@dataclass(frozen=True, slots=True)
+class LogLocation:
+    """Files of a log.
+
+    Attributes
+    ----------
+    name : str
+        The argument of the user: a file, a folder or a pattern.
+    folder : Path or None
+        The folder, if it is one.
+    files : tuple of Path
+        The file, or the files that match the pattern; empty for a folder.
+    """
+
+    name: str
+    folder: Path | None
+    files: tuple[Path, ...]
+
+    @classmethod
+    def of(cls, path: str | Path) -> Self:
+        """Return the location of a path or pattern; it has neither folder nor files if nothing matches."""
+        where = Path(path)
+        if where.is_dir():
+            return cls(str(path), where, ())
+        if where.is_file() or not any(c in str(path) for c in "*?["):
+            return cls(str(path), None, (where,) if where.is_file() else ())
+        return cls(str(path), None, tuple(Path(p) for p in sorted(glob.glob(str(path)))))  # noqa: PTH207
+
+    def head(self, count: int) -> bytes:
+        """Return the first bytes of the first file, or no bytes without a file."""
+        if not self.files:
+            return b""
+        with self.files[0].open("rb") as file:
+            return file.read(count)
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A format of logs.
+
+    Attributes
+    ----------
+    name : str
+        Name for messages, such as "ROS 1 bag".
+    files : str
+        Files of this format, for the help of the command line.
+    recognises : callable
+        Whether the content at a location has this format; at most one format recognises a location.
+    open : callable
+        Opens the log, with the calibration of its cameras or None.
+    takes_calibration : bool
+        Whether the cameras of such a log need or accept a calibration file.
+    """
+
+    name: str
+    files: str
+    recognises: Callable[[LogLocation], bool]
+    open: Callable[[LogLocation, Path | None], LogSource]
+    takes_calibration: bool = False
+
+
+@cache
+def log_formats() -> tuple[LogFormat, ...]:
+    """Return all formats, in the order of the names of their folders."""
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg)
+    return tuple(import_module(f"{__name__}.{name}").FORMAT for name in names)
+
+
+def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
+    """Open a log of any format.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, a folder, or a pattern such as ``run_*.msg``; ``cdff log --help`` lists the formats.
+    calibration : Path, optional
+        Calibration of the cameras, for formats without one.
+
+    Raises
+    ------
+    InputError
+        If no file matches, no format recognises it, or a calibration is given for a log that has its own.
+    """
+    location = LogLocation.of(path)
+    chosen = next((f for f in log_formats() if f.recognises(location)), None)
+    if chosen is None:
+        raise InputError(_unrecognised(location))
+    if calibration is not None and not chosen.takes_calibration:
+        raise InputError(
+            f"log {path}: its format ({chosen.name}) contains its own cameras; expected no calibration"
+        )
+    return chosen.open(location, calibration)
+
+
+def _unrecognised(location: LogLocation) -> str:
+    if location.folder is None and not location.files:
+        return f"log {location.name}: no such file or folder, and no file matches it as a pattern"
+    expected = "; ".join(f"{f.name} ({f.files})" for f in log_formats())
+    found = f"it begins with {location.head(8)!r}" if location.files else "a folder without files of one"
+    return f"log {location.name}: none of the known formats: {found}; expected {expected}"

@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Conversion of ROS messages to CDFF types, by message type.
+
+Covariances need no conversion: order and side are those of ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.types import IMUSensors, Joints, JointState, Time, TransformWithCovariance
+from cdff_dev.logs.formats.ros.clouds import lidar_scan
+from cdff_dev.logs.formats.ros.images import compressed_frame, frame
+from cdff_dev.logs.formats.ros.topics import Topic
+
+#: Value, frame and child frame of a sample.
+Converted = tuple[Any, str, str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """Conversion of a message type.
+
+    Attributes
+    ----------
+    type_name : str
+        ASN.1 type of the samples.
+    port : str
+        Last part of the names of its streams.
+    convert : callable
+        From message, topic and stamp.
+    has_header : bool
+        Whether the message begins with ``std_msgs/Header``.
+    split : callable, optional
+        Returns the messages with a header of which a message is made, each a sample of a stream of its own.
+    """
+
+    type_name: str
+    port: str
+    convert: Callable[[Any, Topic, int], Converted]
+    has_header: bool = True
+    split: Callable[[Any], Sequence[Any]] | None = None
+
+
+def _vector(v: Any) -> FloatArray:
+    return np.array([v.x, v.y, v.z], dtype=np.float64)
+
+
+def _imu(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return angular velocity and acceleration; CDFF has no orientation in an IMU sample."""
+    acc, gyro = _vector(message.linear_acceleration), _vector(message.angular_velocity)
+    return (
+        IMUSensors(Time.from_ns(stamp_ns), acc, gyro, np.zeros(3)),
+        topic.frame(message.header.frame_id),
+        None,
+    )
+
+
+def _transform(
+    topic: Topic, stamp_ns: int, parent: str, child: str, parts: tuple[Any, Any], covariance: Any = None
+) -> Converted:
+    """Return a transform; a covariance of zeros is unknown, as ROS defines."""
+    position, q = parts
+    T = se3.transform_from_quaternion_xyzw(_vector(position), np.array([q.x, q.y, q.z, q.w]))
+    cov = None if covariance is None else np.asarray(covariance, np.float64).reshape(6, 6)
+    known = cov if cov is not None and np.any(cov) else None
+    names = topic.frame(parent), topic.frame(child)
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(T, known), parent=names[0], child=names[1], stamp_ns=stamp_ns, producer=topic.robot
+    )
+    return value, *names
+
+
+def _odometry(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    pose = message.pose.pose
+    parts = (pose.position, pose.orientation)
+    parent, child = message.header.frame_id, message.child_frame_id or "base_link"
+    return _transform(topic, stamp_ns, parent, child, parts, message.pose.covariance)
+
+
+def _pose(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    parts = (message.pose.position, message.pose.orientation)
+    return _transform(topic, stamp_ns, message.header.frame_id, "base_link", parts)
+
+
+def _pose_with_covariance(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    pose = message.pose.pose
+    parts = (pose.position, pose.orientation)
+    return _transform(topic, stamp_ns, message.header.frame_id, "base_link", parts, message.pose.covariance)
+
+
+def _transform_stamped(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    parts = (message.transform.translation, message.transform.rotation)
+    return _transform(topic, stamp_ns, message.header.frame_id, message.child_frame_id, parts)
+
+
+def _joints(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return positions, velocities and efforts of joints; NaN where a message has none."""
+
+    def column(values: Any) -> FloatArray:
+        return np.asarray(values, np.float64) if len(values) else np.full(len(message.name), np.nan)
+
+    rows = zip(column(message.position), column(message.velocity), column(message.effort), strict=True)
+    states = tuple(JointState(float(p), float(v), float(e), np.nan, np.nan) for p, v, e in rows)
+    value = Joints(Time.from_ns(stamp_ns), tuple(message.name), states)
+    return value, topic.frame(message.header.frame_id), None
+
+
+def _transforms(message: Any) -> Sequence[Any]:
+    return tuple(message.transforms)
+
+
+_FRAME_TREE = Conversion(
+    "TransformWithCovariance", "pose", _transform_stamped, has_header=False, split=_transforms
+)
+#: Message type of calibrations, which become part of the images.
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+CONVERSIONS = {
+    "sensor_msgs/msg/Imu": Conversion("IMUSensors", "imu", _imu),
+    "nav_msgs/msg/Odometry": Conversion("TransformWithCovariance", "pose", _odometry),
+    "geometry_msgs/msg/PoseStamped": Conversion("TransformWithCovariance", "pose", _pose),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": Conversion(
+        "TransformWithCovariance", "pose", _pose_with_covariance
+    ),
+    "geometry_msgs/msg/TransformStamped": Conversion("TransformWithCovariance", "pose", _transform_stamped),
+    "tf2_msgs/msg/TFMessage": _FRAME_TREE,
+    "tf/msg/tfMessage": _FRAME_TREE,
+    "sensor_msgs/msg/JointState": Conversion("Joints", "joints", _joints),
+    "sensor_msgs/msg/PointCloud2": Conversion("LidarScan", "scan", lidar_scan),
+    "sensor_msgs/msg/Image": Conversion("Frame", "frame", frame),
+    "sensor_msgs/msg/CompressedImage": Conversion("Frame", "frame", compressed_frame),
+}
+#: Reasons why message types with a known content have no stream.
+NO_CONVERSION = {
+    "sensor_msgs/msg/NavSatFix": "no CDFF type has geodetic positions",
+}

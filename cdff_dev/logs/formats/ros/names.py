@@ -1,0 +1,31 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names of robots, streams and frames from names of files, topics and frames of ROS."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_MAX_LENGTH = 64
+
+
+def robot_name(path: Path) -> str:
+    """Return the robot id of a recording: the letters, digits and underscores of its file name."""
+    return name_of(path.stem, "robot")
+
+
+def stream_name(robot: str, topic: str, port: str) -> str:
+    """Return the stream of a topic: ``/imu/data`` of ``husky`` is ``/husky/imu_data.imu``."""
+    return f"/{robot}/{name_of(topic, 'sensor')}.{port}"
+
+
+def frame_name(robot: str, frame_id: str) -> str:
+    """Return the frame of a ``frame_id``: ``base_link`` of ``husky`` is ``husky/base_link``."""
+    return f"{robot}/{name_of(frame_id, 'unnamed')}"
+
+
+def name_of(text: str, default: str) -> str:
+    """Return a text as a name of a profile: lower case, and underscores for everything else."""
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:_MAX_LENGTH]
+    return name if name[:1].isalpha() else f"{default}_{name}"[:_MAX_LENGTH].rstrip("_")
