@@ -6,13 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.interfaces.product import Header
-from cdff_dev.logs.source import LogSample, StreamInfo, Unconverted, chosen_streams, recorded_header
+from cdff_dev.logs.source import (
+    LogSample,
+    LogSource,
+    StreamInfo,
+    Unconverted,
+    chosen_streams,
+    recorded_header,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,20 +51,19 @@ class IndexedStream:
         return StreamInfo(self.type_name, n, *times)
 
 
-class IndexedLog:
+class IndexedLog(LogSource):
     """A log as a ``LogSource``, made of streams whose samples are read when they are yielded."""
 
     def __init__(
         self, streams: Mapping[str, IndexedStream], unconverted: Mapping[str, Unconverted] | None = None
     ) -> None:
         self._indexed = dict(sorted(streams.items()))
-        self.unconverted = dict(unconverted or {})
+        self._unconverted = dict(unconverted or {})
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Content without a stream, by its name in the log."""
+        return self._unconverted
 
     @property
     def streams(self) -> dict[str, StreamInfo]:

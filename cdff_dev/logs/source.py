@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
@@ -161,9 +161,16 @@ class LogSource(Protocol):
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
         """Content without a stream, by its name in the log."""
+        return {}
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
 
     def close(self) -> None:
         """Close the files."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

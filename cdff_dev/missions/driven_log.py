@@ -13,7 +13,7 @@ from cdff_common.clock import NS_PER_S
 from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs import LogSample, LogWriter
-from cdff_dev.logs.source import StreamInfo
+from cdff_dev.logs.source import LogSource, StreamInfo
 from cdff_dev.missions.rover import Rover
 from cdff_dev.simulate.world import World, cast_scene
 
@@ -29,7 +29,7 @@ _POINT_BYTES = 20
 _MAX_DURATION_S = 86_400
 
 
-class GrowingLog:
+class GrowingLog(LogSource):
     """The rovers of a world as a ``LogSource`` without end.
 
     True poses are not among its samples.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
 from cdff_common.formats.file_source import Source, load
 from cdff_common.formats.format_detection import detect
 from cdff_common.formats.geotiff import read_bands
@@ -22,7 +23,6 @@ from cdff_common.formats.pose import read_pose
 from cdff_common.formats.tum import read_tum
 from cdff_common.interfaces.array_ports import ARRAY_TYPE, SCALAR_TYPES
 from cdff_common.interfaces.description import Port
-from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
 #: Text that is a list of numbers or a truth value, not a file name.
 _NUMBERS = re.compile(r"[\[\]\s0-9eE+.,-]+\Z|true\Z|false\Z")

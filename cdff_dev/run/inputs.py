@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cdff_common.codecs.json_form import from_json
 from cdff_common.errors import InputError
 from cdff_common.formats.bal import read_bal
+from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
 from cdff_common.formats.file_source import Source, load
 from cdff_common.formats.format_detection import detect
 from cdff_common.formats.geotiff import read_bands, read_map
@@ -38,7 +39,6 @@ from cdff_common.types import (
 )
 from cdff_dev.logs import open_log
 from cdff_dev.run.arrays import grey, read_array
-from cdff_dev.run.clouds import CLOUD_FORMATS, read_cloud
 
 ROBOT = "robot"
 _MAP_FRAME, _BODY_FRAME = "site", f"{ROBOT}/base"

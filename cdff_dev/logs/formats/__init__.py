@@ -66,11 +66,13 @@ class LogFormat:
     files : str
         Files of this format, for the help of the command line.
     recognises : callable
-        Whether the content at a location has this format; at most one format recognises a location.
+        Whether the content at a location has this format.
     open : callable
         Opens the log, with the calibration of its cameras or None.
     takes_calibration : bool
         Whether the cameras of such a log need or accept a calibration file.
+    is_generic : bool
+        Whether it recognises any file of some types: such formats are asked after those of a layout.
     """
 
     name: str
@@ -78,13 +80,15 @@ class LogFormat:
     recognises: Callable[[LogLocation], bool]
     open: Callable[[LogLocation, Path | None], LogSource]
     takes_calibration: bool = False
+    is_generic: bool = False
 
 
 @cache
 def log_formats() -> tuple[LogFormat, ...]:
-    """Return all formats, in the order of the names of their folders."""
-    names = sorted(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg)
-    return tuple(import_module(f"{__name__}.{name}").FORMAT for name in names)
+    """Return all formats by name, generic ones last."""
+    names = [module.name for module in pkgutil.iter_modules(__path__) if module.ispkg]
+    formats = [import_module(f"{__name__}.{name}").FORMAT for name in names]
+    return tuple(sorted(formats, key=lambda f: (f.is_generic, f.name)))
 
 
 def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:

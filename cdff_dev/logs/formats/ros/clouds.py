@@ -72,7 +72,7 @@ def _structured(message: Any) -> NDArray[Any]:
     row = message.width * message.point_step
     if message.row_step < row or data.size < message.row_step * message.height:
         raise InputError(
-            f"{data.size} bytes in rows of {message.row_step}: expected {message.height} rows of {row} or more"
+            f"{data.size} bytes in rows of {message.row_step}: expected {message.height} rows of {row}"
         )
     rows = data[: message.row_step * message.height].reshape(message.height, message.row_step)[:, :row]
     return np.ascontiguousarray(rows).reshape(-1).view(dtype)

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -18,14 +18,21 @@ from cdff_common.errors import CodecError, InputError
 from cdff_dev.logs.formats.ros.conversions import CAMERA_INFO, CONVERSIONS, NO_CONVERSION, Conversion
 from cdff_dev.logs.formats.ros.names import robot_name
 from cdff_dev.logs.formats.ros.topics import Topic, namespace
-from cdff_dev.logs.source import LogSample, StreamInfo, Unconverted, chosen_streams, recorded_header
+from cdff_dev.logs.source import (
+    LogSample,
+    LogSource,
+    StreamInfo,
+    Unconverted,
+    chosen_streams,
+    recorded_header,
+)
 
 #: Bytes of the stamp of a message that begins with a header: seconds and nanoseconds, in ROS 1 after the
 #: sequence number, in ROS 2 after the encapsulation of CDR.
 _STAMP = slice(4, 12)
 
 
-class RosLog:
+class RosLog(LogSource):
     """Bag files of one recording as a ``LogSource``.
 
     Samples have the stamp of their header; those of messages without a header have the time of recording.
@@ -35,12 +42,6 @@ class RosLog:
     ----------
     files : list of Path
         One or several ROS 1 bags, or one ROS 2 bag: its folder, or a single file.
-
-    Attributes
-    ----------
-    streams : dict of str to StreamInfo
-    unconverted : dict of str to Unconverted
-        Topics without a stream.
 
     Raises
     ------
@@ -54,17 +55,21 @@ class RosLog:
         self._open()
         try:
             self._topics = self._converted_topics(robot_name(files[0]))
-            self.unconverted = self._unconverted()
+            self._unconverted = self._other_topics()
             self._index()
         except BaseException:
             self.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
+    @property
+    def streams(self) -> dict[str, StreamInfo]:
+        """Streams by name, in order."""
+        return self._streams
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Topics without a stream."""
+        return self._unconverted
 
     def close(self) -> None:
         """Close the files."""
@@ -96,7 +101,7 @@ class RosLog:
                     break
         return cameras
 
-    def _unconverted(self) -> dict[str, Unconverted]:
+    def _other_topics(self) -> dict[str, Unconverted]:
         """Return the topics without a conversion, with the reason."""
         found: dict[str, Unconverted] = {}
         for connection in self._reader.connections:
@@ -117,10 +122,10 @@ class RosLog:
             types[name] = topic.conversion.type_name
         self._stamps_ns = np.array(stamps, dtype=np.int64)
         self._names = np.array(names, dtype=object)
-        self.streams = {}
+        self._streams: dict[str, StreamInfo] = {}
         for name, type_name in sorted(types.items()):
             times = self._stamps_ns[self._names == name]
-            self.streams[name] = StreamInfo(type_name, len(times), int(times.min()), int(times.max()))
+            self._streams[name] = StreamInfo(type_name, len(times), int(times.min()), int(times.max()))
 
     def _parts(self, streams: Collection[str]) -> Iterator[tuple[str, int, Topic, Any]]:
         """Yield stream, stamp, topic and content of each sample in the order of recording.

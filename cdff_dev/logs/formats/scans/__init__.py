@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Lidar scans as one file each: a folder or a pattern of files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cdff_dev.logs.formats import LogFormat, LogLocation
+
+if TYPE_CHECKING:
+    from cdff_dev.logs.indexed import IndexedLog
+
+_SUFFIXES = (".bin", ".ply", ".pcd", ".las", ".laz", ".npz")
+
+
+def _files(location: LogLocation) -> list[Path]:
+    """Return the scans of a location, in the order of their names; all have the suffix of the first."""
+    candidates = sorted(location.folder.iterdir()) if location.folder else list(location.files)
+    scans = [path for path in candidates if path.suffix.lower() in _SUFFIXES and path.is_file()]
+    return [path for path in scans if path.suffix == scans[0].suffix]
+
+
+def _open(location: LogLocation, _: Path | None) -> IndexedLog:
+    from cdff_dev.logs.formats.scans.scans import scans_log
+
+    return scans_log(_files(location))
+
+
+def _recognises(location: LogLocation) -> bool:
+    """A single cloud in a folder is more often the model of a map or an object than a recording."""
+    return len(_files(location)) >= (2 if location.folder else 1)
+
+
+FORMAT = LogFormat("lidar scans", f"{', '.join(_SUFFIXES)} files", _recognises, _open, is_generic=True)

@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files with one lidar scan each as a log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from cdff_common.errors import CodecError
+from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
+from cdff_common.formats.file_source import load
+from cdff_common.formats.format_detection import detect
+from cdff_common.types import LidarScan
+from cdff_dev.logs.file_stamps import file_stamps
+from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
+
+ROBOT = "robot"
+SCAN = f"/{ROBOT}/lidar.scan"
+_FRAME = f"{ROBOT}/lidar"
+#: Factors of intensities for 16 bits: KITTI's are at most 1, those of LAS have 16 bits, of others 8 bits.
+_INTENSITY_FACTORS = {"bin": 65535.0, "las": 1.0}
+_OF_8_BITS = 257.0
+
+
+def scans_log(files: list[Path]) -> IndexedLog:
+    """Open scans as the stream ``/robot/lidar.scan`` in the frame ``robot/lidar``.
+
+    The points of a scan have one stamp: that of ``times.txt`` in their folder, else of their name.
+    Raises InputError if the stamps do not ascend.
+    """
+    times = files[0].parent / "times.txt"
+    stamps_ns = file_stamps(files, times if times.is_file() else None)
+
+    def read(i: int) -> LidarScan:
+        return _scan(files[i], int(stamps_ns[i]))
+
+    header = headers(SCAN, stamps_ns, frame=_FRAME, producer=_FRAME)
+    return IndexedLog({SCAN: IndexedStream("LidarScan", stamps_ns, read, header)})
+
+
+def _scan(path: Path, stamp_ns: int) -> LidarScan:
+    """Return the finite points of a file; raises CodecError if it is not a cloud."""
+    source = load(path)
+    found = detect(source)
+    if found not in CLOUD_FORMATS:
+        raise CodecError(f"{path}: format {found}, expected a point cloud: {', '.join(CLOUD_FORMATS)}")
+    cloud = read_cloud(source, found)
+    finite = np.isfinite(cloud.points_m).all(axis=1)
+    points_m, intensity = cloud.points_m[finite], None
+    if cloud.intensity is not None:
+        scaled = np.nan_to_num(cloud.intensity[finite]) * _INTENSITY_FACTORS.get(found, _OF_8_BITS)
+        intensity = np.round(np.clip(scaled, 0.0, 65535.0)).astype(np.uint16)
+    offsets_us = np.zeros(len(points_m), np.uint32)
+    return LidarScan.from_arrays(
+        points_m, offsets_us, frame=_FRAME, t0_ns=stamp_ns, t1_ns=stamp_ns, intensity=intensity
+    )
