@@ -188,8 +188,10 @@ class MissionKeys:
             if member.kind is Kind.ROBOT:
                 files[f"{member.name}/{ACCESS}"] = robot_list(member.name, members, self.clock)
         for name, content in files.items():
-            with storage_errors(self.folder / name):
-                replace_file(self.folder / name, (json.dumps(content, indent=1) + "\n").encode())
+            path, data = self.folder / name, (json.dumps(content, indent=1) + "\n").encode()
+            with storage_errors(path):
+                if not path.exists() or path.read_bytes() != data:  # routers close their links on a change
+                    replace_file(path, data)
 
     def to_list(self) -> list[dict[str, Any]]:
         """Return the certificates and their states as plain data."""
