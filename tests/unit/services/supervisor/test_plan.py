@@ -56,5 +56,5 @@ def test_a_secured_plan_gives_each_process_the_identity_of_its_scope(tmp_path: P
     assert identities["mana_slam"] == "mana"
     assert identities["minnie_mapping"] == "minnie"
     (tmp_path / "mana" / "identity.key").unlink()
-    with pytest.raises(ConfigurationError, match="mana/identity.key: cannot be read"):
+    with pytest.raises(ConfigurationError, match=r"mana/identity\.key: cannot be read"):
         planned(secrets=tmp_path)
