@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import ssl
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,12 @@ class Identity:
         if listens:
             tls |= {"listen_certificate": self.path(CERTIFICATE), "listen_private_key": self.path(KEY)}
         return {f"transport/link/tls/{name}": value for name, value in tls.items()}
+
+    def https_context(self) -> ssl.SSLContext:
+        """Return the TLS settings of an HTTP client that shows this identity to the DPM."""
+        context = ssl.create_default_context(cafile=self.path(AUTHORITY))
+        context.load_cert_chain(self.path(CERTIFICATE), self.path(KEY))
+        return context
 
     def access_control(self) -> dict[str, Any]:
         """Return the access-control list of a router; raises ConfigurationError if there is none."""

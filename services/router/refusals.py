@@ -68,10 +68,6 @@ class Refused:
     reason: str
 
 
-#: A message of a session without an accepted certificate has no line with a reason.
-_WITHOUT_SUBJECT = Refused("", "message", "", _NOT_ADMITTED)
-
-
 class LogParser:
     """Parser of the lines of Zenoh's log, which follows each of its threads."""
 
@@ -89,8 +85,10 @@ class LogParser:
         if matched is None:
             return None
         thread = matched[1]
-        previous = self._denied.pop(thread, _WITHOUT_SUBJECT)
-        if "Msg intercepted!" in line:  # only this line tells that a message was dropped
+        previous = self._denied.pop(thread, None)
+        if "Msg intercepted!" in line:
+            # Only this line tells that a message was dropped. Without a reason before it, the message belongs
+            # to a session that is reported as not admitted, or withdraws a declaration that was refused.
             return previous
         if " WARN " in line:
             link = _LINK.search(line)

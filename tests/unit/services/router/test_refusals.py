@@ -53,14 +53,14 @@ def test_permissions_that_are_computed_in_advance_are_no_refusals() -> None:
     assert (refused.identity, refused.operation) == ("mana.1", "Put")
 
 
-def test_a_message_of_a_revoked_identity_has_no_line_with_a_reason() -> None:
-    (link, message) = parse(
+def test_a_link_of_a_revoked_identity_is_reported_with_its_name_and_its_messages_are_not() -> None:
+    (link,) = parse(
         "5: zenoh_link_tls::unicast: Accepted TLS connection on 127.0.0.1:1: 127.0.0.1:2. Common Name: eve.1.",
         f"5: {_ACL} 4472 did not match any configured ACL subject. Default permission `Deny` will be applied",
         f"5: {_DROPPED}",
     )
     assert (link.identity, link.operation) == ("eve.1", "connect")
-    assert message.reason == "certificate revoked or not admitted"
+    assert link.reason == "certificate revoked or not admitted"
 
 
 def test_a_refused_link_has_the_reason_of_the_handshake() -> None:
