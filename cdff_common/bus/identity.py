@@ -15,9 +15,9 @@ from cdff_common.errors import ConfigurationError
 
 #: Variable with the folder of the identity; without it the bus is neither encrypted nor authenticated.
 VARIABLE = "CDFF_IDENTITY"
-#: Files of an identity folder. ``ACCESS`` and ``MEMBERS`` are only in folders of identities with a router.
+#: Files of an identity folder. The others are only in folders of identities with a router.
 AUTHORITY, CERTIFICATE, KEY = "ca.crt", "identity.crt", "identity.key"
-ACCESS, MEMBERS = "access.json", "members.json"
+ACCESS, MEMBERS, EXPIRY = "access.json", "members.json", "expiry.json"
 
 
 @dataclass(frozen=True, slots=True)

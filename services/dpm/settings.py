@@ -115,8 +115,8 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     identity = Identity.read(Path(folder)) if folder else None
     if not _is_loopback(host) and args.keys is None and identity is None and not published:
         raise ConfigurationError(
-            f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys, or set "
-            f"{VARIABLE} to a folder of `cdff keys` "
+            f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys, or "
+            f"set {VARIABLE} to a folder of `cdff keys` "
             "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
         )
     return Settings(

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Access-control lists of routers: what each identity may send, everything else is refused.
+"""Access-control lists of routers: the messages that each identity may send; all others are refused.
 
-A router checks what it receives from an identity. All identities of the mission may read: subscribe, ask for
-liveliness, and query status and stores. Zenoh's ``**`` does not match chunks that begin with ``@``, so that
-calls and liveliness tokens are named.
+A router checks the messages that it receives from an identity. All identities of the mission may read:
+subscribe, ask for liveliness, and query status and stores. Zenoh's ``**`` does not match chunks like ``@rpc``,
+so that calls and liveliness tokens are named.
 """
 
 from __future__ import annotations

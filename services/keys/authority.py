@@ -78,7 +78,7 @@ class Authority:
         return cls(public, private)
 
     def issue(self, common_name: str, days: int, hosts: Sequence[str] = ()) -> Issued:
-        """Return a certificate for ``common_name``; with ``hosts`` it also serves these names or addresses."""
+        """Return a certificate for ``common_name``, which with ``hosts`` also serves under these names."""
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.CLIENT_AUTH]
         authority = x509.AuthorityKeyIdentifier.from_issuer_public_key(self.key.public_key())

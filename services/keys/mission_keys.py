@@ -13,20 +13,24 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from cdff_common.bus.identity import ACCESS, AUTHORITY, CERTIFICATE, KEY, MEMBERS
+from cdff_common.bus.identity import ACCESS, AUTHORITY, CERTIFICATE, EXPIRY, KEY, MEMBERS
 from cdff_common.contract.names import ANY_ROBOT, GROUND, NAME
 from cdff_common.errors import ConfigurationError, InputError
-from cdff_common.interfaces.profile import Profile
 from cdff_common.output import make_folder, replace_file, storage_errors
 from services.keys.access_control import Kind, Member, ground_list, robot_list
 from services.keys.authority import Authority, Issued, key_pem, pem, write_secret
 
+if TYPE_CHECKING:
+    from cdff_common.interfaces.profile import Profile
+
 AUTHORITY_DAYS = 3650
 CERTIFICATE_DAYS = 365
+#: Time before the expiry from which on it is an alarm; at most a fifth of the validity.
+_EXPIRY_WARNING = timedelta(days=30)
 _AUTHORITY_FOLDER, _AUTHORITY_KEY, _REGISTER = "ca", "ca.key", "register.json"
 #: Names under which a router or HTTP server is reached on its own machine.
 _LOCAL = ("localhost", "127.0.0.1", "::1")
@@ -103,7 +107,7 @@ class MissionKeys:
             return cls(folder, **content)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ConfigurationError(
-                f"{path}: {error}; expected the register of `cdff keys init`, or name its folder with --folder"
+                f"{path}: {error}; expected the register of `cdff keys init`, or --folder with its folder"
             ) from error
 
     def issue(
@@ -183,10 +187,12 @@ class MissionKeys:
             _REGISTER: {k: v for k, v in asdict(self).items() if k != "folder"},
             f"{GROUND}/{ACCESS}": ground_list(members, self.clock),
             f"{GROUND}/{MEMBERS}": http,
+            f"{GROUND}/{EXPIRY}": self._expiry(),
         }
         for member in members:
             if member.kind is Kind.ROBOT:
                 files[f"{member.name}/{ACCESS}"] = robot_list(member.name, members, self.clock)
+                files[f"{member.name}/{EXPIRY}"] = self._expiry()
         for name, content in files.items():
             path, data = self.folder / name, (json.dumps(content, indent=1) + "\n").encode()
             with storage_errors(path):
@@ -196,6 +202,16 @@ class MissionKeys:
     def to_list(self) -> list[dict[str, Any]]:
         """Return the certificates and their states as plain data."""
         return [asdict(c) | {"kind": str(c.kind), "state": c.state} for c in self.certificates]
+
+    def _expiry(self) -> dict[str, tuple[str, str]]:
+        """Return for each identity when its newest certificate expires, and from when on that is an alarm."""
+        newest = {c.name: c for c in self.certificates if not c.revoked}
+        times = {}
+        for name, certificate in newest.items():
+            issued, expires = (datetime.fromisoformat(t) for t in (certificate.issued, certificate.expires))
+            warned_from = expires - min(_EXPIRY_WARNING, (expires - issued) / 5)
+            times[name] = warned_from.isoformat(timespec="seconds"), certificate.expires
+        return times
 
     def _write_identity(self, name: str, issued: Issued) -> None:
         folder = make_folder(self.folder / name)
@@ -214,7 +230,7 @@ class MissionKeys:
         if (kind is Kind.ROBOT) != (name in self.robots) or (kind is Kind.GROUND) != (name == GROUND):
             raise InputError(
                 f"{name} cannot be a {kind}: the profile {self.profile} has the robots "
-                f"{', '.join(self.robots)}, and {GROUND} is the ground; `cdff keys init` adopts a changed profile"
+                f"{', '.join(self.robots)}, and {GROUND} is the ground; `cdff keys init` adopts a new profile"
             )
         for other in self.certificates:
             if other.name == name and other.kind is not kind and other.state == "valid":

@@ -18,20 +18,24 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cdff_common.bus import Bus, keys
-from cdff_common.bus.identity import ACCESS, Identity
+from cdff_common.bus.identity import ACCESS, EXPIRY, VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
 from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import UnavailableError
 from cdff_common.process import run_service
 from services.alarms import Alarm, Alarms
+from services.router.expiry import check_expiry
 from services.router.refusals import REPORT_S, RefusalMonitor, Refused
 
 logger = logging.getLogger(__name__)
 
+_EXPIRY_CHECK_S = 3600.0
+
 
 def main(argv: list[str] | None = None) -> int:
     """Route until SIGTERM."""
-    secured = "CDFF_IDENTITY" in os.environ
+    secured = bool(os.environ.get(VARIABLE))
     default = SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT
     parser = argparse.ArgumentParser(prog="router", description=__doc__)
     parser.add_argument("--listen", default=os.environ.get("CDFF_LISTEN", default))
@@ -55,8 +59,10 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
     assert identity is not None
     path = identity.folder / ACCESS
     reporter = _Reporter(args.scope)
-    monitor = RefusalMonitor(reporter.report, Alarms(reporter.report_alarm))
+    alarms = Alarms(reporter.report_alarm)
+    monitor = RefusalMonitor(reporter.report, alarms)
     monitor.watch_log()
+    checked_s = -_EXPIRY_CHECK_S
     while not stop.is_set():
         version = _version_of(path)
         with _open(args, stop) as bus:
@@ -65,6 +71,10 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
             logger.info("routing on %s with %s", args.listen, path)
             while not stop.wait(REPORT_S) and _version_of(path) == version:
                 monitor.report()
+                if monotonic_s() - checked_s >= _EXPIRY_CHECK_S:
+                    checked_s = monotonic_s()
+                    check_expiry(identity.folder / EXPIRY, alarms)
+            checked_s = -_EXPIRY_CHECK_S
             reporter.bus = None
 
 
@@ -80,7 +90,7 @@ def _open(args: argparse.Namespace, stop: threading.Event) -> Bus:
 
 
 def _version_of(path: Path) -> tuple[int, int]:
-    """Return what changes whenever a file is replaced."""
+    """Return modification time and inode of a file, which change when it is replaced."""
     try:
         status = path.stat()
     except FileNotFoundError:  # while it is being replaced

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Refusals of a secured router, counted from the log of Zenoh.
 
-Zenoh drops a message without an answer and has no callback for it; only its log tells, at level TRACE of the
-access control, which identity, operation and key were refused, and at level WARN which links. The log is
+Zenoh drops a message without an answer and has no callback for it. Only its log names the refused
+identity, operation and key, at level TRACE of the access control, and refused links at level WARN. The log is
 written to standard output; a pipe takes its place, so that refusals become events and an alarm.
 """
 
@@ -38,7 +38,8 @@ _NOT_ADMITTED = "certificate revoked or not admitted"
 
 _THREAD = re.compile(r"ThreadId\((\d+)\)")
 _SESSION = re.compile(
-    r": (?:Using cached result: )?([0-9a-f]+) (?:on \S*CertCommonName\(([^)]*)\)\S* )?is (un)?authorized to (.+) on (\S+)$"
+    r": (?:Using cached result: )?([0-9a-f]+) (?:on \S*CertCommonName\(([^)]*)\)\S* )?"
+    r"is (un)?authorized to (.+) on (\S+)$"
 )
 _ACCEPTED = re.compile(r"Accepted TLS connection .* Common Name: (\S+)\.$")
 _CACHING = re.compile(r"caching permissions for `(\S+)`")
@@ -87,7 +88,7 @@ class LogParser:
         thread = matched[1]
         previous = self._denied.pop(thread, None)
         if "Msg intercepted!" in line:
-            # Only this line tells that a message was dropped. Without a reason before it, the message belongs
+            # Only this line reports a dropped message. Without a reason before it, the message belongs
             # to a session that is reported as not admitted, or withdraws a declaration that was refused.
             return previous
         if " WARN " in line:
@@ -183,9 +184,15 @@ class RefusalMonitor:
             for line in lines:
                 if b" is authorized to " in line and b"Liveliness" not in line:
                     continue  # most lines
-                refused = parser.parse(line.decode(errors="replace"))
-                if refused is not None:
-                    self.count(refused)
-                elif b" ERROR " in line:
-                    logger.error("%s", line.decode(errors="replace"))
+                try:
+                    self._on_line(parser, line.decode(errors="replace"))
+                except Exception:  # without a reader the pipe fills and stops the router
+                    logger.exception("a line of the log of Zenoh is not understood")
             pause.wait(_READ_S)
+
+    def _on_line(self, parser: LogParser, line: str) -> None:
+        refused = parser.parse(line)
+        if refused is not None:
+            self.count(refused)
+        elif " ERROR " in line:
+            logger.error("%s", line)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of the page on a secured mission work as printed, in their order; containers are tested elsewhere."""
+"""The commands of the page on a secured mission work as printed, in their order, except containers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cdff_common.output import make_folder
 from cdff_dev.ports import free_port
 from tests.integration.conftest import ROOT
 
-pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(600)]
 
 PAGE = (ROOT / "docs" / "how-to" / "secure-a-mission.md").read_text(encoding="utf-8")
 

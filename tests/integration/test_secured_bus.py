@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A secured router refuses strangers, and known identities whatever is not theirs, and reports both."""
+"""A secured router refuses strangers and messages that an identity may not send, and reports both."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def collected(bus: Bus, key: str) -> Iterator[list[tuple[str, str]]]:
 
 
 def forged_identity(folder: Path, *, trusted: Path) -> Path:
-    """Return a forged identity of mana: another authority with the same name, which trusts the real router."""
+    """Return a certificate for mana of another authority with the same name; it trusts the real router."""
     forged = MissionKeys.create(folder, PROFILE, ())
     forged.issue("mana", Kind.ROBOT)
     (folder / "mana" / "ca.crt").write_bytes(trusted.read_bytes())

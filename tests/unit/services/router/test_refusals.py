@@ -55,7 +55,7 @@ def test_permissions_that_are_computed_in_advance_are_no_refusals() -> None:
 
 def test_a_link_of_a_revoked_identity_is_reported_with_its_name_and_its_messages_are_not() -> None:
     (link,) = parse(
-        "5: zenoh_link_tls::unicast: Accepted TLS connection on 127.0.0.1:1: 127.0.0.1:2. Common Name: eve.1.",
+        "5: zenoh_link_tls::unicast: Accepted TLS connection on [::1]:1: [::1]:2. Common Name: eve.1.",
         f"5: {_ACL} 4472 did not match any configured ACL subject. Default permission `Deny` will be applied",
         f"5: {_DROPPED}",
     )
@@ -65,9 +65,9 @@ def test_a_link_of_a_revoked_identity_is_reported_with_its_name_and_its_messages
 
 def test_a_refused_link_has_the_reason_of_the_handshake() -> None:
     line = (
-        "2026-11-23T17:05:24Z  WARN acc-0 ThreadId(06) zenoh_link_tls::unicast: invalid peer certificate: certificate "
-        "expired: verification time 1795453524 (UNIX), but certificate is not valid after 1795367097 (86427 seconds "
-        "ago). Hint: increase the system open file limit."
+        "2026-11-23T17:05:24Z  WARN acc-0 ThreadId(06) zenoh_link_tls::unicast: invalid peer certificate: "
+        "certificate expired: verification time 1795453524 (UNIX), but certificate is not valid after "
+        "1795367097 (86427 seconds ago). Hint: increase the system open file limit."
     )
     assert LogParser().parse(line) == Refused(
         "", "connect", "", "invalid peer certificate: certificate expired"
