@@ -3,8 +3,8 @@
 """Access-control lists of routers: the messages that each identity may send; all others are refused.
 
 A router checks the messages that it receives from an identity. All identities of the mission may read:
-subscribe, ask for liveliness, and query status and stores. Zenoh's ``**`` does not match chunks like ``@rpc``,
-so that calls and liveliness tokens are named.
+subscribe, ask for liveliness, and query status and stores. Zenoh's ``**`` does not match chunks like
+``@rpc``, so that calls and liveliness tokens are named.
 """
 
 from __future__ import annotations
