@@ -39,7 +39,7 @@ EXTRAS = {
         "shapely",
         "small_gicp",
     ],
-    "dpm": ["alembic", "fastapi", "pyproj", "sqlalchemy", "starlette", "uvicorn"],
+    "dpm": ["alembic", "cryptography", "fastapi", "pyproj", "sqlalchemy", "starlette", "uvicorn"],
     "simulate": ["open3d"],
     "dev": ["evo", "jinja2", "matplotlib"],
     "evaluate": ["gtsam", "kiss_icp", "kiss_matcher"],

@@ -13,6 +13,7 @@ from typing import Any, Self, Unpack
 import zenoh
 
 from cdff_common.bus import keys, rpc
+from cdff_common.bus.identity import Identity
 from cdff_common.bus.message import Message, Reply, on_map, pack
 from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
@@ -74,9 +75,9 @@ class Bus:
     @classmethod
     def open_router(cls, listen: str, *, uplink: str | None = None, name: str = "router") -> Self:
         """Open a router that listens on ``listen`` and links to the router at ``uplink`` while that is
-        reachable.
+        reachable, with the identity of ``CDFF_IDENTITY``.
         """
-        return cls(open_router(listen, uplink), name)
+        return cls(open_router(listen, uplink, Identity.of_environment()), name)
 
     def __enter__(self) -> Self:
         return self

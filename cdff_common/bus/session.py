@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Zenoh sessions: clients of one router, no multicast, optional shared memory."""
+"""Zenoh sessions: clients of one router, no multicast, optional shared memory, TLS for an identity."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from collections.abc import Mapping
 
 import zenoh
 
-from cdff_common.errors import UnavailableError
+from cdff_common.bus.identity import VARIABLE, Identity
+from cdff_common.errors import ConfigurationError, UnavailableError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+#: Default with an identity. Its certificate is valid for this address.
+SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 #: Lease of a link, ms: a peer that hangs is detected after this time, one that exits immediately.
 LEASE_MS = 5000
 _ATTEMPT_MS = 500
@@ -43,7 +46,18 @@ def _config(mode: str, settings: Mapping[str, object]) -> zenoh.Config:
 
 def endpoint(connect: str | None = None) -> str:
     """Return the router endpoint: the argument, else ``CDFF_CONNECT``, else the loopback default."""
-    return connect or os.environ.get("CDFF_CONNECT") or DEFAULT_ENDPOINT
+    default = SECURE_ENDPOINT if os.environ.get(VARIABLE) else DEFAULT_ENDPOINT
+    return connect or os.environ.get("CDFF_CONNECT") or default
+
+
+def check_endpoint(address: str, *, is_secure: bool) -> None:
+    """Raise ConfigurationError unless an endpoint is ``tls/…`` with an identity and not without one."""
+    if address.startswith("tls/") != is_secure:
+        remedy = "use tls/HOST:PORT" if is_secure else f"set {VARIABLE} to a folder of `cdff keys`"
+        raise ConfigurationError(
+            f"endpoint {address} {'with' if is_secure else 'without'} an identity: expected both TLS and an "
+            f"identity, or neither; {remedy}"
+        )
 
 
 def open_client(
@@ -62,13 +76,17 @@ def open_client(
 
     Raises
     ------
+    ConfigurationError
+        If the endpoint and the identity of ``CDFF_IDENTITY`` do not fit.
     UnavailableError
         If no router answers in time.
     """
-    address = endpoint(connect)
+    address, identity = endpoint(connect), Identity.of_environment()
+    check_endpoint(address, is_secure=identity is not None)
     config = _config(
         "client",
         {
+            **({} if identity is None else identity.settings(listens=False)),
             "connect/endpoints": [address],
             "connect/timeout_ms": _ATTEMPT_MS,
             "connect/exit_on_failure": True,
@@ -85,22 +103,31 @@ def open_client(
             if stopped or (deadline is not None and time.monotonic() >= deadline):
                 raise UnavailableError(
                     f"no Zenoh router answers at {address}: start one with `cdff up`, or set CDFF_CONNECT"
+                    + ("" if identity is None else f"; or it refuses the certificate in {identity.folder}")
                 ) from error
             time.sleep(0.1)
 
 
-def open_router(listen: str, uplink: str | None = None) -> zenoh.Session:
+def open_router(listen: str, uplink: str | None = None, identity: Identity | None = None) -> zenoh.Session:
     """Open a router session that listens on ``listen``, e.g. ``tcp/127.0.0.1:7447``.
 
     ``uplink`` is the endpoint of another router. The link to it is established whenever it is reachable, and
-    again after each loss of the link.
+    again after each loss of the link. With an identity, links need certificates, and its access-control list
+    decides who may send what.
 
     Raises
     ------
+    ConfigurationError
+        If an endpoint and the identity do not fit, or it has no access-control list.
     UnavailableError
         If the endpoint cannot be listened on.
     """
     settings: dict[str, object] = {"listen/endpoints": [listen], "listen/exit_on_failure": True}
+    for address in (listen, uplink):
+        if address:
+            check_endpoint(address, is_secure=identity is not None)
+    if identity is not None:
+        settings |= identity.settings(listens=True) | {"access_control": identity.access_control()}
     if uplink:
         settings |= {
             "connect/endpoints": [uplink],

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from dataclasses import asdict
 from typing import Any
 
@@ -33,12 +32,12 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print every finding; return 1 if one is an error."""
+    from cdff_common.bus.session import endpoint
     from cdff_common.process import data_dir_of
     from cdff_dev.doctor.checks import examine
 
-    connect = args.connect or os.environ.get("CDFF_CONNECT") or "tcp/127.0.0.1:7447"
     findings = []
-    for finding in examine(connect, args.http, data_dir_of(args.data_dir)):
+    for finding in examine(endpoint(args.connect), args.http, data_dir_of(args.data_dir)):
         findings.append(finding)
         if not args.json:
             advice = f"  ({finding.advice})" if finding.advice else ""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.bus import Bus, keys
+from cdff_common.bus.identity import Identity
 from cdff_common.errors import CdffError, FrameNotFoundError, UnavailableError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry import se3
@@ -228,7 +229,10 @@ def pose_series(http: str, robot: str, child: str, state: int | None = None) -> 
 
 def http_json(http: str, path: str, timeout_s: float) -> dict[str, Any]:
     """Return the JSON answer of the HTTP server; raises OSError or ValueError if there is none."""
-    with urllib.request.urlopen(f"http://{http}/api/v1/{path}", timeout=timeout_s) as response:
+    identity = Identity.of_environment()
+    scheme, context = ("http", None) if identity is None else ("https", identity.https_context())
+    url = f"{scheme}://{http}/api/v1/{path}"
+    with urllib.request.urlopen(url, timeout=timeout_s, context=context) as response:
         body: dict[str, Any] = json.load(response)
         return body
 

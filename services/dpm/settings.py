@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cdff_common.bus.identity import VARIABLE, Identity
 from cdff_common.errors import ConfigurationError
 from cdff_common.process import data_dir_of
 
@@ -40,6 +41,8 @@ class Settings:
         Largest body of one insertion, bytes.
     new : bool
         Create a database although the directory has payloads of an earlier one.
+    identity : Identity or None
+        Identity with which HTTP is served over TLS.
     """
 
     data_dir: Path
@@ -51,6 +54,7 @@ class Settings:
     keys_file: Path | None = None
     max_body_bytes: int = DEFAULT_MAX_BODY_MB << 20
     new: bool = False
+    identity: Identity | None = None
 
     @property
     def store_url(self) -> str:
@@ -72,7 +76,7 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     Raises
     ------
     ConfigurationError
-        If ``--http`` is no ``host:port``, or is off loopback without ``--keys``.
+        If ``--http`` is no ``host:port``, or is off loopback without ``--keys`` and an identity.
     """
     parser = argparse.ArgumentParser(
         prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP."
@@ -107,9 +111,12 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     if not separator or not host or not port.isdigit() or int(port) > 65535:
         raise ConfigurationError(f"--http {args.http!r}: expected host:port, as in {DEFAULT_HTTP}")
     published = environment.get("CDFF_HTTP_PUBLISHED_ON_LOOPBACK") == "1"
-    if not _is_loopback(host) and args.keys is None and not published:
+    folder = environment.get(VARIABLE)
+    identity = Identity.read(Path(folder)) if folder else None
+    if not _is_loopback(host) and args.keys is None and identity is None and not published:
         raise ConfigurationError(
-            f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys "
+            f"--http {args.http}: off loopback every call needs a key; name a file of keys with --keys, or "
+            f"set {VARIABLE} to a folder of `cdff keys` "
             "(in a container whose port is published on loopback only, set CDFF_HTTP_PUBLISHED_ON_LOOPBACK=1)"
         )
     return Settings(
@@ -122,4 +129,5 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         args.keys,
         args.max_body_mb << 20,
         args.new,
+        identity,
     )

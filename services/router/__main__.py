@@ -3,6 +3,9 @@
 """Zenoh router of one robot: a Python process in router mode, listening on loopback by default.
 
 python -m services.router [--listen tcp/127.0.0.1:7447] [--scope mana --uplink tcp/GROUND:7447]
+
+With ``CDFF_IDENTITY`` it accepts TLS links of known identities only, and what their grants allow. When the
+access-control list in the folder changes, all links are closed and opened again under the new list.
 """
 
 from __future__ import annotations
@@ -11,30 +14,108 @@ import argparse
 import logging
 import os
 import threading
+from dataclasses import asdict
+from pathlib import Path
 
-from cdff_common.bus import Bus
+from cdff_common.bus import Bus, keys
+from cdff_common.bus.identity import ACCESS, EXPIRY, VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
-from cdff_common.bus.session import DEFAULT_ENDPOINT
+from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import UnavailableError
 from cdff_common.process import run_service
+from services.alarms import Alarm, Alarms
+from services.router.expiry import check_expiry
+from services.router.refusals import REPORT_S, RefusalMonitor, Refused
 
 logger = logging.getLogger(__name__)
+
+_EXPIRY_CHECK_S = 3600.0
 
 
 def main(argv: list[str] | None = None) -> int:
     """Route until SIGTERM."""
+    secured = bool(os.environ.get(VARIABLE))
+    default = SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT
     parser = argparse.ArgumentParser(prog="router", description=__doc__)
-    parser.add_argument("--listen", default=os.environ.get("CDFF_LISTEN", DEFAULT_ENDPOINT))
+    parser.add_argument("--listen", default=os.environ.get("CDFF_LISTEN", default))
     parser.add_argument("--uplink", help="router to link to when in contact; default: none")
     parser.add_argument("--scope", default=GROUND, help="robot of this router; default: ground")
     args = parser.parse_args(argv)
+    run = _route_secured if secured else _route
+    return run_service("router", lambda stop: run(args, stop))
 
-    def body(stop: threading.Event) -> None:
-        with Bus.open_router(args.listen, uplink=args.uplink) as bus:
+
+def _route(args: argparse.Namespace, stop: threading.Event) -> None:
+    with Bus.open_router(args.listen, uplink=args.uplink) as bus:
+        bus.declare_alive(args.scope, "router")
+        logger.info("routing on %s%s", args.listen, f", linked to {args.uplink}" if args.uplink else "")
+        stop.wait()
+
+
+def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
+    """Route, report refusals, and open the session again when the access-control list changes."""
+    identity = Identity.of_environment()
+    assert identity is not None
+    path = identity.folder / ACCESS
+    reporter = _Reporter(args.scope)
+    alarms = Alarms(reporter.report_alarm)
+    monitor = RefusalMonitor(reporter.report, alarms)
+    monitor.watch_log()
+    checked_s = -_EXPIRY_CHECK_S
+    while not stop.is_set():
+        version = _version_of(path)
+        with _open(args, stop) as bus:
             bus.declare_alive(args.scope, "router")
-            logger.info("routing on %s%s", args.listen, f", linked to {args.uplink}" if args.uplink else "")
-            stop.wait()
+            reporter.bus = bus
+            logger.info("routing on %s with %s", args.listen, path)
+            while not stop.wait(REPORT_S) and _version_of(path) == version:
+                monitor.report()
+                if monotonic_s() - checked_s >= _EXPIRY_CHECK_S:
+                    checked_s = monotonic_s()
+                    check_expiry(identity.folder / EXPIRY, alarms)
+            checked_s = -_EXPIRY_CHECK_S
+            reporter.bus = None
 
-    return run_service("router", body)
+
+def _open(args: argparse.Namespace, stop: threading.Event) -> Bus:
+    """Return an open router; the port can be in use for a moment after the last session."""
+    for _ in range(20):
+        try:
+            return Bus.open_router(args.listen, uplink=args.uplink)
+        except UnavailableError:
+            if stop.wait(0.1):
+                break
+    return Bus.open_router(args.listen, uplink=args.uplink)
+
+
+def _version_of(path: Path) -> tuple[int, int]:
+    """Return modification time and inode of a file, which change when it is replaced."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:  # while it is being replaced
+        return 0, 0
+    return status.st_mtime_ns, status.st_ino
+
+
+class _Reporter:
+    """Publishes refusals and alarms while the router is open, and logs them."""
+
+    def __init__(self, scope: str) -> None:
+        self.bus: Bus | None = None
+        self._scope = scope
+
+    def report(self, refused: Refused, count: int) -> None:
+        """Publish the event ``refused``, which the DPM enters in its history."""
+        body = asdict(refused) | {"count": count, "by": refused.identity or "unknown", "source": "router"}
+        logger.warning("refused %d times: %s %s of %s", count, refused.operation, refused.key, body["by"])
+        if self.bus is not None:
+            self.bus.publish_map(keys.event(self._scope, "refused"), body)
+
+    def report_alarm(self, alarm: Alarm, is_active: bool) -> None:
+        """Publish the start or end of an alarm."""
+        if self.bus is not None:
+            self.bus.publish_map(keys.event(self._scope, "alarm"), alarm.to_dict() | {"active": is_active})
 
 
 if __name__ == "__main__":

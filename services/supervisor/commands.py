@@ -40,12 +40,18 @@ def register_up(nouns: Any) -> None:
         metavar="ENDPOINT",
         help="remote router, such as that of ground, to which the local one links",
     )
+    parser.add_argument(
+        "--secure",
+        metavar="FOLDER",
+        default=None,
+        help="folder of `cdff keys`: the bus and HTTP use TLS, and accept known identities only",
+    )
     parser.set_defaults(run=run_up)
 
 
 def run_up(args: argparse.Namespace) -> int:
     """Run the services of a profile; 0 after SIGTERM or Ctrl-C."""
-    from cdff_common.bus.session import endpoint
+    from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT, check_endpoint
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.output import make_folder
@@ -62,15 +68,19 @@ def run_up(args: argparse.Namespace) -> int:
     profile = load_profile(path)
     data_dir = make_folder(data_dir_of(args.data_dir))
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
+    default = SECURE_ENDPOINT if args.secure else DEFAULT_ENDPOINT
+    connect = args.connect or os.environ.get("CDFF_CONNECT") or default
+    check_endpoint(connect, is_secure=args.secure is not None)
     specs = plan(
         profile,
         path,
-        connect=endpoint(args.connect),
+        connect=connect,
         http=args.http,
         data_dir=data_dir,
         scopes=args.scopes or (),
         uplink=args.uplink,
         dpm_options=("--new",) if args.new else (),
+        secrets=None if args.secure is None else Path(args.secure),
     )
     return run_service("supervisor", Supervisor(specs, log_dir).run)
 

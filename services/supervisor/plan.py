@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cdff_common.bus.identity import VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import Profile
@@ -44,6 +45,7 @@ def plan(
     scopes: Collection[str] = (),
     uplink: str | None = None,
     dpm_options: Sequence[str] = (),
+    secrets: Path | None = None,
 ) -> list[ProcessSpec]:
     """Return the processes of a profile in start order.
 
@@ -64,11 +66,14 @@ def plan(
         Endpoint of a remote router to which the local one links.
     dpm_options : sequence of str
         Further options of the DPM.
+    secrets : Path, optional
+        Folder of ``cdff keys``: the shared services have the identity ``ground``, DFPCs that of their robot,
+        and the router that of its scope.
 
     Raises
     ------
     ConfigurationError
-        If the profile has no such robot.
+        If the profile has no such robot, or an identity is missing.
     """
     all_scopes = (GROUND, *profile.robot_ids)
     for scope in scopes:
@@ -81,7 +86,8 @@ def plan(
         else next(robot for robot in profile.robot_ids if robot in selected_scopes)
     )
     environment = {
-        "CDFF_CONNECT": connect,
+        # no certificate is valid for the address of all interfaces
+        "CDFF_CONNECT": connect.replace("/0.0.0.0:", "/127.0.0.1:"),
         "CDFF_LISTEN": connect,
         "CDFF_PROFILE": str(profile_path.resolve()),
         "CDFF_DATA_DIR": str(data_dir.resolve()),
@@ -93,7 +99,10 @@ def plan(
     }
 
     def spec(name: str, module: str, *arguments: str, tokens: tuple[tuple[str, str], ...]) -> ProcessSpec:
-        return ProcessSpec(name, (sys.executable, "-m", module, *arguments), environment, tokens)
+        own = environment
+        if secrets is not None:  # all tokens of a process have one scope
+            own = environment | {VARIABLE: str(Identity.read(secrets / tokens[0][0]).folder)}
+        return ProcessSpec(name, (sys.executable, "-m", module, *arguments), own, tokens)
 
     uplink_arguments = ("--uplink", uplink) if uplink else ()
     specs = [

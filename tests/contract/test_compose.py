@@ -105,3 +105,18 @@ def test_no_container_runs_as_root() -> None:
             user = words[1]
         elif words[:1] == ["CMD"]:
             assert user == "cdff", stage
+
+
+SECURED: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.secure.yml").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("name", SERVICES)
+def test_every_secured_container_has_an_identity_that_fits_it(name: str) -> None:
+    service = SECURED["services"][name]
+    assert service["environment"]["CDFF_CONNECT"].startswith("tls/")
+    (volume,) = service["volumes"]
+    source, target, mode = volume.removeprefix("${CDFF_SECRETS:?}/").split(":")
+    assert (target, mode) == (service["environment"]["CDFF_IDENTITY"], "ro")
+    expected = {"player": PROFILE.clock, "operator": "autonomy"}
+    owner = PROFILE.processes()[name][0][0] if name in HOSTS else expected.get(name, "ground")
+    assert source == owner

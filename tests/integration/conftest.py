@@ -45,11 +45,11 @@ def endpoint() -> str:
 
 
 @contextmanager
-def process_starter(endpoint: str, folder: Path) -> Iterator[Spawn]:
+def process_starter(endpoint: str, folder: Path, **variables: str) -> Iterator[Spawn]:
     """Yield ``start("services.router", …) -> Popen``, which runs a Python module until the context ends.
 
-    The process connects to ``endpoint``, can load the DFPCs of ``plugin`` and writes its output to
-    ``folder/{module}.log``.
+    The process connects to ``endpoint``, can load the DFPCs of ``plugin``, has the environment ``variables``
+    and writes its output to ``folder/{module}.log``.
     """
     processes: list[subprocess.Popen[bytes]] = []
     environment = {
@@ -60,6 +60,7 @@ def process_starter(endpoint: str, folder: Path) -> Iterator[Spawn]:
         "PYTHONPATH": os.pathsep.join([str(ROOT), str(PLUGIN)]),
         "OMP_NUM_THREADS": "1",
         "NUMBA_NUM_THREADS": "1",
+        **variables,
     }
 
     def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:

@@ -14,6 +14,7 @@ import uvicorn
 from cdff_common.errors import UnavailableError
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
+from services.dpm.http.middleware.members import server_options
 
 _STOP_S = 3.0
 
@@ -53,6 +54,7 @@ class HttpServer:
             limit_concurrency=256,
             timeout_keep_alive=15,
             lifespan="off",
+            **server_options(s.identity),
         )
         self._server = uvicorn.Server(config)
         self._thread = threading.Thread(

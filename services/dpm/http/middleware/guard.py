@@ -17,6 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dpm_store.history.events import Actor, acting
+from services.dpm.http.middleware.members import Members
 from services.dpm.http.middleware.problems import problem
 from services.dpm.http.middleware.roles import LOCAL, SAFE, Keys, Rule, rule_for
 from services.dpm.operations.refusals import RefusalLog
@@ -63,6 +64,7 @@ class Guard:
             *(h.lower() for h in settings.hosts),
         }
         self._keys = None if settings.keys_file is None else Keys(settings.keys_file)
+        self._members = None if settings.identity is None else Members(settings.identity)
         self._max_body = settings.max_body_bytes
         self._rules = tuple(rules)
         self._refusals = refusals
@@ -75,7 +77,7 @@ class Guard:
         headers = {k.decode("latin-1"): v.decode("latin-1") for k, v in scope["headers"]}
         method, path = scope["method"], scope["path"]
         rule = None if method in SAFE else rule_for(self._rules, method, path)
-        actor = self._actor(headers)
+        actor = self._actor(scope, headers)
         refused = self.refusal(method, path, headers, actor, rule)
         recorder = _StatusRecorder(_with_headers(send))
         if refused is None:
@@ -109,7 +111,7 @@ class Guard:
         if method not in SAFE and headers.get("sec-fetch-site") == "cross-site":
             return Refusal(403, "a page of another site may not write here")
         if actor is None and not (method in SAFE and (path in _OPEN or path.startswith(_OPEN_BELOW))):
-            return Refusal(401, "expected Authorization: Bearer with a known key")
+            return Refusal(401, "expected a known key (Authorization: Bearer) or client certificate")
         if actor is not None and rule is not None and (rule.roles is None or actor.role not in rule.roles):
             return Refusal(403, f"role {actor.role} may not {method} {rule.path}")
         length = headers.get("content-length", "0")
@@ -117,9 +119,14 @@ class Guard:
             return Refusal(413, f"body of {length[:20]} bytes: expected at most {self._max_body}")
         return None
 
-    def _actor(self, headers: Mapping[str, str]) -> Actor | None:
-        """Return the actor of the key; None for an unknown key."""
-        return LOCAL if self._keys is None else self._keys.actor(headers.get("authorization", ""))
+    def _actor(self, scope: Scope, headers: Mapping[str, str]) -> Actor | None:
+        """Return the actor of the key, else of the client certificate; None if neither is known."""
+        if self._keys is None and self._members is None:
+            return LOCAL
+        actor = None if self._keys is None else self._keys.actor(headers.get("authorization", ""))
+        if actor is None and self._members is not None:
+            actor = self._members.actor(scope)
+        return actor
 
 
 class _StatusRecorder:

@@ -43,3 +43,18 @@ def test_an_unknown_scope_is_refused() -> None:
         ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"
     ):
         planned(scopes=["manna"])
+
+
+def test_a_secured_plan_gives_each_process_the_identity_of_its_scope(tmp_path: Path) -> None:
+    for name in ("ground", "mana", "minnie"):
+        (tmp_path / name).mkdir()
+        for file in ("ca.crt", "identity.crt", "identity.key"):
+            (tmp_path / name / file).touch(0o600)
+    specs = planned(secrets=tmp_path)
+    identities = {s.name: Path(s.environment["CDFF_IDENTITY"]).name for s in specs}
+    assert {identities[name] for name in GROUND} == {"ground"}
+    assert identities["mana_slam"] == "mana"
+    assert identities["minnie_mapping"] == "minnie"
+    (tmp_path / "mana" / "identity.key").unlink()
+    with pytest.raises(ConfigurationError, match=r"mana/identity\.key: cannot be read"):
+        planned(secrets=tmp_path)

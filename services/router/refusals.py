@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Refusals of a secured router, counted from the log of Zenoh.
+
+Zenoh drops a message without an answer and has no callback for it. Only its log names the refused
+identity, operation and key, at level TRACE of the access control, and refused links at level WARN. The log is
+written to standard output; a pipe takes its place, so that refusals become events and an alarm.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import logging
+import os
+import re
+import threading
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cdff_common.clock import monotonic_s
+from services.alarms import Alarms, Severity
+
+logger = logging.getLogger(__name__)
+
+#: Log levels of Zenoh with which refusals are logged.
+LOG_FILTER = "error,zenoh::net::routing::interceptor=trace,zenoh_link_tls=debug"
+#: Interval of the reports, and time without a refusal after which the alarm ends, seconds.
+REPORT_S, QUIET_S = 1.0, 60.0
+#: The pipe is read at intervals, because waking for each line would slow the router down.
+_READ_S, _PIPE_BYTES, _F_SETPIPE_SZ = 0.02, 1 << 20, 1031
+#: Different refusals that are counted in one interval, since an intruder chooses the keys; known sessions.
+_MAX_KINDS, _MAX_SESSIONS = 50, 1000
+
+_INGRESS = " (ingress)"
+_NOT_GRANTED = "not granted to this identity"
+_NOT_ADMITTED = "certificate revoked or not admitted"
+
+_THREAD = re.compile(r"ThreadId\((\d+)\)")
+_SESSION = re.compile(
+    r": (?:Using cached result: )?([0-9a-f]+) (?:on \S*CertCommonName\(([^)]*)\)\S* )?"
+    r"is (un)?authorized to (.+) on (\S+)$"
+)
+_ACCEPTED = re.compile(r"Accepted TLS connection .* Common Name: (\S+)\.$")
+_CACHING = re.compile(r"caching permissions for `(\S+)`")
+_CACHED = "Using cached result"
+_LAST_COMPUTED = "Declare Liveliness Subscriber"
+_LINK = re.compile(r"zenoh_link_tls::\w+: (.*?)(?:: verification time .*)?(?:\. Hint.*)?$")
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A refused message or link.
+
+    Attributes
+    ----------
+    identity : str
+        Common name of the certificate; empty for a link without an accepted one.
+    operation : str
+        Such as ``Put``, ``Declare Queryable`` or ``connect``.
+    key : str
+        Key of the message; empty for a link.
+    reason : str
+    """
+
+    identity: str
+    operation: str
+    key: str
+    reason: str
+
+
+class LogParser:
+    """Parser of the lines of Zenoh's log, which follows each of its threads."""
+
+    def __init__(self) -> None:
+        #: Per thread: the refusal in its last line (None: of a message to the identity), the common name of
+        #: its last accepted link, and the key whose permissions it computes. Per session: the common name.
+        self._denied: dict[str, Refused | None] = {}
+        self._accepted: dict[str, str] = {}
+        self._computed: dict[str, str] = {}
+        self._names: dict[str, str] = {}
+
+    def parse(self, line: str) -> Refused | None:
+        """Return the refusal that a line completes, None for other lines."""
+        matched = _THREAD.search(line)
+        if matched is None:
+            return None
+        thread = matched[1]
+        previous = self._denied.pop(thread, None)
+        if "Msg intercepted!" in line:
+            # Only this line reports a dropped message. Without a reason before it, the message belongs
+            # to a session that is reported as not admitted, or withdraws a declaration that was refused.
+            return previous
+        if " WARN " in line:
+            link = _LINK.search(line)
+            return Refused("", "connect", "", link[1]) if link else None
+        if session := _SESSION.search(line):
+            self._on_permission(thread, line, *session.groups())
+        elif accepted := _ACCEPTED.search(line):
+            self._accepted[thread] = accepted[1]
+        elif caching := _CACHING.search(line):
+            self._computed[thread] = caching[1]
+        elif "did not match any configured ACL subject" in line:
+            return Refused(self._accepted.get(thread, ""), "connect", "", _NOT_ADMITTED)
+        return None
+
+    def _on_permission(
+        self, thread: str, line: str, session: str, name: str | None, denied: str | None, what: str, key: str
+    ) -> None:
+        """Remember a refusal, unless the thread computes permissions of a key in advance of messages."""
+        if name:
+            if len(self._names) >= _MAX_SESSIONS:
+                self._names.clear()
+            self._names[session] = name
+        if self._computed.get(thread) == key and _CACHED not in line:
+            if _LAST_COMPUTED in what:
+                del self._computed[thread]
+        elif denied and what.endswith(_INGRESS):
+            identity = self._names.get(session, "")
+            self._denied[thread] = Refused(identity, what.removesuffix(_INGRESS), key, _NOT_GRANTED)
+        elif denied:
+            self._denied[thread] = None
+
+
+class RefusalMonitor:
+    """Counts refusals and reports them at intervals.
+
+    Parameters
+    ----------
+    report : callable
+        Called with each refusal and its count, at most once a second for each.
+    alarms : Alarms
+        Has the alarm ``refused_identity`` while there are refusals.
+    """
+
+    def __init__(self, report: Callable[[Refused, int], None], alarms: Alarms) -> None:
+        self._report = report
+        self._alarms = alarms
+        self._lock = threading.Lock()
+        self._counts: Counter[Refused] = Counter()
+        self._last_s = 0.0
+
+    def watch_log(self) -> None:
+        """Redirect standard output, where Zenoh writes its log, to this monitor. Call it before a session."""
+        os.environ.update({"RUST_LOG": LOG_FILTER, "NO_COLOR": "1"})
+        read, write = os.pipe()
+        fcntl.fcntl(write, _F_SETPIPE_SZ, _PIPE_BYTES)
+        os.dup2(write, 1)
+        os.close(write)
+        threading.Thread(target=self._read, args=(read,), name="refusals", daemon=True).start()
+
+    def count(self, refused: Refused) -> None:
+        """Count a refusal; beyond 50 different ones in an interval, keys are no longer distinguished."""
+        with self._lock:
+            if refused not in self._counts and len(self._counts) >= _MAX_KINDS:
+                refused = Refused(refused.identity[:64], "several", "", "more different refusals")
+            self._counts[refused] += 1
+
+    def report(self) -> None:
+        """Report the refusals since the last report, and begin or end the alarm."""
+        with self._lock:
+            counts, self._counts = self._counts, Counter()
+        for refused, count in counts.items():
+            self._report(refused, count)
+        if counts:
+            self._last_s = monotonic_s()
+            refused, count = counts.most_common(1)[0]
+            who = refused.identity or "a link without an accepted certificate"
+            self._alarms.set(
+                "refused_identity",
+                "router",
+                Severity.WARNING,
+                f"{sum(counts.values())} refused, most of {who}: {refused.operation} {refused.key}"
+                f" ({refused.reason})",
+                "find the machine; if it is not yours, `cdff keys revoke` its identity",
+            )
+        elif monotonic_s() - self._last_s > QUIET_S:
+            self._alarms.clear("refused_identity", "router")
+
+    def _read(self, descriptor: int) -> None:
+        parser, rest, pause = LogParser(), b"", threading.Event()
+        while data := os.read(descriptor, _PIPE_BYTES):
+            *lines, rest = (rest + data).split(b"\n")
+            for line in lines:
+                if b" is authorized to " in line and b"Liveliness" not in line:
+                    continue  # most lines
+                try:
+                    self._on_line(parser, line.decode(errors="replace"))
+                except Exception:  # without a reader the pipe fills and stops the router
+                    logger.exception("a line of the log of Zenoh is not understood")
+            pause.wait(_READ_S)
+
+    def _on_line(self, parser: LogParser, line: str) -> None:
+        refused = parser.parse(line)
+        if refused is not None:
+            self.count(refused)
+        elif " ERROR " in line:
+            logger.error("%s", line)
