@@ -237,7 +237,7 @@ def _is_nearer(
     points: BoolArray,
     inputs: PerspectiveNPointSolvingInputs,
 ) -> bool:
-    """Return whether most of some points are nearer to a predicted motion than to all motions found so far."""
+    """Return whether most of some points are nearer to a predicted motion than to all motions found."""
     if not points.any():
         return False
     nearest_px = np.min(found_px, axis=0)
