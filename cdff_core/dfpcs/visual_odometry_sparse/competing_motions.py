@@ -22,8 +22,8 @@ class CompetingMotions:
     """Competing motions of the last view; they are assumed to continue at constant velocity.
 
     Their points are not found near the pixels that the selected motion predicts: without their own prediction
-    they would be lost at the next view. If the selection was ambiguous, it remains so until the selected motion
-    surrounds the others, because an object that hides more and more of the image does not become the scene.
+    they would be lost at the next view. If the selection was ambiguous, it remains so until the selected
+    motion surrounds the others, because an object that hides more and more of the image is not the scene.
     """
 
     def __init__(self) -> None:
