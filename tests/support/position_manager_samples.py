@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -87,6 +88,7 @@ def pose(
     return Sample(port, stamp_ns, 0, value, f"{port}@{t_s:.3f}", quality=Quality(status))
 
 
+@cache
 def wheels(t_s: float, scale: float = 1.0) -> Sample:
     """Return a sample of wheel odometry without covariance; ``scale`` multiplies the distance travelled."""
     T_odom_base = true_pose(t_s)
@@ -140,9 +142,15 @@ def error_m(output: Output, tilt: np.ndarray = LEVEL_ROTATION) -> float:
     return float(np.linalg.norm(output.value.transform.matrix - expected))
 
 
+@cache
+def level_imu(t_s: float) -> Sample:
+    """Return a sample of the IMU on level ground."""
+    return imu(t_s, LEVEL_ROTATION)
+
+
 def wheels_and_imu(end_s: float, scale: float = 1.0) -> list[Sample]:
     """Return samples of wheels and IMU on level ground from the start to ``end_s``."""
-    return [wheels(t, scale) for t in times(10, end_s)] + [imu(t, LEVEL_ROTATION) for t in times(100, end_s)]
+    return [wheels(t, scale) for t in times(10, end_s)] + [level_imu(t) for t in times(100, end_s)]
 
 
 def fix(t_s: float, error_m: np.ndarray, sigma_m: float = 0.05, parent: str = "site") -> Sample:

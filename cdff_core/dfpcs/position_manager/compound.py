@@ -13,12 +13,13 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.types import PoseTrajectory, PositionState, TransformWithCovariance
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimator import ODOMETRIES, Estimator, Measurement
+from cdff_core.dfpcs.position_manager.estimator import Estimator
 from cdff_core.dfpcs.position_manager.filter_state import Checkpoint
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 from cdff_core.dfpcs.position_manager.initialisation import Initialiser, InitialState
 from cdff_core.dfpcs.position_manager.interface import PositionManagerInterface
+from cdff_core.dfpcs.position_manager.measurement import ODOMETRIES, Measurement
 from cdff_core.dfpcs.position_manager.measurement_history import MeasurementHistory
 from cdff_core.dfpcs.position_manager.mission_time import MissionTime
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline

@@ -39,7 +39,11 @@ class MountParameters(StrictModel):
     """Errors of mounts for which the profile states no standard deviation (``sigma_m``, ``sigma_deg``)."""
 
     imu_sigma_deg: float = Field(
-        default=0.5, ge=0, le=20, description="rotation of the IMU, assumed tolerance of its axes, °"
+        default=0.5,
+        ge=0,
+        le=20,
+        description="rotation of the IMU, °; data sheets state 0.25° (ADIS16495, largest) to 1° (ADIS16460, "
+        "typical) between the axes and the package",
     )
     sensor_sigma_deg: float = Field(
         default=0.2, ge=0, le=20, description="rotation of camera or lidar: residual of its calibration, °"

@@ -23,8 +23,8 @@ from cdff_common.types import (
 )
 from cdff_common.types.columns import pack_poses, unpack_poses
 from cdff_core.dfpcs.position_manager.estimate import CORE_SIZE, Clone, Estimate
-from cdff_core.dfpcs.position_manager.estimator import ODOMETRIES
 from cdff_core.dfpcs.position_manager.frame_tree import JointValues
+from cdff_core.dfpcs.position_manager.measurement import ODOMETRIES
 from cdff_core.dfpcs.position_manager.pose_timeline import Node
 
 _FIELD = "PositionState"

@@ -17,9 +17,9 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_core.dfns.gravity_levelling.interface import GravityLevellingInputs
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.estimate import FORCE, MOUNTS, ROTATION, TIMELINE_ERRORS, Estimate
-from cdff_core.dfpcs.position_manager.estimator import UNKNOWN_SPEED_SIGMA_M_S
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.motion_prediction import UNKNOWN_SPEED_SIGMA_M_S
 from cdff_core.dfpcs.position_manager.mount_errors import MountErrors
 
 #: Duration of the IMU readings that level the start pose, and longest wait for them, nanoseconds.

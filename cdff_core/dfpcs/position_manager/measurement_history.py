@@ -7,7 +7,8 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 
 from cdff_core.dfpcs.position_manager.estimate import Estimate
-from cdff_core.dfpcs.position_manager.estimator import Estimator, Measurement, MeasurementResult
+from cdff_core.dfpcs.position_manager.estimator import Estimator
+from cdff_core.dfpcs.position_manager.measurement import Measurement, MeasurementResult
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
 
 

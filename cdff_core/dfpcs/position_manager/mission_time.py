@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from cdff_common.interfaces.dfpc import Sample
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimator import FIXES
+from cdff_core.dfpcs.position_manager.measurement import FIXES
 
 _NS = 1e9
 #: Minimum number of samples that confirm a jump.

@@ -11,7 +11,7 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import TransformWithCovariance
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
-from cdff_core.dfpcs.position_manager.estimator import FIXES, Measurement, MeasurementResult
+from cdff_core.dfpcs.position_manager.measurement import FIXES, Measurement, MeasurementResult
 
 #: Sources in order of precedence, with their names in the reasons and metrics of the quality.
 _NAMES = {

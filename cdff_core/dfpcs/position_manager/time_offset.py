@@ -16,9 +16,9 @@ import numpy as np
 
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_core.dfpcs.position_manager.estimator import Measurement
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.measurement import Measurement
 
 #: Standard deviation of an unknown offset, and step and bound of the grid, seconds.
 _PRIOR_S, _STEP_S, _BOUND_S = 0.1, 0.02, 0.3

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -37,6 +37,7 @@ from cdff_core.dfns.stereo_motion_estimation.interface import (
 )
 from cdff_core.dfpcs.visual_odometry_sparse import quality
 from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
+from cdff_core.dfpcs.visual_odometry_sparse.competing_motions import CompetingMotions
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionBounds
@@ -60,7 +61,7 @@ class KeyframeTracker:
     ) -> None:
         self._extraction, self._description = dfn("extraction"), dfn("description")
         self._matching, self._pnp = dfn("matching"), pnp[0]
-        self._hypotheses = MotionHypotheses(*pnp)
+        self._hypotheses, self._competing = MotionHypotheses(*pnp), CompetingMotions()
         self._prediction, self._tracking = dfn("prediction"), dfn("tracking")
         self._stereo_matching, self._refinement = dfn("stereo_matching"), dfn("refinement")
         self._motion, self._calibration = dfn("motion"), calibration
@@ -99,15 +100,20 @@ class KeyframeTracker:
                 reselected = select(retracked)
                 if retracked.count_scene(reselected) > tracked.count:
                     tracked, motion = retracked, reselected
-        competing = [other.pose for other in motion.others]
+        elapsed_s = 1e-9 * (view.stamp_ns - keyframe.view.stamp_ns)
+        continued = self._competing.predict(elapsed_s)
+        competing = [other.pose for other in motion.others] or continued
         if others := competing or self._motions_of_lost_points(view, keyframe, tracked, motion):
             # The tracker finds a point only near its predicted pixel, so it runs once with each motion.
             poses = [motion.scene.pose, *others]
             merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
             with suppress(RefusedError):
-                reselected = select(merged)
+                reselected = select(merged, competing=continued)
                 if competing or any(other.is_distinct for other in reselected.others):
                     tracked, motion = merged, reselected
+        predicted = self._predict(view, keyframe, motion.scene.pose)
+        agreeing = np.isin(np.arange(len(keyframe.points)), tracked.points[motion.scene.inliers])
+        motion = self._competing.update(motion, keyframe.features, predicted.visible, agreeing, elapsed_s)
         inliers = tracked.first_of_each(motion.scene.inliers)
         refined, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
@@ -119,7 +125,6 @@ class KeyframeTracker:
             "tracked": tracked.count,
             "other_motion_points": tracked.count_others(motion),
         }
-        predicted = self._predict(view, keyframe, motion.scene.pose)
         lost = LostPoints.of_motion(keyframe, predicted, tracked, motion)
         metrics = quality.motion_metrics(refined, disparities, counts) | quality.hypothesis_metrics(motion)
         metrics["lost_ratio"] = lost.ratio(view.left.shape, only_still=True)
@@ -165,6 +170,7 @@ class KeyframeTracker:
         tracked: TrackedPoints,
         *,
         is_continued: bool,
+        competing: Sequence[FloatArray] = (),
     ) -> SelectedMotion:
         """Return the motion of the scene among those of the tracked points; raises RefusedError."""
         inputs = PerspectiveNPointSolvingInputs(
@@ -174,7 +180,9 @@ class KeyframeTracker:
             guess=guess,
         )
         rows, columns = view.left.shape
-        return self._hypotheses.select(inputs, (rows, columns), bounds, is_continued=is_continued)
+        return self._hypotheses.select(
+            inputs, (rows, columns), bounds, is_continued=is_continued, competing=competing
+        )
 
     def _motions_of_lost_points(
         self, view: StereoView, keyframe: Keyframe, tracked: TrackedPoints, motion: SelectedMotion

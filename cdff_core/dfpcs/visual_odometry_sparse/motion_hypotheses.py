@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,6 +141,7 @@ class MotionHypotheses:
         bounds: MotionBounds | None,
         *,
         is_continued: bool,
+        competing: Sequence[FloatArray] = (),
     ) -> SelectedMotion:
         """Return the motion of the scene; raises RefusedError if no motion has enough points.
 
@@ -154,8 +156,10 @@ class MotionHypotheses:
         is_continued : bool
             True if the predicted pose continues a known velocity; among motions of similar score, the one
             nearest to the predicted pose is then selected.
+        competing : sequence of array, shape (4, 4)
+            ``T_current_keyframe`` of motions that competed at the last view, predicted to this one.
         """
-        found = self._find(inputs, shape, bounds)
+        found = self._find(inputs, shape, bounds, competing)
         ratios = [_ratio(bounds, hypothesis.pose) for hypothesis in found]
         likelihoods = _likelihoods(ratios)
         scores = likelihoods * [max(hypothesis.coverage, 1e-9) for hypothesis in found]
@@ -174,11 +178,16 @@ class MotionHypotheses:
         )
 
     def _find(
-        self, inputs: PerspectiveNPointSolvingInputs, shape: tuple[int, int], bounds: MotionBounds | None
+        self,
+        inputs: PerspectiveNPointSolvingInputs,
+        shape: tuple[int, int],
+        bounds: MotionBounds | None,
+        competing: Sequence[FloatArray],
     ) -> list[Hypothesis]:
         """Return the first motion and those that compete with it.
 
-        The first motion that wheels and gyro support needs fewer points.
+        The first motion that wheels and gyro support needs fewer points, and so does a motion that continues
+        one of the last view.
         """
         first = self._first.process(inputs)
         poses, remaining = [first.camera], np.flatnonzero(~first.inliers)
@@ -195,8 +204,10 @@ class MotionHypotheses:
             errors = _errors_px(out.camera, inputs)
             contradicts_others = np.min(errors_px, axis=0) > _CONTRADICTION * threshold_px
             supports = not is_supported and _ratio(bounds, out.camera) < _SUPPORTED_RATIO
-            required = _MIN_POINTS if supports else min_points
-            if np.sum((errors < threshold_px) & contradicts_others) < required:
+            only_here = (errors < threshold_px) & contradicts_others
+            continues = _is_nearer(competing, errors_px, only_here, inputs)
+            required = _MIN_POINTS if supports or continues else min_points
+            if np.sum(only_here) < required:
                 break
             is_supported |= supports
             poses.append(out.camera)
@@ -213,11 +224,24 @@ class MotionHypotheses:
                     pose,
                     inliers[i],
                     coverage=len(cells_of(pixels, shape)) / (_CELLS[0] * _CELLS[1]),
-                    extent=_extent(pixels, shape),
+                    extent=extent_of(pixels, shape),
                     is_distinct=only_here.sum() > 0.5 * inliers[i].sum(),
                 )
             )
         return hypotheses
+
+
+def _is_nearer(
+    competing: Sequence[FloatArray],
+    found_px: Sequence[FloatArray],
+    points: BoolArray,
+    inputs: PerspectiveNPointSolvingInputs,
+) -> bool:
+    """Return whether most of some points are nearer to a predicted motion than to all motions found."""
+    if not points.any():
+        return False
+    nearest_px = np.min(found_px, axis=0)
+    return any(np.median((_errors_px(pose, inputs) - nearest_px)[points]) < 0.0 for pose in competing)
 
 
 def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> float:
@@ -279,7 +303,7 @@ def cells_of(pixels: FloatArray, shape: tuple[int, ...]) -> IntArray:
     return np.unique(cells[:, 1] * _CELLS[0] + cells[:, 0])
 
 
-def _extent(pixels: FloatArray, shape: tuple[int, int]) -> float:
+def extent_of(pixels: FloatArray, shape: tuple[int, int]) -> float:
     """Return the area of the rectangle around most of the pixels (n, 2), as a fraction of the image."""
     if not len(pixels):
         return 0.0

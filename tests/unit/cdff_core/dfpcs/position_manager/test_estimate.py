@@ -22,9 +22,10 @@ from cdff_core.dfpcs.position_manager.estimate import (
     VELOCITY,
     Estimate,
 )
-from cdff_core.dfpcs.position_manager.estimator import Estimator, Measurement
+from cdff_core.dfpcs.position_manager.estimator import Estimator
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.measurement import Measurement
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
 from cdff_core.dfpcs.position_manager.wheel_correction import kalman_corrected
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import ConfigurationError
-from cdff_core.dfpcs.position_manager.estimator import Measurement, MeasurementResult
+from cdff_core.dfpcs.position_manager.measurement import Measurement, MeasurementResult
 from cdff_core.dfpcs.position_manager.measurement_history import MeasurementHistory
 from cdff_core.runtime import Runner
 from tests.support.position_manager_samples import (

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
-from cdff_core.dfpcs.position_manager.estimator import Measurement
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
+from cdff_core.dfpcs.position_manager.measurement import Measurement
 from cdff_core.dfpcs.position_manager.time_offset import StampCorrection
 from tests.support.position_manager_samples import T0
 
