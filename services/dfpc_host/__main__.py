@@ -17,6 +17,7 @@ from pathlib import Path
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.errors import ConfigurationError
+from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profile
 from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_common.process import cap_threads, run_service
@@ -75,7 +76,9 @@ def main(argv: list[str] | None = None) -> int:
         with Bus.open(args.connect, name=args.process or args.dfpc, wait_s=None, stop=stop) as bus:
             from services.dfpc_host.host import DfpcHost  # heavy: after the thread caps
 
-            DfpcHost(bus, entries).run(stop)
+            host = DfpcHost(bus, entries)
+            add_check(host.problem)
+            host.run(stop)
 
     return run_service(args.process or f"{args.robot}_{args.dfpc}", body)
 

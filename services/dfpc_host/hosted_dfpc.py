@@ -18,6 +18,7 @@ from cdff_common.errors import CdffError, NotActiveError, OverloadedError, Refus
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
+from services.dfpc_host.calibration_alarms import CalibrationMonitor
 from services.dfpc_host.inputs import StoredInput, decode_sample
 from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
 from services.dfpc_host.outbox import Outbox
@@ -34,6 +35,7 @@ class HostedDfpc(DfpcLifeCycle):
     def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
         super().__init__(robot, entry)
         self.step_started_s: float | None = None
+        self.calibration = CalibrationMonitor()
         self._malformed = 0
         self._refused_inputs = 0
         self._dropped_before = 0
@@ -287,6 +289,7 @@ class HostedDfpc(DfpcLifeCycle):
 
     def publish(self, products: Sequence[Product]) -> None:
         """Publish products on their keys and queue them for the DPM."""
+        self.calibration.add(product.header.quality for product in products)
         for product in products:
             type_name = product.type_name if product.value is None else wire_type(product.value)
             payload = b"" if product.value is None else encode(product.value, "uper")

@@ -51,7 +51,7 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder
     from cdff_common.process import data_dir_of, run_service
     from cdff_common.resources import resolve
-    from services.supervisor.plan import plan
+    from services.supervisor.plan import first_scope, plan
     from services.supervisor.supervisor import Supervisor
 
     if not args.profile:
@@ -72,7 +72,8 @@ def run_up(args: argparse.Namespace) -> int:
         uplink=args.uplink,
         dpm_options=("--new",) if args.new else (),
     )
-    return run_service("supervisor", Supervisor(specs, log_dir).run)
+    link = (endpoint(args.connect), first_scope(profile, args.scopes or ()))
+    return run_service("supervisor", Supervisor(specs, log_dir, link=link).run)
 
 
 def register_service(nouns: Any) -> None:

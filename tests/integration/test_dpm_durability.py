@@ -124,9 +124,9 @@ def test_a_dpm_that_starts_on_a_full_disk_serves_and_deletes_and_refuses_product
     assert system.bus.call(keys.dpm_product("mana", products[0]), timeout_s=30).payload
     with pytest.raises(CdffError, match="not stored"):
         system.put(10)
-    assert "disk_full: " in system.text("/readyz")
+    assert "disk_full of dpm: " in system.text("/readyz")
     metrics = system.text("/metrics")
-    assert 'cdff_dpm_alarm{kind="disk_full",source="dpm",severity="critical"} 1' in metrics
+    assert 'cdff_alarm{kind="disk_full",source="dpm",severity="critical",acknowledged="false"} 1' in metrics
     assert 'cdff_dpm_operations_total{operation="refused"} 1' in metrics
     assert system.call("delete", id=products[1])["deleted"] is True
     (small_disk / "ballast").unlink()
