@@ -466,7 +466,8 @@ class Profile(StrictModel):
     """Profile of a mission.
 
     ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
-    are optional; omit the section to disable merging.
+    are optional; omit the section to disable merging. With ``sign``, products carry a signature by the identity
+    of their maker (``CDFF_IDENTITY``).
     """
 
     name: Name
@@ -477,6 +478,7 @@ class Profile(StrictModel):
     history: tuple[History, ...] = ()
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
     merging: MergingConfig | None = None
+    sign: bool = False
 
     @model_validator(mode="after")
     def _robots_are_unique(self) -> Profile:

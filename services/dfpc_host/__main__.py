@@ -70,13 +70,18 @@ def main(argv: list[str] | None = None) -> int:
 
     def body(stop: threading.Event) -> None:
         entries = selected_entries(args)
+        sign = None
+        if args.profile and load_profile(args.profile).sign:
+            from services.signatures import Signer
+
+            sign = Signer.of_environment().sign
         if args.config:
             update = {"parameters": read_mapping(Path(args.config))}
             entries = [(robot, entry.model_copy(update=update)) for robot, entry in entries]
         with Bus.open(args.connect, name=args.process or args.dfpc, wait_s=None, stop=stop) as bus:
             from services.dfpc_host.host import DfpcHost  # heavy: after the thread caps
 
-            host = DfpcHost(bus, entries)
+            host = DfpcHost(bus, entries, sign)
             add_check(host.problem)
             host.run(stop)
 

@@ -21,7 +21,7 @@ from cdff_common.loops import Loops
 from services.alarm_reporter import AlarmReporter
 from services.alarms import Alarms
 from services.dfpc_host.calibration_alarms import set_calibration_alarm
-from services.dfpc_host.hosted_dfpc import HostedDfpc
+from services.dfpc_host.hosted_dfpc import HostedDfpc, Sign
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.outbox_alarms import set_outbox_alarms
@@ -42,7 +42,9 @@ EXIT_HUNG = 75
 class DfpcHost:
     """Host of the DFPCs of one process."""
 
-    def __init__(self, bus: Bus, entries: Sequence[tuple[Robot, DfpcEntry]]) -> None:
+    def __init__(
+        self, bus: Bus, entries: Sequence[tuple[Robot, DfpcEntry]], sign: Sign | None = None
+    ) -> None:
         self._bus = bus
         owners = [(robot.id, entry.name) for robot, entry in entries]
         self._loops = Loops()
@@ -51,7 +53,7 @@ class DfpcHost:
         self._alarms = Alarms()
         self._source = ",".join(sorted(f"{robot}/{dfpc}" for robot, dfpc in owners))
         self._process = psutil.Process()
-        self._hosted = [HostedDfpc(bus, self._outbox, robot, entry) for robot, entry in entries]
+        self._hosted = [HostedDfpc(bus, self._outbox, robot, entry, sign) for robot, entry in entries]
 
     def problem(self) -> str:
         """Return which thread does not work; empty if all do."""

@@ -15,7 +15,7 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
-from cdff_common.interfaces.product import Product
+from cdff_common.interfaces.product import Header, Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
 from services.dfpc_host.calibration_alarms import CalibrationMonitor
@@ -28,12 +28,18 @@ from services.dfpc_host.watchdog import ThreadTimes
 
 logger = logging.getLogger(__name__)
 
+#: ``Signer.sign``: names, encoding, header and payload to the signed header.
+Sign = Callable[[Mapping[str, str], str, Header, bytes], Header]
+
 
 class HostedDfpc(DfpcLifeCycle):
     """A DFPC with its thread; steps, operations and store queries never run at the same time."""
 
-    def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
+    def __init__(
+        self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry, sign: Sign | None = None
+    ) -> None:
         super().__init__(robot, entry)
+        self._sign = sign
         self.step_started_s: float | None = None
         self.calibration = CalibrationMonitor()
         self._malformed = 0
@@ -293,7 +299,16 @@ class HostedDfpc(DfpcLifeCycle):
         for product in products:
             type_name = product.type_name if product.value is None else wire_type(product.value)
             payload = b"" if product.value is None else encode(product.value, "uper")
-            encoding, attachment = encoding_string(type_name, "uper"), product.header.to_attachment()
+            encoding, header = encoding_string(type_name, "uper"), product.header
+            names = {
+                "robot": product.robot,
+                "dfpc": product.dfpc,
+                "port": product.port,
+                "product": product.product,
+            }
+            if self._sign is not None and payload:
+                header = self._sign(names, encoding, header, payload)
+            attachment = header.to_attachment()
             self._bus.publish(
                 keys.product(product.robot, product.dfpc, product.port),
                 payload,
@@ -303,15 +318,7 @@ class HostedDfpc(DfpcLifeCycle):
             )
             if payload and product.product:
                 self._outbox.put(
-                    SpooledProduct(
-                        robot=product.robot,
-                        dfpc=product.dfpc,
-                        port=product.port,
-                        product=product.product,
-                        payload=payload,
-                        encoding=encoding,
-                        attachment=attachment,
-                    )
+                    SpooledProduct(**names, payload=payload, encoding=encoding, attachment=attachment)
                 )
 
     def _publish_event(self, kind: str, **more: Any) -> None:
