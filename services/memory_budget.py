@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-
-import psutil  # type: ignore[import-untyped]
+from pathlib import Path
 
 from cdff_common.errors import ConfigurationError
 from services.alarms import Alarms, Severity
@@ -27,12 +26,20 @@ def memory_budget_mb() -> int:
     return int(text)
 
 
+def resident_mb() -> float:
+    """Return the resident memory of this process (Linux; 0 elsewhere)."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except FileNotFoundError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
 def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], None]:
     """Return a function that begins or ends the alarm by the present memory of this process."""
-    process = psutil.Process()
 
     def check() -> None:
-        used_mb = process.memory_info().rss / 1e6
+        used_mb = resident_mb()
         if used_mb > budget_mb:
             what = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
             remedy = "stop large requests, restart the service, or raise CDFF_MEMORY_MB"

@@ -22,6 +22,7 @@ from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profi
 from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_common.process import cap_threads, run_service
 from services.dfpc_host.wiring import parse_inputs, standalone_entry, with_inputs
+from services.signing import sign_of_environment
 
 
 def entries_of(
@@ -70,11 +71,8 @@ def main(argv: list[str] | None = None) -> int:
 
     def body(stop: threading.Event) -> None:
         entries = selected_entries(args)
-        sign = None
-        if args.profile and load_profile(args.profile).sign:
-            from services.signatures import Signer
-
-            sign = Signer.of_environment().sign
+        signs = args.profile and load_profile(args.profile).sign
+        sign = sign_of_environment() if signs else None
         if args.config:
             update = {"parameters": read_mapping(Path(args.config))}
             entries = [(robot, entry.model_copy(update=update)) for robot, entry in entries]

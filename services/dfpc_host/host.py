@@ -21,13 +21,14 @@ from cdff_common.loops import Loops
 from services.alarm_reporter import AlarmReporter
 from services.alarms import Alarms
 from services.dfpc_host.calibration_alarms import set_calibration_alarm
-from services.dfpc_host.hosted_dfpc import HostedDfpc, Sign
+from services.dfpc_host.hosted_dfpc import HostedDfpc
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.outbox_alarms import set_outbox_alarms
 from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
 from services.dfpc_host.watchdog import StepWatchdog
 from services.memory_budget import memory_budget_mb, memory_check
+from services.signing import Sign
 
 logger = logging.getLogger(__name__)
 

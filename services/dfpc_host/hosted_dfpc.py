@@ -15,7 +15,7 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
-from cdff_common.interfaces.product import Header, Product
+from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
 from services.dfpc_host.calibration_alarms import CalibrationMonitor
@@ -25,11 +25,9 @@ from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.spool import SpooledProduct
 from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
 from services.dfpc_host.watchdog import ThreadTimes
+from services.signing import Sign
 
 logger = logging.getLogger(__name__)
-
-#: ``Signer.sign``: names, encoding, header and payload to the signed header.
-Sign = Callable[[Mapping[str, str], str, Header, bytes], Header]
 
 
 class HostedDfpc(DfpcLifeCycle):

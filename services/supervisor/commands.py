@@ -72,7 +72,8 @@ def run_up(args: argparse.Namespace) -> int:
         uplink=args.uplink,
         dpm_options=("--new",) if args.new else (),
     )
-    link = (endpoint(args.connect), first_scope(profile, args.scopes or ()))
+    os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
+    link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
     return run_service("supervisor", Supervisor(specs, log_dir, link=link).run)
 
 

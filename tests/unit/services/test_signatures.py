@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -26,6 +27,7 @@ from dpm_store import open_store
 from services.dpm.cli.commands import run_verify
 from services.dpm.operations.dpm import Dpm
 from services.signatures import SignatureVerifier, Signer
+from services.signing import sign_of_environment
 from tests.support.dpm_products import cloud, put_arguments
 
 Identity = Callable[..., Path]
@@ -123,6 +125,13 @@ def test_signatures_of_another_authority_and_malformed_ones_are_invalid(
     assert "another authority" in verifier.problem(NAMES, ENCODING, signed)
     for text in ("", "x", "a.b", "AAAA.AAAA"):
         assert "malformed" in verifier.problem(NAMES, ENCODING, replace(HEADER, signature=text))
+
+
+def test_without_the_library_a_profile_that_signs_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cryptography", None)
+    monkeypatch.delitem(sys.modules, "services.signatures")
+    with pytest.raises(ConfigurationError, match="pip install cryptography"):
+        sign_of_environment()
 
 
 def test_missing_identities_are_reported(
