@@ -25,7 +25,16 @@ from tests.integration.test_lidar_slam_host import NAME, Sender
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
-STEP_TIMEOUT_S = 10.0
+STEP_TIMEOUT_S = 3.0
+PROFILE = f"""
+name: slow_machine
+robots:
+- id: mana
+  sensors:
+    lidar: {{kind: lidar, frame: mana/lidar, streams: {{scan: LidarScan}}}}
+  dfpcs:
+  - {{name: lidar_slam, inputs: {{scan: sensor/lidar/scan}}, process: slam, step_timeout_s: {STEP_TIMEOUT_S}}}
+"""
 RUN_S, STOPPED_S = 0.02, 0.98
 
 
@@ -59,16 +68,9 @@ def supervisor(endpoint: str, tmp_path: Path) -> Iterator[Supervisor]:
         "OMP_NUM_THREADS": "1",
         "NUMBA_NUM_THREADS": "1",
     }
-    slam = (
-        "-m",
-        "services.dfpc_host",
-        "--robot",
-        "mana",
-        "--dfpc",
-        NAME,
-        "--input",
-        "scan=sensor/lidar/scan",
-    )
+    profile = tmp_path / "profile.yaml"
+    profile.write_text(PROFILE)
+    slam = ("-m", "services.dfpc_host", "--profile", str(profile), "--process", "mana_slam")
     specs = [
         ProcessSpec("router", (sys.executable, "-m", "services.router"), environment, ()),
         ProcessSpec("slam", (sys.executable, *slam), environment, ()),

@@ -14,6 +14,7 @@ from fastapi.testclient import TestClient
 
 from cdff_common.bus import Request
 from cdff_common.errors import CodecError, DeniedError, ProductNotFoundError, StorageError
+from dpm_store import open_store
 from dpm_store.history.events import Actor, acting
 from services.alarms import Alarm, Alarms, Severity
 from services.dpm.bus.alarms import acknowledge
@@ -170,6 +171,18 @@ def test_a_corrupt_payload_raises_an_alarm_until_it_is_repaired(dpm: Dpm, tmp_pa
     check_conditions(dpm)
     assert kinds(dpm) == []
     assert dpm.retrieval.payload(header.id)[1]
+
+
+def test_a_database_without_acknowledged_changes_raises_an_alarm(tmp_path: Path) -> None:
+    directory = tmp_path / "damaged"
+    with open_store(f"sqlite:///{directory}") as store:
+        Dpm(store).writer.put(*put_arguments(cloud(), "pointcloud"))
+    for path in directory.glob("store.sqlite*"):
+        path.unlink()
+    with open_store(f"sqlite:///{directory}", new=True) as store:
+        dpm = Dpm(store)
+        check_conditions(dpm)
+        assert kinds(dpm) == [("database_damaged", "dpm")]
 
 
 def test_callers_with_unknown_keys_raise_an_alarm_until_it_is_quiet(
