@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Signatures of products by the key of their maker's identity.
+"""Signatures of products by the key of their producer's identity.
 
 A signature covers the names of the product, the encoding and SHA-256 of the payload, and all header fields
-except ``box_m``, which the DPM adds. It contains the certificate of the maker, so that it can be checked with
+except ``box_m``, which the DPM adds. It contains the certificate of the producer, so that it can be checked with
 that of the mission's authority after the identity was renewed: ``base64(certificate DER).base64(signature)``.
 Keys on elliptic curves sign with ECDSA and SHA-256, Ed25519 keys as in RFC 8032.
 """
@@ -99,9 +99,9 @@ class SignatureVerifier:
         except InvalidSignature:
             return "it is signed with a certificate of another authority"
         (common_name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-        maker = str(common_name.value).split(".")[0]  # without the number of the certificate
-        if maker not in (names["robot"], GROUND):
-            return f"it is signed by {maker[:64]}, expected {names['robot']} or {GROUND}"
+        signer = str(common_name.value).split(".")[0]  # without the number of the certificate
+        if signer not in (names["robot"], GROUND):
+            return f"it is signed by {signer[:64]}, expected {names['robot']} or {GROUND}"
         key, data = certificate.public_key(), signed_bytes(names, encoding, header)
         try:
             if isinstance(key, ed25519.Ed25519PublicKey):

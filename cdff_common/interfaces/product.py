@@ -156,8 +156,8 @@ class Header:
     sha256 : str or None
         Hash of the payload, if enabled.
     signature : str or None
-        Signature by the maker, see ``services.signatures``. Headers that differ in it only are equal, because
-        the same product can be signed again.
+        Signature by the producer, see ``services.signatures``. Headers that differ in it only are equal,
+        because the same product can be signed again.
     """
 
     id: str

@@ -307,5 +307,5 @@ def run_restore(args: argparse.Namespace) -> int:
 
     target = data_dir_of(args.data_dir)
     backup(args.backup, target)
-    args.data_dir = str(target)
+    args.data_dir, args.authority = str(target), None
     return run_verify(args)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Signatures of products: keys of both kinds, changed products, other makers and authorities."""
+"""Signatures of products: keys of both kinds, changed products, other producers and authorities."""
 
 from __future__ import annotations
 
