@@ -3,8 +3,8 @@
 """Signatures of products by the key of their producer's identity.
 
 A signature covers the names of the product, the encoding and SHA-256 of the payload, and all header fields
-except ``box_m``, which the DPM adds. It contains the certificate of the producer, so that it can be checked with
-that of the mission's authority after the identity was renewed: ``base64(certificate DER).base64(signature)``.
+except ``box_m``, which the DPM adds. It contains the certificate of the producer, so that it can be checked
+with that of the mission's authority after the identity was renewed: ``base64(certificate DER).base64(signature)``.
 Keys on elliptic curves sign with ECDSA and SHA-256, Ed25519 keys as in RFC 8032.
 """
 
@@ -57,7 +57,7 @@ class Signer:
         folder = os.environ.get(VARIABLE)
         if not folder:
             raise ConfigurationError(
-                f"the profile has `sign: true`, but {VARIABLE} is not set: name the identity folder of this process"
+                f"the profile has `sign: true`, but {VARIABLE} is not set: name the folder of this identity"
             )
         return cls(Path(folder))
 

@@ -466,8 +466,8 @@ class Profile(StrictModel):
     """Profile of a mission.
 
     ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
-    are optional; omit the section to disable merging. With ``sign``, products carry a signature by the identity
-    of their maker (``CDFF_IDENTITY``).
+    are optional; omit the section to disable merging. With ``sign``, products carry a signature by the
+    identity of their producer (``CDFF_IDENTITY``).
     """
 
     name: Name
