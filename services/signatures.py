@@ -4,7 +4,8 @@
 
 A signature covers the names of the product, the encoding and SHA-256 of the payload, and all header fields
 except ``box_m``, which the DPM adds. It contains the certificate of the producer, so that it can be checked
-with that of the mission's authority after the identity was renewed: ``base64(certificate DER).base64(signature)``.
+with that of the mission's authority after the identity was renewed; its form is
+``base64(certificate DER).base64(signature)``.
 Keys on elliptic curves sign with ECDSA and SHA-256, Ed25519 keys as in RFC 8032.
 """
 
