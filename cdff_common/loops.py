@@ -104,10 +104,14 @@ class Loops:
         self._loops.append(loop)
         return loop
 
+    def remove(self, loop: Loop) -> None:
+        """Remove a loop that was stopped."""
+        self._loops.remove(loop)
+
     def problem(self) -> str:
         """Return the problems of all loops; empty if all work."""
-        return "; ".join(problem for loop in self._loops if (problem := loop.problem()))
+        return "; ".join(problem for loop in tuple(self._loops) if (problem := loop.problem()))
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Return the state of each loop by its name."""
-        return {loop.name: loop.describe() for loop in self._loops}
+        return {loop.name: loop.describe() for loop in tuple(self._loops)}

@@ -19,6 +19,7 @@ from dpm_store.engine.database import Database, parse_url
 from dpm_store.engine.dialect import Dialect
 from dpm_store.engine.disk_space import LOW_WATER_BYTES, DiskSpace
 from dpm_store.engine.migrate import migrate, revision_of
+from dpm_store.engine.notes import read_note, write_note
 from dpm_store.frames.anchors import AnchorTable
 from dpm_store.frames.frames import FrameTable
 from dpm_store.frames.poses import PoseTable
@@ -171,9 +172,11 @@ class Store:
         self.lineage = partial(lineage, database)
         self.verify = partial(verify, database, payloads, self.changes)
         self.collect = partial(collect, database, payloads, self.changes)
+        self.damaged_payloads = payloads.damaged
         self.unnamed_payloads = partial(unnamed_payloads, database, payloads)
         self.read_clock_reference = partial(read_clock_reference, database)
         self.write_clock_reference = partial(write_clock_reference, database)
+        self.read_note, self.write_note = partial(read_note, database), partial(write_note, database)
         self.statistics = partial(statistics, database)
         self.extents = partial(extents, database)
         self.footprints = partial(footprints, database)

@@ -7,13 +7,16 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 from cdff_common.clock import wall_ns
+from cdff_common.errors import CodecError
 
 logger = logging.getLogger(__name__)
+
+_MAX_TEXT = 2000
 
 
 class Severity(StrEnum):
@@ -52,6 +55,18 @@ class Alarm:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data."""
         return asdict(self) | {"severity": str(self.severity)}
+
+    @classmethod
+    def parse(cls, body: object) -> Self:
+        """Return the alarm of plain data from the bus; raises CodecError."""
+        if not isinstance(body, dict) or set(body) != {field.name for field in fields(cls)}:
+            raise CodecError(f"alarm {str(body)[:80]}: expected the fields of an alarm")
+        texts = [body[name] for name in ("kind", "source", "what", "remedy")]
+        if not all(isinstance(text, str) and len(text) <= _MAX_TEXT for text in texts):
+            raise CodecError(f"alarm {str(body)[:80]}: expected texts of at most {_MAX_TEXT} characters")
+        if body["severity"] not in set(Severity) or not isinstance(body["since_ns"], int):
+            raise CodecError(f"alarm {str(body)[:80]}: expected a severity and integer nanoseconds")
+        return cls(**body | {"severity": Severity(body["severity"])})
 
 
 class Alarms:

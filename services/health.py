@@ -14,7 +14,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.errors import CdffError
 
 #: Services without a status call; the supervisor, or the restart policy of the container, replaces them.
-_WITHOUT_STATUS = ("router", "dpm", "icu", "map_merging")
+_WITHOUT_STATUS = ("router", "supervisor", "icu", "map_merging")
 _CALL_S = 2.0
 
 
@@ -23,17 +23,20 @@ def missing_services(bus: Bus, services: list[str]) -> list[str]:
     return [s for s in services if not bus.alive(keys.alive(*(s.split("/", 1) if "/" in s else ("", s))))]
 
 
+def _status_key(scope: str, name: str) -> str:
+    if name == "orchestrator":
+        return keys.orchestrator_rpc(scope, "stat")
+    return keys.dpm_rpc(scope, "stat") if name == "dpm" else keys.dfpc_rpc(scope, name, "status")
+
+
 def unhealthy_services(bus: Bus, services: list[str]) -> list[str]:
-    """Return why orchestrators and DFPCs with a token do not work: a hung process keeps its token."""
+    """Return why DPM, orchestrators and DFPCs with a token do not work: a hung process keeps its token."""
     problems = []
     for service in services:
         scope, name = service.split("/", 1)
         if name in _WITHOUT_STATUS:
             continue
-        is_orchestrator = name == "orchestrator"
-        key = (
-            keys.orchestrator_rpc(scope, "stat") if is_orchestrator else keys.dfpc_rpc(scope, name, "status")
-        )
+        key = _status_key(scope, name)
         try:
             body = bus.call(key, timeout_s=_CALL_S).body()
         except CdffError as error:

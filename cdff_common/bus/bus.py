@@ -20,6 +20,7 @@ from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
 from cdff_common.clock import monotonic_s
+from cdff_common.loops import Loops
 from cdff_common.mission_clock import MissionClock
 
 logger = logging.getLogger(__name__)
@@ -40,10 +41,16 @@ class Bus:
         Opened by ``Bus.open``.
     name : str
         Name of the process, for logs.
+
+    Attributes
+    ----------
+    loops : Loops
+        Threads of the subscriptions.
     """
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session = session
+        self.loops = Loops()
         self._name = name
         self._lock = threading.Lock()
         self._declarations: list[Any] = []
@@ -159,7 +166,7 @@ class Bus:
         dropped.
         """
         subscription: Subscription = self._add_declaration(
-            Subscription(self._session, keyexpr, callback, depth)
+            Subscription(self._session, keyexpr, callback, depth, self.loops)
         )
         return subscription
 

@@ -92,6 +92,11 @@ def event(scope: str, kind: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/event/{_chunk('kind', kind)}"
 
 
+def alarms(scope: str, service: str) -> str:
+    """Return the key of the active alarms of a service; ``*`` for any."""
+    return f"{PREFIX}/{_chunk('scope', scope)}/alarms/{_chunk('service', service)}"
+
+
 def lead(scope: str, process: str) -> str:
     """Return the liveliness token of an orchestrator that leads a scope or stands by; ``*`` for any."""
     return f"{PREFIX}/{_chunk('scope', scope)}/@lead/{_chunk('process', process)}"

@@ -126,8 +126,10 @@ class CallServer:
             if not self._stopping:
                 logger.exception("handler of %s failed", self._key)
             error = raised
-        self._end(query, error)
-        self._slots.release()
+        try:
+            self._end(query, error)
+        finally:
+            self._slots.release()
 
     def _end(self, query: zenoh.Query, error: Exception | None) -> None:
         """End a query that ``finish`` has not ended, with an error if there is one."""

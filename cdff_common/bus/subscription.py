@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import logging
 import queue
 import threading
 from collections import deque
@@ -13,8 +12,7 @@ from collections.abc import Callable
 import zenoh
 
 from cdff_common.bus.message import Message
-
-logger = logging.getLogger(__name__)
+from cdff_common.loops import Loops
 
 
 class Subscription:
@@ -26,15 +24,19 @@ class Subscription:
     ----------
     dropped : int
         Number of messages dropped because the consumer was too slow.
-    failed : int
-        Number of messages whose callback raised; each is logged.
     """
 
     def __init__(
-        self, session: zenoh.Session, keyexpr: str, callback: Callable[[Message], None], depth: int
+        self,
+        session: zenoh.Session,
+        keyexpr: str,
+        callback: Callable[[Message], None],
+        depth: int,
+        loops: Loops,
     ) -> None:
         self.dropped = 0
-        self.failed = 0
+        self._loops = loops
+        self._loop = loops.add(f"sub {keyexpr}")
         self._callback = callback
         self._depth = depth
         self._ring: deque[zenoh.Sample] = deque()
@@ -42,12 +44,19 @@ class Subscription:
         # One wake-up per message, and False at the end: a C queue is several times faster than a Condition.
         self._wake: queue.SimpleQueue[bool] = queue.SimpleQueue()
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name=f"sub {keyexpr}", daemon=True)
+        self._thread = threading.Thread(
+            target=self._loop.run, args=(self._next, self._deliver), name=self._loop.name, daemon=True
+        )
         self._thread.start()
         # In the thread of Zenoh: ``_take`` only appends, and another thread would cost a switch per message.
         self._subscriber = session.declare_subscriber(
             keyexpr, zenoh.handlers.Callback(self._take, indirect=False)
         )
+
+    @property
+    def failed(self) -> int:
+        """Number of messages whose callback raised; each is logged."""
+        return self._loop.errors
 
     def close(self) -> None:
         """Stop the delivery; messages in the ring buffer are discarded."""
@@ -58,6 +67,7 @@ class Subscription:
         self._wake.put(False)
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=2.0)
+        self._loops.remove(self._loop)
 
     def _take(self, sample: zenoh.Sample) -> None:
         with self._ring_lock:
@@ -69,18 +79,18 @@ class Subscription:
         if not full:  # a message that replaced another uses its wake-up
             self._wake.put(True)
 
-    def _run(self) -> None:
-        while self._wake.get() and not self._closed:
-            with self._ring_lock:
-                sample = self._ring.popleft()
-            message = Message(
+    def _next(self) -> zenoh.Sample | None:
+        if not self._wake.get() or self._closed:
+            return None
+        with self._ring_lock:
+            return self._ring.popleft()
+
+    def _deliver(self, sample: zenoh.Sample) -> None:
+        self._callback(
+            Message(
                 key=str(sample.key_expr),
                 payload=sample.payload.to_bytes(),
                 encoding=str(sample.encoding),
                 attachment=b"" if sample.attachment is None else sample.attachment.to_bytes(),
             )
-            try:
-                self._callback(message)
-            except Exception:  # outermost handler of the thread: logged and counted
-                self.failed += 1
-                logger.exception("subscriber of %s failed", message.key)
+        )

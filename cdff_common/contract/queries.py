@@ -283,6 +283,13 @@ class ProductProvenanceParameters(IdParameters, ProvenanceParameters):
     """A product and the direction of its provenance."""
 
 
+class AlarmParameters(Parameters):
+    """An active alarm."""
+
+    kind: str
+    source: str
+
+
 class PayloadParameters(Parameters):
     """A part of a payload."""
 

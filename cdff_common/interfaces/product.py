@@ -24,6 +24,7 @@ WIRE_VERSION = 1
 #: Namespace of product ids: UUIDv5 of ``robot/dfpc/port/t1_ns/seq/config_hash``.
 PRODUCT_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "urn:cdff:product")
 _MAX_ATTACHMENT_BYTES = 1 << 20
+_MAX_SIGNATURE = 4096
 _QUALITY_FIELDS = frozenset({"status", "reasons", "covariance_kind", "metrics"})
 
 
@@ -154,6 +155,9 @@ class Header:
         ``x1 y1 x2 y2 …`` in ``frame``, metres: corners of the outline of the covered area, not closed.
     sha256 : str or None
         Hash of the payload, if enabled.
+    signature : str or None
+        Signature by the producer, see ``services.signatures``. Headers that differ in it only are equal,
+        because the same product can be signed again.
     """
 
     id: str
@@ -170,6 +174,7 @@ class Header:
     resolution_m: float | None = None
     sha256: str | None = None
     footprint_m: tuple[float, ...] | None = None
+    signature: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.t0_ns % 1000 or self.t1_ns % 1000 or self.t0_ns > self.t1_ns:
@@ -205,6 +210,7 @@ class Header:
             "resolution_m": self.resolution_m,
             "footprint_m": None if self.footprint_m is None else list(self.footprint_m),
             "sha256": self.sha256,
+            "signature": self.signature,
         }
         data.update({k: v for k, v in optional.items() if v is not None})
         return data
@@ -233,6 +239,7 @@ class Header:
                 resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),
                 sha256=data.get("sha256"),
                 footprint_m=None if ring is None else tuple(float(x) for x in ring),
+                signature=_checked_signature(data.get("signature")),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(f"header: {type(error).__name__} {error}") from error
@@ -261,6 +268,12 @@ class Header:
             if isinstance(quality, dict):
                 _check_fields("quality", quality, _QUALITY_FIELDS)
         return cls.from_dict(unpacked)
+
+
+def _checked_signature(signature: object) -> str | None:
+    if signature is not None and not (isinstance(signature, str) and len(signature) <= _MAX_SIGNATURE):
+        raise InputError(f"signature: expected a text of at most {_MAX_SIGNATURE} characters")
+    return signature
 
 
 _HEADER_FIELDS = frozenset({"v", *(f.name for f in fields(Header))})

@@ -467,7 +467,8 @@ class Profile(StrictModel):
 
     ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
     are optional; omit the section to disable merging. ``clock`` is the name of the only identity that may
-    publish the mission clock on a secured bus.
+    publish the mission clock on a secured bus. With ``sign``, products carry a signature by the identity of
+    their producer (``CDFF_IDENTITY``).
     """
 
     name: Name
@@ -479,6 +480,7 @@ class Profile(StrictModel):
     threads_per_process: Annotated[int, Field(ge=1, le=64)] = 1
     merging: MergingConfig | None = None
     clock: Name = "player"
+    sign: bool = False
 
     @model_validator(mode="after")
     def _robots_are_unique(self) -> Profile:

@@ -4,14 +4,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 
-from sqlalchemy import select
-
 from cdff_common.clock import NS_PER_S
-from dpm_store.engine import schema
-from dpm_store.engine.database import Database, dialect_of
+from dpm_store.engine.database import Database
+from dpm_store.engine.notes import read_note, write_note
 
 _NAME = "clock_reference"
 
@@ -42,14 +39,10 @@ class ClockReference:
 
 def read_clock_reference(database: Database) -> ClockReference | None:
     """Return the reference; None for a new store."""
-    m = schema.meta.c
-    with database.read() as connection:
-        text = connection.execute(select(m.value).where(m.name == _NAME)).scalar()
-    return None if text is None else ClockReference(**json.loads(text))
+    value = read_note(database, _NAME)
+    return None if value is None else ClockReference(**value)
 
 
 def write_clock_reference(database: Database, reference: ClockReference) -> None:
     """Replace the reference; raises StorageError."""
-    row = {"name": _NAME, "value": json.dumps(asdict(reference))}
-    with database.write() as connection:
-        dialect_of(connection).upsert_rows(connection, schema.meta, [row], replace=("value",))
+    write_note(database, _NAME, asdict(reference))

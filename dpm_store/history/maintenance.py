@@ -202,6 +202,7 @@ def _delete_unused(database: Database, payloads: Payloads, digests: Sequence[str
             connection.execute(schema.blobs.delete().where(b.sha256 == bindparam("unused")), values)
     for row in rows:
         payloads.mark_unreferenced(row.location)
+    payloads.set_intact(row.sha256 for row in rows)
     return sum(int(row.size) for row in rows if row.location is not None)
 
 

@@ -41,6 +41,7 @@ def purge(database: Database, payloads: Payloads, events: EventTable, product_id
         blob = _delete_blob(connection, row.sha256)
     if blob is None:
         return 0
+    payloads.set_intact([row.sha256])
     if blob.location is not None:
         payloads.mark_unreferenced(blob.location)
         payloads.reclaim(database)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,9 +44,16 @@ class Content(NamedTuple):
 
 
 class Payloads:
-    """The payloads in the directory of a store."""
+    """The payloads in the directory of a store.
+
+    Attributes
+    ----------
+    damaged : dict of str to str
+        Digests of payloads that could not be read, with the reason, until they are repaired or removed.
+    """
 
     def __init__(self, directory: Path, dialect: Dialect = EMBEDDED) -> None:
+        self.damaged: dict[str, str] = {}
         self.files = BlobFiles(directory / BLOBS)
         self.packs = PackFiles(directory / PACKS)
         self._reclaimable = set(self.packs.numbers())  # a crash may have left unreferenced ranges
@@ -77,11 +84,12 @@ class Payloads:
         packed: dict[str, bytes] = {}
         for sha256, content in contents.items():
             if len(content.payload) > PACKED_BYTES:
-                self.files.write(sha256, content.payload)  # again only if a collection removed it
+                self.files.write(sha256, content.payload)  # again only if it was removed or is damaged
             elif sha256 not in stored or not self._is_intact(stored[sha256], content):
                 packed[sha256] = content.payload
                 if sha256 in stored:
                     self.mark_unreferenced(stored[sha256])
+        self.set_intact(contents)
         locations = dict(zip(packed, self.packs.append(list(packed.values())), strict=True)) if packed else {}
         rows = [
             {
@@ -105,10 +113,19 @@ class Payloads:
         """Return checked bytes of a payload from its row of ``blobs``; raises StorageError if corrupt."""
         if length == 0:
             return b""
-        if row.location is None:
-            return self.files.read(row.sha256, row.size, row.chunk_sums, offset, length, what)
-        payload = self.packs.read((row.location, row.size), row.chunk_sums, what)
+        try:
+            if row.location is None:
+                return self.files.read(row.sha256, row.size, row.chunk_sums, offset, length, what)
+            payload = self.packs.read((row.location, row.size), row.chunk_sums, what)
+        except StorageError as error:
+            self.damaged[row.sha256] = str(error)
+            raise
         return payload if length == row.size else payload[offset : offset + length]
+
+    def set_intact(self, digests: Iterable[str]) -> None:
+        """Record that payloads were repaired or removed."""
+        for sha256 in digests:
+            self.damaged.pop(sha256, None)
 
     def mark_unreferenced(self, location: int | None) -> None:
         """Record that no row references a location any more."""

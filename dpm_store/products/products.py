@@ -119,6 +119,7 @@ class ProductTable:
             except StorageError:
                 if (current_row := self._payload_row(product_id)) == row:
                     raise
+                self._payloads.set_intact([row.sha256])
                 row = current_row  # repaired, or deleted and stored again meanwhile
 
     def _payload_row(self, product_id: str) -> Any:

@@ -17,10 +17,12 @@ from pathlib import Path
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.errors import ConfigurationError
+from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot, load_profile
 from cdff_common.interfaces.yaml_file import read_mapping
 from cdff_common.process import cap_threads, run_service
 from services.dfpc_host.wiring import parse_inputs, standalone_entry, with_inputs
+from services.signing import sign_of_environment
 
 
 def entries_of(
@@ -69,13 +71,17 @@ def main(argv: list[str] | None = None) -> int:
 
     def body(stop: threading.Event) -> None:
         entries = selected_entries(args)
+        signs = args.profile and load_profile(args.profile).sign
+        sign = sign_of_environment() if signs else None
         if args.config:
             update = {"parameters": read_mapping(Path(args.config))}
             entries = [(robot, entry.model_copy(update=update)) for robot, entry in entries]
         with Bus.open(args.connect, name=args.process or args.dfpc, wait_s=None, stop=stop) as bus:
             from services.dfpc_host.host import DfpcHost  # heavy: after the thread caps
 
-            DfpcHost(bus, entries).run(stop)
+            host = DfpcHost(bus, entries, sign)
+            add_check(host.problem)
+            host.run(stop)
 
     return run_service(args.process or f"{args.robot}_{args.dfpc}", body)
 

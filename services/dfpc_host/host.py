@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import os
 import threading
+import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -16,13 +17,18 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode_payload
 from cdff_common.interfaces.profile import DfpcEntry, Robot
-from services.alarms import Alarm, Alarms
+from cdff_common.loops import Loops
+from services.alarm_reporter import AlarmReporter
+from services.alarms import Alarms
+from services.dfpc_host.calibration_alarms import set_calibration_alarm
 from services.dfpc_host.hosted_dfpc import HostedDfpc
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.outbox_alarms import set_outbox_alarms
 from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
 from services.dfpc_host.watchdog import StepWatchdog
+from services.memory_budget import memory_budget_mb, memory_check
+from services.signing import Sign
 
 logger = logging.getLogger(__name__)
 
@@ -37,17 +43,34 @@ EXIT_HUNG = 75
 class DfpcHost:
     """Host of the DFPCs of one process."""
 
-    def __init__(self, bus: Bus, entries: Sequence[tuple[Robot, DfpcEntry]]) -> None:
+    def __init__(
+        self, bus: Bus, entries: Sequence[tuple[Robot, DfpcEntry]], sign: Sign | None = None
+    ) -> None:
         self._bus = bus
         owners = [(robot.id, entry.name) for robot, entry in entries]
-        self._outbox = Outbox(bus, Spool(spool_folder(), owners, capacity_bytes()))
-        self._alarms = Alarms(self._publish_alarm)
+        self._loops = Loops()
+        spool = Spool(spool_folder(), owners, capacity_bytes())
+        self._outbox = Outbox(bus, spool, self._loops.add("outbox"))
+        self._alarms = Alarms()
         self._source = ",".join(sorted(f"{robot}/{dfpc}" for robot, dfpc in owners))
         self._process = psutil.Process()
-        self._hosted = [HostedDfpc(bus, self._outbox, robot, entry) for robot, entry in entries]
+        self._hosted = [HostedDfpc(bus, self._outbox, robot, entry, sign) for robot, entry in entries]
+
+    def problem(self) -> str:
+        """Return which thread does not work; empty if all do."""
+        return "; ".join(problem for loops in (self._loops, self._bus.loops) if (problem := loops.problem()))
 
     def run(self, stop: threading.Event) -> None:
         """Configure the DFPCs, serve them and publish heartbeats until ``stop``; then close in order."""
+        first = self._hosted[0]
+        check = memory_check(self._alarms, self._source, memory_budget_mb())
+        reporter = AlarmReporter(
+            self._bus, first.robot.id, first.entry.name, self._alarms, self._loops.add("alarms"), (check,)
+        )
+        self._run(stop)
+        reporter.close()
+
+    def _run(self, stop: threading.Event) -> None:
         for hosted in self._hosted:
             self._serve(hosted)
         for hosted in self._hosted:
@@ -58,10 +81,12 @@ class DfpcHost:
             self._bus.declare_alive(hosted.robot.id, hosted.entry.name)
             self._publish_status(hosted)
             logger.info("%s of %s is ready", hosted.entry.name, hosted.robot.id)
-        threading.Thread(target=self._watch, args=(stop,), name="watchdog", daemon=True).start()
+        self._start_watchdog(stop)
         while not stop.wait(HEARTBEAT_S):
             set_outbox_alarms(self._alarms, self._source, self._outbox)
             for hosted in self._hosted:
+                name = f"{hosted.robot.id}/{hosted.entry.name}"
+                set_calibration_alarm(self._alarms, name, hosted.calibration)
                 self._publish_status(hosted)
         for hosted in self._hosted:
             hosted.close()
@@ -96,29 +121,34 @@ class DfpcHost:
             "outbox_error": self._outbox.last_error,
             "outbox_in_memory": self._outbox.spool.in_memory,
             "outbox_lost": self._outbox.spool.lost,
-            "alarms": [alarm.to_dict() for alarm in self._alarms.active()],
+            "loops": self._loops.describe(),
         }
-
-    def _publish_alarm(self, alarm: Alarm, is_active: bool) -> None:
-        robot = self._hosted[0].robot.id
-        self._bus.publish_map(keys.event(robot, "alarm"), alarm.to_dict() | {"active": is_active})
 
     def _publish_status(self, hosted: HostedDfpc) -> None:
         self._bus.publish_latched(keys.dfpc_status(hosted.robot.id, hosted.entry.name), self._status(hosted))
 
-    def _watch(self, stop: threading.Event) -> None:
-        """End the process when a step stalls, since a thread cannot be stopped."""
+    def _start_watchdog(self, stop: threading.Event) -> None:
         watchdogs = [StepWatchdog(hosted.entry.step_timeout_s) for hosted in self._hosted]
-        while not stop.wait(_WATCH_S):
+
+        def wait() -> bool | None:
+            return None if stop.wait(_WATCH_S) else True
+
+        def watch(_: bool) -> None:
             for hosted, watchdog in zip(self._hosted, watchdogs, strict=True):
                 problem = watchdog.problem(hosted.step_started_s, monotonic_s(), hosted.step_times())
                 if problem:
-                    reason = f"a step of {hosted.entry.name} {problem}"
-                    logger.error("%s; the process ends", reason)
-                    alarm = hosted.event(reason=reason) | {"state": "error"}
-                    self._bus.publish_map(keys.event(hosted.robot.id, "alarm"), alarm)
-                    stop.wait(_WATCH_S)  # time to send the alarm
-                    os._exit(EXIT_HUNG)
+                    self._end_process(hosted, f"a step of {hosted.entry.name} {problem}")
+
+        loop = self._loops.add("watchdog")
+        threading.Thread(target=loop.run, args=(wait, watch), name="watchdog", daemon=True).start()
+
+    def _end_process(self, hosted: HostedDfpc, reason: str) -> None:
+        """End the process with a stalled step, since a thread cannot be stopped."""
+        logger.error("%s; the process ends", reason)
+        alarm = hosted.event(reason=reason) | {"state": "error"}
+        self._bus.publish_map(keys.event(hosted.robot.id, "alarm"), alarm)
+        time.sleep(_WATCH_S)  # time to send the alarm
+        os._exit(EXIT_HUNG)
 
 
 def _value_reply(value: object, provenance: dict[str, object]) -> Reply:

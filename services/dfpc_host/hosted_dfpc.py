@@ -18,12 +18,14 @@ from cdff_common.errors import CdffError, NotActiveError, OverloadedError, Refus
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
+from services.dfpc_host.calibration_alarms import CalibrationMonitor
 from services.dfpc_host.inputs import StoredInput, decode_sample
 from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.spool import SpooledProduct
 from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
 from services.dfpc_host.watchdog import ThreadTimes
+from services.signing import Sign
 
 logger = logging.getLogger(__name__)
 
@@ -31,9 +33,13 @@ logger = logging.getLogger(__name__)
 class HostedDfpc(DfpcLifeCycle):
     """A DFPC with its thread; steps, operations and store queries never run at the same time."""
 
-    def __init__(self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry) -> None:
+    def __init__(
+        self, bus: Bus, outbox: Outbox, robot: Robot, entry: DfpcEntry, sign: Sign | None = None
+    ) -> None:
         super().__init__(robot, entry)
+        self._sign = sign
         self.step_started_s: float | None = None
+        self.calibration = CalibrationMonitor()
         self._malformed = 0
         self._refused_inputs = 0
         self._dropped_before = 0
@@ -287,10 +293,20 @@ class HostedDfpc(DfpcLifeCycle):
 
     def publish(self, products: Sequence[Product]) -> None:
         """Publish products on their keys and queue them for the DPM."""
+        self.calibration.add(product.header.quality for product in products)
         for product in products:
             type_name = product.type_name if product.value is None else wire_type(product.value)
             payload = b"" if product.value is None else encode(product.value, "uper")
-            encoding, attachment = encoding_string(type_name, "uper"), product.header.to_attachment()
+            encoding, header = encoding_string(type_name, "uper"), product.header
+            names = {
+                "robot": product.robot,
+                "dfpc": product.dfpc,
+                "port": product.port,
+                "product": product.product,
+            }
+            if self._sign is not None and payload:
+                header = self._sign(names, encoding, header, payload)
+            attachment = header.to_attachment()
             self._bus.publish(
                 keys.product(product.robot, product.dfpc, product.port),
                 payload,
@@ -300,15 +316,7 @@ class HostedDfpc(DfpcLifeCycle):
             )
             if payload and product.product:
                 self._outbox.put(
-                    SpooledProduct(
-                        robot=product.robot,
-                        dfpc=product.dfpc,
-                        port=product.port,
-                        product=product.product,
-                        payload=payload,
-                        encoding=encoding,
-                        attachment=attachment,
-                    )
+                    SpooledProduct(**names, payload=payload, encoding=encoding, attachment=attachment)
                 )
 
     def _publish_event(self, kind: str, **more: Any) -> None:

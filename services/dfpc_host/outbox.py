@@ -17,6 +17,7 @@ from cdff_common.errors import (
     OverloadedError,
     UnavailableError,
 )
+from cdff_common.loops import Loop
 from services.dfpc_host.spool import Spool, SpooledProduct, SpoolEntry
 
 logger = logging.getLogger(__name__)
@@ -40,20 +41,29 @@ class Outbox:
     that the DPM refuses (same id with other content; malformed) and unreadable files are counted in
     ``refused`` and logged, since a retry would not help.
 
+    Parameters
+    ----------
+    bus : Bus
+    spool : Spool
+    loop : Loop
+        Health of the thread.
+
     Attributes
     ----------
     spool : Spool
         Products that are not yet acknowledged.
     """
 
-    def __init__(self, bus: Bus, spool: Spool) -> None:
+    def __init__(self, bus: Bus, spool: Spool, loop: Loop) -> None:
         self.refused = 0
         self.last_error = ""
         self._bus = bus
         self.spool = spool
         self._changed = threading.Condition()
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
+        self._thread = threading.Thread(
+            target=loop.run, args=(self._next, self._send), name="outbox", daemon=True
+        )
         self._thread.start()
 
     def put(self, product: SpooledProduct) -> None:
@@ -72,24 +82,33 @@ class Outbox:
         with self._changed:
             self.spool.write_out()
 
-    def _run(self) -> None:
-        while True:
+    def _next(self) -> SpoolEntry | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self.spool or self._closed)
+            return None if self._closed else self.spool.first()
+
+    def _send(self, entry: SpoolEntry) -> None:
+        """Deliver a product, or wait for the next attempt, also after an unexpected error."""
+        is_done = False
+        try:
+            is_done = self._deliver(entry)
+        except Exception:
+            entry.failures += 1
+            raise
+        finally:
             with self._changed:
-                self._changed.wait_for(lambda: self.spool or self._closed)
-                if self._closed:
-                    return
-                entry = self.spool.first()
-            if self._deliver(entry):
-                with self._changed:
+                if is_done:
                     self.spool.remove(entry)
                     self._changed.notify_all()
-            else:
-                with self._changed:
-                    if entry.failures >= _FAILURES:
-                        self.spool.postpone(entry)
-                    if self.spool.in_memory:
-                        self.spool.write_out()
-                    self._changed.wait_for(lambda: self._closed, timeout=_RETRY_S)
+                else:
+                    self._pause(entry)
+
+    def _pause(self, entry: SpoolEntry) -> None:
+        if entry.failures >= _FAILURES:
+            self.spool.postpone(entry)
+        if self.spool.in_memory:
+            self.spool.write_out()
+        self._changed.wait_for(lambda: self._closed, timeout=_RETRY_S)
 
     def _deliver(self, entry: SpoolEntry) -> bool:
         """Send a product to the DPM; return whether its file can be removed (stored, refused or dropped)."""

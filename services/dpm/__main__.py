@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import functools
 import logging
 import os
 import threading
@@ -13,11 +12,12 @@ from collections.abc import Sequence
 from cdff_common.bus import Bus, keys
 from cdff_common.errors import StorageError
 from cdff_common.geodesy import Anchor, Body, body
+from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.engine.disk_space import RESERVE_BYTES
-from services.alarms import Alarm
+from services.alarm_reporter import AlarmReporter
 from services.dpm.bus.recorder import Recorder, rules_of_history
 from services.dpm.bus.retention import rules_of
 from services.dpm.bus.service import serve
@@ -25,6 +25,7 @@ from services.dpm.bus.service_monitor import ServiceMonitor
 from services.dpm.operations.condition_monitor import ConditionMonitor
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings, parse_settings
+from services.memory_budget import memory_budget_mb, memory_check
 
 logger = logging.getLogger(__name__)
 
@@ -47,7 +48,9 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
         clock = bus.mission_clock
         with open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES, new=settings.new) as store:
             dpm = Dpm(store, settings.max_body_bytes)
-            dpm.alarms.on_change = functools.partial(publish_alarm, bus)
+            add_check(lambda: "; ".join(filter(None, (dpm.loops.problem(), bus.loops.problem()))))
+            check = memory_check(dpm.alarms, "dpm", memory_budget_mb())
+            reporter = AlarmReporter(bus, keys.GROUND, "dpm", dpm.alarms, dpm.loops.add("alarms"), (check,))
             if profile is not None:
                 enter_profile(store, profile)
             watch = ServiceMonitor(bus, dpm)
@@ -60,6 +63,7 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
                 conditions = ConditionMonitor(dpm)
                 stop.wait()
                 conditions.close()
+            reporter.close()
             bus.close()  # before the store is closed
             if recorder is not None:
                 recorder.flush()
@@ -81,11 +85,6 @@ def enter_profile(store: Store, profile: Profile) -> None:
         anchor(store, profile)
     except StorageError as error:
         logger.error("the profile is not entered in the store: %s", error)
-
-
-def publish_alarm(bus: Bus, alarm: Alarm, is_active: bool) -> None:
-    """Publish the start or end of an alarm on the bus."""
-    bus.publish_map(keys.event(keys.GROUND, "alarm"), alarm.to_dict() | {"active": is_active})
 
 
 def anchor(store: Store, profile: Profile) -> None:

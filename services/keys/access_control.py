@@ -23,7 +23,7 @@ _ALL = (*_READ, *_OFFER, *_QUERY)
 _EVERYWHERE = ("**", "**/@rpc/**", "*/@alive/*", "*/@lead/*")
 _CALLS = ("**/@rpc/**",)
 
-_DPM_READS = ("search", "get", "pose", "stat", "changes", "provenance", "profile", "robots")
+_DPM_READS = ("search", "get", "pose", "stat", "changes", "provenance", "profile", "robots", "alarms")
 #: Calls that change nothing.
 _READING_CALLS = (
     *(f"*/dpm/@rpc/{verb}" for verb in _DPM_READS),
@@ -39,6 +39,7 @@ _GROUND_OFFERS = (
     *(f"*/{service}/@rpc/**" for service in ("dpm", "orchestrator", "icu")),
     *(f"*/@alive/{service}" for service in ("dpm", "orchestrator", "icu")),
     f"{GROUND}/@alive/*",
+    f"{GROUND}/alarms/*",
     "*/@lead/*",
 )
 _PLAYER_OFFERS = ("*/sensor/**", f"{GROUND}/event/playback", "*/simulator/@rpc/**", "*/@alive/simulator")

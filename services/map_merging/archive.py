@@ -20,6 +20,7 @@ from cdff_common.interfaces.product import Header, Quality, product_id
 from cdff_common.types import Pointcloud, PoseGraph
 from cdff_core.map_merging.joint_pose_graph import PRODUCER, SITE, MergedMaps
 from cdff_core.map_merging.robot_maps import KeyframeId, RobotMap
+from services.signing import Sign
 
 #: Timeout of a call; no client waits for the merging, so that it can wait for a busy DPM.
 _CALL_S = 60.0
@@ -34,10 +35,12 @@ class MapArchive:
     ----------
     bus : Bus
     config : MergingConfig
+    sign : Sign, optional
+        Signs the merged graphs.
     """
 
-    def __init__(self, bus: Bus, config: MergingConfig) -> None:
-        self._bus, self._config = bus, config
+    def __init__(self, bus: Bus, config: MergingConfig, sign: Sign | None = None) -> None:
+        self._bus, self._config, self._sign = bus, config, sign
         self._revisions: dict[str, int] = {}
         self._inputs: dict[str, str] = {}
 
@@ -137,13 +140,13 @@ class MapArchive:
             box_m=value.extent_m(),
             quality=Quality(metrics=dict(metrics)),
         )
+        names = {"robot": keys.GROUND, "dfpc": PRODUCER, "port": "graph", "product": "pose_graph"}
+        if self._sign is not None:
+            header = self._sign(names, encoding, header, payload)
         changes: list[dict[str, Any]] = [
             {
                 "do": "insert",
-                "robot": keys.GROUND,
-                "dfpc": PRODUCER,
-                "port": "graph",
-                "product": "pose_graph",
+                **names,
                 "encoding": encoding,
                 "attachment": header.to_attachment(),
                 "payload": payload,

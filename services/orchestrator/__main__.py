@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import threading
 
-from cdff_common.bus import Bus
+from cdff_common.bus import Bus, keys
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.codecs import encode
 from cdff_common.heartbeat import add_check
@@ -18,6 +18,9 @@ from cdff_common.interfaces.profile import load_profile
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
 from cdff_common.types import TransformWithCovariance
+from services.alarm_reporter import AlarmReporter
+from services.alarms import Alarms
+from services.memory_budget import memory_budget_mb, memory_check
 from services.orchestrator.leader import ProcessIdentity, claim
 from services.orchestrator.service import Orchestrator
 
@@ -49,10 +52,15 @@ def main(argv: list[str] | None = None) -> int:
             claim(bus, profile.robot_ids)
             orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
             add_check(orchestrator.loops.problem)
+            add_check(bus.loops.problem)
+            alarms, loop = Alarms(), orchestrator.loops.add("alarms")
+            check = memory_check(alarms, "orchestrator", memory_budget_mb())
+            reporter = AlarmReporter(bus, keys.GROUND, "orchestrator", alarms, loop, (check,))
             try:
                 orchestrator.start()
                 stop.wait()
             finally:
+                reporter.close()
                 orchestrator.close()
 
     return run_service("orchestrator", body)

@@ -23,8 +23,10 @@ from cdff_common.bus.keys import GROUND
 from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import UnavailableError
+from cdff_common.loops import Loops
 from cdff_common.process import run_service
-from services.alarms import Alarm, Alarms
+from services.alarm_reporter import AlarmReporter
+from services.alarms import Alarms
 from services.router.expiry import check_expiry
 from services.router.refusals import REPORT_S, RefusalMonitor, Refused
 
@@ -59,7 +61,7 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
     assert identity is not None
     path = identity.folder / ACCESS
     reporter = _Reporter(args.scope)
-    alarms = Alarms(reporter.report_alarm)
+    alarms = Alarms()
     monitor = RefusalMonitor(reporter.report, alarms)
     monitor.watch_log()
     checked_s = -_EXPIRY_CHECK_S
@@ -68,6 +70,7 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
         with _open(args, stop) as bus:
             bus.declare_alive(args.scope, "router")
             reporter.bus = bus
+            published = AlarmReporter(bus, args.scope, "router", alarms, Loops().add("alarms"))
             logger.info("routing on %s with %s", args.listen, path)
             while not stop.wait(REPORT_S) and _version_of(path) == version:
                 monitor.report()
@@ -76,6 +79,7 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
                     check_expiry(identity.folder / EXPIRY, alarms)
             checked_s = -_EXPIRY_CHECK_S
             reporter.bus = None
+            published.close()
 
 
 def _open(args: argparse.Namespace, stop: threading.Event) -> Bus:
@@ -99,7 +103,7 @@ def _version_of(path: Path) -> tuple[int, int]:
 
 
 class _Reporter:
-    """Publishes refusals and alarms while the router is open, and logs them."""
+    """Publishes refusals while the router is open, and logs them."""
 
     def __init__(self, scope: str) -> None:
         self.bus: Bus | None = None
@@ -111,11 +115,6 @@ class _Reporter:
         logger.warning("refused %d times: %s %s of %s", count, refused.operation, refused.key, body["by"])
         if self.bus is not None:
             self.bus.publish_map(keys.event(self._scope, "refused"), body)
-
-    def report_alarm(self, alarm: Alarm, is_active: bool) -> None:
-        """Publish the start or end of an alarm."""
-        if self.bus is not None:
-            self.bus.publish_map(keys.event(self._scope, "alarm"), alarm.to_dict() | {"active": is_active})
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder
     from cdff_common.process import data_dir_of, run_service
     from cdff_common.resources import resolve
-    from services.supervisor.plan import plan
+    from services.supervisor.plan import first_scope, plan
     from services.supervisor.supervisor import Supervisor
 
     if not args.profile:
@@ -82,7 +82,9 @@ def run_up(args: argparse.Namespace) -> int:
         dpm_options=("--new",) if args.new else (),
         secrets=None if args.secure is None else Path(args.secure),
     )
-    return run_service("supervisor", Supervisor(specs, log_dir).run)
+    os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
+    link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
+    return run_service("supervisor", Supervisor(specs, log_dir, link=link).run)
 
 
 def register_service(nouns: Any) -> None:

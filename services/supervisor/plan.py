@@ -35,6 +35,11 @@ class ProcessSpec:
     tokens: tuple[tuple[str, str], ...]
 
 
+def first_scope(profile: Profile, scopes: Collection[str]) -> str:
+    """Return the scope of the router and supervisor of a machine: ground, else its first robot."""
+    return next(scope for scope in (GROUND, *profile.robot_ids) if not scopes or scope in scopes)
+
+
 def plan(
     profile: Profile,
     profile_path: Path,
@@ -80,11 +85,7 @@ def plan(
         if scope not in all_scopes:
             raise ConfigurationError(f"scope {scope!r}: profile {profile.name} has {', '.join(all_scopes)}")
     selected_scopes = scopes or all_scopes
-    host = (
-        GROUND
-        if GROUND in selected_scopes
-        else next(robot for robot in profile.robot_ids if robot in selected_scopes)
-    )
+    host = first_scope(profile, scopes)
     environment = {
         # no certificate is valid for the address of all interfaces
         "CDFF_CONNECT": connect.replace("/0.0.0.0:", "/127.0.0.1:"),

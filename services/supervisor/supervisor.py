@@ -14,6 +14,7 @@ from pathlib import Path
 
 from cdff_common.clock import monotonic_s
 from services.alarms import Alarms, Severity
+from services.supervisor.alarm_link import start_alarm_link
 from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
 
@@ -43,11 +44,14 @@ class Supervisor:
     log_dir : Path or None
         Folder of a log file per process; None: standard error of this process.
     limits : Limits, optional
+    link : (str, str), optional
+        Endpoint of the router, and scope of this supervisor: it publishes its alarms there.
     """
 
     specs: Sequence[ProcessSpec]
     log_dir: Path | None = None
     limits: Limits = field(default_factory=Limits)
+    link: tuple[str, str] | None = None
     children: dict[str, Child] = field(default_factory=dict)
     alarms: Alarms = field(default_factory=Alarms)
 
@@ -57,6 +61,8 @@ class Supervisor:
         The kernel sends SIGTERM to the children when the thread that started them ends, so that even a
         SIGKILL of the supervisor leaves no orphan.
         """
+        if self.link is not None:
+            start_alarm_link(self.alarms, *self.link, stop)
         polled_s = rotated_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"

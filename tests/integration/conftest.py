@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -94,6 +94,31 @@ def spawn(endpoint: str, tmp_path: Path) -> Iterator[Spawn]:
     """``process_starter`` for one test."""
     with process_starter(endpoint, tmp_path) as start:
         yield start
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """The data folder of spawned processes on a file system of 100 MB."""
+    disk = tmp_path / "data"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=100m", "tmpfs", str(disk)]
+    mounted = subprocess.run(command, capture_output=True, text=True, check=False)
+    if mounted.returncode:
+        pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
+    yield disk
+    subprocess.run(["umount", "--lazy", str(disk)], check=True)
+
+
+def fill_disk(folder: Path) -> Path:
+    """Fill the file system of a folder with one file, and return it."""
+    ballast = folder / "ballast"
+    with suppress(OSError), ballast.open("wb", buffering=0) as file:
+        while file.write(bytes(1 << 16)):
+            pass
+    with suppress(OSError), ballast.open("ab", buffering=0) as file:
+        while file.write(bytes(1)):
+            pass
+    return ballast
 
 
 @pytest.fixture

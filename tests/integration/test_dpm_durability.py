@@ -10,7 +10,6 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import Pointcloud
 from cdff_dev.ports import free_port
 
-from .conftest import Eventually, Spawn
+from .conftest import Eventually, Spawn, fill_disk
 
 pytestmark = pytest.mark.slow
 
@@ -95,19 +94,6 @@ def system(spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) 
         yield system
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """The data folder on a file system of 100 MB."""
-    disk = tmp_path / "data"
-    disk.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=100m", "tmpfs", str(disk)]
-    mounted = subprocess.run(command, capture_output=True, text=True, check=False)
-    if mounted.returncode:
-        pytest.skip(f"a small file system cannot be mounted here: {mounted.stderr.strip()}")
-    yield disk
-    subprocess.run(["umount", "--lazy", str(disk)], check=True)
-
-
 def test_a_dpm_that_starts_on_a_full_disk_serves_and_deletes_and_refuses_products(
     small_disk: Path, system: System
 ) -> None:
@@ -115,21 +101,19 @@ def test_a_dpm_that_starts_on_a_full_disk_serves_and_deletes_and_refuses_product
     system.wait()
     products = [system.put(seq) for seq in range(3)]
     system.end(process)
-    with suppress(OSError), (small_disk / "ballast").open("wb", buffering=0) as file:
-        while file.write(bytes(1 << 16)):
-            pass
+    ballast = fill_disk(small_disk)
     system.start()
     system.wait()
     assert system.call("search", type="pointcloud", limit=10)["items"]
     assert system.bus.call(keys.dpm_product("mana", products[0]), timeout_s=30).payload
     with pytest.raises(CdffError, match="not stored"):
         system.put(10)
-    assert "disk_full: " in system.text("/readyz")
+    assert "disk_full of dpm: " in system.text("/readyz")
     metrics = system.text("/metrics")
-    assert 'cdff_dpm_alarm{kind="disk_full",source="dpm",severity="critical"} 1' in metrics
+    assert 'cdff_alarm{kind="disk_full",source="dpm",severity="critical",acknowledged="false"} 1' in metrics
     assert 'cdff_dpm_operations_total{operation="refused"} 1' in metrics
     assert system.call("delete", id=products[1])["deleted"] is True
-    (small_disk / "ballast").unlink()
+    ballast.unlink()
     assert system.put(10)
     assert system.text("/readyz") == "ready\n"
 

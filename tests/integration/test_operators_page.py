@@ -23,6 +23,7 @@ from cdff_common.geodesy import Anchor, body
 from cdff_common.interfaces.profile import Profile, Retention
 from cdff_common.interfaces.profile import Robot as RobotProfile
 from dpm_store import open_store
+from services.alarms import Severity
 from services.dpm.http.context import Context
 from services.dpm.http.server import HttpServer
 from services.dpm.operations.dpm import Dpm
@@ -278,6 +279,19 @@ def test_retention_is_explained_without_deleting(page: Browser, dpm: Dpm) -> Non
     page.eventually("document.getElementById('plan-sum').innerText.includes('would be deleted')")
     assert page.value("document.querySelectorAll('#decisions tbody tr').length") >= 1
     assert dpm.store.statistics().count == before
+
+
+def test_an_alarm_appears_and_is_acknowledged(page: Browser, dpm: Dpm) -> None:
+    assert page.value("document.getElementById('alarms-section').hidden")
+    dpm.alarms.set("clock", "dpm", Severity.WARNING, "the mission clock is lost", "restart its publisher")
+    page.value("showAlarms()")
+    page.eventually("document.getElementById('alarms').innerText.includes('the mission clock is lost')")
+    page.value("document.querySelector('#alarms button').click()")
+    page.eventually("document.getElementById('alarms').innerText.includes('http/admin/local')")
+    assert dpm.alarm_board.active()[0]["acknowledged_by"] == "http/admin/local"
+    dpm.alarms.clear("clock", "dpm")
+    page.value("showAlarms()")
+    page.eventually("document.getElementById('alarms-section').hidden")
 
 
 def test_a_new_product_appears_without_reloading(page: Browser, dpm: Dpm) -> None:

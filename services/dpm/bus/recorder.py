@@ -10,14 +10,15 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.codecs import decode, encode, encoding_string, parse_encoding
 from cdff_common.contract.products import product_of_sample
-from cdff_common.errors import CdffError, StorageError, UnavailableError
+from cdff_common.errors import CdffError, ClockSkewError, StorageError, UnavailableError
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.interfaces.profile import History, Profile
 from dpm_store import Rule
@@ -31,6 +32,17 @@ _PRODUCER = "dpm/history/1"
 _DEPTH = 512
 #: Mission seconds between two applications of the retention rules.
 _RETIRE_EVERY_S = 10.0
+#: Largest sum of payloads that wait for the mission clock, bytes.
+_WAITING_BYTES = 64 << 20
+
+
+class _Product(NamedTuple):
+    """Arguments of ``StoreWriter.put``."""
+
+    names: dict[str, str]
+    payload: bytes
+    encoding: str
+    attachment: bytes
 
 
 @dataclass(slots=True)
@@ -67,7 +79,7 @@ class Recorder:
     ----------
     counters : mapping of str to int
         ``kept`` products, samples ``skipped`` by policy, ``refused`` by the store, and ``dropped`` from a
-        full queue, ``retired`` products.
+        full queue, ``retired`` products, and products ``waiting`` for the mission clock.
     """
 
     def __init__(self, bus: Bus, dpm: Dpm, profile: Profile) -> None:
@@ -76,6 +88,9 @@ class Recorder:
         self._counters = {"kept": 0, "skipped": 0, "refused": 0, "retired": 0}
         self._rules = rules_of_history(profile)
         self._retired_ns = dpm.clock.now_ns()
+        self._storing = threading.Lock()
+        self._waiting: deque[_Product] = deque()
+        self._waiting_bytes = 0
         dpm.events.other_counters["history"] = lambda: self.counters
         self._streams = {(s.robot, s.policy.sensor, s.policy.stream): s for s in streams_of(profile)}
         self._subscriptions = [
@@ -86,7 +101,8 @@ class Recorder:
     def counters(self) -> dict[str, int]:
         """Counts since the start."""
         with self._lock:
-            return self._counters | {"dropped": sum(s.dropped for s in self._subscriptions)}
+            dropped = sum(s.dropped for s in self._subscriptions)
+            return self._counters | {"dropped": dropped, "waiting": len(self._waiting)}
 
     def record(self, message: Message) -> None:
         """Record a sample if its policy selects it."""
@@ -107,10 +123,11 @@ class Recorder:
             logger.warning("sample on %s not stored: %s", message.key, error)
 
     def flush(self) -> None:
-        """Store the open spans."""
+        """Store the open spans and the products for which the mission clock has come."""
         for stream in self._streams.values():
             if stream.span:
                 self._close_span(stream)
+        self._store_waiting()
 
     def _extend(self, stream: _Stream, header: Header, message: Message) -> None:
         """Add a sample to the open span, or start the next span with it."""
@@ -156,9 +173,40 @@ class Recorder:
             "port": policy.stream,
             "product": stream.product,
         }
-        self._dpm.writer.put(names, payload, encoding, header.to_attachment())
+        product = _Product(names, payload, encoding, header.to_attachment())
+        try:
+            self._dpm.writer.put(*product)
+        except ClockSkewError:
+            self._wait(product)
+            return
         self._count("kept")
+        self._store_waiting()
         self._retire()
+
+    def _wait(self, product: _Product) -> None:
+        """Keep a product until the mission clock reaches it; beyond the bound the oldest are refused."""
+        with self._storing:
+            self._waiting.append(product)
+            self._waiting_bytes += len(product.payload)
+            while self._waiting_bytes > _WAITING_BYTES:
+                self._waiting_bytes -= len(self._waiting.popleft().payload)
+                self._count("refused")
+
+    def _store_waiting(self) -> None:
+        """Store the products that waited for the mission clock, the oldest first."""
+        with self._storing:
+            while self._waiting:
+                product = self._waiting[0]
+                try:
+                    self._dpm.writer.put(*product)
+                    self._count("kept")
+                except ClockSkewError:
+                    return
+                except CdffError as error:
+                    self._count("refused")
+                    logger.warning("%s not stored: %s", product.names, error)
+                self._waiting.popleft()
+                self._waiting_bytes -= len(product.payload)
 
     def _retire(self) -> None:
         """Apply the retention rules at intervals; the inputs of kept products stay."""

@@ -33,6 +33,7 @@ from cdff_common.contract.queries import (
 from cdff_common.errors import CdffError, ClockSkewError, InputError, rpc_code
 from dpm_store import Event, Rule
 from dpm_store.history.events import CHANGES, Actor, acting
+from services.dpm.bus.alarms import acknowledge, alarms
 from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact
 from services.dpm.bus.calls import body_map, parse_call, robot_under
 from services.dpm.bus.history import history
@@ -49,7 +50,7 @@ Handler = Callable[[Dpm, Request], Reply | Iterator[Reply]]
 
 #: Verbs that change the store: with a body, or always.
 _WRITES = frozenset({"put", "put_all", "update", "frames", "bodies", "place", "transact"})
-_WRITES_BARE = frozenset({"delete", "purge", "retention"})
+_WRITES_BARE = frozenset({"delete", "purge", "retention", "acknowledge"})
 _WORKERS = {"put": 4, "get": 4, "search": 4}
 #: Largest part of a payload in one reply; larger payloads are fetched in parts.
 MAX_PART_BYTES = 16 << 20
@@ -76,6 +77,8 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         "robots": robots_known,
         "transact": transact,
         "purge": purge,
+        "alarms": alarms,
+        "acknowledge": acknowledge,
         "retention": lambda dpm, request: retention(dpm, rules, request),
     }
     scopes = [*robots, GROUND]

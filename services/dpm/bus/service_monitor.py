@@ -25,6 +25,7 @@ class ServiceMonitor:
         self._dfpcs: dict[tuple[str, str], dict[str, Any]] = {}
         self._alive: set[tuple[str, str]] = set()
         bus.subscribe(keys.dfpc_status("*", "*"), on_map(self._on_status), depth=256)
+        bus.subscribe(keys.alarms("*", "*"), on_map(self._on_alarms), depth=256)
         bus.subscribe(keys.event("*", "*"), self._on_event, depth=1024)
         bus.watch_alive(keys.alive("*", "*"), self._on_alive)
 
@@ -36,13 +37,6 @@ class ServiceMonitor:
                 for (owner, name), body in sorted(self._dfpcs.items())
                 if owner == robot
             ]
-
-    def alarms(self) -> list[dict[str, Any]]:
-        """Return the alarms in the newest status of the live DFPCs."""
-        with self._lock:
-            bodies = [body for key, body in self._dfpcs.items() if key in self._alive]
-        unique = {(a["kind"], a["source"]): a for body in bodies for a in body.get("alarms", ())}
-        return list(unique.values())
 
     def services(self) -> dict[str, list[str]]:
         """Return the services that are alive, by scope."""
@@ -61,6 +55,11 @@ class ServiceMonitor:
         parts = key.split("/")
         with self._lock:
             self._dfpcs[(parts[2], parts[4])] = body
+
+    def _on_alarms(self, key: str, body: dict[str, Any]) -> None:
+        _, _, scope, _, service = key.split("/")
+        if (scope, service) != (keys.GROUND, "dpm"):  # its own alarms are known without the bus
+            self._dpm.alarm_board.report(scope, service, body["items"])
 
     def _on_alive(self, key: str, is_alive: bool) -> None:
         parts = key.split("/")

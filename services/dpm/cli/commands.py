@@ -55,6 +55,9 @@ def register(nouns: Any) -> None:
         "verify", help="check the contents of a store while its DPM is stopped, and list defects"
     )
     verify.add_argument("--data-dir", type=Path, help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
+    verify.add_argument(
+        "--authority", type=Path, help="certificate of the mission's authority: check the signatures, too"
+    )
     verify.add_argument("--json", action="store_true")
     verify.set_defaults(run=run_verify)
     rebuild = verbs.add_parser(
@@ -246,15 +249,23 @@ def run_verify(args: argparse.Namespace) -> int:
 
     with open_store(Settings(data_dir_of(args.data_dir)).store_url) as store:
         problems, count, unnamed = store.verify(), store.statistics().count, store.unnamed_payloads()
+        signed = None
+        if args.authority is not None:
+            from services.dpm.cli.signatures import signature_problems
+
+            signed, forged = signature_problems(store, args.authority)
+            problems += forged
     if args.json:
         defects = [{"where": problem.where, "what": problem.what} for problem in problems]
         summary = {"products": count, "problems": defects, "unnamed_files": unnamed.files}
-        print(json.dumps(summary))
+        print(json.dumps(summary if signed is None else summary | {"signed": signed}))
     else:
         print(
             "\n".join(f"{p.where}: {p.what}" for p in problems)
             or f"{count} products, all as they were written"
         )
+        if signed is not None:
+            print(f"{signed} of {count} products are signed")
         if unnamed.files:
             print(f"{unnamed.files} payload files without a row, such as those of interrupted insertions")
     return 1 if problems else 0
@@ -296,5 +307,5 @@ def run_restore(args: argparse.Namespace) -> int:
 
     target = data_dir_of(args.data_dir)
     backup(args.backup, target)
-    args.data_dir = str(target)
+    args.data_dir, args.authority = str(target), None
     return run_verify(args)

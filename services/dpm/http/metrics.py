@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from itertools import accumulate
 from typing import Any
@@ -17,12 +18,9 @@ def dpm_lines(status: Mapping[str, Any]) -> list[str]:
         for t, n in of.items()
     }
     operations = {f'{{operation="{name}"}}': n for name, n in sorted(status["counters"].items())}
-    alarms = {
-        f'{{kind="{alarm["kind"]}",source="{alarm["source"]}",severity="{alarm["severity"]}"}}': 1
-        for alarm in status["alarms"]
-    }
+    alarms = {_labels(alarm): 1 for alarm in status["alarms"]}
     return [
-        *_metric("cdff_dpm_alarm", "gauge", alarms),
+        *_metric("cdff_alarm", "gauge", alarms),
         *_metric("cdff_dpm_free_bytes", "gauge", {"": status["free_bytes"]}),
         *_metric("cdff_dpm_products", "gauge", products),
         *_metric("cdff_dpm_payload_bytes", "gauge", {"": status["payload_bytes"]}),
@@ -50,6 +48,13 @@ def orchestrator_lines(stat: Mapping[str, Any] | None) -> list[str]:
         *_metric("cdff_orchestrator_actions_total", "counter", actions),
         *_metric("cdff_orchestrator_answer_seconds", "histogram", histogram),
     ]
+
+
+def _labels(alarm: Mapping[str, Any]) -> str:
+    """Return the labels of an alarm; its texts come from other services, so that they are escaped."""
+    values = {name: alarm[name] for name in ("kind", "source", "severity")}
+    values["acknowledged"] = str(alarm["acknowledged_by"] is not None).lower()
+    return "{" + ",".join(f"{name}={json.dumps(str(value))}" for name, value in values.items()) + "}"
 
 
 def _metric(name: str, kind: str, samples: Mapping[str, Any]) -> list[str]:

@@ -205,6 +205,8 @@ class AlarmBody(OpenModel):
     since_ns: StampNs
     what: str
     remedy: str
+    acknowledged_by: str | None
+    acknowledged_ns: StampNs | None
 
 
 class AlarmList(OpenModel):

@@ -15,15 +15,30 @@ logger = logging.getLogger(__name__)
 
 PERIOD_S = 5.0
 _SOURCE = "dpm"
+#: Longest duration of one check, seconds; the database can be locked for long.
+_BUSY_LIMIT_S = 300.0
 
 
 def check_conditions(dpm: Dpm) -> None:
     """Begin and end the alarms of the DPM."""
     check_disk(dpm)
     dpm.writer.clock_guard.update()
+    check_payloads(dpm)
+    dpm.identity_alarm.update()
     if dpm.store.changes.loss:
         remedy = "stop the DPM and run `cdff dpm rebuild`"
         dpm.alarms.set("database_damaged", _SOURCE, Severity.CRITICAL, dpm.store.changes.loss, remedy)
+
+
+def check_payloads(dpm: Dpm) -> None:
+    """Begin or end the alarm of corrupt payloads."""
+    reasons = list(dpm.store.damaged_payloads.values())
+    if not reasons:
+        dpm.alarms.clear("corrupt_payload", _SOURCE)
+        return
+    what = f"{len(reasons)} payloads are corrupt and not served, such as {reasons[-1]}"
+    remedy = "insert the same content again, or restore a backup; check the disk and run `cdff dpm verify`"
+    dpm.alarms.set("corrupt_payload", _SOURCE, Severity.CRITICAL, what, remedy)
 
 
 def check_disk(dpm: Dpm) -> bool:
@@ -44,7 +59,11 @@ class ConditionMonitor:
     def __init__(self, dpm: Dpm) -> None:
         self._dpm = dpm
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="conditions", daemon=True)
+        loop = dpm.loops.add("conditions", _BUSY_LIMIT_S)
+        self._thread = threading.Thread(
+            target=loop.run, args=(self._wait, self._work), name="conditions", daemon=True
+        )
+        self._work(True)  # the first alarms before the service is reported ready
         self._thread.start()
 
     def close(self) -> None:
@@ -52,11 +71,12 @@ class ConditionMonitor:
         self._closed.set()
         self._thread.join(PERIOD_S)
 
-    def _run(self) -> None:
-        while True:
-            try:
-                check_conditions(self._dpm)
-            except (CdffError, OSError) as error:
-                logger.warning("conditions not checked: %s", error)
-            if self._closed.wait(PERIOD_S):
-                return
+    def _wait(self) -> bool | None:
+        return None if self._closed.wait(PERIOD_S) else True
+
+    def _work(self, _: bool) -> None:
+        try:
+            check_conditions(self._dpm)
+            self._dpm.alarm_board.drop_old_acknowledgements()
+        except (CdffError, OSError) as error:
+            logger.warning("conditions not checked: %s", error)

@@ -38,6 +38,7 @@ class RefusalLog:
         self._dpm = dpm
         self._lock = threading.Lock()
         self._windows: dict[str, _Window] = {}
+        self.identity_alarm = dpm.identity_alarm
 
     def enter(
         self, actor: Actor | None, what: str, status: int | str, reason: str, address: str = ""

@@ -9,17 +9,18 @@ from typing import Any
 
 from cdff_common.contract.limits import MAX_GENERATIONS
 from cdff_common.errors import InputError
+from cdff_common.loops import Loops
 from dpm_store import Event, ProductRecord, Store
 from dpm_store.history.events import CHANGES
-from services.alarms import Alarms
+from services.dpm.operations.alarm_board import AlarmBoard
 from services.dpm.operations.event_publisher import EventPublisher
 
 
 class Reports:
     """Reports on products and events."""
 
-    def __init__(self, store: Store, events: EventPublisher, alarms: Alarms) -> None:
-        self._alarms = alarms
+    def __init__(self, store: Store, events: EventPublisher, alarms: AlarmBoard, loops: Loops) -> None:
+        self._alarms, self._loops = alarms, loops
         self._store = store
         self._events = events
 
@@ -72,7 +73,8 @@ class Reports:
             "newest_t1_ns": s.newest_t1_ns,
             "events": s.events,
             "now_ns": self._store.clock.now_ns(),
-            "alarms": [alarm.to_dict() for alarm in self._alarms.active()],
+            "alarms": self._alarms.active(),
+            "loops": self._loops.describe(),
             "counters": dict(self._events.counters),
             **{name: dict(counts()) for name, counts in self._events.other_counters.items()},
         }

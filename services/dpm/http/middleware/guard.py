@@ -88,9 +88,15 @@ class Guard:
             await problem(refused.status, refused.detail, code="DENIED", headers=extra)(
                 scope, receive, recorder
             )
+        address = (scope.get("client") or ("",))[0]
+        if (
+            refused is not None
+            and refused.status == 401
+            and (method not in SAFE or "authorization" in headers)
+        ):
+            self._refusals.identity_alarm.refuse(f"{method} {path[:200]} from {address}: {refused.detail}")
         is_write = method not in SAFE and (rule is None or rule.changes)
         if is_write and recorder.status >= 400:
-            address = (scope.get("client") or ("",))[0]
             reason = refused.detail if refused is not None else recorder.detail
             await run_in_threadpool(
                 self._refusals.enter, actor, f"{method} {path}", recorder.status, reason, address

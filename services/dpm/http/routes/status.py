@@ -15,14 +15,15 @@ from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from cdff_common.bus import keys
 from cdff_common.clock import monotonic_s
-from cdff_common.contract.queries import EventParameters, HistoryParameters
+from cdff_common.contract.queries import AlarmParameters, EventParameters, HistoryParameters
 from cdff_common.errors import CdffError
 from dpm_store import Event
 from dpm_store.history.events import CHANGES
 from services.alarms import Severity
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.metrics import dpm_lines, orchestrator_lines
-from services.dpm.http.native_models import AlarmList, Changes, Status
+from services.dpm.http.middleware.roles import allowed
+from services.dpm.http.native_models import AlarmBody, AlarmList, Changes, Status
 from services.dpm.operations.condition_monitor import check_disk
 
 router = APIRouter(tags=["status"])
@@ -51,20 +52,28 @@ def healthz() -> str:
 
 @router.get("/readyz", response_class=PlainTextResponse)
 def readyz(context: Ctx) -> str:
-    """Return ``ready``: the store answers; with a line for each restriction, such as a full disk."""
+    """Return ``ready``: the store answers; with a line for each critical alarm, such as a full disk."""
     context.dpm.store.events.last_ordinal()
     check_disk(context.dpm)
-    critical = (alarm for alarm in context.dpm.alarms.active() if alarm.severity is Severity.CRITICAL)
-    return "".join(["ready\n", *(f"{alarm.kind}: {alarm.what}; {alarm.remedy}\n" for alarm in critical)])
+    active = context.dpm.alarm_board.active()
+    critical = (alarm for alarm in active if alarm["severity"] == Severity.CRITICAL)
+    lines = (
+        f"{alarm['kind']} of {alarm['source']}: {alarm['what']}; {alarm['remedy']}\n" for alarm in critical
+    )
+    return "".join(["ready\n", *lines])
 
 
 @router.get("/api/v1/alarms", response_model=AlarmList)
 def alarms(context: Ctx) -> Any:
-    """Return the active alarms of the DPM and of the DFPCs, oldest first."""
+    """Return the active alarms of all services, oldest first."""
     check_disk(context.dpm)
-    own = [alarm.to_dict() for alarm in context.dpm.alarms.active()]
-    others = [] if context.watch is None else context.watch.alarms()
-    return jsonable({"items": sorted(own + others, key=lambda alarm: int(alarm["since_ns"]))})
+    return jsonable({"items": context.dpm.alarm_board.active()})
+
+
+@router.post("/api/v1/alarms/acknowledge", response_model=AlarmBody, openapi_extra=allowed("operator"))
+def acknowledge(context: Ctx, alarm: AlarmParameters) -> Any:
+    """Acknowledge an active alarm: it states who did so and when, and stays active until its cause ends."""
+    return jsonable(context.dpm.acknowledge(alarm.kind, alarm.source))
 
 
 @router.get("/metrics", response_class=PlainTextResponse)

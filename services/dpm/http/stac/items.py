@@ -130,6 +130,8 @@ class ItemWriter:
             properties["gsd"] = h.resolution_m
         if h.child is not None:
             properties["cdff:child"] = h.child
+        if h.signature is not None:
+            properties["cdff:signature"] = h.signature
         if self._body is not None:
             properties |= {"ssys:targets": [target(self._body)], "cdff:geographic_crs": code_of(self._body)}
         return properties | self._projection(product)

@@ -7,7 +7,7 @@ const PAGE = 24;
 /** File formats that a card links to; the details list all. */
 const CARD_FORMATS = 2;
 const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready"]);
-const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead"]);
+const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead", "critical"]);
 const IDLE = new Set(["INACTIVE", "inactive", "CONFIGURED", "configured", "UNCONFIGURED", "unconfigured", "idle", "IDLE"]);
 
 const byId = (id) => document.getElementById(id);
@@ -245,6 +245,26 @@ function position(T) {
   return `${metres(T[0][3])}, ${metres(T[1][3])}, ${metres(T[2][3])} m, ${yaw.toFixed(1)}°`;
 }
 
+function alarmRow(alarm) {
+  const known = alarm.acknowledged_by ? `${alarm.acknowledged_by}, ${time(alarm.acknowledged_ns)}` : make("button", { type: "button" }, "Acknowledge");
+  if (!alarm.acknowledged_by) known.addEventListener("click", () => acknowledge(alarm));
+  const cells = [badge(alarm.severity), words(alarm.kind), alarm.source, time(alarm.since_ns), `${alarm.what}: ${alarm.remedy}`, known];
+  return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
+}
+
+async function acknowledge({ kind, source }) {
+  const headers = authorised({ "Content-Type": "application/json" });
+  const answer = await fetch("/api/v1/alarms/acknowledge", { method: "POST", headers, body: JSON.stringify({ kind, source }) });
+  byId("alarms-error").textContent = answer.ok ? "" : (await answer.json()).detail;
+  await showAlarms();
+}
+
+async function showAlarms() {
+  const { items: alarms } = await ask("/api/v1/alarms");
+  byId("alarms-section").hidden = alarms.length === 0;
+  byId("alarms").tBodies[0].replaceChildren(...alarms.map(alarmRow));
+}
+
 async function showFrames() {
   const { items: fixed, tracks } = await ask("/api/v1/frames");
   const rows = fixed.map((f) => [f.frame, f.parent, "fixed", `r${f.revision}`, position(f.T), time(f.inserted_ns)]);
@@ -301,7 +321,7 @@ async function loadProductTypes() {
 
 async function refresh() {
   if (productTypes.size === 0) await loadProductTypes().catch(() => {});
-  const others = [showRobots(), showRequests(), showFrames()];
+  const others = [showAlarms(), showRobots(), showRequests(), showFrames()];
   await showStatus().catch(() => live("lost", "No answer, trying again …"));
   if (items.length <= PAGE) others.push(showProducts(false));
   await Promise.allSettled(others);

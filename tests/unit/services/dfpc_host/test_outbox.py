@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from cdff_common.errors import CdffError, CodecError, ConfigurationError, InputError, UnavailableError
+from cdff_common.loops import Loops
 from services.alarms import Alarms
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.outbox_alarms import set_outbox_alarms
@@ -60,7 +61,7 @@ def _short_retry_period(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @contextmanager
 def outbox_of(dpm: Dpm, folder: Path, capacity: int = 1_000_000) -> Iterator[Outbox]:
-    outbox = Outbox(dpm, Spool(folder, OWNERS, capacity))  # type: ignore[arg-type]
+    outbox = Outbox(dpm, Spool(folder, OWNERS, capacity), Loops().add("outbox"))  # type: ignore[arg-type]
     try:
         yield outbox
     finally:

@@ -86,7 +86,8 @@ def test_every_nth_sample_is_stored_and_searchable_like_a_product(dpm: Dpm) -> N
     result = dpm.retrieval.find(Query(types=("scan",), robot="mana", dfpc="lidar", port="scan")).items
     assert [record.header.seq for record in result] == [6, 3, 0]
     assert result[0].header.box_m is not None
-    assert recording.counters == {"kept": 3, "skipped": 6, "refused": 0, "retired": 0, "dropped": 0}
+    expected = {"kept": 3, "skipped": 6, "refused": 0, "retired": 0, "dropped": 0, "waiting": 0}
+    assert recording.counters == expected
     assert dpm.reports.status()["history"]["kept"] == 3
 
 
@@ -168,3 +169,29 @@ def test_a_policy_with_a_limited_age_is_converted_to_a_retention_rule() -> None:
         "scan",
         60.0,
     )
+
+
+def test_samples_ahead_of_the_mission_clock_are_stored_when_it_reaches_them(
+    dpm: Dpm, clock: ManualClock
+) -> None:
+    recording = recorder(dpm, History(sensor="lidar", stream="scan"))
+    for seq in range(3):
+        recording.record(scan(seq, 1000.0 + seq))
+    assert (recording.counters["kept"], recording.counters["waiting"]) == (0, 3)
+    clock.set_ns(1000 * S)
+    recording.record(scan(3, 1003.0))
+    assert (recording.counters["kept"], recording.counters["waiting"], recording.counters["refused"]) == (
+        4,
+        0,
+        0,
+    )
+
+
+def test_the_memory_of_waiting_samples_is_bounded(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.dpm.bus.recorder._WAITING_BYTES", 2500)
+    recording = recorder(dpm, History(sensor="lidar", stream="scan"))
+    for seq in range(8):
+        recording.record(scan(seq, 1000.0 + seq))
+    counters = recording.counters
+    assert counters["waiting"] + counters["refused"] == 8
+    assert 1 <= counters["waiting"] <= 4

@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Alarm of refused identities: callers without a valid key or certificate, or beyond their rights."""
+
+from __future__ import annotations
+
+import threading
+
+from cdff_common.clock import monotonic_s
+from services.alarms import Alarms, Severity
+
+_KIND = "refused_identity"
+#: The alarm ends after this time without a refusal, seconds.
+QUIET_S = 600.0
+
+
+class IdentityAlarm:
+    """Alarm of one entrance, such as ``http`` or ``router``; it ends after ``QUIET_S`` without a refusal."""
+
+    def __init__(self, alarms: Alarms, source: str) -> None:
+        self._alarms, self._source = alarms, source
+        self._lock = threading.Lock()
+        self._count, self._last_s = 0, 0.0
+
+    def refuse(self, what: str) -> None:
+        """Begin the alarm, or count one more refusal; ``what`` names the caller and the reason."""
+        with self._lock:
+            self._count, self._last_s = self._count + 1, monotonic_s()
+            text = f"{self._count} refused, the last one: {what[:400]}"
+        remedy = "find the caller; revoke a key or certificate that others have"
+        self._alarms.set(_KIND, self._source, Severity.WARNING, text, remedy)
+
+    def update(self) -> None:
+        """End the alarm if it has been quiet; to be called periodically."""
+        with self._lock:
+            if not self._count or monotonic_s() - self._last_s < QUIET_S:
+                return
+            self._count = 0
+        self._alarms.clear(_KIND, self._source)

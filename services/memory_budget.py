@@ -1,0 +1,50 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Alarm of a process whose resident memory is above its budget."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from cdff_common.errors import ConfigurationError
+from services.alarms import Alarms, Severity
+
+_KIND = "memory_over_budget"
+#: Default of ``CDFF_MEMORY_MB``, megabytes.
+DEFAULT_MB = 2000
+#: The alarm ends below this fraction of the budget.
+_END = 0.9
+
+
+def memory_budget_mb() -> int:
+    """Return the memory budget of one process, ``CDFF_MEMORY_MB``; raises ConfigurationError."""
+    text = os.environ.get("CDFF_MEMORY_MB", str(DEFAULT_MB))
+    if not text.isdecimal() or not int(text):
+        raise ConfigurationError(f"CDFF_MEMORY_MB={text!r}: expected whole megabytes, at least 1")
+    return int(text)
+
+
+def resident_mb() -> float:
+    """Return the resident memory of this process (Linux; 0 elsewhere)."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except FileNotFoundError:
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], None]:
+    """Return a function that begins or ends the alarm by the present memory of this process."""
+
+    def check() -> None:
+        used_mb = resident_mb()
+        if used_mb > budget_mb:
+            what = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
+            remedy = "stop large requests, restart the service, or raise CDFF_MEMORY_MB"
+            alarms.set(_KIND, source, Severity.WARNING, what, remedy)
+        elif used_mb < _END * budget_mb:
+            alarms.clear(_KIND, source)
+
+    return check

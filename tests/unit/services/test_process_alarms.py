@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Alarms that every process can raise: memory, calibration."""
+
+from __future__ import annotations
+
+import pytest
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.product import Quality
+from services.alarms import Alarms
+from services.dfpc_host.calibration_alarms import PRODUCTS, CalibrationMonitor, set_calibration_alarm
+from services.memory_budget import memory_budget_mb, memory_check
+
+
+def test_memory_over_the_budget_raises_an_alarm_until_it_is_below(monkeypatch: pytest.MonkeyPatch) -> None:
+    alarms = Alarms()
+    memory_check(alarms, "dpm", 1)()
+    (alarm,) = alarms.active()
+    assert (alarm.kind, alarm.source) == ("memory_over_budget", "dpm")
+    assert "at most 1 MB" in alarm.what
+    memory_check(alarms, "dpm", 100_000)()
+    assert alarms.active() == []
+
+
+def test_a_malformed_budget_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CDFF_MEMORY_MB", "much")
+    with pytest.raises(ConfigurationError, match="CDFF_MEMORY_MB='much'"):
+        memory_budget_mb()
+    monkeypatch.setenv("CDFF_MEMORY_MB", "300")
+    assert memory_budget_mb() == 300
+
+
+def test_images_that_lastingly_contradict_the_calibration_raise_an_alarm_and_single_ones_do_not() -> None:
+    alarms, monitor = Alarms(), CalibrationMonitor()
+    good = Quality()
+    other, bad = Quality.from_reasons(["few_inliers:3<5"]), Quality.from_reasons(["row_offset:2.10>1.00"])
+    monitor.add([bad] * (PRODUCTS - 1) + [good] + [bad] * (PRODUCTS - 1))
+    set_calibration_alarm(alarms, "mana/vo", monitor)
+    assert alarms.active() == []
+    monitor.add([bad])
+    set_calibration_alarm(alarms, "mana/vo", monitor)
+    (alarm,) = alarms.active()
+    assert (alarm.kind, alarm.source) == ("calibration_drift", "mana/vo")
+    assert "row_offset:2.10>1.00" in alarm.what
+    monitor.add([other] * PRODUCTS)
+    set_calibration_alarm(alarms, "mana/vo", monitor)
+    assert alarms.active() == []
