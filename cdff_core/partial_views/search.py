@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.kdtree import kd_tree, nearest
+from cdff_common.geometry.kdtree import KdTree, kd_tree, nearest, neighbours
 from cdff_common.geometry.neighbours import radius_neighbours
 from cdff_common.geometry.plane_fits import plane_fits
 from cdff_common.geometry.voxels import voxel_for, voxel_means
@@ -34,6 +35,8 @@ _FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
 _LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
 #: Poses that differ by less than this, in diameters and radians, are one hypothesis.
 _SAME_M, _SAME_RAD = 0.1, 0.35
+#: Number of points of the scene from which the noise is computed.
+_NOISE_POINTS = 5000
 #: Minimum fraction of the points of a model that a symmetry maps to its surface; a small part, such as the
 #: handle of a cup, breaks the symmetry.
 _SYMMETRIC = 0.995
@@ -50,7 +53,7 @@ class ModelSide:
     table: PairTable
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ViewModel:
     """A model prepared for the search.
 
@@ -69,9 +72,13 @@ class ViewModel:
 
     def is_symmetry(self, T: FloatArray, tolerance_m: float) -> bool:
         """Return whether a transform (4, 4) about ``centre_m`` maps the model to itself."""
-        points = self.sides[0].surface.points_m
-        distance_m, _ = nearest(kd_tree(points), se3.transform_points(T, points))
-        return bool(np.mean(distance_m < tolerance_m) > _SYMMETRIC)
+        moved = se3.transform_points(T, self.sides[0].surface.points_m)
+        distance_m, _ = nearest(self._tree, moved, tolerance_m)
+        return bool(np.mean(np.isfinite(distance_m)) > _SYMMETRIC)
+
+    @cached_property
+    def _tree(self) -> KdTree:
+        return kd_tree(self.sides[0].surface.points_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,5 +267,8 @@ def _relief(points: FloatArray, radius_m: float, rng: np.random.Generator) -> Fl
 
 def _noise(points_m: FloatArray) -> float:
     """Return the noise, metres: median standard deviation of points across the planes of their neighbours."""
-    variances = plane_fits(kd_tree(points_m), _NORMAL_NEIGHBOURS)[2]
-    return float(np.sqrt(np.median(variances[:, 0])))
+    sample = points_m[:: max(1, len(points_m) // _NOISE_POINTS)]
+    _, rows = neighbours(kd_tree(points_m), sample, min(_NORMAL_NEIGHBOURS, len(points_m)))
+    offset = points_m[rows] - points_m[rows].mean(axis=1, keepdims=True)
+    variances = np.linalg.eigvalsh(np.swapaxes(offset, 1, 2) @ offset / rows.shape[1])
+    return float(np.sqrt(max(np.median(variances[:, 0]), 0.0)))
