@@ -12,12 +12,13 @@ import numpy as np
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.kdtree import KdTree, kd_tree, nearest, neighbours
+from cdff_common.geometry.kdtree import KdTree, kd_tree, nearest, neighbours, spacing
 from cdff_common.geometry.neighbours import radius_neighbours
 from cdff_common.geometry.plane_fits import plane_fits
 from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_core.partial_views.configuration import ViewSearchConfig
 from cdff_core.partial_views.model_surface import ModelSurface, model_surface
+from cdff_core.partial_views.outline import outline_steps
 from cdff_core.partial_views.pair_voting import PairTable, pair_table, vote
 from cdff_core.partial_views.range_image import RangeImage
 from cdff_core.partial_views.view_comparison import Perturbations, ViewComparison
@@ -75,6 +76,11 @@ class ViewModel:
         moved = se3.transform_points(T, self.sides[0].surface.points_m)
         distance_m, _ = nearest(self._tree, moved, tolerance_m)
         return bool(np.mean(np.isfinite(distance_m)) > _SYMMETRIC)
+
+    @cached_property
+    def spacing_m(self) -> float:
+        """Median distance between neighbouring points of the surface, metres."""
+        return spacing(self._tree)
 
     @cached_property
     def _tree(self) -> KdTree:
@@ -182,6 +188,12 @@ class ViewSearch:
     def is_same(self, first: FloatArray, second: FloatArray, factor: float = 1.0) -> bool:
         """Return whether two poses are one hypothesis."""
         return _is_same(first, second, self._model.diameter_m, factor)
+
+    def outline_steps(self, candidate: ViewCandidate) -> float:
+        """Return the fraction of the outline of the model at which the depth of the scene has a step."""
+        spacing_m = self._model.spacing_m
+        surface = candidate.side.surface
+        return outline_steps(self._image, surface, candidate.T, spacing_m, self.tolerance_m)
 
     def pose_covariance(self) -> FloatArray:
         """Return the covariance (6, 6), [x y z rx ry rz] in the frame of the view, of a pose without
