@@ -26,7 +26,7 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.types import Frame
-from cdff_core.imaging.two_view import sampson
+from cdff_core.imaging.sampson import sampson
 from evaluation.data_sets.relative_poses import PosedPair, posed_pairs
 from evaluation.feature_matching import make_matcher
 from evaluation.real import RealRow
