@@ -68,7 +68,7 @@ def evaluate(data: Path, progress: Callable[[str], None], stride: int = STRIDE) 
 
 def _of_cameras(errors: dict[str, float]) -> dict[str, dict[str, float]]:
     """Return the parameters of the slots that estimate poses, given the errors of the cameras."""
-    return {slot: errors for slot in ("essential", "decompose")} if errors else {}
+    return dict.fromkeys(("essential", "decompose"), errors) if errors else {}
 
 
 def match_cdff(dfpc: Dfpc, pair: PosedPair) -> tuple[Float, Float | None, Float | None, bool, float]:
