@@ -60,6 +60,6 @@ def outline_steps(
     nearest = distance_transform_edt(~np.isfinite(depth), return_distances=False, return_indices=True)
     model_m = depth[tuple(nearest[:, around[0], around[1]])]
     step_m = image.depth_m[tuple(around + first[:, None])] - model_m
-    behind = np.count_nonzero((step_m > tolerance_m) & np.isfinite(step_m))
-    continued = np.count_nonzero(np.abs(step_m) <= tolerance_m)
+    behind = int(np.count_nonzero((step_m > tolerance_m) & np.isfinite(step_m)))
+    continued = int(np.count_nonzero(np.abs(step_m) <= tolerance_m))
     return behind / max(1, behind + continued)
