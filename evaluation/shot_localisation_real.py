@@ -5,12 +5,12 @@
 Dragon and cube of ``visp_rbt_rgbd`` have hand-made start poses, moved with the board: an answer is correct
 within 3 cm and 8 degrees, for the cube up to its 24 rotations. The start pose of the dragon is itself about
 1.5 cm and 8 degrees off, so answers within 3 cm and 12 degrees are counted as well. Crops are correct within
-a tenth of their radius and 8 degrees.
-
-The start poses of dragon and cube are moved with the board, seen in the colour images. The depth images have
-other times: the answers are compared a second time with the start poses moved with the depth camera. An answer outside the wider gate of 12 degrees is wrong, and every
+a tenth of their radius and 8 degrees. An answer outside the wider gate of 12 degrees is wrong, and every
 answer is wrong if the scene does not contain the model. KISS-Matcher processes the same clouds, with voxels
 of 0.05 model diameters, if it is installed in an environment of ``evaluation.peers``.
+
+The start poses of dragon and cube are moved with the board, seen in the colour images. The depth images have
+other times: the answers are compared a second time with the start poses moved with the depth camera.
 """
 
 from __future__ import annotations

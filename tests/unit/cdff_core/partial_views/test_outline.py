@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Steps of the depth along the outline of a sphere in front of a wall, embedded in it, and out of the image."""
+"""Steps of the depth along the outline of a sphere before a wall, embedded in it, and out of the image."""
 
 from __future__ import annotations
 
