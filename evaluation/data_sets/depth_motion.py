@@ -3,8 +3,8 @@
 """Motion of a depth camera in a rigid scene, from its depth images alone.
 
 The depth images of ``visp_rbt_rgbd`` are not taken at the same times as the colour images: while the camera
-moves fast, the motion of the colour camera is wrong by centimetres for the depth image of the same number. Open3D
-registers the whole scene of each depth image with that of the previous one.
+moves fast, the motion of the colour camera is wrong by centimetres for the depth image of the same number.
+Open3D registers the whole scene of each depth image with that of the previous one.
 """
 
 from __future__ import annotations
