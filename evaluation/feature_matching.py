@@ -92,10 +92,10 @@ def unrelated_pairs(data: Path, trials: int) -> list[tuple[NDArray[np.uint8], ND
     return [(views[i].left, views[(i + 1) % trials].right) for i in range(trials)]
 
 
-def make_matcher(implementation: str) -> Dfpc:
-    """Return the DFPC with an implementation and default parameters."""
+def make_matcher(implementation: str, **slots: dict[str, float]) -> Dfpc:
+    """Return the DFPC with an implementation, and default parameters except those of the given slots."""
     dfpc = Registry.default().make_dfpc("feature_matching")
-    dfpc.configure(implementation=implementation)
+    dfpc.configure(slots, implementation=implementation)
     return dfpc
 
 

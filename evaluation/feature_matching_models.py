@@ -19,7 +19,8 @@ from cdff_core.dfns.cameras_transform_estimation.interface import CamerasTransfo
 from cdff_core.dfns.essential_matrix_computation.interface import EssentialMatrixComputationInputs
 from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation.interface import HomographyComputationInputs
-from cdff_core.imaging.two_view import sampson, transfer
+from cdff_core.imaging.sampson import sampson
+from cdff_core.imaging.two_view import transfer
 
 Float = NDArray[np.float64]
 #: Page that contains the table of this evaluation.

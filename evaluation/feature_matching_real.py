@@ -6,6 +6,8 @@ The pose of a stereo rig is its calibration, that of a moving camera the referen
 the kitchen belong to the depth camera: the squared error is relative to the sum of the covariances of result
 and reference, the errors in degrees contain those of the reference.
 
+The kitchen's camera is not calibrated: its nominal matrix is used with the errors of such cameras.
+
 The axes of KITTI's reference are rotated relative to the camera, so that all methods have the same mean error
 of the direction. For its moving camera, the error about the mean of both methods is stated too.
 """
@@ -26,7 +28,7 @@ from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, Sample
 from cdff_common.types import Frame
-from cdff_core.imaging.two_view import sampson
+from cdff_core.imaging.sampson import sampson
 from evaluation.data_sets.relative_poses import PosedPair, posed_pairs
 from evaluation.feature_matching import make_matcher
 from evaluation.real import RealRow
@@ -42,11 +44,15 @@ _ROTATED_SETS = ("kitti_1_frames", "kitti_3_frames")
 def evaluate(data: Path, progress: Callable[[str], None], stride: int = STRIDE) -> dict[str, Any]:
     """Return the results of each set and method."""
     cv2.setNumThreads(1)
-    dfpc = make_matcher("RootSift")
+    matchers: dict[bool, Dfpc] = {}
     rows: dict[str, dict[str, list[dict[str, Any]]]] = defaultdict(lambda: {"cdff": [], "opencv": []})
     for pair in posed_pairs(data, stride):
         progress(f"feature_matching_real: {pair.set_name}")
-        rows[pair.set_name]["cdff"].append(_compare_with_reference(pair, *match_cdff(dfpc, pair)))
+        is_nominal = bool(pair.camera_errors)
+        if is_nominal not in matchers:
+            matchers[is_nominal] = make_matcher("RootSift", **_of_cameras(pair.camera_errors))
+        matched = match_cdff(matchers[is_nominal], pair)
+        rows[pair.set_name]["cdff"].append(_compare_with_reference(pair, *matched))
         rows[pair.set_name]["opencv"].append(_compare_with_reference(pair, *match_opencv(pair)))
     results: dict[str, Any] = {}
     for name, methods in rows.items():
@@ -58,6 +64,11 @@ def evaluate(data: Path, progress: Callable[[str], None], stride: int = STRIDE) 
                 from_mean_deg = np.degrees(np.linalg.norm(values - mean, axis=1))
                 results[name][m]["about_common_mean_deg"] = round(float(np.nanmedian(from_mean_deg)), 3)
     return results
+
+
+def _of_cameras(errors: dict[str, float]) -> dict[str, dict[str, float]]:
+    """Return the parameters of the slots that estimate poses, given the errors of the cameras."""
+    return dict.fromkeys(("essential", "decompose"), errors) if errors else {}
 
 
 def match_cdff(dfpc: Dfpc, pair: PosedPair) -> tuple[Float, Float | None, Float | None, bool, float]:

@@ -57,6 +57,12 @@ class MatchingGates(AcceptanceGates):
     noise_voxels: float = Field(
         default=1.0, gt=0.0, le=20.0, description="Largest position error of a correct match, voxels"
     )
+    max_roughnesses: float = Field(
+        default=2.0,
+        gt=0,
+        description="RMS residual of the clouds thinned for matching, in units of their joint roughness at "
+        "the spacing of their points: FAILED above",
+    )
     max_chance: float = Field(
         default=1e-3,
         gt=0,

@@ -16,6 +16,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_core.cloud_matching.configuration import MatchingGates
+from cdff_core.cloud_matching.roughness import roughness_m
 from cdff_core.dfns.features_description_3d.interface import FeaturesDescription3DInputs
 from cdff_core.dfns.features_extraction_3d.interface import FeaturesExtraction3DInputs
 from cdff_core.dfns.features_matching_3d.interface import FeaturesMatching3DInputs
@@ -60,13 +61,18 @@ class Cloud:
         return self.estimate_normals(self.points_m)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class KeypointCloud:
     """A cloud thinned to the voxel size common to both clouds, with its keypoints."""
 
     points_m: Float  # (n, 3)
     normals: Float  # (n, 3)
     keypoints_m: Float  # (k, 3)
+
+    @cached_property
+    def roughness_m(self) -> float:
+        """Standard deviation of distances of points from the planes of their neighbours, metres."""
+        return roughness_m(self.points_m, self.normals)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

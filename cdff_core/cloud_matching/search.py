@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
+from functools import cached_property
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
@@ -24,6 +26,8 @@ AssessedRegistration = tuple[Registration, Quality]
 
 #: Keypoints of the target within this distance of the registered source are explained by the registration.
 _EXPLAINED_VOXELS = 3.0
+#: Lower bound of the joint roughness, in voxels, for exact planes.
+_MIN_ROUGHNESS_VOXELS = 0.01
 
 
 class AlignmentSearch:
@@ -93,14 +97,34 @@ class AlignmentSearch:
             for source, target in (self._coarse, self._fine):
                 registration = self._matcher.refine(source, target, T, metrics)
                 quality = self._quality_of(registration)
-                if quality.status is Status.FAILED:
-                    self._record_refusal(quality.reasons)
+                failures = quality.reasons if quality.status is Status.FAILED else ()
+                if source is self._coarse[0]:
+                    failures = failures or self._roughness_reasons(registration)
+                if failures:
+                    self._record_refusal(failures)
                     return None
                 T = registration.T_target_source
         except RefusedError as error:
             self._record_refusal(tuple(error.reasons))
             return None
         return registration, quality
+
+    def _roughness_reasons(self, registration: Registration) -> tuple[str, ...]:
+        """Return the reason against a registration of the coarse clouds with too large residuals, if any.
+
+        At the correct pose, the points of one cloud are about as near to the planes of the other as
+        neighbouring points of a cloud are to each other's planes. The fine clouds of a lidar do not permit
+        this test: neighbouring points of a scan line have common errors, which their roughness lacks.
+        """
+        limit_m = self._gates.max_roughnesses * self._joint_roughness_m
+        rms_m = registration.assessment.rms_m
+        return (f"large_residuals:{rms_m:.3g}m>{limit_m:.3g}m",) if rms_m > limit_m else ()
+
+    @cached_property
+    def _joint_roughness_m(self) -> float:
+        """Standard deviation of the distances between the coarse clouds if their errors are independent."""
+        roughness_m = math.hypot(*(cloud.roughness_m for cloud in self._coarse))
+        return max(roughness_m, _MIN_ROUGHNESS_VOXELS * self._voxel_m)
 
     def _record_refusal(self, reasons: tuple[str, ...]) -> None:
         self.refusals = self.refusals or reasons

@@ -22,7 +22,8 @@ import numpy as np
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
 from cdff_core.imaging.relative_pose import angles, decomposed, rays
-from cdff_core.imaging.two_view import fit_essential, sampson
+from cdff_core.imaging.sampson import sampson
+from cdff_core.imaging.two_view import fit_essential
 
 #: Pairs that the search uses, evenly distributed over all.
 _SEARCHED_PAIRS = 200

@@ -31,6 +31,7 @@ from scipy.special import gammaln
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry import se3
+from cdff_core.imaging.sampson import sampson, sampson_derivative
 
 Function = Callable[[FloatArray], FloatArray]
 #: Ratio of the standard deviation of a Gaussian to its median absolute deviation.
@@ -110,26 +111,6 @@ def homogeneous(points: FloatArray) -> FloatArray:
     return np.column_stack([points, np.ones(len(points))])
 
 
-def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Return signed Sampson distances ``(n,)``, pixels: first-order distances from the geometry ([1]_)."""
-    x, y = homogeneous(source), homogeneous(sink)
-    Fx, Fy = x @ F.T, y @ F
-    norm = np.sqrt(Fx[:, 0] ** 2 + Fx[:, 1] ** 2 + Fy[:, 0] ** 2 + Fy[:, 1] ** 2)
-    return np.asarray(np.einsum("ij,ij->i", y, Fx) / np.maximum(norm, 1e-300))
-
-
-def sampson_derivative(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Return the derivative ``(n, 1, 9)`` of the Sampson distances by the row-major entries of F."""
-    x, y = homogeneous(source), homogeneous(sink)
-    Fx, Fy = x @ F.T, y @ F
-    Fx[:, 2], Fy[:, 2] = 0.0, 0.0  # only the first two coefficients of a line are in the norm
-    norm = np.maximum(np.sqrt((Fx**2).sum(axis=1) + (Fy**2).sum(axis=1)), 1e-300)
-    r = sampson(F, source, sink) / norm
-    along_source, along_sink = (y - r[:, None] * Fx) / norm[:, None], (-r / norm)[:, None] * y
-    derivative = along_source[:, :, None] * x[:, None, :] + along_sink[:, :, None] * Fy[:, None, :]
-    return np.asarray(derivative.reshape(len(x), 1, 9))
-
-
 def transfer(H: FloatArray, points: FloatArray) -> FloatArray:
     """Return points ``(n, 2)`` mapped by a homography; NaN at its horizon."""
     mapped = homogeneous(points) @ H.T
@@ -185,7 +166,7 @@ def fit_fundamental(
         matrix_at=matrix_at,
         accept=accept,
         residuals=lambda M: sampson(M, source, sink)[:, None],
-        residual_derivative=lambda M: sampson_derivative(M, source, sink),
+        jacobian=lambda M: _chain(sampson_derivative(M, source, sink), matrix_derivative()),
         matrix_derivative=matrix_derivative,
         dimension=7,
         cells=image_cells(source),
@@ -212,6 +193,7 @@ def fit_essential(
     state = [np.array(R), np.array(t) / np.linalg.norm(t)]
     bases = [tangents(state[1])]
     inverse = np.linalg.inv(K[0]), np.linalg.inv(K[1])
+    F_by_E = np.kron(inverse[1].T, inverse[0].T)
 
     def pose(d: FloatArray) -> tuple[FloatArray, FloatArray]:
         direction = state[1] + bases[0] @ d[3:5]
@@ -228,9 +210,9 @@ def fit_essential(
     def residuals(E: FloatArray) -> FloatArray:
         return sampson(inverse[1].T @ E @ inverse[0], source, sink)[:, None]
 
-    def residual_derivative(E: FloatArray) -> FloatArray:
+    def jacobian(E: FloatArray) -> FloatArray:
         by_F = sampson_derivative(inverse[1].T @ E @ inverse[0], source, sink)
-        return np.asarray(by_F @ np.kron(inverse[1].T, inverse[0].T))
+        return _chain(by_F, F_by_E @ matrix_derivative())
 
     def matrix_derivative() -> FloatArray:
         by_rotation = se3.skew(state[1]) @ _GENERATORS @ state[0]
@@ -241,7 +223,7 @@ def fit_essential(
         matrix_at=matrix_at,
         accept=accept,
         residuals=residuals,
-        residual_derivative=residual_derivative,
+        jacobian=jacobian,
         matrix_derivative=matrix_derivative,
         dimension=5,
         cells=image_cells(source),
@@ -249,7 +231,7 @@ def fit_essential(
     fit = _fit(model, gate_sigmas, floor_px)
     if lenses is not None and np.isfinite(fit.parameters).all():
         D, inliers = matrix_derivative(), fit.inliers
-        J = (residual_derivative(fit.matrix) @ D)[inliers, 0]
+        J = jacobian(fit.matrix)[inliers, 0]
         F = inverse[1].T @ fit.matrix @ inverse[0]
         by_lenses = _sampson_by_lenses(F, K, source[inliers], sink[inliers], lenses)
         parameters_by_lenses = np.linalg.lstsq(J, by_lenses, rcond=None)[0]
@@ -303,7 +285,7 @@ def fit_homography(
         matrix_at=matrix_at,
         accept=accept,
         residuals=lambda M: homography_residuals(M, source, sink),
-        residual_derivative=lambda M: _homography_derivative(M, source),
+        jacobian=lambda M: _chain(_homography_derivative(M, source), matrix_derivative()),
         matrix_derivative=matrix_derivative,
         dimension=8,
         cells=image_cells(source),
@@ -342,8 +324,8 @@ class _Model:
         Applies a change ``(d,)`` of the parameters.
     residuals : callable
         Returns the residuals ``(n, k)`` of a matrix.
-    residual_derivative : callable
-        Returns the derivative ``(n, k, 9)`` of the residuals by the row-major entries of a matrix.
+    jacobian : callable
+        Returns the derivative ``(n, k, d)`` of the residuals by the parameters, given the matrix at them.
     matrix_derivative : callable
         Returns the derivative ``(9, d)`` of the matrix by the parameters.
     dimension : int
@@ -355,10 +337,16 @@ class _Model:
     matrix_at: Function
     accept: Callable[[FloatArray], None]
     residuals: Function
-    residual_derivative: Function
+    jacobian: Function
     matrix_derivative: Callable[[], FloatArray]
     dimension: int
     cells: IntArray
+
+
+def _chain(by_matrix: FloatArray, D: FloatArray) -> FloatArray:
+    """Return ``by_matrix @ D`` (n, k, d) of derivatives (n, k, 9) and (9, d), as one product."""
+    n, k, _ = by_matrix.shape
+    return np.asarray((by_matrix.reshape(n * k, 9) @ D).reshape(n, k, -1))
 
 
 def _derivative_of_unit_matrix(M: FloatArray, derivatives: FloatArray) -> FloatArray:
@@ -387,7 +375,7 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
         inliers = size / (1.0 - leverage) < gate * sigma
         if inliers.sum() * r.shape[1] <= dimension:
             break
-        J = model.residual_derivative(matrix) @ model.matrix_derivative()
+        J = model.jacobian(matrix)
         A = J[inliers].reshape(-1, dimension)
         normal = A.T @ A
         inverse = _inverse(normal)
@@ -399,7 +387,7 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
     matrix = model.matrix_at(zero)
     r, D = model.residuals(matrix), model.matrix_derivative()
     inliers = _size(r) / (1.0 - leverage) < gate * sigma
-    return _with_covariance(matrix, D, model.residual_derivative(matrix) @ D, r, inliers, sigma, model.cells)
+    return _with_covariance(matrix, D, model.jacobian(matrix), r, inliers, sigma, model.cells)
 
 
 def _size(r: FloatArray) -> FloatArray:
@@ -409,7 +397,10 @@ def _size(r: FloatArray) -> FloatArray:
 
 def _inverse(normal: FloatArray) -> FloatArray:
     """Return the inverse (d, d) of normal equations, without the directions that are not determined."""
-    return np.asarray(np.linalg.pinv(normal, rcond=1e-15, hermitian=True))
+    values, vectors = np.linalg.eigh(normal)
+    is_determined = values > 1e-15 * values[-1]
+    vectors = vectors[:, is_determined]
+    return np.asarray(vectors / values[is_determined] @ vectors.T)
 
 
 def _leverage(J: FloatArray, inverse: FloatArray) -> FloatArray:

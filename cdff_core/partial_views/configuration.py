@@ -37,14 +37,21 @@ class ViewSearchConfig(StrictModel):
         description="Minimum number of measurements along the diameter of the model",
     )
     references: int = Field(
-        default=3000, ge=10, le=100_000, description="Maximum number of scene points that vote"
+        default=1500, ge=10, le=100_000, description="Maximum number of scene points that vote"
     )
     peaks: int = Field(default=3, ge=1, le=20, description="Hypotheses of each voting point")
-    hypotheses: int = Field(default=800, ge=1, le=100_000, description="Hypotheses that are refined")
+    hypotheses: int = Field(default=400, ge=1, le=100_000, description="Hypotheses that are refined")
     finalists: int = Field(default=40, ge=2, le=1000, description="Distinct poses that are refined further")
     min_score: float = Field(
         default=0.75, gt=0, le=1, description="Score of the agreement with the view: FAILED below"
     )
     min_margin: float = Field(
         default=0.08, ge=0, le=1, description="Margin over the score of the best other pose: FAILED below"
+    )
+    min_outline: float = Field(
+        default=0.25,
+        ge=0,
+        le=1,
+        description="Fraction of the outline of a closed model, as far as it is not hidden, at which the "
+        "scene behind it is deeper: FAILED below",
     )

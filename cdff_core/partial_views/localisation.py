@@ -88,7 +88,7 @@ class ViewLocaliser:
         if image is None:
             return None, Quality.failed("not_found", "several_views")
         search = ViewSearch(model, scene_m, image, self._cfg, self._seed)
-        candidates = search.candidates()
+        candidates = _separate(search, model, search.candidates(), self._cfg)
         best_score = candidates[0].score if candidates else 0.0
         if best_score < self._cfg.min_score:
             reason = f"low_view_score:{best_score:.2f}<{self._cfg.min_score:g}"
@@ -177,6 +177,19 @@ class ViewLocaliser:
             0.0,
             metrics,
         )
+
+
+def _separate(
+    search: ViewSearch, model: ViewModel, candidates: list[ViewCandidate], cfg: ViewSearchConfig
+) -> list[ViewCandidate]:
+    """Return the candidates without those of a closed model whose outline is not seen in the scene.
+
+    Candidates with a score that cannot influence the choice are not tested.
+    """
+    if not model.sides[0].surface.is_closed:
+        return candidates
+    tested_score = cfg.min_score - cfg.min_margin
+    return [c for c in candidates if c.score < tested_score or search.outline_steps(c) >= cfg.min_outline]
 
 
 def _choose(

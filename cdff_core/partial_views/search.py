@@ -5,18 +5,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_common.geometry.kdtree import kd_tree, nearest
+from cdff_common.geometry.kdtree import KdTree, kd_tree, nearest, neighbours, spacing
 from cdff_common.geometry.neighbours import radius_neighbours
 from cdff_common.geometry.plane_fits import plane_fits
 from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_core.partial_views.configuration import ViewSearchConfig
 from cdff_core.partial_views.model_surface import ModelSurface, model_surface
+from cdff_core.partial_views.outline import outline_steps
 from cdff_core.partial_views.pair_voting import PairTable, pair_table, vote
 from cdff_core.partial_views.range_image import RangeImage
 from cdff_core.partial_views.view_comparison import Perturbations, ViewComparison
@@ -34,6 +36,8 @@ _FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
 _LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
 #: Poses that differ by less than this, in diameters and radians, are one hypothesis.
 _SAME_M, _SAME_RAD = 0.1, 0.35
+#: Number of points of the scene from which the noise is computed.
+_NOISE_POINTS = 5000
 #: Minimum fraction of the points of a model that a symmetry maps to its surface; a small part, such as the
 #: handle of a cup, breaks the symmetry.
 _SYMMETRIC = 0.995
@@ -50,7 +54,7 @@ class ModelSide:
     table: PairTable
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ViewModel:
     """A model prepared for the search.
 
@@ -69,9 +73,18 @@ class ViewModel:
 
     def is_symmetry(self, T: FloatArray, tolerance_m: float) -> bool:
         """Return whether a transform (4, 4) about ``centre_m`` maps the model to itself."""
-        points = self.sides[0].surface.points_m
-        distance_m, _ = nearest(kd_tree(points), se3.transform_points(T, points))
-        return bool(np.mean(distance_m < tolerance_m) > _SYMMETRIC)
+        moved = se3.transform_points(T, self.sides[0].surface.points_m)
+        distance_m, _ = nearest(self._tree, moved, tolerance_m)
+        return bool(np.mean(np.isfinite(distance_m)) > _SYMMETRIC)
+
+    @cached_property
+    def spacing_m(self) -> float:
+        """Median distance between neighbouring points of the surface, metres."""
+        return spacing(self._tree)
+
+    @cached_property
+    def _tree(self) -> KdTree:
+        return kd_tree(self.sides[0].surface.points_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +189,12 @@ class ViewSearch:
         """Return whether two poses are one hypothesis."""
         return _is_same(first, second, self._model.diameter_m, factor)
 
+    def outline_steps(self, candidate: ViewCandidate) -> float:
+        """Return the fraction of the outline of the model at which the depth of the scene has a step."""
+        spacing_m = self._model.spacing_m
+        surface = candidate.side.surface
+        return outline_steps(self._image, surface, candidate.T, spacing_m, self.tolerance_m)
+
     def pose_covariance(self) -> FloatArray:
         """Return the covariance (6, 6), [x y z rx ry rz] in the frame of the view, of a pose without
         registration.
@@ -260,5 +279,8 @@ def _relief(points: FloatArray, radius_m: float, rng: np.random.Generator) -> Fl
 
 def _noise(points_m: FloatArray) -> float:
     """Return the noise, metres: median standard deviation of points across the planes of their neighbours."""
-    variances = plane_fits(kd_tree(points_m), _NORMAL_NEIGHBOURS)[2]
-    return float(np.sqrt(np.median(variances[:, 0])))
+    sample = points_m[:: max(1, len(points_m) // _NOISE_POINTS)]
+    _, rows = neighbours(kd_tree(points_m), sample, min(_NORMAL_NEIGHBOURS, len(points_m)))
+    offset = points_m[rows] - points_m[rows].mean(axis=1, keepdims=True)
+    variances = np.linalg.eigvalsh(np.swapaxes(offset, 1, 2) @ offset / rows.shape[1])
+    return float(np.sqrt(max(np.median(variances[:, 0]), 0.0)))

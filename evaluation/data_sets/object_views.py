@@ -16,6 +16,7 @@ import numpy as np
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from evaluation.data_sets.clouds import milk_carton
+from evaluation.data_sets.depth_motion import depth_motion
 
 #: Number of points of a model.
 MODEL_POINTS = 20_000
@@ -40,21 +41,45 @@ class View:
 def tracked_objects(data: Path, step: int = 1) -> Iterator[View]:
     """Yield dragon and cube in every ``step``-th frame of ``visp_rbt_rgbd``.
 
-    Their poses are the start poses of the data set, moved with the board.
+    Their poses are the start poses of the data set, moved with the board in the colour images.
     """
     folder = data / "visp_rbt_rgbd"
-    rows = np.loadtxt(folder / "camera_from_board.csv", delimiter=",", skiprows=1)[::step]
-    first = np.loadtxt(folder / "camera_from_board.csv", delimiter=",", skiprows=1)[0]
+    boards = _board_poses(folder)
+    start = se3.inverse(next(iter(boards.values())))
     starts = json.loads((folder / "initial_guess.json").read_text())
     models = {name: mesh_points(folder / "models" / name / f"{name}.obj") for name in starts}
-    for row in rows:
-        frame = int(row[0])
-        scene = depth_points(folder / "depth" / f"{frame:04d}.png", 607.178, 607.234, 321.391, 241.918)
-        change = _pose(row[1:]) @ se3.inverse(_pose(first[1:]))
-        for name, start in starts.items():
-            T = change @ np.array(start)
-            symmetries = _cube_rotations() if name == "cube" else (np.eye(4),)
-            yield View(f"{name} {frame}", models[name], scene, tuple(T @ S for S in symmetries))
+    for frame in list(boards)[::step]:
+        scene = _tracked_scene(folder, frame)
+        for name, T_start in starts.items():
+            poses = _equivalent_poses(name, boards[frame] @ start @ np.array(T_start))
+            yield View(f"{name} {frame}", models[name], scene, poses)
+
+
+def tracked_poses_by_depth(data: Path) -> dict[str, tuple[FloatArray, ...]]:
+    """Return the start poses of dragon and cube moved with the depth camera, for the names of all views."""
+    folder = data / "visp_rbt_rgbd"
+    boards = _board_poses(folder)
+    motion = depth_motion({frame: _tracked_scene(folder, frame) for frame in boards}, boards)
+    starts = json.loads((folder / "initial_guess.json").read_text())
+    return {
+        f"{name} {frame}": _equivalent_poses(name, T_frame_start @ np.array(T_start))
+        for name, T_start in starts.items()
+        for frame, T_frame_start in motion.items()
+    }
+
+
+def _board_poses(folder: Path) -> dict[int, FloatArray]:
+    """Return ``T_camera_board`` (4, 4) of the colour camera in each frame."""
+    rows = np.loadtxt(folder / "camera_from_board.csv", delimiter=",", skiprows=1)
+    return {int(row[0]): _pose(row[1:]) for row in rows}
+
+
+def _tracked_scene(folder: Path, frame: int) -> FloatArray:
+    return depth_points(folder / "depth" / f"{frame:04d}.png", 607.178, 607.234, 321.391, 241.918)
+
+
+def _equivalent_poses(name: str, T: FloatArray) -> tuple[FloatArray, ...]:
+    return tuple(T @ S for S in (_cube_rotations() if name == "cube" else (np.eye(4),)))
 
 
 def absent_objects(data: Path, every: int) -> Iterator[View]:

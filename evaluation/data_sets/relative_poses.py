@@ -25,6 +25,9 @@ Float = NDArray[np.float64]
 _KITCHEN_LEVER_M, _KITCHEN_SIGMA_M, _KITCHEN_SIGMA_RAD = (0.025, 0.005, 0.005), 0.003, np.radians(0.1)
 #: Nominal camera matrix of the sensor; the lens distortion is not known.
 _KITCHEN_CAMERA = np.array([[525.0, 0.0, 320.0], [0.0, 525.0, 240.0], [0.0, 0.0, 1.0]])
+#: Differences of calibrated sensors of this type (Freiburg 1 and 2 of TUM RGB-D) from the nominal camera: the
+#: principal point by 1.8 % of the focal length (RMS), and 6 px at the edge by focal length and by distortion.
+_KITCHEN_CAMERA_ERRORS = {"principal_point_ratio": 0.018, "lens_edge_px": 6.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +46,9 @@ class PosedPair:
         True for a stereo rig, whose calibration is more accurate than the pose of a moving camera.
     covariance : ndarray, shape (6, 6)
         Of the true pose, metres and radians; 0 if it is more accurate than the results.
+    camera_errors : dict of float
+        Standard deviations of the errors of the cameras, as parameters of the essential matrix; empty for
+        calibrated cameras, to which the default parameters apply.
     """
 
     set_name: str
@@ -53,6 +59,7 @@ class PosedPair:
     T_left_right: Float
     is_stereo: bool
     covariance: Float = field(default_factory=lambda: np.zeros((6, 6)))
+    camera_errors: dict[str, float] = field(default_factory=dict)
 
 
 def posed_pairs(data: Path, stride: int = 1) -> Iterator[PosedPair]:
@@ -131,7 +138,10 @@ def _kitchen(data: Path, stride: int) -> Iterator[PosedPair]:
                 left, right = (_jpeg(folder / "frames" / f"{k:06d}.color.jpg") for k in (i, i + gap))
                 T = se3.inverse(poses[i]) @ poses[i + gap]
                 K = _KITCHEN_CAMERA
-                yield PosedPair(f"kitchen_{gap}_frames", left, right, K, K, T, False, _kitchen_covariance(T))
+                covariance = _kitchen_covariance(T)
+                yield PosedPair(
+                    f"kitchen_{gap}_frames", left, right, K, K, T, False, covariance, _KITCHEN_CAMERA_ERRORS
+                )
 
 
 def _kitchen_covariance(T: Float) -> Float:

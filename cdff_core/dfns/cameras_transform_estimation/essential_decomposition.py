@@ -23,6 +23,7 @@ from cdff_core.imaging.relative_pose import (
     rays,
 )
 from cdff_core.imaging.relative_pose_search import best_rotation
+from cdff_core.imaging.sampson import compile_kernels
 from cdff_core.imaging.two_view import tangents
 
 #: Median residual of the best pure rotation, in standard deviations, below which translation is unobservable.
@@ -44,6 +45,10 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
     ----------
     .. [1] R. Hartley, A. Zisserman, Multiple View Geometry, 2nd ed., 2004, doi:10.1017/CBO9780511811685, §9.6
     """
+
+    def setup(self) -> None:
+        """Compile the kernels."""
+        compile_kernels()
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the relative pose.

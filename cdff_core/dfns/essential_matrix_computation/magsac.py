@@ -17,6 +17,7 @@ from cdff_core.imaging.magsac import (
 )
 from cdff_core.imaging.relative_pose import MIN_IN_FRONT, checked_cameras, fit_in_front
 from cdff_core.imaging.relative_pose_search import ambiguity, find_minima
+from cdff_core.imaging.sampson import compile_kernels
 
 
 class EssentialMagsacConfig(MagsacConfig, CalibrationConfig):
@@ -28,6 +29,10 @@ class Magsac(Interface[EssentialMagsacConfig]):
 
     The best of several local minima is returned, since MAGSAC++ may end in any of them.
     """
+
+    def setup(self) -> None:
+        """Compile the kernels."""
+        compile_kernels()
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the essential matrix; raises RefusedError if too few pairs agree on one."""

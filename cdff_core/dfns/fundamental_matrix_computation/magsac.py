@@ -8,6 +8,7 @@ import cv2
 
 from cdff_core.dfns.fundamental_matrix_computation.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.magsac import MagsacConfig, checked_matrix, outputs_of, pairs, parameters
+from cdff_core.imaging.sampson import compile_kernels
 from cdff_core.imaging.two_view import fit_fundamental
 
 
@@ -17,6 +18,10 @@ class Magsac(Interface[MagsacConfig]):
     If all points lie on one plane the solution is not unique, since a homography explains the same pairs; the
     covariance is then large.
     """
+
+    def setup(self) -> None:
+        """Compile the kernels."""
+        compile_kernels()
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the fundamental matrix; raises RefusedError if too few pairs agree on one."""

@@ -10,6 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_core.cloud_matching.roughness import roughness_m
+
 Float = NDArray[np.float64]
 
 #: Ratio of the number of points of a surface to that of its thinned copy.
@@ -37,17 +39,8 @@ class Surface:
 
     @cached_property
     def roughness_m(self) -> float:
-        """Robust standard deviation of distances of points from the plane of their nearest neighbour, metres.
-
-        It contains the noise of the points and the relief between neighbouring points.
-        """
-        from cdff_common.geometry.kdtree import kd_tree, neighbours
-        from cdff_common.geometry.robust import median_sigma
-
-        _, rows = neighbours(kd_tree(self.points_m), self.points_m, 2)
-        other = rows[:, 1]
-        offset = self.points_m - self.points_m[other]
-        return median_sigma(np.einsum("ij,ij->i", offset, self.normals[other]))
+        """Standard deviation of distances of points from the planes of their neighbours, metres."""
+        return roughness_m(self.points_m, self.normals)
 
     @cached_property
     def coarser(self) -> Surface:

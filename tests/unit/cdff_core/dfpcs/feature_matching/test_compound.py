@@ -54,7 +54,7 @@ def test_every_implementation_matches_two_views_and_estimates_the_transform(vari
     T_right_left = se3.inverse(T_WORLD_RIGHT) @ T_WORLD_LEFT
     E = se3.skew(T_right_left[:3, 3]) @ T_right_left[:3, :3]
     F = np.linalg.inv(CAMERA).T @ E @ np.linalg.inv(CAMERA)
-    from cdff_core.imaging.two_view import sampson
+    from cdff_core.imaging.sampson import sampson
 
     distances = np.abs(sampson(F, matches.value.sources_px, matches.value.sinks_px))
     assert np.mean(distances < 1.5) > 0.9

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
+from cdff_core.dfns.registration_3d.interface import Registration3DInputs, Registration3DOutputs
+from cdff_core.dfns.registration_3d.point_to_plane_icp import PointToPlaneIcp
 from tests.support import surfaces
 
 T_TRUE = se3.exp_se3([4.0, -3.0, 2.0, 0.3, -0.2, 2.0])
@@ -102,6 +105,25 @@ def test_a_model_that_is_not_in_the_scene_is_refused(rng: np.random.Generator) -
     output = localise(make_configured_dfpc(), cloud("model", other), cloud("scene", scene(rng)))
     assert output.value is None
     assert output.quality.reasons[0] == "not_found"
+
+
+def test_a_wrong_pose_with_residuals_above_the_roughness_is_refused(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    register = PointToPlaneIcp.process
+
+    def register_a_quarter(icp: PointToPlaneIcp, inputs: Registration3DInputs) -> Registration3DOutputs:
+        coarse = 1000 < len(inputs.source) < 3000
+        return register(icp, replace(inputs, source=inputs.source[::4]) if coarse else inputs)
+
+    monkeypatch.setattr(PointToPlaneIcp, "process", register_a_quarter)
+    clouds = cloud("model", model(rng)), cloud("scene", scene(rng))
+    without_gate, with_gate = (
+        localise(make_configured_dfpc(view_search={"enabled": False}, **gate), *clouds)
+        for gate in ({"max_roughnesses": 100.0}, {})
+    )
+    assert np.linalg.norm(error_of(without_gate)) > 1.0
+    assert np.linalg.norm(error_of(with_gate)) < 0.05
 
 
 def test_a_model_that_occurs_twice_is_ambiguous(rng: np.random.Generator) -> None:
