@@ -15,9 +15,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from cdff_dev.ports import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
+_SLOPE_PERIOD_S = 1.0
 _CLOCK_TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -77,13 +80,29 @@ class Services:
 
 
 class PeakMemory:
-    """Thread that samples the resident memory of a process while the context is open."""
+    """Thread that samples the resident memory of a process while the context is open.
+
+    Descriptors and threads are sampled too, once in ``_SLOPE_PERIOD_S``.
+    """
 
     def __init__(self, pid: int, period_s: float = 0.05) -> None:
         self._pid, self._period_s = pid, period_s
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
+        self._samples: list[tuple[float, float, int, int]] = []
         self.peak_mb = 0.0
+
+    def slopes_per_hour(self) -> dict[str, float]:
+        """Return the slopes of straight lines through the second half of the samples, per hour.
+
+        The first half is excluded, because caches fill in it.
+        """
+        rows = np.array(self._samples[len(self._samples) // 2 :])
+        if len(rows) < 3:
+            return {}
+        slopes = np.polyfit(rows[:, 0] / 3600.0, rows[:, 1:], 1)[0]
+        names = ("memory_mb", "descriptors", "threads")
+        return {name: round(float(slope), 2) for name, slope in zip(names, slopes, strict=True)}
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -96,8 +115,13 @@ class PeakMemory:
         self._thread.join()
 
     def _run(self) -> None:
+        next_s = time.monotonic()
         while not self._ended.wait(self._period_s):
-            self.peak_mb = max(self.peak_mb, memory_mb(self._pid))
+            resident_mb, now_s = memory_mb(self._pid), time.monotonic()
+            self.peak_mb = max(self.peak_mb, resident_mb)
+            if now_s >= next_s:
+                next_s = now_s + _SLOPE_PERIOD_S
+                self._samples.append((now_s, resident_mb, descriptors(self._pid), threads(self._pid)))
 
 
 def memory_mb(pid: int) -> float:
@@ -108,12 +132,12 @@ def memory_mb(pid: int) -> float:
 
 def descriptors(pid: int) -> int:
     """Return the number of open descriptors of a process."""
-    return len(os.listdir(f"/proc/{pid}/fd"))
+    return sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
 
 
 def threads(pid: int) -> int:
     """Return the number of threads of a process."""
-    return len(os.listdir(f"/proc/{pid}/task"))
+    return sum(1 for _ in Path(f"/proc/{pid}/task").iterdir())
 
 
 def cpu_s(pid: int) -> float:

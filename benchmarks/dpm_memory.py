@@ -8,7 +8,8 @@
   ten times with the requested pause.
 - ``serial``: 12 windows of about 100 x 100 cells, one after the other, each over other patches of 1400 x 1400
   cells.
-- ``ordinary``: minutes of insertions, searches, tiles, windows, clouds and conversions by four clients.
+- ``ordinary``: minutes of insertions, searches, tiles, windows, clouds and conversions by four clients;
+  ``--load ordinary --minutes 120`` is a soak, with the slopes of memory, descriptors and threads per hour.
 
 The memory is the resident set: at the start (after one small window), the highest, and ten seconds after the
 load.
@@ -215,6 +216,7 @@ def measured(pid: int, http: str, work: Callable[[], Any]) -> dict[str, Any]:
         "start_mb": start_mb,
         "peak_mb": peak.peak_mb,
         "after_mb": memory_mb(pid),
+        "slopes_per_hour": peak.slopes_per_hour(),
         "duration_s": round(duration_s, 1),
     }
 

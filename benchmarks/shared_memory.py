@@ -56,16 +56,17 @@ def publishers(count: int, pool_mb: int) -> dict[str, Any]:
         received.append(len(message.payload))
 
     rows = []
-    with tempfile.TemporaryDirectory() as folder, Services(Path(folder), with_dpm=False) as services:
-        with Bus.open(services.endpoint, name="subscriber", wait_s=60.0) as bus:
-            bus.subscribe(_KEY, on_message, depth=256)
-            environment = {**os.environ, "CDFF_CONNECT": services.endpoint}
-            processes = {"router": services.router.pid, "subscriber": os.getpid()}
-            for _ in range(count):
-                subprocess.run([sys.executable, "-c", _PUBLISHER], env=environment, check=True)
-                rows.append(
-                    [f(pid) for pid in processes.values() for f in (shared_mb, memory_mb, descriptors)]
-                )
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Services(Path(folder), with_dpm=False) as services,
+        Bus.open(services.endpoint, name="subscriber", wait_s=60.0) as bus,
+    ):
+        bus.subscribe(_KEY, on_message, depth=256)
+        environment = {**os.environ, "CDFF_CONNECT": services.endpoint}
+        processes = {"router": services.router.pid, "subscriber": os.getpid()}
+        for _ in range(count):
+            subprocess.run([sys.executable, "-c", _PUBLISHER], env=environment, check=True)
+            rows.append([f(pid) for pid in processes.values() for f in (shared_mb, memory_mb, descriptors)])
     slopes = np.polyfit(np.arange(len(rows)), np.array(rows, dtype=float), 1)[0]
     names = [f"{name}_{what}" for name in processes for what in ("shared_mb", "memory_mb", "descriptors")]
     per_publisher = {name: round(float(slope), 4) for name, slope in zip(names, slopes, strict=True)}

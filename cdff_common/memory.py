@@ -27,7 +27,8 @@ _RELEASE_PERIOD_S = 1.0
 _GDAL_CACHE_MB = "32"
 
 _lock = threading.Lock()
-_released_s = -_RELEASE_PERIOD_S
+#: Monotonic time of the last release.
+_last_release = {"s": -_RELEASE_PERIOD_S}
 
 
 def limit_retained_memory() -> None:
@@ -41,12 +42,11 @@ def limit_retained_memory() -> None:
 
 def release_memory() -> None:
     """Return the freed memory of all heaps to the system, at most once a second."""
-    global _released_s
     libc = _glibc()
     with _lock:
-        if libc is None or monotonic_s() - _released_s < _RELEASE_PERIOD_S:
+        if libc is None or monotonic_s() - _last_release["s"] < _RELEASE_PERIOD_S:
             return
-        _released_s = monotonic_s()
+        _last_release["s"] = monotonic_s()
     libc.malloc_trim(0)
 
 

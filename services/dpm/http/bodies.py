@@ -29,7 +29,7 @@ def body_response(
     """Return an answer with bytes; large ones are moved to an unnamed file, unless the disk is full."""
     if len(data) > MEMORY_BYTES:
         try:
-            file = tempfile.TemporaryFile(dir=context.dpm.store.directory)  # noqa: SIM115: closed by the task
+            file = tempfile.TemporaryFile(dir=context.dpm.store.directory)  # noqa: SIM115  # closed by the task
             file.write(data)
             file.seek(0)
         except OSError as error:

@@ -16,8 +16,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 #: Time for the header of a request, and for the client to read a part of an answer, seconds.
 HEADER_S, READ_S = 10.0, 30.0
-#: Idle connections in total and of one address.
-MAX_IDLE, MAX_IDLE_OF_ADDRESS = 256, 128
+#: Idle connections in total and of one address; more than a client opens at once. Together with the requests
+#: in progress they need less than 1024 descriptors, the usual limit of a process.
+MAX_IDLE, MAX_IDLE_OF_ADDRESS = 512, 384
 
 
 class IdleConnections:

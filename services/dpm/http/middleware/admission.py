@@ -13,7 +13,7 @@ from services.dpm.http.middleware.problems import problem_of
 from services.dpm.operations.work_budget import WorkBudget
 
 #: Requests in progress; an event stream is one.
-MAX_REQUESTS, MAX_REQUESTS_OF_ADDRESS = 512, 384
+MAX_REQUESTS, MAX_REQUESTS_OF_ADDRESS = 320, 240
 
 
 class Admission:
