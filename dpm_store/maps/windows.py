@@ -155,7 +155,7 @@ class PatchUsage:
 
     @classmethod
     def merged(cls, parts: Sequence[PatchUsage]) -> PatchUsage:
-        """Return the patches of several grids that share no cell."""
+        """Return the patches of several grids without common cells."""
         records = {record.id: record for part in parts for record in part.records}
         return cls(
             sorted(records.values(), key=lambda r: (r.header.t1_ns, r.id)),

@@ -11,7 +11,6 @@ import asyncio
 import logging
 import tempfile
 from collections.abc import AsyncIterator
-from typing import Any
 
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
@@ -83,7 +82,7 @@ class Uploads:
         """Return a complete body; the request is charged for a large one."""
         reserved = size = 0
         try:
-            with tempfile.SpooledTemporaryFile(MEMORY_BYTES, dir=self._store.directory) as file:
+            with tempfile.SpooledTemporaryFile(MEMORY_BYTES, dir=str(self._store.directory)) as file:
                 async for part in _parts(receive):
                     size += len(part)
                     if size > self._max_body_bytes:
@@ -107,7 +106,7 @@ class Uploads:
             raise OverloadedError(f"bodies of more than {bound} bytes at once", _RETRY_S)
         self._on_disk_bytes += size
 
-    async def _write(self, file: tempfile.SpooledTemporaryFile[Any], part: bytes, size: int) -> None:
+    async def _write(self, file: tempfile.SpooledTemporaryFile[bytes], part: bytes, size: int) -> None:
         """Append a part of a body; raises StorageError if the disk is full."""
         if size <= MEMORY_BYTES:
             file.write(part)
