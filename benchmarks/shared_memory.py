@@ -4,9 +4,9 @@
 
     python benchmarks/shared_memory.py [--publishers 200] [--mb 0 --mb 16] [--out FILE]
 
-Each publisher is a process that opens the bus, publishes ten messages of 100 kB within a second, and ends. Reported for
-router and subscriber: growth of mapped shared memory, resident memory and descriptors per publisher (slope of
-a straight line over all of them). The cost of a smaller or no pool is measured by ``benchmarks/bus.py``.
+Each publisher is a process that opens the bus, publishes ten messages of 100 kB within a second, and ends.
+Reported for router and subscriber: growth of mapped shared memory, resident memory and descriptors per
+publisher (slope of a straight line over all of them). The cost of a smaller or no pool is measured by ``benchmarks/bus.py``.
 """
 
 from __future__ import annotations

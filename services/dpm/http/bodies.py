@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import IO
 
 from fastapi import Response
@@ -29,9 +30,7 @@ def body_response(
     """Return an answer with bytes; large ones are moved to an unnamed file, unless the disk is full."""
     if len(data) > MEMORY_BYTES:
         try:
-            file = tempfile.TemporaryFile(dir=context.dpm.store.directory)  # noqa: SIM115  # closed by the task
-            file.write(data)
-            file.seek(0)
+            file = _file_of(data, context.dpm.store.directory)
         except OSError as error:
             logger.warning("an answer stays in memory: %s", error.strerror)
         else:
@@ -61,6 +60,14 @@ def stored_response(
         pass
     headers = {**headers, "Content-Length": str(size)}
     return StreamingResponse(parts(), status, headers, media_type)
+
+
+def _file_of(data: bytes, directory: Path) -> IO[bytes]:
+    """Return an unnamed file with bytes, at its start."""
+    file = tempfile.TemporaryFile(dir=directory)  # noqa: SIM115  # the answer closes it
+    file.write(data)
+    file.seek(0)
+    return file
 
 
 def _parts(file: IO[bytes]) -> Iterator[bytes]:

@@ -39,7 +39,7 @@ def check_disk(dpm: Dpm) -> bool:
 
 
 class ConditionMonitor:
-    """Thread that checks the conditions until it is closed."""
+    """Thread that checks the conditions, and returns freed memory, until it is closed."""
 
     def __init__(self, dpm: Dpm) -> None:
         self._dpm = dpm
@@ -56,6 +56,7 @@ class ConditionMonitor:
         while True:
             try:
                 check_conditions(self._dpm)
+                self._dpm.budget.return_freed_memory()
             except (CdffError, OSError) as error:
                 logger.warning("conditions not checked: %s", error)
             if self._closed.wait(PERIOD_S):

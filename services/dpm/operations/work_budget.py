@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One budget of memory for the requests of all interfaces of the DPM.
 
-An operation states the memory that it is going to need before it allocates it. It then waits for its turn for
-a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. A request waits at
-most once, so that no two requests wait for each other.
+An operation states the memory that it is going to need before it allocates it. It then waits for its turn
+for a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. A request
+waits at most once, so that no two requests wait for each other.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ class WorkBudget:
         self._max_waiting, self._wait_s = max_waiting, wait_s
         self._changed = threading.Condition()
         self._used = self._waiting = 0
+        self._was_used = False
         self.refused = 0
 
     @contextmanager
@@ -96,6 +97,13 @@ class WorkBudget:
         if charge is not None:
             self._reduce(charge, nbytes)
 
+    def return_freed_memory(self) -> None:
+        """Return freed memory to the system if requests have used memory since the last call."""
+        with self._changed:
+            was_used, self._was_used = self._was_used, False
+        if was_used:
+            release_memory()
+
     def _wait(self, needed: int) -> None:
         """Wait for memory; the lock is held."""
         until_s = monotonic_s() + self._wait_s
@@ -106,8 +114,8 @@ class WorkBudget:
                 if self._waiting > self._max_waiting or remaining_s <= 0.0:
                     self.refused += 1
                     raise OverloadedError(
-                        f"{needed >> 20} MB are needed, {self._used >> 20} of {self._total >> 20} MB are used by "
-                        "other requests; repeat the request later, or ask for less",
+                        f"{needed >> 20} MB are needed, other requests use {self._used >> 20} of "
+                        f"{self._total >> 20} MB; repeat the request later, or ask for less",
                         _RETRY_S,
                     )
                 self._changed.wait(remaining_s)
@@ -120,6 +128,7 @@ class WorkBudget:
             charge.nbytes -= freed
             self._used -= freed
             if freed:
+                self._was_used = True
                 self._changed.notify_all()
         if freed > _LARGE_BYTES:
             release_memory()

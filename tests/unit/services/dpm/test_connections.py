@@ -29,7 +29,8 @@ from .conftest import cloud, put_arguments
 Connect = Callable[..., socket.socket]
 HEAD = (
     b"POST /api/v1/products?robot=mana&dfpc=test&port=dem&product=dem HTTP/1.1\r\nHost: localhost\r\n"
-    b"Content-Type: application/vnd.cdff+uper;ElevationMap/1\r\nCDFF-Header: {}\r\nContent-Length: 1000000\r\n\r\n"
+    b"Content-Type: application/vnd.cdff+uper;ElevationMap/1\r\nCDFF-Header: {}\r\n"
+    b"Content-Length: 1000000\r\n\r\n"
 )
 
 

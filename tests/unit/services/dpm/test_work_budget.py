@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 import pytest
 from fastapi.testclient import TestClient
@@ -63,7 +64,9 @@ def test_only_a_few_requests_wait() -> None:
             budget.charge(1)
 
 
-def test_http_answers_503_with_retry_after_without_memory(http: TestClient, dpm: Dpm, inserted_id) -> None:  # type: ignore[no-untyped-def]
+def test_http_answers_503_without_memory(
+    http: TestClient, dpm: Dpm, inserted_id: Callable[[str], str]
+) -> None:
     url = f"/api/v1/products/{inserted_id('dem')}/payload?format=tif"
     assert http.get(url).status_code == 200
     dpm.budget._total, dpm.budget._wait_s = 1, 0.05
