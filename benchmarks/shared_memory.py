@@ -6,7 +6,7 @@
 
 Each publisher is a process that opens the bus, publishes ten messages of 100 kB within a second, and ends.
 Reported for router and subscriber: growth of mapped shared memory, resident memory and descriptors per
-publisher (slope of a straight line over all of them). The cost of a smaller or no pool is measured by ``benchmarks/bus.py``.
+publisher (slope of a straight line over all of them). ``benchmarks/bus.py`` measures the cost of no pool.
 """
 
 from __future__ import annotations
