@@ -195,6 +195,7 @@ class Store:
     def close(self) -> None:
         """Close the database and release the directory for another process."""
         self.pyramid.close()
+        self.maps.patches.close()
         self._opened.close()
 
 

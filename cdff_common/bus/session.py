@@ -26,7 +26,7 @@ _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor"
 
 def _config(mode: str, settings: Mapping[str, object]) -> zenoh.Config:
     """Return a configuration with the settings common to routers and clients, and ``settings``."""
-    shm_mb = int(os.environ.get("CDFF_SHM_MB", "16"))
+    shm_mb = int(os.environ.get("CDFF_SHM_MB", "0"))
     common = {
         "mode": mode,
         "scouting/multicast/enabled": False,

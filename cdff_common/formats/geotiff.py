@@ -52,7 +52,7 @@ def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) ->
         *(n for n in DEM_BANDS if n in value.layer_names),
         *(n for n in value.layer_names if n not in DEM_BANDS),
     ]
-    bands = {name: value.layer(name).astype(np.float32) for name in names}
+    bands = {name: value.layer(name).astype(np.float32, copy=False) for name in names}
     tags = {
         "CDFF_TYPE": type(value).__name__,
         "CDFF_FRAME": value.geometry.frame,

@@ -237,6 +237,10 @@ class GridGeometry:
             raise InputError(f"window {window.bounds} extends beyond the grid {self.bounds}")
         return slice(row, row + window.rows), slice(col, col + window.cols)
 
+    def row_range(self, first: int, last: int) -> GridGeometry:
+        """Return the grid of rows ``first`` to ``last - 1``."""
+        return self._window(self.left, self.top - first, self.left + self.cols, self.top - last)
+
     def coarsened(self, factor: int) -> GridGeometry:
         """Return the smallest aligned grid of cells ``factor`` times as large that covers this one."""
         if factor < 1:

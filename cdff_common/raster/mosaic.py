@@ -38,13 +38,18 @@ class AssembledWindow:
     statistics : CellStatistics
     auxiliary : AuxiliaryLayers or None
         Auxiliary layers of the same cells; None if no map has any, or none were requested.
-    disagreeing : int
-        Number of cells in which maps disagreed, before the treatment of disagreement.
+    flagged : array of bool, shape (rows, cols)
+        Cells in which maps disagreed, before the treatment of disagreement.
     """
 
     statistics: CellStatistics
     auxiliary: AuxiliaryLayers | None
-    disagreeing: int
+    flagged: NDArray[np.bool_]
+
+    @property
+    def disagreeing(self) -> int:
+        """Number of cells in which maps disagreed."""
+        return int(np.count_nonzero(self.flagged))
 
     def to_layers(self, t1_ns: int) -> dict[str, NDArray[np.float32]]:
         """Return the layers ``ELEVATION_LAYERS``, then the auxiliary layers that are known in any cell."""
@@ -178,10 +183,10 @@ class Mosaic:
         if count and self.disagreement is Disagreement.DROP:
             if cells.auxiliary is not None:
                 cells.auxiliary.clear(flagged)
-            return AssembledWindow(cells.statistics.masked(~flagged), cells.auxiliary, count)
+            return AssembledWindow(cells.statistics.masked(~flagged), cells.auxiliary, flagged)
         if count and self._newest is not None:
             cells.replace(self._newest, flagged)
-        return AssembledWindow(cells.statistics, cells.auxiliary, count)
+        return AssembledWindow(cells.statistics, cells.auxiliary, flagged)
 
     def _auxiliary_of(
         self, geometry: GridGeometry, layers: Mapping[str, ArrayLike]

@@ -16,6 +16,7 @@ from dpm_store.maps.pyramid import FEW, tile_parts, tile_query
 from dpm_store.maps.windows import (
     PatchUsage,
     Window,
+    WindowPlan,
     WindowQuery,
     add_patches,
     build_window,
@@ -44,11 +45,15 @@ class NavigationMaps:
     def __init__(self, patches: Patches) -> None:
         self._patches = patches
 
-    def window(self, query: WindowQuery) -> Window:
-        """Assemble every navigation map of the region; raises like ``windows.plan_window``."""
+    def plan(self, query: WindowQuery) -> WindowPlan:
+        """Return the maps and cells of a window; raises like ``windows.plan_window``."""
+        return plan_window(self._patches, query)
+
+    def window(self, query: WindowQuery, plan: WindowPlan | None = None) -> Window:
+        """Assemble every navigation map of the region, by ``plan`` if given; raises like ``plan``."""
         from cdff_common.types import NavigationMap
 
-        plan = plan_window(self._patches, query)
+        plan = plan or self.plan(query)
         mosaic, usage = self._assemble(plan.selection, plan.geometry, query.navigation_choice)
         check_used(usage, query, "navigation_map")
         layers = mosaic.layers()

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import threading
 from collections import OrderedDict
@@ -36,8 +37,12 @@ DERIVED_DFPC = "dpm"
 MAX_PATCHES = 20_000
 #: Size of the cache of decoded elevation patches, bytes.
 CACHE_BYTES = 48 << 20
-#: Patches read together.
-_BATCH = 32
+#: Patches read together: at most so many, and at most so many bytes, unless one alone is larger.
+_BATCH, BATCH_BYTES = 32, 8 << 20
+#: Batches in memory: one is pooled while the next one is read.
+BATCHES = 2
+#: Threads that read patches, for all windows of a store; their heaps would otherwise outlive each window.
+_READERS = 2
 #: ``xmin ymin xmax ymax``, metres.
 Bounds = tuple[float, float, float, float]
 
@@ -105,6 +110,21 @@ class PatchSelection:
     unplaced_frames: tuple[str, ...] = ()
     frames_revision: int = 0
 
+    @property
+    def latest_ns(self) -> int:
+        """End of the last capture."""
+        return max(r.header.t1_ns for r in self.records)
+
+    @property
+    def largest_bytes(self) -> int:
+        """Size of the largest payload."""
+        return max(r.size for r in self.records)
+
+    @property
+    def total_bytes(self) -> int:
+        """Size of all payloads."""
+        return sum(r.size for r in self.records)
+
 
 class Patches:
     """Search and reading of maps of one kind, elevation by default.
@@ -115,6 +135,8 @@ class Patches:
         Kind of product and ASN.1 type.
     cache_bytes : int
         Size of the cache of decoded maps.
+    readers : ThreadPoolExecutor, optional
+        Threads that read patches; by default own ones.
     """
 
     def __init__(
@@ -125,6 +147,7 @@ class Patches:
         product: str = "dem",
         type_name: str = "ElevationMap",
         cache_bytes: int = CACHE_BYTES,
+        readers: ThreadPoolExecutor | None = None,
     ) -> None:
         self.product = product
         self._type_name = type_name
@@ -132,13 +155,26 @@ class Patches:
         self._search = search
         self._products = products
         self._frames = frames
+        self._readers = readers or ThreadPoolExecutor(_READERS, thread_name_prefix="patches")
         self._lock = threading.Lock()
         self._cache: OrderedDict[str, Patch] = OrderedDict()
         self._cached_bytes = 0
 
     def of(self, product: str, type_name: str) -> Patches:
         """Return the patches of another kind in the same store, with a smaller cache."""
-        return Patches(self._search, self._products, self._frames, product, type_name, self._cache_bytes // 4)
+        return Patches(
+            self._search,
+            self._products,
+            self._frames,
+            product,
+            type_name,
+            self._cache_bytes // 4,
+            self._readers,
+        )
+
+    def close(self) -> None:
+        """End the reading threads."""
+        self._readers.shutdown(cancel_futures=True)
 
     def any(self, query: Query) -> bool:
         """Return whether a search finds a patch; derived maps count."""
@@ -194,17 +230,21 @@ class Patches:
 
         The checksums of each payload are verified when it is read.
         """
-        batches = [records[first : first + _BATCH] for first in range(0, len(records), _BATCH)]
+        batches = list(_batches(records))
         # While one batch is pooled, the next is read, checked and decoded.
-        with ThreadPoolExecutor(1, thread_name_prefix="patches") as pool:
-            pending = [pool.submit(self._load, batch) for batch in batches[:1]]
+        pending = [self._readers.submit(self._load, batch) for batch in batches[:1]]
+        try:
             for number, batch in enumerate(batches):
                 loaded = pending.pop().result()
                 pending = [
-                    pool.submit(self._load, next_batch) for next_batch in batches[number + 1 : number + 2]
+                    self._readers.submit(self._load, next_batch)
+                    for next_batch in batches[number + 1 : number + BATCHES]
                 ]
                 for record in batch:
-                    yield record, loaded.get(record.id)
+                    yield record, loaded.pop(record.id, None)
+        finally:
+            for batch_read in pending:
+                batch_read.cancel()
 
     def _load(self, records: Sequence[ProductRecord]) -> dict[str, Patch]:
         """Return the decoded patches of records by id, from the cache or from their payloads."""
@@ -241,6 +281,20 @@ class Patches:
                 self._cached_bytes -= sum(layer.nbytes for layer in evicted.layers.values())
 
 
+def _batches(records: Sequence[ProductRecord]) -> Iterator[list[ProductRecord]]:
+    """Yield records that are read together."""
+    batch: list[ProductRecord] = []
+    size = 0
+    for record in records:
+        if batch and (len(batch) == _BATCH or size + record.size > BATCH_BYTES):
+            yield batch
+            batch, size = [], 0
+        batch.append(record)
+        size += record.size
+    if batch:
+        yield batch
+
+
 def _patches_of(page: Page) -> list[ProductRecord]:
     """Return the products of a page that have a payload and are not derived."""
     return [record for record in page.items if record.dfpc != DERIVED_DFPC and record.size]
@@ -263,6 +317,13 @@ def bounds_each(selection: PatchSelection, frame: str) -> NDArray[np.float64]:
         elif box_m is not None:
             row[:] = bounds_in(selection.transforms[record.header.frame], np.array(box_m))
     return bounds
+
+
+def overlapping(selection: PatchSelection, boxes: NDArray[np.float64], bounds: Bounds) -> PatchSelection:
+    """Return the patches with a box ``(n, 4)`` that overlaps the bounds."""
+    x0, y0, x1, y1 = bounds
+    overlaps = (boxes[:, 0] <= x1) & (boxes[:, 2] >= x0) & (boxes[:, 1] <= y1) & (boxes[:, 3] >= y0)
+    return replace(selection, records=tuple(itertools.compress(selection.records, overlaps.tolist())))
 
 
 def bounds_of(selection: PatchSelection, frame: str) -> Bounds:

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geometry.region import Region
 from dpm_store.maps.elevation import Maps
-from dpm_store.maps.patches import Bounds, PatchSelection, bounds_each
+from dpm_store.maps.patches import bounds_each, overlapping
 from dpm_store.maps.windows import WindowQuery
 
 MAX_SAMPLES = 20_000
@@ -113,7 +112,7 @@ def elevation_profile(
         (x0, y0), (x1, y1) = chunk.min(axis=0), chunk.max(axis=0)
         # one more cell on each side, for points on the edges
         bounds = (x0 - cell_m, y0 - cell_m, x1 + cell_m, y1 + cell_m)
-        chunk_selection = _overlapping(selection, boxes, bounds)
+        chunk_selection = overlapping(selection, boxes, bounds)
         geometry = GridGeometry.aligned(query.frame, cell_m, bounds)
         assembled, usage = maps.pool(query, chunk_selection, geometry)
         statistics = assembled.statistics
@@ -143,10 +142,3 @@ def _samples(path_m: NDArray[np.float64], step_m: float) -> tuple[NDArray[np.flo
     distinct = np.concatenate([[True], lengths > 0.0])
     x = np.interp(distance, corner_distance[distinct], path_m[distinct, 0])
     return distance, np.column_stack([x, np.interp(distance, corner_distance[distinct], path_m[distinct, 1])])
-
-
-def _overlapping(selection: PatchSelection, boxes: NDArray[np.float64], bounds: Bounds) -> PatchSelection:
-    """Return the patches with a box ``(n, 4)`` that overlaps the bounds."""
-    x0, y0, x1, y1 = bounds
-    overlaps = (boxes[:, 0] <= x1) & (boxes[:, 2] >= x0) & (boxes[:, 1] <= y1) & (boxes[:, 3] >= y0)
-    return replace(selection, records=tuple(itertools.compress(selection.records, overlaps.tolist())))

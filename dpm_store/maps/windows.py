@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from dpm_store.products.records import ProductRecord, Query
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
 
-#: Cells of one window. Assembly needs about 60 bytes per cell, with auxiliary layers about 100.
+#: Cells of one window.
 MAX_CELLS = 1 << 22
 
 
@@ -144,13 +145,30 @@ class WindowPlan:
 
 @dataclass(frozen=True, slots=True)
 class PatchUsage:
-    """Patches with cells in a grid (``records``), and counts as in ``Window``."""
+    """Patches with cells in a grid (``records``), resampled and purged ones, and others as in ``Window``."""
 
     records: list[ProductRecord]
     disagreeing: int = 0
-    resampled: dict[str, int] = field(default_factory=dict)
+    resampled_ids: frozenset[str] = frozenset()
     skipped_frames: tuple[str, ...] = ()
-    purged: int = 0
+    purged_ids: frozenset[str] = frozenset()
+
+    @classmethod
+    def merged(cls, parts: Sequence[PatchUsage]) -> PatchUsage:
+        """Return the patches of several grids without common cells."""
+        records = {record.id: record for part in parts for record in part.records}
+        return cls(
+            sorted(records.values(), key=lambda r: (r.header.t1_ns, r.id)),
+            sum(part.disagreeing for part in parts),
+            frozenset().union(*(part.resampled_ids for part in parts)),
+            tuple(sorted({frame for part in parts for frame in part.skipped_frames})),
+            frozenset().union(*(part.purged_ids for part in parts)),
+        )
+
+    @property
+    def resampled(self) -> dict[str, int]:
+        """Number of resampled patches by frame."""
+        return dict(Counter(r.header.frame for r in self.records if r.id in self.resampled_ids))
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -207,17 +225,17 @@ def add_patches(
 
     skipped = {frame for frame, T in selection.transforms.items() if not is_level(T)}
     records: list[ProductRecord] = []
-    resampled: dict[str, int] = {}
-    purged = 0
+    resampled: set[str] = set()
+    purged: set[str] = set()
     for record, patch in patches.read([r for r in selection.records if r.header.frame not in skipped]):
         frame = record.header.frame
         if patch is None:
-            purged += 1
+            purged.add(record.id)
         elif add(patch, selection.transforms.get(frame)):
             records.append(record)
             if fitting_factor(patch.geometry, geometry) is None:
-                resampled[frame] = resampled.get(frame, 0) + 1
-    return PatchUsage(records, 0, resampled, tuple(sorted(skipped)), purged)
+                resampled.add(record.id)
+    return PatchUsage(records, 0, frozenset(resampled), tuple(sorted(skipped)), frozenset(purged))
 
 
 def check_used(usage: PatchUsage, query: WindowQuery, product: str) -> None:
@@ -276,7 +294,7 @@ def build_window(
         frame=geometry.frame,
         producer="dpm/window/2",
         extent_m=value.extent_m(),
-        purged=usage.purged,
+        purged=len(usage.purged_ids),
         resolution_m=geometry.resolution_m,
         covariance_kind=CovarianceKind.FORMAL,
         metrics={"coverage": coverage, "patches": float(len(sources))},
@@ -292,7 +310,7 @@ def build_window(
         resampled=usage.resampled,
         skipped_frames=usage.skipped_frames,
         unplaced_frames=selection.unplaced_frames,
-        purged=usage.purged,
+        purged=len(usage.purged_ids),
         frames_revision=selection.frames_revision,
     )
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from cdff_common.bus import Bus, Qos, Reply, Request, keys
@@ -88,41 +88,32 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         for verb, handler in handlers.items():
             answer = functools.partial(_answer_as_scope, dpm, refusals, verb, handler)
             bus.serve(keys.dpm_rpc(scope, verb), answer, workers=_WORKERS.get(verb, 2))
-        bus.serve(keys.dpm_product(scope, "*"), functools.partial(payload, dpm))
+        answer = functools.partial(_answer_as_scope, dpm, refusals, "payload", payload)
+        bus.serve(keys.dpm_product(scope, "*"), answer)
     for scope in scopes:
         bus.declare_alive(scope, "dpm")
 
 
 def _answer_as_scope(
     dpm: Dpm, refusals: RefusalLog, verb: str, handler: Handler, request: Request
-) -> Reply | Iterator[Reply]:
+) -> Iterator[Reply]:
     """Answer as the actor of the scope: the robot, or an operator under ``ground``; record refused writes.
 
-    Zenoh does not identify the caller: the router's access control decides who may use which keys.
+    Zenoh does not identify the caller: the router's access control decides who may use which keys. The memory
+    of an answer stays charged until it is sent.
     """
     robot = request.scope != GROUND
     actor = Actor(request.scope, "robot" if robot else "operator", "zenoh")
     try:
-        with acting(actor):
+        with acting(actor), dpm.budget.request():
             answer = handler(dpm, request)
-            return answer if isinstance(answer, Reply) else _acting_parts(actor, answer)
+            yield from [answer] if isinstance(answer, Reply) else answer
     except CdffError as error:
         if isinstance(error, ClockSkewError):  # it waits; an alarm reports it
             raise
         if verb in _WRITES_BARE or (verb in _WRITES and request.payload):
             refusals.enter(actor, f"dpm/@rpc/{verb}", rpc_code(error)[0], str(error))
         raise
-
-
-def _acting_parts(actor: Actor, parts: Iterable[Reply]) -> Iterator[Reply]:
-    """Yield the parts of an answer, each computed while ``actor`` acts."""
-    remaining = iter(parts)
-    while True:
-        with acting(actor):
-            part = next(remaining, None)
-        if part is None:
-            return
-        yield part
 
 
 def search(dpm: Dpm, request: Request) -> Reply:

@@ -12,9 +12,11 @@ from fastapi import Depends, FastAPI
 
 from services.dpm.http.context import Context, checked_query
 from services.dpm.http.middleware import problems
+from services.dpm.http.middleware.admission import Admission
 from services.dpm.http.middleware.conditional import Conditional
 from services.dpm.http.middleware.guard import Guard
 from services.dpm.http.middleware.roles import rules_of
+from services.dpm.http.middleware.uploads import Uploads
 from services.dpm.http.models import Problem
 from services.dpm.http.routes import annotations as annotation_routes
 from services.dpm.http.routes import (
@@ -65,8 +67,11 @@ def create_app(context: Context) -> FastAPI:
     app.state.context = context
     problems.install(app)
     rules = rules_of(module.router for module in MODULES)
+    settings, dpm = context.settings, context.dpm
     app.add_middleware(Conditional)
-    app.add_middleware(Guard, settings=context.settings, rules=rules, refusals=RefusalLog(context.dpm))
+    app.add_middleware(Uploads, store=dpm.store, budget=dpm.budget, max_body_bytes=settings.max_body_bytes)
+    app.add_middleware(Guard, settings=settings, rules=rules, refusals=RefusalLog(dpm))
+    app.add_middleware(Admission, budget=dpm.budget)
     return app
 
 

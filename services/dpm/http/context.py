@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any, cast
 
@@ -23,7 +24,7 @@ from services.dpm.settings import Settings
 @dataclass(frozen=True, slots=True)
 class Context:
     """Objects that routes use; ``bus`` and ``watch`` are None if HTTP runs without a router.
-    ``closing`` is set when the server stops, to end endless streams.
+    ``closing`` is set when the server stops, and ``wakers`` are called, to end endless streams.
     """
 
     dpm: Dpm
@@ -33,6 +34,13 @@ class Context:
     profile: Profile | None = None
     extents: ExtentCache = field(default_factory=ExtentCache)
     closing: threading.Event = field(default_factory=threading.Event)
+    wakers: set[Callable[[], None]] = field(default_factory=set)
+
+    def end_streams(self) -> None:
+        """End the endless streams; callable from any thread."""
+        self.closing.set()
+        for wake in tuple(self.wakers):
+            wake()
 
     def connected(self) -> Bus:
         """Return the bus; raises UnavailableError if there is none."""

@@ -4,15 +4,17 @@
 
 from __future__ import annotations
 
+import functools
 import socket
 import threading
 from types import TracebackType
-from typing import Self
+from typing import Any, Self, cast
 
 import uvicorn
 
 from cdff_common.errors import UnavailableError
 from services.dpm.http.app import create_app
+from services.dpm.http.connections import BoundedConnection, IdleConnections
 from services.dpm.http.context import Context
 from services.dpm.http.middleware.members import server_options
 
@@ -29,7 +31,7 @@ class HttpServer:
     """
 
     def __init__(self, context: Context) -> None:
-        s, self._closing = context.settings, context.closing
+        s, self._end_streams = context.settings, context.end_streams
         family = socket.AF_INET6 if ":" in s.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -51,7 +53,7 @@ class HttpServer:
             access_log=False,
             timeout_graceful_shutdown=1,
             server_header=False,
-            limit_concurrency=256,
+            http=cast(Any, functools.partial(BoundedConnection, IdleConnections())),
             timeout_keep_alive=15,
             lifespan="off",
             **server_options(s.identity),
@@ -68,7 +70,7 @@ class HttpServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._closing.set()
+        self._end_streams()
         self._server.should_exit = True
         self._thread.join(_STOP_S)
         self._socket.close()

@@ -54,7 +54,7 @@ def check_disk(dpm: Dpm) -> bool:
 
 
 class ConditionMonitor:
-    """Thread that checks the conditions until it is closed."""
+    """Thread that checks the conditions, and returns freed memory, until it is closed."""
 
     def __init__(self, dpm: Dpm) -> None:
         self._dpm = dpm
@@ -78,5 +78,6 @@ class ConditionMonitor:
         try:
             check_conditions(self._dpm)
             self._dpm.alarm_board.drop_old_acknowledgements()
+            self._dpm.budget.return_freed_memory()
         except (CdffError, OSError) as error:
             logger.warning("conditions not checked: %s", error)

@@ -19,6 +19,7 @@ from services.dpm.operations.frame_operations import FrameOperations
 from services.dpm.operations.reports import Reports
 from services.dpm.operations.retrieval import Retrieval
 from services.dpm.operations.store_writer import StoreWriter
+from services.dpm.operations.work_budget import WorkBudget
 from services.dpm.rendering.tiles import Tiles
 from services.identity_alarm import IdentityAlarm
 
@@ -45,6 +46,8 @@ class Dpm:
         Alarm of callers over HTTP without a known key.
     loops : Loops
         Threads of this process; one that does not work ends it.
+    budget : WorkBudget
+        Memory of the requests of all interfaces.
     """
 
     def __init__(self, store: Store, max_payload_bytes: int = 256 << 20) -> None:
@@ -53,10 +56,13 @@ class Dpm:
         self.alarm_board = AlarmBoard(self.alarms, store)
         self.loops = Loops()
         self.identity_alarm = IdentityAlarm(self.alarms, "http")
+        self.budget = WorkBudget()
         frame_names = FrameNames(store)
         self.events = EventPublisher(store)
-        self.writer = StoreWriter(store, self.events, frame_names, max_payload_bytes, self.alarms)
-        self.retrieval = Retrieval(store, self.events, frame_names)
+        self.writer = StoreWriter(
+            store, self.events, frame_names, max_payload_bytes, self.alarms, self.budget
+        )
+        self.retrieval = Retrieval(store, self.events, frame_names, self.budget)
         self.frames = FrameOperations(store, self.events)
         self.reports = Reports(store, self.events, self.alarm_board, self.loops)
         self.tiles = Tiles(store)

@@ -26,14 +26,20 @@ from dpm_store import NewProduct, Page, ProductRecord, Query, Store
 from dpm_store.maps.clouds import DERIVED_PORT as CLOUD_PORT
 from dpm_store.maps.elevation import DERIVED_PORT
 from dpm_store.maps.navigation import DERIVED_PORT as NAVIGATION_PORT
-from dpm_store.maps.patches import DERIVED_DFPC
+from dpm_store.maps.patches import BATCH_BYTES, BATCHES, DERIVED_DFPC
 from dpm_store.maps.profile import elevation_profile
-from dpm_store.maps.windows import Window
+from dpm_store.maps.windows import Window, WindowPlan
 from services.dpm.operations.checks import FrameNames
 from services.dpm.operations.event_publisher import EventPublisher
+from services.dpm.operations.work_budget import WorkBudget
 from services.dpm.queries.store_queries import cloud_query, search_query, window_query
 from services.dpm.rendering.convert import Converted, convert
 
+#: Memory of derived products: of a window per cell, with its file; of a cloud per point of its limit; of a
+#: strip of a window or a part of a profile.
+_CELL_BYTES, _POINT_BYTES, _STRIP_BYTES = 72, 200, 32 << 20
+#: Memory of a conversion, and of a decoded patch with its payload, in multiples of the payload.
+CONVERSION_COPIES, _PATCH_COPIES = 5, 3
 #: A product as it is stored.
 AS_STORED = DeliveryParameters.parse({})
 
@@ -53,8 +59,11 @@ class DeliveredProduct:
 class Retrieval:
     """Operations that return stored and derived products."""
 
-    def __init__(self, store: Store, events: EventPublisher, frame_names: FrameNames) -> None:
+    def __init__(
+        self, store: Store, events: EventPublisher, frame_names: FrameNames, budget: WorkBudget
+    ) -> None:
         self._store = store
+        self._budget = budget
         self._events = events
         self._frame_names = frame_names
 
@@ -74,6 +83,8 @@ class Retrieval:
         """Return a product by id, in a codec, file format or InFuse type."""
         self._events.count("gets")
         record = self._store.get(product_id)
+        is_stored_form = form.format in (None, "native", record.codec) and form.as_type is None
+        self._budget.charge((2 if is_stored_form else CONVERSION_COPIES) * record.size)
         payload = self._store.payload(product_id)
         wkt = self.crs_wkt(record.header.frame, form.format)
         body = convert(
@@ -94,7 +105,9 @@ class Retrieval:
     ) -> tuple[ProductRecord, bytes]:
         """Return the stored bytes from an offset on."""
         self._events.count("gets")
-        return self._store.get(product_id), self._store.payload(product_id, offset, length)
+        record = self._store.get(product_id)
+        self._budget.charge(2 * min(record.size, record.size if length is None else length))
+        return record, self._store.payload(product_id, offset, length)
 
     def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
         """Return the CRS of a frame as WKT; None for formats that do not state one."""
@@ -115,6 +128,7 @@ class Retrieval:
     def cloud(self, parameters: CloudParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
         """Return the points of a region from all clouds, in one frame, at most ``points``."""
         self._events.count("windows")
+        self._budget.charge(_STRIP_BYTES + _POINT_BYTES * parameters.points)
         assembled = self._store.clouds.assemble(cloud_query(parameters), parameters.points)
         return self._delivered(assembled, assembled.cloud, CLOUD_PORT, "pointcloud", form)
 
@@ -123,19 +137,24 @@ class Retrieval:
         self._events.count("windows")
         path_m = np.array(parameters.path).reshape(-1, 2)
         query = window_query(parameters, self._store.clock.now_ns())
+        self._budget.charge(2 * _STRIP_BYTES)
         return elevation_profile(self._store.maps, query, path_m, parameters.step_m).to_dict()
 
     def elevation(self, parameters: WindowParameters) -> Window:
         """Return an elevation window as a value; raises UnavailableError below ``min_coverage``."""
         self._events.count("windows")
         query = window_query(parameters, self._store.clock.now_ns())
-        return _checked_coverage(self._store.maps.elevation_window(query), parameters.min_coverage)
+        plan = self._store.maps.plan(query)
+        self._budget.charge(_window_bytes(plan))
+        return _checked_coverage(self._store.maps.elevation_window(query, plan), parameters.min_coverage)
 
     def navigation(self, parameters: NavigationWindowParameters) -> Window:
         """Return a window of navigation maps as a value; raises UnavailableError below ``min_coverage``."""
         self._events.count("windows")
         query = window_query(parameters, self._store.clock.now_ns())
-        return _checked_coverage(self._store.maps.navigation.window(query), parameters.min_coverage)
+        plan = self._store.maps.navigation.plan(query)
+        self._budget.charge(_window_bytes(plan))
+        return _checked_coverage(self._store.maps.navigation.window(query, plan), parameters.min_coverage)
 
     def _delivered(
         self, derived: Any, value: Any, port: str, product: str, form: DeliveryParameters
@@ -143,17 +162,31 @@ class Retrieval:
         """Return a derived product inline; or store it and return its id, depending on ``deliver`` and its
         size.
         """
-        payload, type_name, header = encode(value, "uper"), wire_type(value), derived.header
-        wkt = self.crs_wkt(header.frame, form.format)
-        body = convert(type_name, "uper", payload, form.format, form.as_type, header, value=value, wkt=wkt)
+        type_name, header = wire_type(value), derived.header
         metadata = header.to_dict() | derived.manifest() | {"robot": derived.robot}
-        if form.deliver == "inline" or (form.deliver == "auto" and len(body.data) <= INLINE_BYTES):
-            return DeliveredProduct(body, metadata)
+        if form.deliver != "reference":
+            wkt = self.crs_wkt(header.frame, form.format)
+            body = convert(type_name, "uper", None, form.format, form.as_type, header, value=value, wkt=wkt)
+            if form.deliver == "inline" or len(body.data) <= INLINE_BYTES:
+                return DeliveredProduct(body, metadata)
+            del body
+        payload = encode(value, "uper")
         names = {"robot": derived.robot, "dfpc": DERIVED_DFPC, "port": port, "product": product}
         new = NewProduct(header, payload, **names, type_name=type_name, value=value)
         self._store.put_all([new])
         self._events.publish()
         return DeliveredProduct(Converted(b"", "", ""), metadata, header.id)
+
+
+def _window_bytes(plan: WindowPlan) -> int:
+    """Return the memory of a window: its layers and file, the strip in work, and the patches in memory."""
+    cells = plan.geometry.rows * plan.geometry.cols
+    reading = (
+        BATCHES
+        * _PATCH_COPIES
+        * min(plan.selection.total_bytes, max(BATCH_BYTES, plan.selection.largest_bytes))
+    )
+    return _CELL_BYTES * cells + min(200 * cells, 6 * _STRIP_BYTES) + reading
 
 
 def _checked_coverage(window: Window, min_coverage: float) -> Window:

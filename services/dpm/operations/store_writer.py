@@ -22,10 +22,18 @@ from services.dpm.operations.checks import FrameNames, check_header, check_value
 from services.dpm.operations.clock_guard import ClockGuard
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.operations.transactions import outcome_dict
+from services.dpm.operations.work_budget import WorkBudget
 
 _SKEW_REMEDY = "set the clocks of the robot and of the DPM; the product waits at the robot"
 #: Payloads up to this size are decoded before they are stored: the store does not trust its clients.
 DECODED_BYTES = 16 << 20
+#: Memory of a decoded value, in multiples of the payload.
+_DECODED_COPIES = 4
+
+
+def _insertion_bytes(payload_bytes: int) -> int:
+    """Return the memory of an insertion: the payload, and its value if it is decoded."""
+    return payload_bytes + (_DECODED_COPIES * payload_bytes if payload_bytes <= DECODED_BYTES else 0)
 
 
 class StoreWriter:
@@ -38,7 +46,9 @@ class StoreWriter:
         frame_names: FrameNames,
         max_payload_bytes: int,
         alarms: Alarms,
+        budget: WorkBudget,
     ) -> None:
+        self._budget = budget
         self.clock_guard = ClockGuard(store, alarms)
         self._alarms = alarms
         self._store = store
@@ -77,6 +87,7 @@ class StoreWriter:
         """Insert several products, all or none; raises like ``put``."""
         for names, *_ in batch:
             check_robot(names["robot"])
+        self._budget.charge(sum(_insertion_bytes(len(payload)) for _, payload, *_ in batch))
         try:
             products = [self.checked_product(*item) for item in batch]
             insertions = self._store.put_all(products)

@@ -47,7 +47,7 @@ def file_formats(type_name: str) -> dict[str, str]:
 def convert(
     type_name: str,
     codec: str,
-    payload: bytes,
+    payload: bytes | None,
     format_name: str | None,
     as_type: str | None,
     header: Header,
@@ -60,6 +60,8 @@ def convert(
     ----------
     type_name, codec : str
         Type and codec of the payload.
+    payload : bytes or None
+        None if it is not encoded yet; then ``value`` is.
     format_name : str or None
         A codec or a file format; None or ``native`` for the stored payload.
     as_type : str or None
@@ -76,16 +78,17 @@ def convert(
     """
     target_format = codec if format_name in (None, "native") else str(format_name)
     if as_type in (None, type_name, base_type(type_name)) and target_format == codec:
-        return Converted(payload, encoding_string(type_name, codec), codec)
+        data = encoded(value, codec) if payload is None else payload
+        return Converted(data, encoding_string(type_name, codec), codec)
     stored_as, type_name = type_name, base_type(type_name)
     formats = formats_of(type_name)
     if target_format not in formats:
         raise InputError(f"format={target_format[:40]!r}: a {type_name} comes as {', '.join(formats)}")
-    if not payload:
+    if payload == b"":
         raise InputError(f"product {header.id} was FAILED and has no value to convert")
     from cdff_common.codecs import decode, encode
 
-    if value is None:
+    if value is None and payload is not None:
         value = decode(stored_as, payload, codec)
     if as_type not in (None, type_name):
         value, type_name = _as(value, type_name, str(as_type), header), str(as_type)
@@ -100,6 +103,13 @@ def convert(
 
         return Converted(picture(value, header), MEDIA_TYPES[target_format], target_format)
     return Converted(to_file(value, target_format, wkt), MEDIA_TYPES[target_format], target_format)
+
+
+def encoded(value: Any, codec: str) -> bytes:
+    """Return a value as a payload."""
+    from cdff_common.codecs import encode
+
+    return encode(value, codec)
 
 
 def _as(value: Any, type_name: str, as_type: str, header: Header) -> Any:

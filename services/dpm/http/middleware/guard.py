@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from starlette.concurrency import run_in_threadpool
-from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from dpm_store.history.events import Actor, acting
@@ -70,7 +69,7 @@ class Guard:
         self._refusals = refusals
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuse a request, or forward it with its actor, a body limit and security headers."""
+        """Refuse a request, or forward it with its actor and security headers."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -82,7 +81,7 @@ class Guard:
         recorder = _StatusRecorder(_with_headers(send))
         if refused is None:
             with acting(actor):
-                await self._app(scope, _LimitedReceive(receive, self._max_body), recorder)
+                await self._app(scope, receive, recorder)
         else:
             extra = {"WWW-Authenticate": "Bearer"} if refused.status == 401 else None
             await problem(refused.status, refused.detail, code="DENIED", headers=extra)(
@@ -158,22 +157,6 @@ class _StatusRecorder:
             return str(json.loads(self._body)["detail"])
         except (ValueError, KeyError, TypeError):
             return f"answered with {self.status}"
-
-
-class _LimitedReceive:
-    """Receives a body and refuses it beyond the limit, since requests need not state the length."""
-
-    def __init__(self, receive: Receive, cap: int) -> None:
-        self._receive = receive
-        self._cap = self._remaining = cap
-
-    async def __call__(self) -> Message:
-        """Return the next message of the request."""
-        message = await self._receive()
-        self._remaining -= len(message.get("body", b""))
-        if self._remaining < 0:
-            raise HTTPException(413, f"body: expected at most {self._cap} bytes")
-        return message
 
 
 def _with_headers(send: Send) -> Send:

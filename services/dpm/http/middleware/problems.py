@@ -54,11 +54,15 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unknown)
 
 
-async def _cdff_error(request: Request, error: Exception) -> JSONResponse:
+def problem_of(error: CdffError, status: int | None = None) -> JSONResponse:
+    """Return the problem document of an error, by default with the status of its class."""
     headers = {"Retry-After": f"{error.retry_after_s:.0f}"} if isinstance(error, OverloadedError) else None
-    status = http_status(error)
-    status = _invalid_status(request) if status == 422 else status
-    return problem(status, str(error), code=rpc_code(error)[0], headers=headers)
+    return problem(status or http_status(error), str(error), code=rpc_code(error)[0], headers=headers)
+
+
+async def _cdff_error(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, CdffError)
+    return problem_of(error, _invalid_status(request) if http_status(error) == 422 else None)
 
 
 async def _invalid(request: Request, error: Exception) -> JSONResponse:

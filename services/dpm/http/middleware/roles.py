@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import hmac
+import logging
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from fastapi.routing import APIRoute
 from cdff_common.contract.names import ROBOT_ID
 from cdff_common.errors import ConfigurationError
 from dpm_store.history.events import ROLES, Actor
+
+logger = logging.getLogger(__name__)
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
 #: Field of an OpenAPI operation with its roles.
@@ -83,29 +86,21 @@ class Keys:
     Raises
     ------
     ConfigurationError
-        If the file cannot be read, or a line is malformed; keys are never shown.
+        If the file cannot be read at the start, or a line is malformed; keys are never shown.
     """
 
     def __init__(self, path: Path) -> None:
-        try:
-            text = path.read_text()
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigurationError(f"{path}: {error}") from error
-        self._known: dict[str, Actor] = {}
-        for number, line in enumerate(text.splitlines(), 1):
-            fields = line.split("#", 1)[0].split()
-            if not fields:
-                continue
-            if len(fields) != 3 or not re.fullmatch(r"[0-9a-fA-F]{64}", fields[0]) or fields[1] not in ROLES:
-                raise ConfigurationError(
-                    f"{path}:{number}: expected 'sha256hex role name', role one of {', '.join(ROLES)}"
-                )
-            if fields[1] == "robot" and not re.fullmatch(ROBOT_ID, fields[2]):
-                raise ConfigurationError(f"{path}:{number}: a robot's key is named after the robot's id")
-            self._known[fields[0].lower()] = Actor(fields[2][:64], fields[1], "http")
+        self._path = path
+        self._version = _version(path)
+        self._known = _read_keys(path)
 
     def actor(self, authorization: str) -> Actor | None:
-        """Return the actor of an ``Authorization`` header, None for an unknown key, in constant time."""
+        """Return the actor of an ``Authorization`` header, None for an unknown key, in constant time.
+
+        A file that has changed is read again: a removed key is refused from then on. Without the file no key
+        is known; from a malformed file the previous keys are kept.
+        """
+        self._update()
         scheme, _, token = authorization.partition(" ")
         digest = hashlib.sha256(token.strip().encode("utf-8", "surrogateescape")).hexdigest()
         match = None
@@ -113,3 +108,44 @@ class Keys:
             if hmac.compare_digest(known, digest):
                 match = actor
         return match if scheme.lower() == "bearer" else None
+
+    def _update(self) -> None:
+        version = _version(self._path)
+        if version == self._version:
+            return
+        self._version = version
+        try:
+            self._known = {} if version is None else _read_keys(self._path)
+            logger.info("API keys read again", extra={"keys": len(self._known)})
+        except ConfigurationError as error:
+            logger.error("the previous API keys remain valid: %s", error)
+
+
+def _version(path: Path) -> tuple[int, int, int] | None:
+    """Return inode, size and modification time of a file; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _read_keys(path: Path) -> dict[str, Actor]:
+    """Return the actors of a file by digest; raises ConfigurationError."""
+    try:
+        text = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    known = {}
+    for number, line in enumerate(text.splitlines(), 1):
+        fields = line.split("#", 1)[0].split()
+        if not fields:
+            continue
+        if len(fields) != 3 or not re.fullmatch(r"[0-9a-fA-F]{64}", fields[0]) or fields[1] not in ROLES:
+            raise ConfigurationError(
+                f"{path}:{number}: expected 'sha256hex role name', role one of {', '.join(ROLES)}"
+            )
+        if fields[1] == "robot" and not re.fullmatch(ROBOT_ID, fields[2]):
+            raise ConfigurationError(f"{path}:{number}: a robot's key is named after the robot's id")
+        known[fields[0].lower()] = Actor(fields[2][:64], fields[1], "http")
+    return known

@@ -121,7 +121,7 @@ def window(context: Ctx, layer: Layer, parameters: Annotated[PictureParameters, 
     wkt = context.dpm.retrieval.crs_wkt(result.header.frame, parameters.format)
     data = render_elevation(layer, parameters.format, limits, layers, result.map.geometry, wkt)
     body = Converted(data, MEDIA_TYPES[parameters.format], parameters.format)
-    return file_response(body, f"{layer}_window", origin_headers(result.manifest()))
+    return file_response(context, body, f"{layer}_window", origin_headers(result.manifest()))
 
 
 @router.get("/{layer}/profile", response_model=ProfileAnswer)

@@ -72,7 +72,7 @@ def window(context: Ctx, parameters: Annotated[WindowFileParameters, Query()]) -
     coverage.
     """
     product = context.dpm.retrieval.window(parameters, _form(parameters.format))
-    return file_response(product.body, "dem_window", origin_headers(product.metadata))
+    return file_response(context, product.body, "dem_window", origin_headers(product.metadata))
 
 
 @router.get("/navigation_map/window", response_class=Response, responses=_file_of("NavigationMap"))
@@ -81,7 +81,7 @@ def navigation(context: Ctx, parameters: Annotated[NavigationFileParameters, Que
     with the worst class.
     """
     product = context.dpm.retrieval.navigation_window(parameters, _form(parameters.format))
-    return file_response(product.body, "navigation_map_window", origin_headers(product.metadata))
+    return file_response(context, product.body, "navigation_map_window", origin_headers(product.metadata))
 
 
 @router.get("/pointcloud/window", response_class=Response, responses=_file_of("Pointcloud"))
@@ -94,7 +94,7 @@ def cloud(context: Ctx, parameters: Annotated[CloudFileParameters, Query()]) -> 
         "CDFF-Points-Seen": str(m["points_seen"]),
         "CDFF-Voxel-M": f"{m['voxel_m']:g}",
     }
-    return file_response(product.body, "pointcloud_window", headers)
+    return file_response(context, product.body, "pointcloud_window", headers)
 
 
 @router.get("/dem/profile", response_model=ProfileAnswer)

@@ -19,6 +19,7 @@ from cdff_common.contract.names import KEY_NAME, ROBOT_ID
 from cdff_common.contract.queries import ProvenanceParameters, SearchParameters
 from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord, StaleRevisionError
+from services.dpm.http.bodies import body_response, stored_response
 from services.dpm.http.context import Context, Ctx, jsonable
 from services.dpm.http.middleware.conditional import matches, required_revision
 from services.dpm.http.middleware.ranges import parse_range
@@ -31,6 +32,7 @@ from services.dpm.http.native_models import (
     ProductPage,
     Provenance,
 )
+from services.dpm.operations.retrieval import CONVERSION_COPIES
 from services.dpm.queries.bodies import parse_batch
 from services.dpm.rendering.convert import Converted, convert, formats_of
 
@@ -158,9 +160,10 @@ def payload(
         part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
         return native(context, record, part, headers)
     wkt = context.dpm.retrieval.crs_wkt(record.header.frame, format)
+    context.dpm.budget.charge(CONVERSION_COPIES * record.size)
     data = context.dpm.store.payload(product_id)
     body = convert(record.type_name, record.codec, data, format, as_, record.header, wkt=wkt)
-    return file_response(body, product_id, headers)
+    return file_response(context, body, product_id, headers)
 
 
 @router.get("/{product_id}/thumbnail.png", response_class=Response, responses=_PNG)
@@ -176,8 +179,10 @@ def thumbnail(context: Ctx, product_id: str, request: Request) -> Response:
 
     if not record.size:
         raise InputError(f"product {record.id} was FAILED and has no picture")
+    context.dpm.budget.charge(CONVERSION_COPIES * record.size)
     value = decode(record.type_name, context.dpm.store.payload(product_id), record.codec)
-    return Response(picture(value, record.header, max_side_px=256), media_type="image/png", headers=headers)
+    data = picture(value, record.header, max_side_px=256)
+    return body_response(context, data, "image/png", headers)
 
 
 def native(
@@ -188,13 +193,10 @@ def native(
     headers = headers | {"Accept-Ranges": "bytes", "CDFF-Encoding": body.encoding}
     part = parse_range(range_header, record.size)
     if part is None:
-        return Response(
-            context.dpm.store.payload(record.id), media_type="application/octet-stream", headers=headers
-        )
+        return stored_response(context, record, 0, record.size, 200, headers)
     first, last = part
     headers["Content-Range"] = f"bytes {first}-{last}/{record.size}"
-    data = context.dpm.store.payload(record.id, first, last - first + 1)
-    return Response(data, 206, headers, "application/octet-stream")
+    return stored_response(context, record, first, last - first + 1, 206, headers)
 
 
 def converted_name(format_name: str, as_type: str | None) -> str:
@@ -202,14 +204,16 @@ def converted_name(format_name: str, as_type: str | None) -> str:
     return re.sub(r"[^A-Za-z0-9_]", "-", f"{format_name}-{as_type or ''}")
 
 
-def file_response(body: Converted, name: str, headers: Mapping[str, str] | None = None) -> Response:
+def file_response(
+    context: Context, body: Converted, name: str, headers: Mapping[str, str] | None = None
+) -> Response:
     """Return bytes as a file named after the product."""
     media_type = body.encoding if "vnd.cdff" not in body.encoding else "application/octet-stream"
     named = {
         "Content-Disposition": f'inline; filename="{name}.{body.suffix}"',
         "CDFF-Encoding": body.encoding,
     }
-    return Response(body.data, media_type=media_type, headers={**named, **(headers or {})})
+    return body_response(context, body.data, media_type, {**named, **(headers or {})})
 
 
 def described(record: ProductRecord) -> dict[str, Any]:

@@ -10,11 +10,10 @@ import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Header, Query
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from cdff_common.bus import keys
-from cdff_common.clock import monotonic_s
 from cdff_common.contract.queries import AlarmParameters, EventParameters, HistoryParameters
 from cdff_common.errors import CdffError
 from dpm_store import Event
@@ -29,8 +28,6 @@ from services.dpm.operations.condition_monitor import check_disk
 router = APIRouter(tags=["status"])
 
 _KEEP_ALIVE_S = 15.0
-#: Period in which a quiet stream checks for the end of its client or of the server.
-_CHECK_S = 0.5
 #: Events read at once; each may take 64 kB.
 _BATCH = 16
 _METRICS_TIMEOUT_S = 1.0
@@ -118,7 +115,6 @@ def history(context: Ctx, parameters: Annotated[HistoryParameters, Query()]) -> 
 )
 async def events(
     context: Ctx,
-    request: Request,
     last_event_id: Annotated[
         str | None, Header(pattern=r"^[0-9]{0,18}$", description="Continue after this event")
     ] = None,
@@ -127,36 +123,37 @@ async def events(
     store = context.dpm.store
     start = int(last_event_id) if last_event_id else await asyncio.to_thread(store.events.last_ordinal)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(
-        _stream(context, request, start), media_type="text/event-stream", headers=headers
-    )
+    return StreamingResponse(_stream(context, start), media_type="text/event-stream", headers=headers)
 
 
-async def _stream(context: Context, request: Request, last: int) -> AsyncIterator[str]:
+async def _stream(context: Context, last: int) -> AsyncIterator[str]:
+    """Yield events until the server stops; ``StreamingResponse`` cancels it if the client disconnects."""
     loop, news = asyncio.get_running_loop(), asyncio.Event()
 
-    def on_event(_event: Event) -> None:
+    def wake() -> None:
         with contextlib.suppress(RuntimeError):  # the server's loop has ended before this stream
             loop.call_soon_threadsafe(news.set)
 
+    def on_event(_event: Event) -> None:
+        wake()
+
     context.dpm.events.listen(on_event)
+    context.wakers.add(wake)
     try:
         yield ": connected\n\n"
-        sent_s = monotonic_s()
-        while not (context.closing.is_set() or await request.is_disconnected()):
+        while not context.closing.is_set():
             news.clear()
             # A client that does not read blocks this generator only: events wait in the store.
             while batch := await asyncio.to_thread(context.dpm.store.events.since, last, limit=_BATCH):
                 for event in batch:
                     last = event.ordinal
                     yield _line(event)
-                sent_s = monotonic_s()
-            if monotonic_s() - sent_s >= _KEEP_ALIVE_S:
+            try:
+                await asyncio.wait_for(news.wait(), _KEEP_ALIVE_S)
+            except TimeoutError:
                 yield ": still here\n\n"
-                sent_s = monotonic_s()
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(news.wait(), min(_KEEP_ALIVE_S, _CHECK_S))
     finally:
+        context.wakers.discard(wake)
         context.dpm.events.unlisten(on_event)
 
 

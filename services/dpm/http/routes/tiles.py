@@ -22,6 +22,9 @@ from services.dpm.rendering.tiles import LAYER_STYLES, LAYERS, MEDIA_TYPES, Tile
 
 router = APIRouter(prefix="/tiles", tags=["tiles"])
 
+#: Memory of the rendering of a tile.
+_TILE_BYTES = 16 << 20
+
 Frame = Annotated[str, Query(max_length=128, description="Frame of the grid; default: site")]
 Value = Annotated[
     float | None, Query(allow_inf_nan=False, description="End of the colours, in the layer's unit")
@@ -113,6 +116,7 @@ def tile(
     (bin).
     """
     tile_request = TileRequest(checked_frame(frame), layer, Tile(z, x, y), form, low, high)
+    context.dpm.budget.charge(_TILE_BYTES)
     rendered = context.dpm.tiles.get(tile_request)
     headers = {"ETag": rendered.etag, "Cache-Control": "private, no-cache"}
     if matches(request.headers.get("if-none-match"), rendered.etag):

@@ -14,6 +14,7 @@ from cdff_common.geometry.region import parse_region
 from cdff_common.raster import CellStatistics
 from cdff_common.raster.cell_selection import Choice, Disagreement
 from dpm_store import Store
+from dpm_store.maps import elevation
 from dpm_store.maps.profile import elevation_profile
 from dpm_store.maps.windows import WindowQuery
 from tests.support.map_products import S, ground, put_patch, put_patch_with_all_layers
@@ -82,6 +83,25 @@ def test_a_window_of_two_robots_has_the_auxiliary_layers_of_their_patches(
     )
     assert not np.isfinite(window.map.layer("overhang_m")[x > 4.0]).any()
     assert np.all(window.map.layer("error_variance")[seen] > window.map.layer("pose_variance")[seen])
+
+
+def test_a_window_in_strips_equals_the_window_as_a_whole(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_patch_with_all_layers(store, rng, (0.0, 0.0, 4.0, 4.0), 1, "mana", overhang_m=1.5)
+    put_patch(store, rng, (0.0, 0.0, 2.0, 4.0), 2, offset_m=0.5)
+    query = WindowQuery(parse_region("circle:2,2,2"))
+    whole = store.maps.elevation_window(query)
+    monkeypatch.setattr(elevation, "STRIP_CELLS", 200)
+    strips = store.maps.elevation_window(query)
+    assert strips.map.layer_names == whole.map.layer_names
+    for name in whole.map.layer_names:
+        # cells without neighbours have the typical relief of their strip
+        share = 0.05 if name == "error_variance" else 0.0
+        differs = ~np.isclose(strips.map.layer(name), whole.map.layer(name), rtol=1e-5, equal_nan=True)
+        assert np.mean(differs) <= share, name
+    assert strips.manifest() == whole.manifest()
+    assert strips.header.inputs == whole.header.inputs
 
 
 def test_a_window_of_patches_without_auxiliary_layers_has_six_layers(

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Settings of the C library's allocator, so that freed memory returns to the system; no effect without glibc.
+
+glibc raises the size from which it maps blocks separately to that of the largest freed block (up to 32 MB).
+Large arrays then come from the heap of the thread, and a small block above them keeps the whole heap.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import threading
+
+from cdff_common.clock import monotonic_s
+
+#: Parameters of ``mallopt`` (malloc.h).
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+#: Blocks of this size and more are mapped separately, and returned when they are freed.
+_MAPPED_BYTES = 1 << 20
+#: Free memory at the end of a heap that is not returned at once.
+_KEPT_BYTES = 8 << 20
+#: Least interval between two releases, seconds.
+_RELEASE_PERIOD_S = 1.0
+#: Cache of raster blocks; by default a twentieth of the machine's memory.
+_GDAL_CACHE_MB = "32"
+
+_lock = threading.Lock()
+#: Monotonic time of the last release.
+_last_release = {"s": -_RELEASE_PERIOD_S}
+
+
+def limit_retained_memory() -> None:
+    """Return large blocks to the system when they are freed; call it before large allocations."""
+    libc = _glibc()
+    if libc is not None:
+        libc.mallopt(_M_MMAP_THRESHOLD, _MAPPED_BYTES)
+        libc.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
+    os.environ.setdefault("GDAL_CACHEMAX", _GDAL_CACHE_MB)
+
+
+def release_memory() -> None:
+    """Return the freed memory of all heaps to the system, at most once a second."""
+    libc = _glibc()
+    with _lock:
+        if libc is None or monotonic_s() - _last_release["s"] < _RELEASE_PERIOD_S:
+            return
+        _last_release["s"] = monotonic_s()
+    libc.malloc_trim(0)
+
+
+@functools.cache
+def _glibc() -> ctypes.CDLL | None:
+    """Return the C library if it has the functions of glibc."""
+    try:
+        libc = ctypes.CDLL(None)
+    except OSError:
+        return None
+    return libc if hasattr(libc, "mallopt") and hasattr(libc, "malloc_trim") else None

@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One budget of memory for the requests of all interfaces of the DPM.
+
+An operation states the memory that it is going to need before it allocates it. It then waits for its turn
+for a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. A request
+waits at most once, so that no two requests wait for each other.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import OverloadedError
+from cdff_common.memory import release_memory
+
+#: Memory of all requests together, bytes.
+TOTAL_BYTES = 480 << 20
+#: Requests that wait, since each one occupies a thread, and their longest wait.
+MAX_WAITING, WAIT_S = 8, 8.0
+_RETRY_S = 3.0
+#: After requests with more memory than this, freed memory is returned to the system.
+_LARGE_BYTES = 16 << 20
+
+
+@dataclass(slots=True, eq=False)
+class _Charge:
+    """Memory of one request, bytes."""
+
+    nbytes: int = 0
+
+
+_CURRENT: ContextVar[_Charge | None] = ContextVar("charge", default=None)
+
+
+class WorkBudget:
+    """Memory that requests in progress may use.
+
+    Parameters
+    ----------
+    total_bytes : int
+        A request that needs more is carried out alone.
+    max_waiting, wait_s : int, float
+        Number of waiting requests and their longest wait.
+    """
+
+    def __init__(
+        self, total_bytes: int = TOTAL_BYTES, max_waiting: int = MAX_WAITING, wait_s: float = WAIT_S
+    ) -> None:
+        self._total = total_bytes
+        self._max_waiting, self._wait_s = max_waiting, wait_s
+        self._changed = threading.Condition()
+        self._used = self._waiting = 0
+        self._was_used = False
+        self.refused = 0
+
+    @contextmanager
+    def request(self) -> Iterator[None]:
+        """Release the charges of the enclosed request at its end."""
+        charge = _Charge()
+        token = _CURRENT.set(charge)
+        try:
+            yield
+        finally:
+            _CURRENT.reset(token)
+            self._reduce(charge, 0)
+
+    def charge(self, nbytes: int) -> None:
+        """Charge the current request for memory; outside of a request nothing is charged.
+
+        Raises
+        ------
+        OverloadedError
+            If the budget is used by others for too long, or too many requests wait.
+        """
+        charge, needed = _CURRENT.get(), min(nbytes, self._total)
+        if charge is None:
+            return
+        with self._changed:
+            if charge.nbytes:  # it does not wait again
+                self._used += max(needed - charge.nbytes, 0)
+                charge.nbytes = max(needed, charge.nbytes)
+                return
+            if self._used + needed > self._total:
+                self._wait(needed)
+            self._used += needed
+            charge.nbytes = needed
+
+    def keep(self, nbytes: int) -> None:
+        """Reduce the charge of the current request to the memory that its answer needs."""
+        charge = _CURRENT.get()
+        if charge is not None:
+            self._reduce(charge, nbytes)
+
+    def return_freed_memory(self) -> None:
+        """Return freed memory to the system if requests have used memory since the last call."""
+        with self._changed:
+            was_used, self._was_used = self._was_used, False
+        if was_used:
+            release_memory()
+
+    def _wait(self, needed: int) -> None:
+        """Wait for memory; the lock is held."""
+        until_s = monotonic_s() + self._wait_s
+        self._waiting += 1
+        try:
+            while self._used + needed > self._total:
+                remaining_s = until_s - monotonic_s()
+                if self._waiting > self._max_waiting or remaining_s <= 0.0:
+                    self.refused += 1
+                    raise OverloadedError(
+                        f"{needed >> 20} MB are needed, other requests use {self._used >> 20} of "
+                        f"{self._total >> 20} MB; repeat the request later, or ask for less",
+                        _RETRY_S,
+                    )
+                self._changed.wait(remaining_s)
+        finally:
+            self._waiting -= 1
+
+    def _reduce(self, charge: _Charge, nbytes: int) -> None:
+        with self._changed:
+            freed = max(charge.nbytes - nbytes, 0)
+            charge.nbytes -= freed
+            self._used -= freed
+            if freed:
+                self._was_used = True
+                self._changed.notify_all()
+        if freed > _LARGE_BYTES:
+            release_memory()
