@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -29,9 +29,9 @@ class LocalBus:
     """A bus within this process."""
 
     def __init__(self) -> None:
-        self._served: dict[str, Callable[[Request], Reply]] = {}
+        self._served: dict[str, Callable[[Request], Reply | Iterator[Reply]]] = {}
 
-    def serve(self, key: str, answer: Callable[[Request], Reply], **_: object) -> None:
+    def serve(self, key: str, answer: Callable[[Request], Reply | Iterator[Reply]], **_: object) -> None:
         self._served[key] = answer
 
     def declare_alive(self, *_: object) -> None: ...
@@ -41,9 +41,10 @@ class LocalBus:
     def call(
         self, key: str, parameters: Mapping[str, object] | None = None, payload: bytes = b"", **_: object
     ) -> Reply:
-        return self._served[key](
-            Request(key, {k: str(v) for k, v in (parameters or {}).items()}, payload, "", b"")
-        )
+        request = Request(key, {k: str(v) for k, v in (parameters or {}).items()}, payload, "", b"")
+        answer = self._served[key](request)
+        (reply,) = [answer] if isinstance(answer, Reply) else answer
+        return reply
 
 
 @pytest.fixture
