@@ -14,7 +14,6 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,12 +25,11 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.x509.oid import NameOID
 
+from cdff_common.bus.identity import CERTIFICATE, KEY, VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.product import Header
 
-#: Variable with the identity folder of a process, and its files; written by ``cdff keys``.
-VARIABLE, CERTIFICATE, KEY = "CDFF_IDENTITY", "identity.crt", "identity.key"
 _NAMES = ("robot", "dfpc", "port", "product")
 _ALGORITHM = ec.ECDSA(hashes.SHA256())
 
@@ -55,12 +53,12 @@ class Signer:
     @classmethod
     def of_environment(cls) -> Signer:
         """Return the signer of ``CDFF_IDENTITY``; raises ConfigurationError."""
-        folder = os.environ.get(VARIABLE)
-        if not folder:
+        identity = Identity.of_environment()
+        if identity is None:
             raise ConfigurationError(
                 f"the profile has `sign: true`, but {VARIABLE} is not set: name the folder of this identity"
             )
-        return cls(Path(folder))
+        return cls(identity.folder)
 
     def sign(self, names: Mapping[str, str], encoding: str, header: Header, payload: bytes) -> Header:
         """Return the header of a product with its digest and signature."""

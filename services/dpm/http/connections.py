@@ -14,6 +14,8 @@ from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from services.dpm.http.middleware.members import COMMON_NAME, common_name
+
 #: Time for the header of a request, and for the client to read a part of an answer, seconds.
 HEADER_S, READ_S = 10.0, 30.0
 #: Idle connections in total and of one address; more than a client opens at once. Together with the requests
@@ -63,9 +65,10 @@ class BoundedConnection(H11Protocol):
         self.address = ""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the deadline of the first header."""
+        """Enter the caller's certificate in the scope, and start the deadline of the first header."""
         super().connection_made(transport)
         self.address = self.client[0] if self.client else ""
+        self.app_state = {**self.app_state, COMMON_NAME: common_name(transport)}
         self._update()
 
     def data_received(self, data: bytes) -> None:

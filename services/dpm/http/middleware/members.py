@@ -11,27 +11,20 @@ import ssl
 from collections.abc import Mapping
 from typing import Any
 
-from uvicorn.protocols.http.h11_impl import H11Protocol
-
 from cdff_common.bus.identity import AUTHORITY, CERTIFICATE, KEY, MEMBERS, Identity
 from dpm_store.history.events import ROLES, Actor
 
 logger = logging.getLogger(__name__)
 
 #: Field of the state of an ASGI scope with the common name of the caller's certificate.
-_COMMON_NAME = "certificate_common_name"
+COMMON_NAME = "certificate_common_name"
 
 
-class CertificateProtocol(H11Protocol):
-    """HTTP protocol that enters the common name of the caller's certificate in the scope."""
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Read the certificate that the TLS handshake has verified."""
-        super().connection_made(transport)
-        secured = transport.get_extra_info("ssl_object")
-        subject = () if secured is None else (secured.getpeercert() or {}).get("subject", ())
-        names = [value for part in subject for field, value in part if field == "commonName"]
-        self.app_state = {**self.app_state, _COMMON_NAME: names[0] if names else ""}
+def common_name(transport: asyncio.BaseTransport) -> str:
+    """Return the common name of the certificate that the TLS handshake has verified; empty without one."""
+    secured = transport.get_extra_info("ssl_object")
+    subject = () if secured is None else (secured.getpeercert() or {}).get("subject", ())
+    return next((value for part in subject for field, value in part if field == "commonName"), "")
 
 
 def server_options(identity: Identity | None) -> dict[str, Any]:
@@ -39,7 +32,6 @@ def server_options(identity: Identity | None) -> dict[str, Any]:
     if identity is None:
         return {}
     return {
-        "http": CertificateProtocol,
         "ssl_certfile": identity.path(CERTIFICATE),
         "ssl_keyfile": identity.path(KEY),
         "ssl_ca_certs": identity.path(AUTHORITY),
@@ -57,8 +49,8 @@ class Members:
 
     def actor(self, scope: Mapping[str, Any]) -> Actor | None:
         """Return the caller of a request; None without a certificate, or with a revoked one."""
-        common_name = scope.get("state", {}).get(_COMMON_NAME, "")
-        if not common_name:
+        name = scope.get("state", {}).get(COMMON_NAME, "")
+        if not name:
             return None
         try:
             status = self._path.stat()
@@ -69,7 +61,7 @@ class Members:
         except (OSError, ValueError, TypeError) as error:
             logger.error("%s: %s; no certificate is accepted", self._path, error)
             return None
-        return self._actors.get(common_name)
+        return self._actors.get(name)
 
 
 def _read(text: str) -> dict[str, Actor]:
