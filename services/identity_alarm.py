@@ -22,12 +22,12 @@ class IdentityAlarm:
         self._lock = threading.Lock()
         self._count, self._last_s = 0, 0.0
 
-    def refuse(self, what: str) -> None:
-        """Begin the alarm, or count one more refusal; ``what`` names the caller and the reason."""
+    def refuse(self, what: str, count: int = 1) -> None:
+        """Begin the alarm, or count further refusals; ``what`` names the caller and the reason."""
         with self._lock:
-            self._count, self._last_s = self._count + 1, monotonic_s()
+            self._count, self._last_s = self._count + count, monotonic_s()
             text = f"{self._count} refused, the last one: {what[:400]}"
-        remedy = "find the caller; revoke a key or certificate that others have"
+        remedy = "find the caller; if it is not yours, revoke its key or certificate (cdff keys revoke)"
         self._alarms.set(_KIND, self._source, Severity.WARNING, text, remedy)
 
     def update(self) -> None:

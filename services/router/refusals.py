@@ -18,15 +18,15 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cdff_common.clock import monotonic_s
-from services.alarms import Alarms, Severity
+from services.alarms import Alarms
+from services.identity_alarm import IdentityAlarm
 
 logger = logging.getLogger(__name__)
 
 #: Log levels of Zenoh with which refusals are logged.
 LOG_FILTER = "error,zenoh::net::routing::interceptor=trace,zenoh_link_tls=debug"
-#: Interval of the reports, and time without a refusal after which the alarm ends, seconds.
-REPORT_S, QUIET_S = 1.0, 60.0
+#: Interval of the reports, seconds.
+REPORT_S = 1.0
 #: The pipe is read at intervals, because waking for each line would slow the router down.
 _READ_S, _PIPE_BYTES, _F_SETPIPE_SZ = 0.02, 1 << 20, 1031
 #: Different refusals that are counted in one interval, since an intruder chooses the keys; known sessions.
@@ -135,10 +135,9 @@ class RefusalMonitor:
 
     def __init__(self, report: Callable[[Refused, int], None], alarms: Alarms) -> None:
         self._report = report
-        self._alarms = alarms
+        self._alarm = IdentityAlarm(alarms, "router")
         self._lock = threading.Lock()
         self._counts: Counter[Refused] = Counter()
-        self._last_s = 0.0
 
     def watch_log(self) -> None:
         """Redirect standard output, where Zenoh writes its log, to this monitor. Call it before a session."""
@@ -162,20 +161,9 @@ class RefusalMonitor:
             counts, self._counts = self._counts, Counter()
         for refused, count in counts.items():
             self._report(refused, count)
-        if counts:
-            self._last_s = monotonic_s()
-            refused, count = counts.most_common(1)[0]
             who = refused.identity or "a link without an accepted certificate"
-            self._alarms.set(
-                "refused_identity",
-                "router",
-                Severity.WARNING,
-                f"{sum(counts.values())} refused, most of {who}: {refused.operation} {refused.key}"
-                f" ({refused.reason})",
-                "find the machine; if it is not yours, `cdff keys revoke` its identity",
-            )
-        elif monotonic_s() - self._last_s > QUIET_S:
-            self._alarms.clear("refused_identity", "router")
+            self._alarm.refuse(f"{who}: {refused.operation} {refused.key} ({refused.reason})", count)
+        self._alarm.update()
 
     def _read(self, descriptor: int) -> None:
         parser, rest, pause = LogParser(), b"", threading.Event()

@@ -40,3 +40,8 @@ class DisparityCalibration:
             mean, covariance = self._latest
             self.mean_px, self.covariance_px2 = mean, covariance + _SIGMA_WALK_PX**2 * np.eye(2)
             self._latest = None
+
+    def metrics(self) -> dict[str, float]:
+        """Return the estimate by name."""
+        offset_px, decentring_px = (float(p) for p in self.mean_px)
+        return {"disparity_offset_px": offset_px, "decentring_px": decentring_px}

@@ -17,26 +17,23 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory
-from cdff_core.dfns.image_assessment.interface import ImageAssessmentInputs
 from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
 from cdff_core.dfpcs.visual_odometry_sparse.camera_path import CameraPath
 from cdff_core.dfpcs.visual_odometry_sparse.configuration import VisualOdometrySparseConfig
 from cdff_core.dfpcs.visual_odometry_sparse.consider_state import ConsiderState
+from cdff_core.dfpcs.visual_odometry_sparse.gaps import Gaps
+from cdff_core.dfpcs.visual_odometry_sparse.image_acceptance import assess_pair
 from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySparseInterface
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
 from cdff_core.dfpcs.visual_odometry_sparse.quality import (
     blur_reasons,
-    check_images,
     is_scene_uncertain,
     rectification_reasons,
 )
 from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
-
-#: Number of consecutive refused pairs after which a keyframe is made at the predicted pose.
-_MAX_REFUSED = 2
 
 
 class VisualOdometrySparse(VisualOdometrySparseInterface):
@@ -58,9 +55,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self._path = CameraPath(self._prior.increment)
         self._keyframes = KeyframeWindow(self.config.window)
         self._last: StereoView | None = None
-        self._refused_pairs = 0  # consecutive refused pairs
-        self._gaps = 0  # gaps bridged by a prediction
-        self._gap_open = False  # true from a gap to the next located pair
+        self._gaps = Gaps()
         self.store.offer("keyframe", lambda: self._keyframes.newest and self._keyframes.newest.view.pair)
         self.store.offer("trajectory", lambda: self._path.trajectory(self._parent, self._child))
 
@@ -90,7 +85,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         """Locate the camera at a pair; the output is FAILED if the pair is refused."""
         try:
             view = self._view_of(sample)
-            is_repeated, sharpness = self._assess(view)
+            previous, self._last = self._last, view
+            is_repeated, sharpness = assess_pair(self._assessment, view, previous)
             if is_repeated and not self._path.is_empty:
                 return [self._repeat(view)]
             if self._keyframes.newest is None:
@@ -117,41 +113,27 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         if last is not None and not view.has_same_camera(last):
             self._keyframes.restart(None)
             self._calibration.reset()
-            self._last, self._refused_pairs, self._gap_open = None, 0, False
-        mount = view.pair.left.T_robot_sensor
-        self._prior.set_mounts(self.context.frames, self.context.robot, mount, view.stamp_ns)
+            self._last = None
+            self._gaps.close()
+        self._prior.set_mounts(self.context, view.pair.left.T_robot_sensor, view.stamp_ns)
         return view
-
-    def _assess(self, view: StereoView) -> tuple[bool, float]:
-        """Return whether the pair repeats the previous one, and its sharpness; raises RefusedError."""
-        last, self._last = self._last, view
-        previous = (None, None) if last is None else (last.left, last.right)
-        left, right = (
-            self._assessment.process(ImageAssessmentInputs(image=image, previous=previous_image))
-            for image, previous_image in zip((view.left, view.right), previous, strict=True)
-        )
-        check_images(left, right)
-        return left.change == 0.0, min(left.sharpness, right.sharpness)
 
     def _repeat(self, view: StereoView) -> Output:
         """Publish the last pose again for identical images: the camera is frozen, or simulated at rest."""
-        metrics = {"gaps": self._gaps}
+        metrics = {"gaps": self._gaps.count}
         quality = Quality(Status.DEGRADED, ("repeated_image",), CovarianceKind.FORMAL, metrics)
         return self._output(view.stamp_ns, (view.sample_id,), self._path.repeat(view.stamp_ns), quality)
 
     def _initialise(self, view: StereoView, sharpness: float) -> Output:
         """Make the first keyframe, at the origin; after a change of the camera, at the predicted pose."""
-        # Only a change of the camera restarts an existing path.
         after_camera_change = not self._path.is_empty
         pose = self._path.across_gap(view.stamp_ns) if after_camera_change else UncertainTransform.identity()
         keyframe, reasons = self._builder.build(view, self._independent(pose), sharpness)
         self._keyframes.restart(keyframe)
-        reasons += blur_reasons(sharpness)
-        if after_camera_change:
-            self._gaps += 1
-            reasons.append("camera_changed")
+        reasons += blur_reasons(sharpness) + (["camera_changed"] if after_camera_change else [])
+        self._gaps.count += after_camera_change
         self._path.add(view.stamp_ns, pose, after_gap=after_camera_change)
-        metrics = {"features": len(keyframe.features), "sharpness": sharpness, "gaps": self._gaps}
+        metrics = {"features": len(keyframe.features), "sharpness": sharpness, "gaps": self._gaps.count}
         return self._output(view.stamp_ns, (view.sample_id,), pose, self._quality(reasons, metrics))
 
     def _track_keyframe(self, view: StereoView, keyframe: Keyframe, sharpness: float) -> Output:
@@ -168,7 +150,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             raise
         reasons += blur_reasons(sharpness, keyframe.sharpness)
         reasons += rectification_reasons(keyframe.row_offset_px)
-        reasons += ["gap"] if self._gap_open else []
+        reasons += ["gap"] if self._gaps.is_open else []
         motion = ConsiderState.from_motion(refined)
         change = refined.calibration - self._calibration.mean_px
         located = keyframe.pose.with_calibration_change(change) @ motion
@@ -179,17 +161,15 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
             located = self._keyframes.locate(motion, change, partial(self._locate, view)) or located
         pose = located.to_transform(refined.calibration_covariance)
         self._calibration.store(refined.calibration, refined.calibration_covariance)
-        self._path.add(view.stamp_ns, pose, after_gap=self._gap_open)
-        self._refused_pairs, self._gap_open = 0, False
+        self._path.add(view.stamp_ns, pose, after_gap=self._gaps.is_open)
+        self._gaps.close()
         if is_renewed:
             try:
                 self._keyframes.advance(self._builder.build(view, located, sharpness)[0], motion)
             except RefusedError as refusal:
                 reasons += refusal.reasons
-        offset_px, decentring_px = (float(p) for p in self._calibration.mean_px)
-        metrics |= {"sharpness": sharpness, "gaps": self._gaps, "motion_prior": bounds is not None}
-        metrics |= {"disparity_offset_px": offset_px, "decentring_px": decentring_px}
-        metrics["row_offset_px"] = keyframe.row_offset_px
+        metrics |= {"sharpness": sharpness, "gaps": self._gaps.count, "motion_prior": bounds is not None}
+        metrics |= self._calibration.metrics() | {"row_offset_px": keyframe.row_offset_px}
         inputs = (keyframe.view.sample_id, view.sample_id)
         return self._output(view.stamp_ns, inputs, pose, self._quality(reasons, metrics))
 
@@ -201,12 +181,11 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return None if reasons else ConsiderState.from_motion(refined)
 
     def _bridge_gap(self, view: StereoView, sharpness: float) -> None:
-        """Count a refused pair; after ``_MAX_REFUSED`` in a row make a keyframe at the predicted pose."""
-        self._refused_pairs += 1
-        if self._refused_pairs >= _MAX_REFUSED:
+        """Count a refused pair; after several in a row make a keyframe at the predicted pose."""
+        if self._gaps.refuse():
             pose = self._independent(self._path.across_gap(view.stamp_ns))
             self._keyframes.restart(self._builder.build(view, pose, sharpness)[0])
-            self._gaps, self._gap_open, self._refused_pairs = self._gaps + 1, True, 0
+            self._gaps.bridge()
 
     def _independent(self, pose: UncertainTransform) -> ConsiderState:
         return ConsiderState.independent(pose, len(self._calibration.mean_px))
@@ -217,13 +196,5 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
     def _output(
         self, stamp_ns: int, inputs: tuple[str, ...], pose: UncertainTransform | None, quality: Quality
     ) -> Output:
-        return Output.of_pose(
-            "pose",
-            pose,
-            stamp_ns=stamp_ns,
-            frame=self._parent,
-            child=self._child,
-            quality=quality,
-            inputs=inputs,
-            producer=self.name,
-        )
+        names: dict[str, Any] = {"frame": self._parent, "child": self._child, "producer": self.name}
+        return Output.of_pose("pose", pose, stamp_ns=stamp_ns, quality=quality, inputs=inputs, **names)

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from cdff_common.errors import FrameNotFoundError, RefusedError
-from cdff_common.geometry import FrameGraph, OdometryBuffer, UncertainTransform, se3
+from cdff_common.geometry import OdometryBuffer, UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import Dfn
+from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_core.dfns.gyro_integration.interface import GyroIntegrationInputs
 
 #: Time for which samples are kept, and maximum extrapolation of the motion by the wheels, nanoseconds.
@@ -74,10 +75,9 @@ class MotionPrior:
         self._T_left_base: FloatArray | None = None
         self._R_left_imu: FloatArray | None = None
 
-    def set_mounts(
-        self, frames: FrameGraph, robot: str, T_base_left: UncertainTransform | None, stamp_ns: int
-    ) -> None:
+    def set_mounts(self, context: DfpcContext, T_base_left: UncertainTransform | None, stamp_ns: int) -> None:
         """Set the mounts of camera and IMU that are known; a sensor without a mount is not used."""
+        frames, robot = context.frames, context.robot
         base = f"{robot}/base"
         try:
             T_base_left = T_base_left or frames.lookup(base, f"{robot}/navcam_left", stamp_ns)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Acceptance of images, keyframes and motions: refused below a minimum, DEGRADED below a good value."""
+"""Acceptance of keyframes and motions: refused below a minimum, DEGRADED below a good value."""
 
 from __future__ import annotations
 
@@ -8,14 +8,9 @@ import numpy as np
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry.se3 import FloatArray
-from cdff_core.dfns.image_assessment.interface import ImageAssessmentOutputs
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
 
-#: Contrast of an image, twice the range of noise of 1 DN; an image with less contrast is black or flat.
-MIN_CONTRAST_DN = 10.0
-#: Fraction of saturated pixels.
-MAX_SATURATION = 0.5
 #: Sharpness by BandEnergy: below, the blur is 2 px or more. Sharpness relative to that of the keyframe:
 #: below, the finest octave is missing.
 GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
@@ -46,28 +41,13 @@ GOOD_SIGMA_FRACTION, GOOD_SIGMA_M = 0.1, 0.05
 
 def require(value: float, least: float, reason: str) -> None:
     """Raise RefusedError with ``reason:value<least`` if a count or fraction is less than ``least``."""
-    if reasons := _below(value, least, reason):
+    if reasons := below(value, least, reason):
         raise RefusedError(f"{reason}: {value:.2g}, expected at least {least:g}", reasons)
-
-
-def check_images(left: ImageAssessmentOutputs, right: ImageAssessmentOutputs) -> None:
-    """Raise RefusedError on unusable images: black, flat, saturated, or one of them frozen."""
-    reasons = []
-    sides = (("left", left), ("right", right))
-    for side, image in sides:
-        reasons += _below(image.contrast, MIN_CONTRAST_DN, f"low_contrast_{side}", digits=0)
-        if image.saturation > MAX_SATURATION:
-            reasons.append(f"saturated_{side}:{image.saturation:.2f}>{MAX_SATURATION:.2f}")
-    frozen = [side for side, image in sides if image.change == 0.0]
-    if len(frozen) == 1:
-        reasons.append(f"frozen_image:{frozen[0]}")
-    if reasons:
-        raise RefusedError("images cannot be used: " + ", ".join(reasons), reasons)
 
 
 def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
     """Return the reason ``blurred`` if an image is blurred, absolutely or relative to the keyframe."""
-    return _below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
+    return below(sharpness, max(GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO * reference), "blurred")
 
 
 def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
@@ -77,9 +57,9 @@ def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
     require(matched, MIN_STEREO, "few_stereo_points")
     require(fraction, MIN_STEREO_FRACTION, "stereo_mismatch")
     return [
-        *_below(matched, GOOD_STEREO, "few_stereo_points"),
-        *_below(fraction, GOOD_STEREO_FRACTION, "stereo_mismatch"),
-        *_below(near, GOOD_NEAR, "few_near_points"),
+        *below(matched, GOOD_STEREO, "few_stereo_points"),
+        *below(fraction, GOOD_STEREO_FRACTION, "stereo_mismatch"),
+        *below(near, GOOD_NEAR, "few_near_points"),
     ]
 
 
@@ -99,9 +79,9 @@ def motion_reasons(metrics: dict[str, float]) -> list[str]:
         reason = f"residuals:{metrics['unit_variance']:.1f}>{MAX_UNIT_VARIANCE:.1f}"
         raise RefusedError("the points do not move as one rigid scene", [reason])
     reasons = [
-        *_below(inliers, GOOD_INLIERS, "few_inliers"),
-        *_below(metrics["inlier_fraction"], GOOD_INLIER_FRACTION, "inlier_fraction"),
-        *_below(near, GOOD_NEAR, "few_near_points"),
+        *below(inliers, GOOD_INLIERS, "few_inliers"),
+        *below(metrics["inlier_fraction"], GOOD_INLIER_FRACTION, "inlier_fraction"),
+        *below(near, GOOD_NEAR, "few_near_points"),
     ]
     if metrics["ambiguity"] > MAX_AMBIGUITY:
         reasons.append(f"competing_motion:{metrics['ambiguity']:.2f}>{MAX_AMBIGUITY:.2f}")
@@ -154,7 +134,7 @@ def _largest_sigma(covariance: FloatArray) -> float:
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
 
 
-def _below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
+def below(value: float, least: float, reason: str, digits: int = 2) -> list[str]:
     """Return ``reason:value<least`` if a value is less than ``least``; counts have no decimals."""
     digits = 0 if isinstance(value, int) else digits
     return [f"{reason}:{value:.{digits}f}<{least:.{digits}f}"] if value < least else []

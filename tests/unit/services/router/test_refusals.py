@@ -86,7 +86,7 @@ def test_refusals_are_reported_once_an_interval_with_their_count_and_raise_an_al
     assert reported == [(refused, 3)]
     (alarm,) = alarms.active()
     assert alarm.kind == "refused_identity"
-    assert "3 refused, most of mana.1" in alarm.what
+    assert "3 refused, the last one: mana.1: Put" in alarm.what
 
 
 def test_an_intruder_that_varies_the_key_does_not_fill_the_memory() -> None:

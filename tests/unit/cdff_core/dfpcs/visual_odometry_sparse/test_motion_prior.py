@@ -123,7 +123,7 @@ def test_the_prior_is_the_motion_of_the_camera(sources: set[str]) -> None:
     gyro = Registry.default().make_dfn("gyro_integration")
     gyro.configure()
     prior = MotionPrior(gyro)
-    prior.set_mounts(frames_with_mounts(), "mana", None, 0)
+    prior.set_mounts(DfpcContext("mana", frames_with_mounts()), None, 0)
     if "odometry" in sources:
         first, second = base_poses()[BEFORE], base_poses()[AFTER]
         if "imu" in sources:
