@@ -8,8 +8,10 @@ import signal
 import subprocess
 import sys
 import threading
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -308,14 +310,20 @@ def test_events_are_streamed_over_http(shared: System) -> None:
         assert any(product in line.decode() for line in stream)
 
 
-def test_requests_are_forwarded_to_the_orchestrator(shared: System) -> None:
+def test_requests_are_forwarded_to_the_orchestrator(shared: System, eventually: Eventually) -> None:
     received: list[dict[str, str]] = []
 
     def jobs(request: Any) -> Reply:
         received.append(dict(request.parameters))
         return Reply.of({"jobs": [{"job": "1", "state": "DONE", "accepted_ns": 5}]})
 
+    def is_forwarded() -> bool:
+        with suppress(urllib.error.HTTPError):  # 503 until the router has announced the queryable
+            shared.get("/api/v1/requests")
+        return bool(received)
+
     shared.bus.serve(keys.orchestrator_rpc("ground", "jobs"), jobs)
+    eventually(is_forwarded, what="a forwarded request")
     assert shared.get("/api/v1/requests")["jobs"] == [{"job": "1", "state": "DONE", "accepted_ns": "5"}]
     shared.get("/api/v1/requests/1")
     assert received[-1]["job"] == "1"
