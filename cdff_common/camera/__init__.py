@@ -4,7 +4,15 @@
 
 from cdff_common.camera.image_size import check_image_size
 from cdff_common.camera.model import CameraModel
-from cdff_common.camera.read import read_camera, read_stereo
+from cdff_common.camera.read import read_camera, read_cameras, read_depth_unit, read_stereo
 from cdff_common.camera.stereo import StereoCalibration
 
-__all__ = ["CameraModel", "StereoCalibration", "check_image_size", "read_camera", "read_stereo"]
+__all__ = [
+    "CameraModel",
+    "StereoCalibration",
+    "check_image_size",
+    "read_camera",
+    "read_cameras",
+    "read_depth_unit",
+    "read_stereo",
+]

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibration files of OpenCV (YAML), Kalibr (camchain) and KITTI, detected by their content."""
+"""Calibration files, detected by their content: OpenCV and ROS (YAML), Kalibr (camchain), KITTI, data sets."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,15 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cdff_common.camera.data_set_cameras import data_set_camera, depth_unit_m, xml_camera
+from cdff_common.camera.elements import Cameras, Poses, numbers, square
+from cdff_common.camera.kalibr import kalibr_cameras
 from cdff_common.camera.model import CameraModel
 from cdff_common.camera.stereo import StereoCalibration
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 
 _MAX_BYTES = 1 << 20
-_MAX_ELEMENTS = 10_000
 #: Names used by OpenCV programs for two cameras: matrix and coefficients of each, rotation, translation.
 _STEREO_NAMES = (
     (
@@ -39,7 +41,12 @@ _SINGLE_NAMES = (
     ("cameraMatrix", "distCoeffs"),
     ("K", "D"),
 )
-_SIZE_NAMES = (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height"))
+_SIZE_NAMES = (
+    ("image_width", "image_height"),
+    ("imageWidth", "imageHeight"),
+    ("width", "height"),
+    ("Nu", "Nv"),
+)
 _FISHEYE = ("fisheye", "equidistant", "kannala_brandt")
 
 
@@ -58,7 +65,7 @@ def read_camera(path: Path, name: str = "") -> CameraModel:
     InputError
         If the file is not a supported calibration, or has no such camera.
     """
-    cameras, _ = _read(path)
+    cameras, _ = read_cameras(path)
     if name and name not in cameras:
         raise InputError(f"{path}: no camera {name!r}; it has {', '.join(cameras)}")
     return cameras[name] if name else next(iter(cameras.values()))
@@ -72,7 +79,7 @@ def read_stereo(path: Path, left: str = "", right: str = "") -> StereoCalibratio
     InputError
         If ``read_camera`` refuses the file, or the file does not contain the relative pose.
     """
-    cameras, poses = _read(path)
+    cameras, poses = read_cameras(path)
     names = list(cameras)
     if len(names) < 2:
         raise InputError(
@@ -88,27 +95,24 @@ def read_stereo(path: Path, left: str = "", right: str = "") -> StereoCalibratio
     return StereoCalibration.from_parts(cameras[left], cameras[right], T[:3, :3], T[:3, 3])
 
 
-Cameras = dict[str, CameraModel]
-#: ``T_camera_body`` of each camera; the body frame is arbitrary.
-Poses = dict[str, NDArray[np.float64]]
+def read_cameras(path: Path) -> tuple[Cameras, Poses]:
+    """Read all cameras, and the poses of the body in their frames if the file has them.
 
-
-def _read(path: Path) -> tuple[Cameras, Poses]:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes, expected a calibration of at most {_MAX_BYTES}"
-            )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: {error}") from error
+    Raises
+    ------
+    InputError
+        If the file is not a supported calibration.
+    """
+    text = _text(path)
     try:
         kitti = _kitti_lines(text)
         if kitti:
             return _of_kitti(kitti)
-        document = _yaml(text)
+        document = _document(text)
         if any(re.fullmatch(r"cam\d+", str(key)) for key in document):
-            return _of_kalibr(document)
+            return kalibr_cameras(document)
+        if camera := data_set_camera(document):
+            return {"camera": camera}, _body_pose(document)
         return _of_opencv(document)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -116,6 +120,44 @@ def _read(path: Path) -> tuple[Cameras, Poses]:
         raise InputError(
             f"{path}: {type(error).__name__} {error}; expected OpenCV, Kalibr or KITTI calibration"
         ) from error
+
+
+def read_depth_unit(path: Path) -> float | None:
+    """Return the metres of a depth value of 1; None if the file does not state them.
+
+    Raises InputError if the file cannot be read, or the unit is not above 0.
+    """
+    text = _text(path)
+    try:
+        unit_m = None if _kitti_lines(text) else depth_unit_m(_document(text))
+    except (InputError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: {error}") from error
+    if unit_m is not None and not (np.isfinite(unit_m) and unit_m > 0):
+        raise InputError(f"{path}: depth unit of {unit_m} m, expected above 0 m")
+    return unit_m
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes, expected a calibration of at most {_MAX_BYTES}"
+            )
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _document(text: str) -> Mapping[str, Any]:
+    """Return the fields of YAML, JSON or a ViSP configuration."""
+    return xml_camera(text) if text.lstrip().startswith("<?xml") else _yaml(text)
+
+
+def _body_pose(document: Mapping[str, Any]) -> Poses:
+    """Return the pose of the body in the frame of the camera, of EuRoC's ``T_BS``."""
+    if "T_BS" not in document:
+        return {}
+    return {"camera": se3.inverse(square(document["T_BS"], 4))}
 
 
 # -- OpenCV
@@ -159,9 +201,9 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
     fisheye = str(document.get("camera_model", document.get("distortion_model", ""))).lower() in _FISHEYE
 
     def camera(matrix: str, distortion: str) -> CameraModel:
-        coefficients = _numbers(document.get(distortion, ()))
+        coefficients = numbers(document.get(distortion, ()))
         return CameraModel.from_matrix(
-            _square(document[matrix]), coefficients, cols=size[0], rows=size[1], fisheye=fisheye
+            square(document[matrix]), coefficients, cols=size[0], rows=size[1], fisheye=fisheye
         )
 
     for m1, d1, m2, d2, rotation, translation in _STEREO_NAMES:
@@ -169,7 +211,7 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
             cameras = {"1": camera(m1, d1), "2": camera(m2, d2)}
             if rotation not in document or translation not in document:
                 return cameras, {}
-            T_2_1 = se3.transform(_square(document[rotation]), _numbers(document[translation]))
+            T_2_1 = se3.transform(square(document[rotation]), numbers(document[translation]))
             return cameras, {"1": np.eye(4), "2": T_2_1}
     for matrix, distortion in _SINGLE_NAMES:
         if matrix in document:
@@ -177,46 +219,13 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
             if "baseline_m" not in document:
                 return {"camera": model}, {}
             # Short form of a rectified pair: two equal cameras, displaced along x by the baseline.
-            (baseline_m,) = _numbers(document["baseline_m"])
+            (baseline_m,) = numbers(document["baseline_m"])
             if baseline_m <= 0.0:
                 raise InputError(f"baseline_m {baseline_m}: expected above 0 m")
             T_right_left = se3.transform(np.eye(3), [-baseline_m, 0.0, 0.0])
             return {"left": model, "right": model}, {"left": np.eye(4), "right": T_right_left}
     names = ", ".join(n[0] for n in (*_STEREO_NAMES, *_SINGLE_NAMES))
     raise InputError(f"none of {names}; it has {', '.join(map(str, list(document)[:8]))}")
-
-
-# -- Kalibr
-# -----------------------------------------------------------------------------------------------------------
-
-
-def _of_kalibr(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
-    cameras: Cameras = {}
-    poses: Poses = {}
-    # T_camera_first; None after a missing link of the chain.
-    T: NDArray[np.float64] | None = np.eye(4)
-    previous: int | None = None
-    for name in sorted((k for k in document if re.fullmatch(r"cam\d+", str(k))), key=lambda k: int(k[3:])):
-        entry = document[name]
-        lens, distortion = entry["camera_model"], entry.get("distortion_model", "none")
-        if lens != "pinhole" or distortion not in ("radtan", "equidistant", "none"):
-            raise InputError(
-                f"{name}: {lens} with {distortion}, expected pinhole with radtan, equidistant or none"
-            )
-        fx, fy, cx, cy = _numbers(entry["intrinsics"])
-        cols, rows = (int(v) for v in entry["resolution"])
-        coefficients = [] if distortion == "none" else _numbers(entry["distortion_coeffs"])
-        fisheye = distortion == "equidistant"
-        K = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
-        cameras[name] = CameraModel.from_matrix(K, coefficients, rows=rows, cols=cols, fisheye=fisheye)
-        number = int(name[3:])
-        if previous is not None:
-            is_consecutive = previous == number - 1 and "T_cn_cnm1" in entry
-            T = _square(entry["T_cn_cnm1"], 4) @ T if T is not None and is_consecutive else None
-        previous = number
-        if T is not None:
-            poses[name] = T
-    return cameras, poses
 
 
 # -- KITTI
@@ -262,14 +271,3 @@ def _of_kitti(rows: Mapping[str, NDArray[np.float64]]) -> tuple[Cameras, Poses]:
         cameras[name] = CameraModel.from_matrix(P[:, :3], rows=rows_px, cols=cols)
         poses[name] = se3.transform(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3]))
     return cameras, poses
-
-
-def _square(value: Any, n: int = 3) -> NDArray[np.float64]:
-    return np.asarray(value, dtype=np.float64).reshape(n, n)
-
-
-def _numbers(value: Any) -> Sequence[float]:
-    flat = np.asarray(value, dtype=np.float64).reshape(-1)
-    if len(flat) > _MAX_ELEMENTS or not np.isfinite(flat).all():
-        raise InputError(f"{len(flat)} numbers, expected finite ones and at most {_MAX_ELEMENTS}")
-    return [float(v) for v in flat]

@@ -10,23 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdff_common.camera import check_image_size, read_stereo
-from cdff_common.errors import CodecError, InputError
-from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.camera import StereoCalibration, check_image_size, read_stereo
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_common.types import FramePair, LidarScan, TransformWithCovariance
+from cdff_common.types import LidarScan
 from cdff_dev.logs.formats.kitti.velodyne import read_scan, scan_files
+from cdff_dev.logs.image_streams import Stamps, pair_stream, pose_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 
 ROBOT = "kitti"
 PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
 _CAMERA, _LIDAR, _START = (f"{ROBOT}/{name}" for name in ("navcam_left", "lidar", "vo"))
-Stamps = NDArray[np.int64]
 #: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
 _IMAGE_FOLDERS = (
     ("image_0", "image_1"),
@@ -71,29 +69,13 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     stamps_ns = _stamps(folder, n)
     streams = {}
     if pairs:
-        streams[PAIR] = _pair_stream(pairs, stamps_ns, *_calibration(folder, calibration, pairs[0][0]))
+        stereo = _calibration(folder, calibration, pairs[0][0])
+        streams[PAIR] = pair_stream(PAIR, pairs, stamps_ns[: len(pairs)], stereo)
     if scans:
         streams[SCAN] = _scan_stream(list(scans.values()), stamps_ns[list(scans)])
     if (truth := _truth(folder, len(pairs) or n)) is not None:
-        streams[TRUTH] = _truth_stream(truth, stamps_ns)
+        streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
     return IndexedLog(streams)
-
-
-def _pair_stream(
-    pairs: list[tuple[Path, Path]], stamps_ns: Stamps, camera_matrix: FloatArray, baseline_m: float
-) -> IndexedStream:
-    def read(i: int) -> FramePair:
-        return FramePair.from_images(
-            *map(_read_grey, pairs[i]),
-            baseline_m=baseline_m,
-            camera_matrix=camera_matrix,
-            stamp_ns=int(stamps_ns[i]),
-            sensor=_CAMERA,
-        )
-
-    stamps_ns = stamps_ns[: len(pairs)]
-    header = headers(PAIR, stamps_ns, frame=_CAMERA, producer=f"{ROBOT}/navcam")
-    return IndexedStream("FramePair", stamps_ns, read, header)
 
 
 def _scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
@@ -103,21 +85,6 @@ def _scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
     return IndexedStream(
         "LidarScan", stamps_ns, read, headers(SCAN, stamps_ns, frame=_LIDAR, producer=_LIDAR)
     )
-
-
-def _truth_stream(T_start_camera: FloatArray, stamps_ns: Stamps) -> IndexedStream:
-    def read(i: int) -> TransformWithCovariance:
-        return TransformWithCovariance.from_transform(
-            UncertainTransform(T_start_camera[i]),
-            parent=_START,
-            child=_CAMERA,
-            stamp_ns=int(stamps_ns[i]),
-            producer=ROBOT,
-        )
-
-    stamps_ns = stamps_ns[: len(T_start_camera)]
-    header = headers(TRUTH, stamps_ns, frame=_START, child=_CAMERA, producer=f"{ROBOT}/truth")
-    return IndexedStream("TransformWithCovariance", stamps_ns, read, header)
 
 
 def _has_images(folder: Path) -> bool:
@@ -139,15 +106,6 @@ def _images(folder: Path) -> list[tuple[Path, Path]]:
     raise InputError(f"{folder}: expected a KITTI sequence with images in {known}, or with velodyne/*.bin")
 
 
-def _read_grey(path: Path) -> Any:
-    import cv2
-
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise CodecError(f"{path}: not an image that can be read")
-    return image
-
-
 def _rows(path: Path, columns: int) -> FloatArray:
     """Return the numbers ``(n, columns)`` of a text file, without a label before a colon in a line."""
     rows = []
@@ -166,11 +124,11 @@ def _rows(path: Path, columns: int) -> FloatArray:
     return np.array(rows)
 
 
-def _calibration(folder: Path, chosen: Path | None, image: Path) -> tuple[FloatArray, float]:
-    """Return the camera matrix ``(3, 3)`` of the left camera, and the baseline, metres.
+def _calibration(folder: Path, chosen: Path | None, image: Path) -> StereoCalibration:
+    """Return the calibration of the cameras; raises InputError if it is missing or not of a rectified pair.
 
-    They are of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras of the
-    ``chosen`` file or that of the folder. Raises InputError if the calibration does not fit the images.
+    It is of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras of the
+    ``chosen`` file or that of the folder.
     """
     files = [folder / name for name in _CALIBRATIONS] if chosen is None else [chosen]
     path = next((file for file in files if file.is_file()), None)
@@ -184,9 +142,9 @@ def _calibration(folder: Path, chosen: Path | None, image: Path) -> tuple[FloatA
         raise InputError(
             f"{path}: expected a rectified pair with the right camera to the right of the left camera"
         )
-    rows, cols = _read_grey(image).shape
+    rows, cols = read_image(image).shape[:2]
     check_image_size(calibration.left, rows, cols, str(path))
-    return calibration.left.matrix, calibration.baseline_m
+    return calibration
 
 
 def _has_rows(path: Path, names: Collection[str]) -> bool:
