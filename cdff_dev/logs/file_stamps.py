@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,18 +21,26 @@ PERIOD_NS = 100_000_000
 _UNITS_NS = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}
 _NUMBER = re.compile(r"\d+")
 _TIME = re.compile(r"(\d{10})\.(\d{1,9})$")
+#: Date and time in UTC, as in ``20140805T200719``.
+_DATE = re.compile(r"(?<!\d)(\d{8}T\d{6})(?!\d)")
+
+
+def natural_order(file: Path) -> tuple[list[int], str]:
+    """Return a key that orders files by the numbers in their names, then by name: ``scan2`` before ``scan10``."""
+    return [int(number) for number in _NUMBER.findall(file.stem)], file.name
 
 
 def file_stamps(files: Sequence[Path], times: Path | None = None) -> NDArray[np.int64]:
-    """Return the stamps of files, which are in the order of their names.
+    """Return the stamps of files, which are in the order of time.
 
     Parameters
     ----------
     files : sequence of Path
     times : Path, optional
         A file with one time a line, in seconds. Without it, a name that is a time since 1970 in seconds (also
-        with decimals), milliseconds, microseconds or nanoseconds is the stamp; a name that ends with another
-        number is that number of periods of 100 ms; else the files are 100 ms apart.
+        with decimals), milliseconds, microseconds or nanoseconds is the stamp, and so is a date and time in
+        UTC such as ``20140805T200719``; other last numbers of the names, if they ascend, are numbers of
+        periods of 100 ms; else the files are 100 ms apart.
 
     Raises
     ------
@@ -60,12 +70,27 @@ def _from_names(files: Sequence[Path]) -> NDArray[np.int64]:
     times = [_TIME.match(file.stem) for file in files]
     if times and all(times):
         return np.array([int(m[1]) * 10**9 + int(m[2].ljust(9, "0")) for m in times if m], np.int64)
+    dates = [_DATE.search(file.stem) for file in files]
+    if dates and all(dates):
+        return np.array([_seconds(match[1]) * 10**9 for match in dates if match], np.int64)
     numbers = [_NUMBER.findall(file.stem) for file in files]
     if not all(numbers):
         return np.arange(len(files), dtype=np.int64) * PERIOD_NS
     last = [found[-1] for found in numbers]
     lengths = {len(number) for number in last}
-    unit_ns = _UNITS_NS.get(lengths.pop(), PERIOD_NS) if len(lengths) == 1 else PERIOD_NS
-    if max(map(int, last), default=0) > np.iinfo(np.int64).max // unit_ns:
+    unit_ns = _UNITS_NS.get(lengths.pop()) if len(lengths) == 1 else None
+    counts = [int(number) for number in last]
+    is_counter = unit_ns is None and all(a < b for a, b in pairwise(counts))
+    if max(counts, default=0) > np.iinfo(np.int64).max // (unit_ns or PERIOD_NS):
+        is_counter, unit_ns = False, None
+    if unit_ns is None and not is_counter:
         return np.arange(len(files), dtype=np.int64) * PERIOD_NS
-    return np.array([int(number) * unit_ns for number in last], dtype=np.int64)
+    return np.array(counts, dtype=np.int64) * (unit_ns or PERIOD_NS)
+
+
+def _seconds(text: str) -> int:
+    """Return the seconds since 1970 of a date and time; raises InputError for an impossible one."""
+    try:
+        return int(datetime.strptime(text, "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp())
+    except ValueError as error:
+        raise InputError(f"date {text!r} in a file name: {error}") from error

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import glob
 import pkgutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -97,7 +98,8 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
     Parameters
     ----------
     path : str or Path
-        A file, a folder, or a pattern such as ``run_*.msg``; ``cdff log --help`` lists the formats.
+        A file, a folder, or a pattern such as ``run_*.msg``; ``cdff log --help`` lists the formats. If a
+        folder is not a log itself, its only sub-folder that is one.
     calibration : Path, optional
         Calibration of the cameras, for formats without one.
 
@@ -107,9 +109,11 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
         If no file matches, no format recognises it, or a calibration is given for a log that has its own.
     """
     location = LogLocation.of(path)
-    chosen = next((f for f in log_formats() if f.recognises(location)), None)
-    if chosen is None:
-        raise InputError(_unrecognised(location))
+    if (chosen := _format_of(location)) is None:
+        known = [(inner, found) for inner in _sub_folders(location) if (found := _format_of(inner))]
+        if len(known) != 1:
+            raise InputError(_unrecognised(location, [inner.name for inner, _ in known]))
+        location, chosen = known[0]
     if calibration is not None and not chosen.takes_calibration:
         raise InputError(
             f"log {path}: its format ({chosen.name}) contains its own cameras; expected no calibration"
@@ -117,9 +121,28 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
     return chosen.open(location, calibration)
 
 
-def _unrecognised(location: LogLocation) -> str:
+def _format_of(location: LogLocation) -> LogFormat | None:
+    return next((found for found in log_formats() if found.recognises(location)), None)
+
+
+def _sub_folders(location: LogLocation) -> list[LogLocation]:
+    inner = sorted(location.folder.iterdir()) if location.folder else []
+    return [LogLocation.of(path) for path in inner if path.is_dir()]
+
+
+def _unrecognised(location: LogLocation, logs_inside: list[str]) -> str:
     if location.folder is None and not location.files:
         return f"log {location.name}: no such file or folder, and no file matches it as a pattern"
+    if logs_inside:
+        return f"log {location.name}: several logs: name one of {', '.join(logs_inside)}"
     expected = "; ".join(f"{f.name} ({f.files})" for f in log_formats())
-    found = f"it begins with {location.head(8)!r}" if location.files else "a folder without files of one"
-    return f"log {location.name}: none of the known formats: {found}; expected {expected}"
+    return f"log {location.name}: none of the known formats: {_content(location)}; expected {expected}"
+
+
+def _content(location: LogLocation) -> str:
+    """Return what is at a location, for an error message."""
+    if location.folder is None:
+        return f"it begins with {location.head(8)!r}"
+    suffixes = Counter(file.suffix or file.name for file in location.folder.rglob("*") if file.is_file())
+    counts = [f"{count} {suffix}" for suffix, count in suffixes.most_common(5)]
+    return f"the folder holds {', '.join(counts) or 'no'} files"

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cdff_dev.logs.file_stamps import natural_order
 from cdff_dev.logs.formats import LogFormat, LogLocation
 
 if TYPE_CHECKING:
@@ -16,10 +17,10 @@ _SUFFIXES = (".bin", ".ply", ".pcd", ".las", ".laz", ".npz")
 
 
 def _files(location: LogLocation) -> list[Path]:
-    """Return the scans of a location, in the order of their names; all have the suffix of the first."""
+    """Return the scans of a location, in natural order; all have the suffix of the first by name."""
     candidates = sorted(location.folder.iterdir()) if location.folder else list(location.files)
     scans = [path for path in candidates if path.suffix.lower() in _SUFFIXES and path.is_file()]
-    return [path for path in scans if path.suffix == scans[0].suffix]
+    return sorted((path for path in scans if path.suffix == scans[0].suffix), key=natural_order)
 
 
 def _open(location: LogLocation, _: Path | None) -> IndexedLog:

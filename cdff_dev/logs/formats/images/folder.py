@@ -1,0 +1,159 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders of images as logs, with calibrations and true poses, if available."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
+from cdff_common.errors import InputError
+from cdff_dev.logs.file_stamps import file_stamps
+from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences
+from cdff_dev.logs.formats.images.truth import truth_stream
+from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, frame_stream, read_image
+from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.source import Unconverted
+
+ROBOT = "robot"
+_CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml")
+#: Files that describe a data set and are not part of the recording.
+_DESCRIPTIONS = ("readme", "license")
+
+
+@dataclass(frozen=True, slots=True)
+class _Calibration:
+    """A camera and the unit of its depth values, metres, if stated; ``path`` is its file."""
+
+    path: Path
+    camera: CameraModel
+    depth_unit_m: float | None
+
+
+@dataclass(slots=True)
+class _Content:
+    """Streams of a folder, its content without a stream, and the files that are used."""
+
+    streams: dict[str, IndexedStream] = field(default_factory=dict)
+    unconverted: dict[str, Unconverted] = field(default_factory=dict)
+    used: set[Path] = field(default_factory=set)
+
+
+def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
+    """Open the images of a folder and its sub-folders.
+
+    Images whose names differ only in numbers are the stream ``/robot/{sensor}.frame``; ``sensor`` is the name
+    of the sub-folder, or what is common to the names, or ``camera``. Depth images of 16 bits with a camera and
+    a stated unit are ``/robot/{sensor}.depth``. Stamps are those of ``times.txt`` beside the images, else of
+    their names (see ``file_stamps``), else 100 ms apart. The camera is ``calibration``; else, of the
+    calibrations in the folder, its ``config`` or that of the images: the one after whose name the images are
+    named, else the only one, or the only one of images with or without depth. ``truth.csv`` is described in
+    ``formats.images.truth``. All other files are listed as not converted.
+
+    Raises
+    ------
+    InputError
+        If a calibration that the user names cannot be read or does not fit, or ``times.txt`` or ``truth.csv``
+        cannot be read.
+    """
+    content = _Content()
+    sequences = image_sequences(folder)
+    stamps = [_stamps(sequence, content.used) for sequence in sequences]
+    for sequence, stamps_ns in zip(sequences, stamps, strict=True):
+        chosen = _calibration_of(sequence, folder, calibration, content)
+        _add_stream(sequence, stamps_ns, chosen, content)
+        content.used.update(sequence.files)
+    if (path := folder / "truth.csv").is_file():
+        first = next((i for i, s in enumerate(sequences) if not s.is_depth), 0)
+        name, stream, without_image = truth_stream(ROBOT, folder, path, sequences[first], stamps[first])
+        content.streams[name] = stream
+        content.used.add(path)
+        if without_image:
+            content.unconverted[path.name] = Unconverted("pose", without_image, "without an image")
+    _list_other_files(folder, content)
+    return IndexedLog(content.streams, content.unconverted)
+
+
+def _stamps(sequence: ImageSequence, used: set[Path]) -> Stamps:
+    times = sequence.folder / "times.txt"
+    if times.is_file():
+        used.add(times)
+        return file_stamps(sequence.files, times)
+    return file_stamps(sequence.files)
+
+
+def _calibration_of(
+    sequence: ImageSequence, folder: Path, named: Path | None, content: _Content
+) -> _Calibration | None:
+    """Return the calibration of a sequence, or None; one that does not fit is listed as not converted."""
+    found = _read(named) if named else _choose(sequence, _calibrations(folder, sequence.folder))
+    if found is None:
+        return None
+    rows, cols = read_image(sequence.files[0]).shape[:2]
+    content.used.add(found.path)
+    try:
+        check_image_size(found.camera, rows, cols, str(found.path))
+    except InputError as error:
+        if named:
+            raise
+        content.unconverted[found.path.name] = Unconverted("calibration", 1, str(error))
+        return None
+    return found
+
+
+def _read(path: Path) -> _Calibration:
+    return _Calibration(path, read_camera(path), read_depth_unit(path))
+
+
+def _calibrations(folder: Path, images: Path) -> list[_Calibration]:
+    """Return the calibrations in the folder, its ``config`` and the folder of the images."""
+    found = []
+    for place in dict.fromkeys((folder, folder / "config", images)):
+        for path in sorted(place.iterdir()) if place.is_dir() else ():
+            if path.suffix.lower() in _CALIBRATION_SUFFIXES and path.is_file():
+                try:
+                    found.append(_read(path))
+                except InputError:  # not a calibration: listed with the other files
+                    continue
+    return found
+
+
+def _choose(sequence: ImageSequence, candidates: list[_Calibration]) -> _Calibration | None:
+    by_name = [c for c in candidates if sequence.pattern.startswith(c.path.stem)]
+    by_kind = [c for c in candidates if ("depth" in c.path.stem) == sequence.is_depth]
+    return next((chosen[0] for chosen in (by_name, by_kind, candidates) if len(chosen) == 1), None)
+
+
+def _add_stream(
+    sequence: ImageSequence, stamps_ns: Stamps, chosen: _Calibration | None, content: _Content
+) -> None:
+    camera = None if chosen is None else chosen.camera
+    is_depth = sequence.is_depth and read_image(sequence.files[0]).dtype == np.uint16
+    if is_depth and chosen is not None and chosen.depth_unit_m is not None:
+        name = f"/{ROBOT}/{sequence.sensor}.depth"
+        content.streams[name] = depth_stream(
+            name, sequence.files, stamps_ns, chosen.camera, chosen.depth_unit_m
+        )
+    else:
+        name = f"/{ROBOT}/{sequence.sensor}.frame"
+        content.streams[name] = frame_stream(name, sequence.files, stamps_ns, camera)
+
+
+def _list_other_files(folder: Path, content: _Content) -> None:
+    """List files that are neither used nor descriptions of the data set, by type."""
+    others = Counter(
+        file.suffix.lower() or "no suffix"
+        for pattern in ("*", "*/*")
+        for file in folder.glob(pattern)
+        if file.is_file()
+        and file not in content.used
+        and file.suffix.lower() not in IMAGE_SUFFIXES
+        and not file.name.lower().startswith(_DESCRIPTIONS)
+    )
+    for suffix, count in sorted(others.items()):
+        reason = "not an image, a calibration of one, times.txt or truth.csv"
+        content.unconverted[f"*{suffix}"] = Unconverted("file", count, reason)

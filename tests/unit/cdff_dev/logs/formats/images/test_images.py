@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders of images are read as logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_dev.logs import open_log
+from tests.support.data import data_folder
+
+CAMERA = "px: 60\npy: 60\nu0: 32\nv0: 24\n"
+
+
+def write_images(folder: Path, *names: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for i, name in enumerate(names):
+        cv2.imwrite(str(folder / name), np.full((48, 64), i, np.uint8))
+
+
+def test_images_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    write_images(tmp_path, "img1.png", "img2.png", "img10.png")
+    samples = list(open_log(tmp_path).samples())
+    assert [(s.stream, s.stamp_ns // 10**6, s.value.image[0, 0]) for s in samples] == [
+        ("/robot/camera.frame", 100, 0),
+        ("/robot/camera.frame", 200, 1),
+        ("/robot/camera.frame", 1000, 2),
+    ]
+
+
+def test_sub_folders_are_cameras_with_the_calibration_named_like_their_images(tmp_path: Path) -> None:
+    write_images(tmp_path / "left", "a1.png")
+    write_images(tmp_path / "right", "b1.png")
+    (tmp_path / "a.yaml").write_text(CAMERA, encoding="utf-8")
+    (tmp_path / "b.yaml").write_text(CAMERA.replace("px: 60", "px: 70"), encoding="utf-8")
+    focal = {s.stream: s.value.camera_matrix[0, 0] for s in open_log(tmp_path).samples()}
+    assert focal == {"/robot/left.frame": 60.0, "/robot/right.frame": 70.0}
+
+
+def test_a_calibration_of_another_camera_is_listed_and_if_named_refused(tmp_path: Path) -> None:
+    write_images(tmp_path, "1.png")
+    (tmp_path / "camera.yaml").write_text(CAMERA.replace("u0: 32", "u0: 320"), encoding="utf-8")
+    log = open_log(tmp_path)
+    assert "another camera" in log.unconverted["camera.yaml"].reason
+    with pytest.raises(InputError, match="another camera"):
+        open_log(tmp_path, tmp_path / "camera.yaml")
+
+
+def test_poses_of_a_camera_and_files_that_are_not_used(tmp_path: Path) -> None:
+    write_images(tmp_path / "images", "1.png", "2.png")
+    (tmp_path / "truth.csv").write_text(
+        "frame,qw,qx,qy,qz,tx_km,ty_km,tz_km\n2,1,0,0,0,0.001,0,0\n9,1,0,0,0,0,0,0\n", encoding="utf-8"
+    )
+    (tmp_path / "notes.doc").write_text("", encoding="utf-8")
+    log = open_log(tmp_path)
+    (pose,) = log.samples(["/robot/truth.pose"])
+    assert pose.stamp_ns == 200_000_000
+    assert pose.value.transform.matrix[0, 3] == pytest.approx(1.0)
+    assert {name: item.count for name, item in log.unconverted.items()} == {"truth.csv": 1, "*.doc": 1}
+
+
+@pytest.mark.parametrize("text", ["frame,qw\n1,1\n", "image,T00\n", "frame,T00\nx,1\n"])
+def test_a_table_of_poses_with_other_columns_is_refused(tmp_path: Path, text: str) -> None:
+    write_images(tmp_path, "1.png")
+    (tmp_path / "truth.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"truth\.csv"):
+        open_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "streams"),
+    [
+        ("speedplus_lightbox", {"camera.frame": 25, "truth.target": 25}),
+        ("rosetta_67p", {"camera.frame": 60, "truth.target": 60}),
+        ("star_images", {"camera.frame": 4}),
+        ("visp_castle", {"gray.frame": 20, "depth.frame": 20, "truth.target": 20}),
+        ("visp_rbt_rgbd", {"color.frame": 24, "depth.depth": 24}),
+        ("m3t_pair", {"body.frame": 1, "color_camera_image.frame": 2, "depth_camera_image.depth": 2}),
+    ],
+)
+def test_the_shared_sets_open_by_their_path(name: str, streams: dict[str, int]) -> None:
+    log = open_log(data_folder(name))
+    assert {stream.removeprefix("/robot/"): info.count for stream, info in log.streams.items()} == streams
+    assert all(s.value is not None for s in log.samples(list(log.streams)[:1]))
+
+
+def test_dates_in_names_are_times() -> None:
+    log = open_log(data_folder("rosetta_67p"))
+    assert log.streams["/robot/camera.frame"].t0_ns == 1_407_269_239_000_000_000
+
+
+def test_a_folder_with_one_log_is_that_log_and_with_several_they_are_named(tmp_path: Path) -> None:
+    write_images(tmp_path / "outer" / "inner" / "images", "1.png")
+    assert list(open_log(tmp_path / "outer").streams) == ["/robot/camera.frame"]
+    write_images(tmp_path / "outer" / "second" / "images", "1.png")
+    with pytest.raises(InputError, match="several logs: name one of .*inner.*second"):
+        open_log(tmp_path / "outer")
