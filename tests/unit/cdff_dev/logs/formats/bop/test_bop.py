@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,6 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_dev.logs import open_log
-from tests.support.data import data_folder
 
 K = [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
 
@@ -21,7 +21,10 @@ K = [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
     """Two images with two objects; the first image has two instances of object 5."""
-    for name, image in (("rgb", np.zeros((480, 640, 3), np.uint8)), ("depth", np.full((480, 640), 50, np.uint16))):
+    for name, image in (
+        ("rgb", np.zeros((480, 640, 3), np.uint8)),
+        ("depth", np.full((480, 640), 50, np.uint16)),
+    ):
         (tmp_path / name).mkdir()
         for n in (0, 3):
             cv2.imwrite(str(tmp_path / name / f"{n:06d}.png"), image)
@@ -54,8 +57,10 @@ def test_different_cameras_in_a_scene_are_refused(scene: Path) -> None:
         open_log(scene)
 
 
-def test_the_depth_of_a_single_frame_agrees_with_the_pose_of_its_object() -> None:
-    samples = {s.stream: s.value for s in open_log(data_folder("bop_tyol_frame")).samples()}
+def test_the_depth_of_a_single_frame_agrees_with_the_pose_of_its_object(
+    real_data: Callable[[str], Path],
+) -> None:
+    samples = {s.stream: s.value for s in open_log(real_data("bop_tyol_frame")).samples()}
     T, depth = samples["/bop/truth.object_19"].transform.matrix, samples["/bop/depth.depth"]
     x, y, z = T[:3, 3]
     column = round((x / z - depth.center_x) / depth.scale_x)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,6 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_dev.logs import open_log
-from tests.support.data import data_folder
 
 T0 = 1_403_636_579_763_555_584
 SENSOR = """
@@ -87,8 +87,10 @@ def test_a_missing_image_and_a_bad_line_are_named(recording: Path) -> None:
 
 
 @pytest.mark.parametrize(("part", "pairs"), [("", 84), ("map", 67), ("query", 17)])
-def test_pairs_named_by_their_time_are_rectified(part: str, pairs: int) -> None:
-    log = open_log(data_folder("euroc_v101_pairs") / part)
+def test_pairs_named_by_their_time_are_rectified(
+    real_data: Callable[[str], Path], part: str, pairs: int
+) -> None:
+    log = open_log(real_data("euroc_v101_pairs") / part)
     assert [info.count for info in log.streams.values()] == [pairs, pairs]
     pair = next(s.value for s in log.samples(["/euroc/navcam.pair"]))
     assert pair.baseline == pytest.approx(0.11, abs=0.001)

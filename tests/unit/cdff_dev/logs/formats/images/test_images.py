@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -12,7 +13,6 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_dev.logs import open_log
-from tests.support.data import data_folder
 
 CAMERA = "px: 60\npy: 60\nu0: 32\nv0: 24\n"
 
@@ -83,14 +83,16 @@ def test_a_table_of_poses_with_other_columns_is_refused(tmp_path: Path, text: st
         ("m3t_pair", {"body.frame": 1, "color_camera_image.frame": 2, "depth_camera_image.depth": 2}),
     ],
 )
-def test_the_shared_sets_open_by_their_path(name: str, streams: dict[str, int]) -> None:
-    log = open_log(data_folder(name))
+def test_the_shared_sets_open_by_their_path(
+    real_data: Callable[[str], Path], name: str, streams: dict[str, int]
+) -> None:
+    log = open_log(real_data(name))
     assert {stream.removeprefix("/robot/"): info.count for stream, info in log.streams.items()} == streams
     assert all(s.value is not None for s in log.samples(list(log.streams)[:1]))
 
 
-def test_dates_in_names_are_times() -> None:
-    log = open_log(data_folder("rosetta_67p"))
+def test_dates_in_names_are_times(real_data: Callable[[str], Path]) -> None:
+    log = open_log(real_data("rosetta_67p"))
     assert log.streams["/robot/camera.frame"].t0_ns == 1_407_269_239_000_000_000
 
 
@@ -98,5 +100,5 @@ def test_a_folder_with_one_log_is_that_log_and_with_several_they_are_named(tmp_p
     write_images(tmp_path / "outer" / "inner" / "images", "1.png")
     assert list(open_log(tmp_path / "outer").streams) == ["/robot/camera.frame"]
     write_images(tmp_path / "outer" / "second" / "images", "1.png")
-    with pytest.raises(InputError, match="several logs: name one of .*inner.*second"):
+    with pytest.raises(InputError, match=r"several logs: name one of .*inner.*second"):
         open_log(tmp_path / "outer")

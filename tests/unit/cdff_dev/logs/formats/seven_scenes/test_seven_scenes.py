@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -11,11 +12,10 @@ import numpy as np
 import pytest
 
 from cdff_dev.logs import open_log
-from tests.support.data import data_folder
 
 
-def test_an_extract_has_colour_depth_and_poses() -> None:
-    log = open_log(data_folder("seven_scenes_redkitchen"))
+def test_an_extract_has_colour_depth_and_poses(real_data: Callable[[str], Path]) -> None:
+    log = open_log(real_data("seven_scenes_redkitchen"))
     assert [info.count for info in log.streams.values()] == [121, 121, 121]
     depth = next(s for s in log.samples(["/seven_scenes/depth.depth"]))
     assert depth.stamp_ns == 22_000_000_000
