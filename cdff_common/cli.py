@@ -40,8 +40,10 @@ EXTRAS = {
         "small_gicp",
     ],
     "dpm": ["alembic", "cryptography", "fastapi", "pyproj", "sqlalchemy", "starlette", "uvicorn"],
+    "logs": ["rosbags"],
+    "plot": ["matplotlib"],
     "simulate": ["open3d"],
-    "dev": ["evo", "jinja2", "matplotlib"],
+    "dev": ["evo", "jinja2"],
     "evaluate": ["gtsam", "kiss_icp", "kiss_matcher"],
 }
 

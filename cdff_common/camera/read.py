@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibration files, detected by their content: OpenCV and ROS (YAML), Kalibr (camchain), KITTI, data sets."""
+"""Calibration files, detected by their content: OpenCV, ROS, Kalibr (camchain), KITTI, data sets."""
 
 from __future__ import annotations
 

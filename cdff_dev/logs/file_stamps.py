@@ -26,7 +26,7 @@ _DATE = re.compile(r"(?<!\d)(\d{8}T\d{6})(?!\d)")
 
 
 def natural_order(file: Path) -> tuple[list[int], str]:
-    """Return a key that orders files by the numbers in their names, then by name: ``scan2`` before ``scan10``."""
+    """Return a key that orders files by the numbers in their names: ``scan2`` before ``scan10``."""
     return [int(number) for number in _NUMBER.findall(file.stem)], file.name
 
 

@@ -130,8 +130,8 @@ def pair_stream(
 ) -> IndexedStream:
     """Return a stream of rectified grey FramePair in the frame ``{sensor}_left``.
 
-    Images of a calibration that is not that of a rectified pair are rectified; the frame of the sensor is then
-    that of the rectified left camera.
+    Images of a calibration that is not that of a rectified pair are rectified; the frame of the sensor is
+    then that of the rectified left camera.
 
     Raises
     ------

@@ -140,7 +140,7 @@ def _unrecognised(location: LogLocation, logs_inside: list[str]) -> str:
 
 
 def _content(location: LogLocation) -> str:
-    """Return what is at a location, for an error message."""
+    """Return the content of a location, for an error message."""
     if location.folder is None:
         return f"it begins with {location.head(8)!r}"
     suffixes = Counter(file.suffix or file.name for file in location.folder.rglob("*") if file.is_file())

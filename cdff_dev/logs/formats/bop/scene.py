@@ -36,9 +36,9 @@ _MAX_JSON_BYTES = 1 << 26
 def scene_log(folder: Path) -> IndexedLog:
     """Open a scene: ``rgb`` or ``gray``, ``depth``, ``scene_camera.json`` and ``scene_gt.json``.
 
-    Image n has the stamp n times 100 ms. Streams are ``/bop/colour.frame``, ``/bop/depth.depth``, and for each
-    object ``/bop/truth.object_{id}``: its pose in the camera, metres; of several instances of an object in an
-    image the first one.
+    Image n has the stamp n times 100 ms. Streams are ``/bop/colour.frame``, ``/bop/depth.depth``, and for
+    each object ``/bop/truth.object_{id}``: its pose in the camera, metres; of several instances of an object
+    in an image the first one.
 
     Raises
     ------

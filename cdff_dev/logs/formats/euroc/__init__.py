@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Recordings in the layout of the EuRoC MAV data set (ASL), and folders of stereo pairs named by their time."""
+"""Recordings in the layout of the EuRoC MAV data set, and folders of stereo pairs named by their time."""
 
 from __future__ import annotations
 

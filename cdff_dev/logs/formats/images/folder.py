@@ -47,9 +47,9 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     """Open the images of a folder and its sub-folders.
 
     Images whose names differ only in numbers are the stream ``/robot/{sensor}.frame``; ``sensor`` is the name
-    of the sub-folder, or what is common to the names, or ``camera``. Depth images of 16 bits with a camera and
-    a stated unit are ``/robot/{sensor}.depth``. Stamps are those of ``times.txt`` beside the images, else of
-    their names (see ``file_stamps``), else 100 ms apart. The camera is ``calibration``; else, of the
+    of the sub-folder, or the common part of the names, or ``camera``. Depth images of 16 bits with a camera
+    and a stated unit are ``/robot/{sensor}.depth``. Stamps are those of ``times.txt`` next to the images,
+    else of their names (see ``file_stamps``), else 100 ms apart. The camera is ``calibration``; else, of the
     calibrations in the folder, its ``config`` or that of the images: the one after whose name the images are
     named, else the only one, or the only one of images with or without depth. ``truth.csv`` is described in
     ``formats.images.truth``. All other files are listed as not converted.

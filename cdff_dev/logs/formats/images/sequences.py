@@ -23,7 +23,7 @@ class ImageSequence:
     Attributes
     ----------
     sensor : str
-        Name of the camera: that of the sub-folder, or what is common to the names of the files.
+        Name of the camera: that of the sub-folder, or the common part of the names of the files.
     pattern : str
         Names of the files, with ``#`` for each number.
     files : tuple of Path
@@ -41,7 +41,7 @@ class ImageSequence:
 
     @property
     def is_depth(self) -> bool:
-        """True if the name of the sequence says that it contains depth images."""
+        """True if the name of the sequence contains "depth"."""
         return "depth" in self.sensor
 
 

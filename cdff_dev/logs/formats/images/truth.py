@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """True poses of a folder of images: ``truth.csv``.
 
-The first line names the columns: ``image`` (name of the file) or ``frame`` (last number in that name), and either
-``T00`` to ``T23``, the upper rows of a pose, or a quaternion ``qw qx qy qz`` and a position ``tx_m ty_m tz_m`` or
-``tx_km ty_km tz_km``. If the folder contains a mesh, the poses are those of this target in the camera
+The first line names the columns: ``image`` (name of the file) or ``frame`` (last number in that name), and
+either ``T00`` to ``T23``, the upper rows of a pose, or a quaternion ``qw qx qy qz`` and a position
+``tx_m ty_m tz_m`` or ``tx_km ty_km tz_km``. If the folder contains a mesh, the poses are those of this target in the camera
 (``/robot/truth.target``), otherwise of the camera in the world (``/robot/truth.pose``).
 """
 

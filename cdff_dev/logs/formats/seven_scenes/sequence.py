@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sequences of 7-Scenes as logs: colour images, depth images and true poses.
 
-Shotton, J., Glocker, B., Zach, C., Izadi, S., Criminisi, A., Fitzgibbon, A. (2013). Scene coordinate regression
-forests for camera relocalization in RGB-D images. CVPR. doi:10.1109/CVPR.2013.377
+Shotton, J. et al. (2013). Scene coordinate regression forests for camera relocalization in RGB-D images. CVPR. doi:10.1109/CVPR.2013.377
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ _DEPTH_UNIT_M = 1e-3
 def sequence_log(frames: Path) -> IndexedLog:
     """Open the frames of a folder; frame n has the stamp n times 100 ms.
 
-    Streams are ``/seven_scenes/colour.frame``, ``/seven_scenes/depth.depth`` and ``/seven_scenes/truth.pose``:
-    the pose of the depth camera in ``seven_scenes/world``, of ``frame-NNNNNN.pose.txt`` or of ``truth.csv`` in
-    the folder above.
+    Streams are ``/seven_scenes/colour.frame``, ``/seven_scenes/depth.depth`` and
+    ``/seven_scenes/truth.pose``: the pose of the depth camera in ``seven_scenes/world``, of
+    ``frame-NNNNNN.pose.txt`` or of ``truth.csv`` in the folder above.
 
     Raises
     ------

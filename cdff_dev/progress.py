@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Progress of long commands on standard error: a bar on a terminal, otherwise a line every 10 seconds."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+_BAR_WIDTH = 30
+#: Seconds between updates on a terminal, and between lines elsewhere.
+_ON_TERMINAL_S, _LINES_S = 0.2, 10.0
+
+
+class Progress:
+    """Counter with rate and remaining time.
+
+    Parameters
+    ----------
+    total : int
+        Number of items; 0 if unknown.
+    unit : str
+        Name of the items, such as "sweeps".
+    out : TextIO, optional
+        By default standard error.
+    """
+
+    def __init__(self, total: int, unit: str, out: TextIO | None = None) -> None:
+        self._total, self._unit = total, unit
+        self._out = sys.stderr if out is None else out
+        self._is_terminal = self._out.isatty()
+        self._start_s = self._shown_s = time.monotonic()
+        self._count = 0
+
+    def advance(self) -> None:
+        """Count an item."""
+        self._count += 1
+        now_s = time.monotonic()
+        if now_s - self._shown_s >= (_ON_TERMINAL_S if self._is_terminal else _LINES_S):
+            self._shown_s = now_s
+            self._out.write(
+                f"\r{self._bar()}{self._line(now_s)}  " if self._is_terminal else f"{self._line(now_s)}\n"
+            )
+            self._out.flush()
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._is_terminal:
+            self._out.write("\r\x1b[K")
+            self._out.flush()
+
+    def _bar(self) -> str:
+        if not self._total:
+            return ""
+        filled = min(_BAR_WIDTH, _BAR_WIDTH * self._count // self._total)
+        return f"[{'#' * filled}{' ' * (_BAR_WIDTH - filled)}] "
+
+    def _line(self, now_s: float) -> str:
+        rate = self._count / max(now_s - self._start_s, 1e-9)
+        line = f"{self._count}{f'/{self._total}' if self._total else ''} {self._unit}, {rate:.1f}/s"
+        if self._total:
+            line += f", {max(0, self._total - self._count) / rate:.0f} s left"
+        return line

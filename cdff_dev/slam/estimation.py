@@ -1,0 +1,195 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Estimation of a trajectory and a map from a log by one compound."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.interfaces.dfpc import Dfpc, DfpcContext
+from cdff_common.interfaces.product import Product, Status
+from cdff_common.interfaces.profile import load_profile
+from cdff_common.interfaces.registry import Registry
+from cdff_core.runtime import Runner
+from cdff_dev.compare.trajectory.track import Track
+from cdff_dev.compilation import compilation_notice
+from cdff_dev.logs.source import LogSource, only_stream
+from cdff_dev.progress import Progress
+from cdff_dev.replay.engine import samples_of
+from cdff_dev.replay.wiring import robot_of, wire
+from cdff_dev.slam.methods import Method
+
+#: Largest share of FAILED poses of a result: the path after each is continued by a prediction.
+_MAX_FAILED = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimation:
+    """Result of a run.
+
+    Attributes
+    ----------
+    method : Method
+    track : Track
+        Poses T_first_current: corrected by loop closures if the compound has a trajectory.
+    values : dict of str to Any
+        Last values of the other output ports.
+    truth : Track or None
+        True poses of the log.
+    run : dict
+        Configuration, counts and cost, for ``run.json``.
+    """
+
+    method: Method
+    track: Track
+    values: dict[str, Any]
+    truth: Track | None
+    run: dict[str, Any]
+
+
+@dataclass(slots=True)
+class _Outputs:
+    """Poses and last values of the outputs of a run, and the reasons of those that are not OK."""
+
+    poses: dict[int, Any] = field(default_factory=dict)
+    values: dict[str, Any] = field(default_factory=dict)
+    statuses: dict[str, int] = field(default_factory=dict)
+    reasons: dict[str, int] = field(default_factory=dict)
+
+    def add(self, product: Product) -> None:
+        if product.value is not None:
+            self.values[product.port] = product.value
+        if product.port != "pose":
+            return
+        quality = product.header.quality
+        self.statuses[quality.status.name] = self.statuses.get(quality.status.name, 0) + 1
+        for reason in quality.reasons if quality.status is not Status.OK else ():
+            name = reason.split(":")[0]
+            self.reasons[name] = self.reasons.get(name, 0) + 1
+        if product.value is not None:
+            self.poses[product.header.t1_ns] = product.value.transform
+
+
+def estimate(
+    method: Method, log: LogSource, name: str, profile: str | None = None, stream: str | None = None
+) -> Estimation:
+    """Pass the samples of a log to the compound of a method.
+
+    Parameters
+    ----------
+    name : str
+        Name of the log, for messages and ``run.json``.
+    profile : str, optional
+        Profile with frames and parameters of the robot.
+    stream : str, optional
+        Stream of the sensor; required if several have its type.
+
+    Raises
+    ------
+    InputError
+        If the log has no sensor of the method.
+    RefusedError
+        If more than 5 % of the poses are FAILED.
+    """
+    types = {stream_name: info.type_name for stream_name, info in log.streams.items()}
+    if method.type_name not in types.values():
+        available = ", ".join(f"{n} ({t})" for n, t in types.items()) or "no streams"
+        raise InputError(
+            f"{name}: no {method.type_name} for cdff {method.name}: it has {available}; {method.hint}"
+        )
+    sensor = only_stream(log, [method.type_name], stream, f"type {method.type_name}")
+    robot = robot_of({sensor: types[sensor]}, None)
+    dfpc = _configured(method, robot, profile)
+    wired = wire(dfpc.description, types, robot, {method.port: sensor})
+    outputs, cost = _run(dfpc, method, log, wired, robot)
+    n_failed, n = outputs.statuses.get("FAILED", 0), sum(outputs.statuses.values())
+    if not outputs.poses or n_failed > _MAX_FAILED * n:
+        raise RefusedError(_refusal(method, log, sensor, name, outputs))
+    run = {
+        "log": name,
+        "streams": wired,
+        "dfpc": dfpc.name,
+        "implementation": dfpc.implementation,
+        "config_hash": dfpc.config_hash,
+        "parameters": dfpc.config.model_dump(mode="json"),
+        "poses": n,
+        "statuses": outputs.statuses,
+        "reasons": outputs.reasons,
+        **cost,
+    }
+    return Estimation(method, _track(outputs), outputs.values, _truth(log), run)
+
+
+def _configured(method: Method, robot: str, profile: str | None) -> Dfpc:
+    dfpc = Registry.default().make_dfpc(method.dfpc)
+    context, parameters, implementation = DfpcContext(robot), {}, None
+    if profile is not None:
+        of_robot = load_profile(profile).robot(robot)
+        entry = of_robot.dfpc(method.dfpc)
+        context, parameters = of_robot.context(entry), dict(entry.parameters)
+        implementation = entry.implementation
+    with compilation_notice(dfpc.name):
+        dfpc.configure(parameters, context, implementation)
+    return dfpc
+
+
+def _run(
+    dfpc: Dfpc, method: Method, log: LogSource, wired: dict[str, str], robot: str
+) -> tuple[_Outputs, dict[str, float]]:
+    """Return the outputs, and wall and CPU seconds."""
+    runner, outputs = Runner(dfpc), _Outputs()
+    progress = Progress(log.streams[wired[method.port]].count, method.unit)
+    start_s, cpu_start_s = time.monotonic(), time.process_time()
+    for sample in samples_of(log, wired, robot):
+        runner.push(sample)
+        for product in runner.drain():
+            outputs.add(product)
+        if sample.port == method.port:
+            progress.advance()
+    for product in runner.finish():
+        outputs.add(product)
+    progress.close()
+    if runner.counters.errors and not outputs.poses:
+        raise InputError(f"{dfpc.name}: every sample was refused; the last: {runner.counters.last_error}")
+    return outputs, {"wall_s": time.monotonic() - start_s, "cpu_s": time.process_time() - cpu_start_s}
+
+
+def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _Outputs) -> str:
+    """Return why there is no result: shares of failures, their reasons, and the time between samples."""
+    n_failed, n = outputs.statuses.get("FAILED", 0), sum(outputs.statuses.values())
+    info = log.streams[sensor]
+    period_s = (info.t1_ns - info.t0_ns) * 1e-9 / max(info.count - 1, 1)
+    reasons = ", ".join(sorted(outputs.reasons, key=outputs.reasons.__getitem__, reverse=True)[:3])
+    return (
+        f"{name}: {n_failed} of {n} {method.unit} were not located ({reasons or 'no output'}); they are "
+        f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next"
+    )
+
+
+def _track(outputs: _Outputs) -> Track:
+    """Return the poses in the frame of the first one; after loop closures the corrected ones."""
+    trajectory = outputs.values.get("trajectory")
+    if trajectory is not None and len(trajectory.stamps_ns):
+        return Track("estimate", trajectory.stamps_ns, trajectory.matrices, trajectory.covariances)
+    stamps_ns = np.array(sorted(outputs.poses), dtype=np.int64)
+    transforms = [outputs.poses[int(stamp)] for stamp in stamps_ns]
+    unknown = np.full((6, 6), np.nan)
+    covariances = np.array([unknown if T.covariance is None else T.covariance for T in transforms])
+    return Track("estimate", stamps_ns, np.array([T.matrix for T in transforms]), covariances)
+
+
+def _truth(log: LogSource) -> Track | None:
+    """Return the true poses of a log; None without a stream of them, or with several."""
+    names = [
+        n for n, i in log.streams.items() if "/truth.pose" in n and i.type_name == "TransformWithCovariance"
+    ]
+    if len(names) != 1:
+        return None
+    samples = list(log.samples(names))
+    stamps_ns = np.array([sample.stamp_ns for sample in samples], dtype=np.int64)
+    return Track("truth", stamps_ns, np.array([sample.value.transform.matrix for sample in samples]))

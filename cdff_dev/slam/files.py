@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of an estimation: trajectory, map, graph, pictures and ``run.json``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.cli import distribution_version
+from cdff_common.errors import CdffError
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.ply import write_ply
+from cdff_common.formats.pose_graph import write_pose_graph
+from cdff_common.formats.tum import write_tum
+from cdff_common.geometry import se3
+from cdff_common.json_form import jsonable
+from cdff_common.output import make_folder, write_file
+from cdff_dev.compare.trajectory.compare import Comparison, compare
+from cdff_dev.slam.estimation import Estimation
+from cdff_dev.slam.pictures import map_picture, trajectory_picture
+
+
+def write_files(estimation: Estimation, folder: Path) -> dict[str, Any]:
+    """Write all files of an estimation and return the content of ``run.json``.
+
+    Raises
+    ------
+    StorageError
+        If the folder cannot be written.
+    """
+    make_folder(folder)
+    track = estimation.track
+    T = se3.inverse(track.matrices[0]) @ track.matrices
+    write_file(folder / "trajectory.tum", write_tum(track.stamps_ns, T))
+    rows = (" ".join(f"{v:.9g}" for v in pose[:3].ravel()) for pose in T)
+    write_file(folder / "trajectory_kitti.txt", "".join(f"{row}\n" for row in rows).encode())
+    if (cloud := estimation.values.get("cloud")) is not None:
+        write_file(folder / "map.ply", write_ply(CloudArrays.of(cloud.points_m)))
+        write_file(folder / "map.png", map_picture(np.asarray(cloud.points_m), track.positions_m))
+    if (graph := estimation.values.get("graph")) is not None:
+        write_file(folder / "graph.g2o", write_pose_graph(graph))
+    comparison, reason = _comparison(estimation)
+    write_file(folder / "trajectory.png", trajectory_picture(track, comparison))
+    summary = {
+        "cdff": distribution_version(),
+        **estimation.run,
+        "path_length_m": float(track.distances_m[-1]),
+        "duration_s": float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9,
+        "truth": reason if comparison is None else comparison.results,
+    }
+    document: dict[str, Any] = jsonable(summary)
+    write_file(folder / "run.json", (json.dumps(document, indent=1, sort_keys=True) + "\n").encode())
+    return document
+
+
+def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:
+    """Return the comparison with the true poses, or None and the reason."""
+    if estimation.truth is None:
+        return None, "the log has no stream of true poses"
+    try:
+        return compare(estimation.track, estimation.truth), ""
+    except CdffError as error:
+        return None, str(error)

@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Summary of an estimation in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def summary_text(summary: Mapping[str, Any], out: Path) -> str:
+    """Return what was estimated, how good it is, and where the files are."""
+    statuses = ", ".join(f"{count} {status}" for status, count in sorted(summary["statuses"].items()))
+    lines = [
+        f"{summary['dfpc']}: {summary['poses']} poses ({statuses}), path {summary['path_length_m']:.2f} m in "
+        f"{summary['duration_s']:.1f} s, {summary['cpu_s']:.1f} s CPU"
+    ]
+    if summary["reasons"]:
+        named = sorted(summary["reasons"].items(), key=lambda item: -item[1])
+        lines.append("reasons: " + ", ".join(f"{name} ({count})" for name, count in named[:5]))
+    truth = summary["truth"]
+    if isinstance(truth, Mapping):
+        lines.append(_truth_line(truth))
+    else:
+        lines.append(f"no comparison: {truth}")
+    lines.append(f"written to {out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
+    return "\n".join(lines)
+
+
+def _truth_line(results: Mapping[str, Any]) -> str:
+    ate_m = results["ate"]["translation_m"]["rmse"]
+    share = 100.0 * ate_m / max(results["path_length_m"], 1e-9)
+    return (
+        f"against the true poses (aligned): RMSE of the positions {ate_m:.3f} m, {share:.2f} % of "
+        f"{results['path_length_m']:.1f} m, {results['poses']['compared']} poses compared"
+    )

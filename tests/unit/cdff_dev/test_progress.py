@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Progress of long commands."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from cdff_dev import progress
+from cdff_dev.progress import Progress
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time in seconds, as the only element."""
+    now = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_without_a_terminal_there_is_a_line_every_ten_seconds(clock: list[float]) -> None:
+    out = io.StringIO()
+    bar = Progress(100, "sweeps", out)
+    for _ in range(50):
+        clock[0] += 0.5
+        bar.advance()
+    bar.close()
+    assert out.getvalue().splitlines() == [
+        "20/100 sweeps, 2.0/s, 40 s left",
+        "40/100 sweeps, 2.0/s, 30 s left",
+    ]
+
+
+def test_on_a_terminal_the_bar_is_removed_at_the_end(clock: list[float]) -> None:
+    out = _Terminal()
+    bar = Progress(4, "pairs", out)
+    for _ in range(2):
+        clock[0] += 1.0
+        bar.advance()
+    assert f"[{'#' * 15}{' ' * 15}] 2/4 pairs, 1.0/s, 2 s left" in out.getvalue()
+    bar.close()
+    assert out.getvalue().endswith("\r\x1b[K")
+
+
+def test_without_a_total_only_count_and_rate_are_shown(clock: list[float]) -> None:
+    out = io.StringIO()
+    bar = Progress(0, "samples", out)
+    clock[0] = 10.0
+    bar.advance()
+    assert out.getvalue() == "1 samples, 0.1/s\n"
