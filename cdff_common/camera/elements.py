@@ -15,7 +15,7 @@ from cdff_common.errors import InputError
 
 _MAX_ELEMENTS = 10_000
 Cameras = dict[str, CameraModel]
-#: ``T_camera_body`` of each camera. The body frame is that of the IMU if the file has its pose, otherwise any.
+#: ``T_camera_body`` of each camera. The body frame is that of the IMU, if the file has its pose.
 Poses = dict[str, NDArray[np.float64]]
 
 

@@ -4,8 +4,9 @@
 
 The first line names the columns: ``image`` (name of the file) or ``frame`` (last number in that name), and
 either ``T00`` to ``T23``, the upper rows of a pose, or a quaternion ``qw qx qy qz`` and a position
-``tx_m ty_m tz_m`` or ``tx_km ty_km tz_km``. If the folder contains a mesh, the poses are those of this target in the camera
-(``/robot/truth.target``), otherwise of the camera in the world (``/robot/truth.pose``).
+``tx_m ty_m tz_m`` or ``tx_km ty_km tz_km``. If the folder contains a mesh, the poses are those
+of this target in the camera (``/robot/truth.target``), otherwise of the camera in the world
+(``/robot/truth.pose``).
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Sequences of 7-Scenes as logs: colour images, depth images and true poses.
 
-Shotton, J. et al. (2013). Scene coordinate regression forests for camera relocalization in RGB-D images. CVPR. doi:10.1109/CVPR.2013.377
+Shotton, J. et al. (2013). Scene coordinate regression forests for camera relocalization in RGB-D images.
+CVPR. doi:10.1109/CVPR.2013.377
 """
 
 from __future__ import annotations
