@@ -10,7 +10,7 @@ from typing import Any
 
 
 def summary_text(summary: Mapping[str, Any], out: Path) -> str:
-    """Return what was estimated, how good it is, and where the files are."""
+    """Return numbers of poses, path, errors and the names of the files."""
     statuses = ", ".join(f"{count} {status}" for status, count in sorted(summary["statuses"].items()))
     lines = [
         f"{summary['dfpc']}: {summary['poses']} poses ({statuses}), path {summary['path_length_m']:.2f} m in "
