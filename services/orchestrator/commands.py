@@ -156,10 +156,18 @@ def _show(data: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _output(answer: Answer, args: argparse.Namespace) -> None:
-    """Write the payload to a file, if given, and print a summary."""
+    """Write the payload to a file, if given, and print a summary; without a file, also the value."""
+    from cdff_common.codecs.dict_form import to_dict_form
+    from cdff_common.value_text import value_lines
+
     if args.out is not None:
         write_file(args.out, answer.data)
-    _show(answer.summary(), args)
+    summary = answer.summary()
+    if args.json and args.out is None and answer.value is not None:
+        summary["value"] = to_dict_form(answer.value)
+    _show(summary, args)
+    if not args.json and answer.value is not None:
+        print("".join(f"  {line}\n" for line in value_lines(answer.value)), end="", flush=True)
 
 
 def _print_summary(summary: dict[str, Any], args: argparse.Namespace) -> None:

@@ -11,6 +11,8 @@ import pytest
 
 from cdff_common import cli
 from cdff_common.errors import InputError, UnavailableError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.types import TransformWithCovariance
 from services.orchestrator.commands import format_of
 
 STAMP_NS = 1_700_000_000_123_456_000
@@ -20,6 +22,9 @@ class ClientDouble:
     """Client double whose orchestrator has one job and one pose."""
 
     data = b"payload"
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform.identity(), parent="site", child="mana/base", stamp_ns=STAMP_NS
+    )
 
     def __init__(self, *_: object, **__: object) -> None: ...
 
@@ -38,7 +43,13 @@ class ClientDouble:
             yield self
 
     def summary(self) -> dict[str, Any]:
-        return {"header": {"t1_ns": STAMP_NS}, "delivered": {"newest_ns": STAMP_NS}}
+        return {
+            "type": "TransformWithCovariance",
+            "robot": "mana",
+            "size": len(self.data),
+            "header": {"t1_ns": STAMP_NS, "quality": {"status": "OK", "reasons": []}},
+            "delivered": {"newest_ns": STAMP_NS},
+        }
 
     def jobs(self, *_: object, **__: object) -> list[dict[str, Any]]:
         return [{"job": "a", "since_ns": STAMP_NS}]
@@ -69,6 +80,18 @@ def test_the_file_suffix_selects_the_format(product: str, name: str, form: str) 
 def test_an_unsupported_file_suffix_is_refused(product: str, name: str) -> None:
     with pytest.raises(InputError, match=r"is no format of a .*\.uper.*--format"):
         format_of(Path(name), product)
+
+
+def test_a_pose_is_printed_in_words_and_whole_as_json(
+    client_double: None, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert cli.main(["request", "pose"]) == 0
+    assert "position: x 0.000, y 0.000, z 0.000 m" in capsys.readouterr().out
+    assert cli.main(["request", "pose", "--json"]) == 0
+    value = json.loads(capsys.readouterr().out)["value"]
+    assert value["data"]["translation"] == [0.0, 0.0, 0.0]
+    assert cli.main(["request", "pose", "--json", "--out", str(tmp_path / "pose.uper")]) == 0
+    assert "value" not in json.loads(capsys.readouterr().out)
 
 
 def test_json_output_has_stamps_as_decimal_strings(
