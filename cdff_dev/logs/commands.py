@@ -12,6 +12,7 @@ import logging
 import math
 from contextlib import ExitStack, closing
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,20 +30,20 @@ def register(nouns: Any) -> None:
     verbs = parser.add_subparsers(metavar="VERB")
 
     info = verbs.add_parser("info", help="streams, types, counts, times, and deviations from the format")
-    info.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    _add_log(info)
     info.add_argument("--json", action="store_true", help="print JSON")
     info.add_argument("--deep", action="store_true", help="also decode every sample")
     info.set_defaults(run=_info)
 
     cat = verbs.add_parser("cat", help="print samples, one per line, in the order of their stamps")
-    cat.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    _add_log(cat)
     _add_selection(cat)
     cat.add_argument("--limit", type=int, metavar="N", help="stop after N samples")
     cat.add_argument("--json", action="store_true", help="print all fields as JSON")
     cat.set_defaults(run=_cat)
 
     cut = verbs.add_parser("cut", help="copy some streams or a time interval into a new log")
-    cut.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    _add_log(cut)
     cut.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
     _add_selection(cut)
     cut.set_defaults(run=_cut)
@@ -51,6 +52,13 @@ def register(nouns: Any) -> None:
     merge.add_argument("logs", nargs="+", metavar="LOG", help=_LOG_HELP)
     merge.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
     merge.set_defaults(run=_merge)
+
+
+def _add_log(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("log", metavar="LOG", help=_LOG_HELP)
+    parser.add_argument(
+        "--calibration", metavar="FILE", type=Path, help="calibration of the cameras, for logs without one"
+    )
 
 
 def _add_selection(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +87,7 @@ def _info(args: argparse.Namespace) -> int:
 
     if args.json:
         logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
-    with closing(open_log(args.log)) as log:
+    with closing(open_log(args.log, args.calibration)) as log:
         if args.deep:
             for _ in log.samples():
                 pass
@@ -107,7 +115,7 @@ def _cat(args: argparse.Namespace) -> int:
     from cdff_common.clock import format_stamp
     from cdff_dev.logs import open_log
 
-    with closing(open_log(args.log)) as log:
+    with closing(open_log(args.log, args.calibration)) as log:
         for i, sample in enumerate(_selected_samples(log, args)):
             if args.limit is not None and i >= args.limit:
                 break
@@ -151,7 +159,7 @@ def _jsonable(value: Any) -> Any:
 def _cut(args: argparse.Namespace) -> int:
     from cdff_dev.logs import LogWriter, open_log
 
-    with closing(open_log(args.log)) as log:
+    with closing(open_log(args.log, args.calibration)) as log:
         _refuse_own_input(log, args.out)
         with LogWriter(args.out) as writer:
             for sample in _selected_samples(log, args):
