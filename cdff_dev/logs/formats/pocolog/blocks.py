@@ -27,8 +27,8 @@ BLOCK = struct.Struct("<BBHI")
 #: Real time and logical time (each seconds and microseconds), size of the sample, and whether it is compressed.
 SAMPLE = struct.Struct("<IIIIIB")
 DECLARATION_BLOCK, SAMPLE_BLOCK, CONTROL_BLOCK = 1, 2, 3
-#: Largest declaration: those of large ROCK systems have some megabytes of type definitions.
-_MAX_DECLARATION_BYTES = 64 << 20
+#: Largest declaration; definitions of the types of one stream of ROCK need some 10 kB.
+_MAX_DECLARATION_BYTES = 16 << 20
 
 
 class _DamageError(Exception):
@@ -164,17 +164,23 @@ def _declaration(data: NDArray[np.uint8], start: int, end: int) -> StreamBlocks 
         return None
     if content[:1] != b"\x01":
         raise _DamageError(f"declaration of kind {content[:1]!r}, expected 1 (data) or 2 (control)")
-    texts, at = [], 1
-    while at < len(content) and len(texts) < 4:
-        text = content[at + 4 : at + 4 + int.from_bytes(content[at : at + 4], "little")]
-        texts.append(text)
-        at += 4 + int.from_bytes(content[at : at + 4], "little")
-    if len(texts) < 2 or at != len(content):
-        raise _DamageError(
-            f"declaration with texts of {at - 1} bytes, expected {len(content) - 1} bytes of at least 2 texts"
-        )
+    texts = _texts(content[1:])
+    if len(texts) < 2:
+        raise _DamageError(f"declaration with {len(texts)} texts, expected name and type of a stream")
     name, type_name = (text.decode("utf-8", "replace") for text in texts[:2])
     return StreamBlocks(name, type_name, texts[2] if len(texts) > 2 else b"")
+
+
+def _texts(content: bytes) -> list[bytes]:
+    """Return the texts of a declaration, each after its number of bytes."""
+    texts, at = [], 0
+    while at < len(content):
+        start = at + 4
+        at = start + int.from_bytes(content[at:start], "little")
+        if at > len(content):
+            raise _DamageError(f"text of {at - start} bytes, expected at most {len(content) - start}")
+        texts.append(content[start:at])
+    return texts
 
 
 def _add_sample(stream: StreamBlocks, data: NDArray[np.uint8], start: int, size: int) -> None:

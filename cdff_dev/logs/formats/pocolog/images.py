@@ -8,6 +8,7 @@ A log has no calibration, so the camera matrix is unknown.
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import numpy as np
@@ -24,35 +25,31 @@ _PLAIN = {
     "MODE_BGR": (3, FrameModeT.MODE_BGR),
     "MODE_RGB32": (4, FrameModeT.MODE_RGB32),
 }
-#: Conversions of OpenCV, which names a pattern by the second and third pixel of its second row.
-_BAYER = {
-    "MODE_BAYER_RGGB": "COLOR_BAYER_BG2BGR",
-    "MODE_BAYER_GRBG": "COLOR_BAYER_GB2BGR",
-    "MODE_BAYER_BGGR": "COLOR_BAYER_RG2BGR",
-    "MODE_BAYER_GBRG": "COLOR_BAYER_GR2BGR",
-}
+_BAYER = ("MODE_BAYER_RGGB", "MODE_BAYER_GRBG", "MODE_BAYER_BGGR", "MODE_BAYER_GBRG")
 _COMPRESSED = ("MODE_PJPG", "MODE_JPEG", "MODE_PNG")
-_MAX_PIXELS = 1 << 28
 _MAX_TEXT = 256
 
 
 def _frame(value: Any, source: Source, name: str) -> Frame:
-    image, mode = _image(value)
+    image, mode = _image(value, source.order)
     plain = Frame.from_image(image, stamp_ns=source.stamp_ns, sensor=name, mode=mode.name[5:])
     received = stamp_ns(value["received_time"])
     metadata = FrameMetadataT(
         time_stamp=source.time,
         received_time=source.time if received is None else Time.from_ns(received),
-        attributes=tuple(
-            FrameAttribT(a["name_"][:_MAX_TEXT], a["data_"][:_MAX_TEXT]) for a in value["attributes"]
-        ),
+        attributes=tuple(FrameAttribT(_short(a["name_"]), _short(a["data_"])) for a in value["attributes"]),
         mode=mode,
         status=FrameStatusT.__members__.get(value["frame_status"], FrameStatusT.STATUS_INVALID),
     )
     return Frame(metadata=metadata, intrinsic=plain.intrinsic, extrinsic=plain.extrinsic, data=plain.data)
 
 
-def _image(value: Any) -> tuple[NDArray[Any], FrameModeT]:
+def _short(text: str) -> str:
+    """Return the part of a text that an attribute can hold."""
+    return text.encode()[:_MAX_TEXT].decode("utf-8", "ignore")
+
+
+def _image(value: Any, order: str) -> tuple[NDArray[Any], FrameModeT]:
     """Return the pixels of an image, and their mode; raises InputError if they are not in the data."""
     mode = value["frame_mode"]
     data = np.asarray(value["image"])
@@ -66,10 +63,10 @@ def _image(value: Any) -> tuple[NDArray[Any], FrameModeT]:
     if mode == "MODE_UYVY":
         pixels = _pixels(data, height, width, 2, np.dtype(np.uint8))
         return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_YUV2BGR_UYVY)), FrameModeT.MODE_BGR
-    dtype = _dtype(int(value["data_depth"]))
+    dtype = _dtype(int(value["data_depth"]), order)
     if mode in _BAYER:
         pixels = _pixels(data, height, width, 1, dtype)
-        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, _BAYER[mode]))), FrameModeT.MODE_BGR
+        return np.asarray(cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{mode[5:]}2BGR"))), FrameModeT.MODE_BGR
     if mode in ("MODE_BAYER", "RAW_MODES"):
         return _pixels(data, height, width, 1, dtype), FrameModeT.MODE_UNDEF  # the pattern is not stated
     if mode not in _PLAIN:
@@ -79,11 +76,11 @@ def _image(value: Any) -> tuple[NDArray[Any], FrameModeT]:
     return _pixels(data, height, width, channels, dtype), frame_mode
 
 
-def _dtype(depth: int) -> np.dtype[Any]:
+def _dtype(depth: int, order: str) -> np.dtype[Any]:
     """Return the type of an element of a number of effective bits."""
     if not 0 < depth <= 16:
         raise InputError(f"image of {depth} bits per channel: expected 1 to 16")
-    return np.dtype(np.uint8 if depth <= 8 else np.uint16)
+    return np.dtype(f"{order}u{1 if depth <= 8 else 2}")
 
 
 def _pixels(data: NDArray[Any], height: int, width: int, channels: int, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -94,21 +91,24 @@ def _pixels(data: NDArray[Any], height: int, width: int, channels: int, dtype: n
         raise InputError(f"image of {data.size} bytes: expected {height} rows of {row} bytes")
     rows = np.ascontiguousarray(data.reshape(height, stride)[:, :row])
     shape = (height, width) if channels == 1 else (height, width, channels)
-    return rows.view(dtype).reshape(shape)
+    return rows.view(dtype).reshape(shape).astype(dtype.newbyteorder("="), copy=False)
 
 
 def _decompressed(data: NDArray[Any], mode: str, height: int, width: int) -> tuple[NDArray[Any], FrameModeT]:
+    """Return a JPEG or PNG image, whose own size is read first: damaged ones can state any size."""
     import cv2
+    from PIL import Image
 
-    if not 0 < height * width <= _MAX_PIXELS:
-        raise InputError(f"{mode} image of {height} x {width} pixels: expected 1 to {_MAX_PIXELS}")
     try:
-        image = cv2.imdecode(np.ascontiguousarray(data), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
-    if image is None or image.shape[:2] != (height, width):
-        found = "no image" if image is None else f"{image.shape[0]} x {image.shape[1]} pixels"
-        raise InputError(f"{mode} image: {found}, expected {height} x {width} pixels")
+        with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
+            size = picture.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{mode} image of {data.size} bytes: {error}") from error
+    if size != (width, height):
+        raise InputError(f"{mode} image of {size[1]} x {size[0]} pixels: expected {height} x {width}")
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"{mode} image of {data.size} bytes: damaged, expected {height} x {width} pixels")
     modes = {2: FrameModeT.MODE_GRAY, 3: FrameModeT.MODE_BGR, 4: FrameModeT.MODE_BGRA}
     return np.asarray(image), modes[2 if image.ndim == 2 else image.shape[2]]
 

@@ -136,8 +136,8 @@ class Port:
 
     def _converted(self, number: int, task: str, conversion: Conversion) -> Converted:
         block = self._blocks[number]
-        source = Source(task, int(self.stamps_ns[number]))
         part = self._part_of(block)
+        source = Source(task, int(self.stamps_ns[number]), part.order)
         try:
             value = self._value(block)
             if self._is_split:

@@ -60,12 +60,14 @@ def _depth_map(value: Any, source: Source) -> Converted:
     distances_m = np.asarray(value["distances"], np.float64)
     if distances_m.size != rows * cols:
         raise InputError(f"{distances_m.size} distances: expected {rows} x {cols}")
+    if not distances_m.size:
+        return _scan(np.zeros((0, 3)), np.zeros(0), source, source.stamp_ns)
     vertical = _angles(value["vertical_interval"], value["vertical_projection"], rows, is_vertical=True)
     horizontal = _angles(
         value["horizontal_interval"], value["horizontal_projection"], cols, is_vertical=False
     )
     valid = np.flatnonzero(np.isfinite(distances_m) & (distances_m > 0.0))
-    row, col = np.divmod(valid, max(cols, 1))
+    row, col = np.divmod(valid, cols)
     level = np.cos(vertical[row])
     directions = [level * np.cos(horizontal[col]), level * np.sin(horizontal[col]), -np.sin(vertical[row])]
     points_m = np.stack(directions, axis=1) * distances_m[valid, None]

@@ -29,6 +29,8 @@ _ARRAY = re.compile(r"(.+)\[(\d{1,10})\]")
 _MAX_DEPTH = 32
 #: Largest object, bytes.
 _MAX_SIZE = 1 << 30
+#: Largest padding at the end of an object.
+_MAX_PADDING = 4096
 
 
 class Registry:
@@ -134,6 +136,10 @@ class Registry:
             end = offset + kind.size if kind.size else -1  # a container of unstated size has no padding
         tail = size - end if end >= 0 else 0
         padding = tail + (fields[-1][2].padding if fields else 0)
+        if padding > _MAX_PADDING:
+            raise CodecError(
+                f"type {name}: {padding} bytes after its fields, expected at most {_MAX_PADDING}"
+            )
         if all(isinstance(kind, Fixed) for _, _, kind in fields):
             return Fixed(name, self._structure(fields, size), padding)
         min_bytes = tail + sum(gap + kind.min_bytes for gap, _, kind in members)

@@ -34,10 +34,13 @@ class Source:
         Task of ROCK that wrote it, the name of the sensor.
     stamp_ns : int
         Stamp of the sample.
+    order : str
+        Byte order of the computer that wrote it: ``<`` or ``>``.
     """
 
     task: str
     stamp_ns: int
+    order: str = "<"
 
     @property
     def sensor_frame(self) -> str:
