@@ -105,8 +105,8 @@ def _depth_map_times(times: Any, rows: int, cols: int, source: Source) -> tuple[
     Raises
     ------
     InputError
-        If there is not one time for all, for each column, row or measurement, or two between which the
-        columns are interpolated.
+        If there is not one time for all, for each row, column or measurement, or two between which the rows
+        are interpolated, as ROCK does by default.
     """
     count = len(times)
     if count == 0:
@@ -116,13 +116,14 @@ def _depth_map_times(times: Any, rows: int, cols: int, source: Source) -> tuple[
     offsets_s = (stamps - start_ns) * 1e-9
     if count == rows * cols:
         return start_ns, offsets_s
-    if count == rows and count != cols:
-        return start_ns, np.repeat(offsets_s, cols)
-    if count == 2 and cols != 2:
-        offsets_s = np.linspace(offsets_s[0], offsets_s[1], cols)
-    elif count not in (1, cols):
+    if count == 2:
+        count = rows if rows > 1 else cols
+        offsets_s = np.linspace(offsets_s[0], offsets_s[1], count)
+    if count in (1, rows):
+        return start_ns, np.repeat(np.broadcast_to(offsets_s, rows), cols)
+    if count != cols:
         raise InputError(f"{count} times for {rows} x {cols} distances: expected 1, 2, or one for each")
-    return start_ns, np.tile(np.broadcast_to(offsets_s, cols), rows)
+    return start_ns, np.tile(offsets_s, rows)
 
 
 def _scan(
