@@ -37,8 +37,6 @@ class Choice:
 def choose(type_name: str, kinds: Sequence[Type]) -> Choice:
     """Return the conversions of samples of a type, of which files of the log have the definitions ``kinds``."""
     reason = NO_CONVERSION.get(_base_name(type_name), "no CDFF type has its content")
-    if not kinds:
-        return Choice(reason=reason)
     known = CONVERSIONS.get(_base_name(type_name)) or CONVERSIONS.get(_base_name(kinds[0].name))
     if known:
         return _fitting(known, kinds, is_split=False)

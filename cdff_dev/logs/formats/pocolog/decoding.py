@@ -184,7 +184,8 @@ class Compound:
     def values(self, cursor: Cursor) -> Iterator[tuple[str, Any]]:
         """Yield names and values of the fields in order."""
         for gap, name, kind in self.members:
-            cursor.take(gap, self.name)
+            if gap:
+                cursor.take(gap, self.name)
             yield name, kind.decode(cursor)
         cursor.take(self.tail, self.name)
 

@@ -27,14 +27,12 @@ _NUMBERED = re.compile(r"(.+)\.(\d{1,9})")
 
 @dataclass(slots=True)
 class _PortFiles:
-    """A port and its samples in the files of one recording."""
+    """A port and its samples in the files of one recording, which has their path without the number."""
 
-    recording: str
+    recording: Path
     name: str
     type_name: str
     parts: list[PortPart] = field(default_factory=list)
-    count: int = 0
-    fault: str = ""
 
     @property
     def task_and_port(self) -> tuple[str, str]:
@@ -69,40 +67,32 @@ class PocologLog(IndexedLog):
         self._reader = LogFiles(self.files)
         unconverted: dict[str, Unconverted] = {}
         ports = _ports([read_blocks(path) for path in self.files], unconverted)
-        names = Counter(port.name for port in ports)
+        streams = self._converted_streams(_converted_ports(ports, unconverted))
+        super().__init__(streams, unconverted)
+
+    def _converted_streams(self, ports: list[tuple[_PortFiles, Choice]]) -> dict[str, IndexedStream]:
+        """Return the streams of the ports that are converted, by name."""
         streams: dict[str, IndexedStream] = {}
-        converted: list[tuple[_PortFiles, Choice]] = []
-        for port in ports:
-            label = port.name if names[port.name] == 1 else f"{port.recording}: {port.name}"
-            choice = choose(port.type_name, [part.kind for part in port.parts])
-            if port.fault or not choice.conversions:
-                reason = port.fault or choice.reason
-                unconverted[_free(label, unconverted)] = Unconverted(port.type_name, port.count, reason)
-                continue
-            converted.append((port, choice))
-            for name, reason in choice.lost.items():
-                lost = Unconverted(port.type_name, port.count, reason)
-                unconverted[_free(f"{label}: field {name}", unconverted)] = lost
-        tasks = Counter(port.task_and_port for port, _ in converted)
-        for port, choice in converted:
+        tasks = Counter(port.task_and_port for port, _ in ports)
+        for port, choice in ports:
             samples = Port(self.files, self._reader, port.parts, is_split=choice.is_split)
             task, name = port.task_and_port
             if tasks[task, name] > 1:
-                task = name_of(f"{port.recording}_{task}", "task")
+                task = name_of(f"{port.recording.name}_{task}", "task")
             for conversion in choice.conversions:
                 stream = _free(f"/{ROBOT}/{task}.{name}{conversion.suffix}", streams)
                 streams[stream] = samples.stream(stream, task, conversion)
-        super().__init__(streams, unconverted)
+        return streams
 
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
 
 
-def _recording(path: Path) -> tuple[str, int]:
-    """Return name of the recording and number of a file: ``camera.0.log`` is file 0 of ``camera``."""
+def _recording(path: Path) -> tuple[Path, int]:
+    """Return path of the recording and number of a file: ``camera.0.log`` is file 0 of ``camera``."""
     match = _NUMBERED.fullmatch(path.stem)
-    return (match[1], int(match[2])) if match else (path.stem, 0)
+    return (path.with_name(match[1]), int(match[2])) if match else (path.with_suffix(""), 0)
 
 
 def _free(name: str, taken: dict[str, IndexedStream] | dict[str, Unconverted]) -> str:
@@ -115,26 +105,44 @@ def _free(name: str, taken: dict[str, IndexedStream] | dict[str, Unconverted]) -
 
 
 def _ports(files: list[FileBlocks], unconverted: dict[str, Unconverted]) -> list[_PortFiles]:
-    """Return the ports of all files, and list content without a port in ``unconverted``."""
-    ports: dict[tuple[str, str, str], _PortFiles] = {}
+    """Return the ports whose types are readable, and list other content of the files in ``unconverted``."""
+    ports: dict[tuple[Path, str, str], _PortFiles] = {}
     registries: dict[tuple[bytes, str], Registry] = {}
     for number, found in enumerate(files):
-        recording = _recording(found.path)[0]
         for blocks in found.streams:
-            key = (recording, blocks.name, blocks.type_name)
-            port = ports.setdefault(key, _PortFiles(*key))
-            port.count += len(blocks.starts)
             try:
                 definitions = blocks.registry, found.order
                 if definitions not in registries:
                     registries[definitions] = Registry(*definitions)
                 kind = registries[definitions].build(blocks.type_name)
             except CodecError as error:
-                port.fault = port.fault or str(error)
+                name = _free(f"{found.path.name}: {blocks.name}", unconverted)
+                unconverted[name] = Unconverted(blocks.type_name, len(blocks.starts), str(error))
                 continue
-            port.parts.append(PortPart(number, found.order, kind, blocks))
+            key = (_recording(found.path)[0], blocks.name, blocks.type_name)
+            ports.setdefault(key, _PortFiles(*key)).parts.append(PortPart(number, found.order, kind, blocks))
         _list_remainder(found, unconverted)
     return list(ports.values())
+
+
+def _converted_ports(
+    ports: list[_PortFiles], unconverted: dict[str, Unconverted]
+) -> list[tuple[_PortFiles, Choice]]:
+    """Return the ports with a conversion, and list others and fields without one in ``unconverted``."""
+    names = Counter(port.name for port in ports)
+    converted = []
+    for port in ports:
+        label = port.name if names[port.name] == 1 else f"{port.recording.name}: {port.name}"
+        count = sum(len(part.blocks.starts) for part in port.parts)
+        choice = choose(port.type_name, [part.kind for part in port.parts])
+        if not choice.conversions:
+            unconverted[_free(label, unconverted)] = Unconverted(port.type_name, count, choice.reason)
+            continue
+        converted.append((port, choice))
+        for name, reason in choice.lost.items():
+            lost = Unconverted(port.type_name, count, reason)
+            unconverted[_free(f"{label}: field {name}", unconverted)] = lost
+    return converted
 
 
 def _list_remainder(found: FileBlocks, unconverted: dict[str, Unconverted]) -> None:

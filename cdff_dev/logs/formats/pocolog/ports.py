@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import zlib
 from array import array
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -135,28 +136,25 @@ class Port:
             return [logical_ns]
 
     def _converted(self, number: int, task: str, conversion: Conversion) -> Converted:
-        block = self._blocks[number]
-        part = self._part_of(block)
+        part, i = self._block(number)
         source = Source(task, int(self.stamps_ns[number]), part.order)
         try:
-            value = self._value(block)
+            value = self._value(self._blocks[number], part, i)
             if self._is_split:
                 value = value[self._elements[number]]
             return conversion.convert(value, source)
         except (InputError, ValueError, TypeError, KeyError, IndexError, OverflowError) as error:
-            at = part.blocks.starts[block - self._first[self._parts.index(part)]]
-            raise CodecError(
-                f"{self._paths[part.file]}: {part.blocks.name} sample at byte {at}: {error}"
-            ) from error
+            where = f"{part.blocks.name} sample at byte {part.blocks.starts[i]}"
+            raise CodecError(f"{self._paths[part.file]}: {where}: {error}") from error
 
-    def _part_of(self, block: int) -> PortPart:
-        return self._parts[int(np.searchsorted(self._first, block, side="right")) - 1]
+    def _block(self, number: int) -> tuple[PortPart, int]:
+        """Return the file of a sample, and the number of its block in the file."""
+        k = bisect_right(self._first, self._blocks[number]) - 1
+        return self._parts[k], self._blocks[number] - self._first[k]
 
-    def _value(self, block: int) -> Any:
+    def _value(self, block: int, part: PortPart, i: int) -> Any:
         """Return the value of a block; the last one is kept, as several streams and elements need it."""
         if self._last[0] != block:
-            part = self._part_of(block)
-            i = block - self._first[self._parts.index(part)]
             start = part.blocks.starts[i]
             data = self._files.read(part.file, start, start + part.blocks.sizes[i])
             content = decompressed(data) if part.blocks.compressed[i] else data

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.errors import CodecError
+from cdff_common.errors import CodecError, InputError
 from cdff_dev.logs import LogWriter, open_log
 from tests.support import pocolog_files as rock
 
@@ -206,3 +206,20 @@ def test_the_length_of_a_large_log_does_not_need_memory_for_its_samples(tmp_path
     finally:
         tracemalloc.stop()
     assert peak < 8 << 20
+
+
+def test_a_file_without_readable_types_does_not_hide_the_other_files(tmp_path: Path) -> None:
+    write_imu(tmp_path / "imu.0.log", [T0_US])
+    writer = rock.PocologWriter()
+    writer.declare(0, "/xsens.samples", IMU, b"<typelib")
+    writer.sample(0, IMU, imu(T0_US))
+    (tmp_path / "imu.1.log").write_bytes(writer.data)
+    with closing(open_log(tmp_path)) as log:
+        assert log.streams["/robot/xsens.samples"].count == 1
+        assert log.unconverted["imu.1.log: /xsens.samples"].count == 1
+
+
+def test_a_file_that_only_begins_like_a_log_is_not_one(tmp_path: Path) -> None:
+    (tmp_path / "imu.0.log").write_bytes(b"POCOSIM_INDEX" + bytes(100))
+    with pytest.raises(InputError, match="none of the known formats"):
+        open_log(tmp_path / "imu.0.log")
