@@ -20,8 +20,8 @@ from cdff_common.codecs.messagepack._kernels import skip, skip_many
 from cdff_common.codecs.wire_types import base_type, message_node
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
+from cdff_dev.logs.byte_files import LogFiles, MappedFile, mapped_file
 from cdff_dev.logs.formats.infuse import quirks as quirk
-from cdff_dev.logs.formats.infuse.byte_files import LogFiles, MappedFile, mapped_file
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 
 #: Number of samples that are skipped by one call of the compiled function.

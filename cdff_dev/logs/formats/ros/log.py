@@ -16,8 +16,8 @@ from rosbags.interfaces import Connection
 
 from cdff_common.errors import CodecError, InputError
 from cdff_dev.logs.formats.ros.conversions import CAMERA_INFO, CONVERSIONS, NO_CONVERSION, Conversion
-from cdff_dev.logs.formats.ros.names import robot_name
 from cdff_dev.logs.formats.ros.topics import Topic, namespace
+from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import (
     LogSample,
     LogSource,

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cdff_dev.logs.formats.ros.names import frame_name, name_of, stream_name
+from cdff_dev.logs.names import frame_name, name_of, stream_name
 
 if TYPE_CHECKING:
     from cdff_dev.logs.formats.ros.conversions import Conversion

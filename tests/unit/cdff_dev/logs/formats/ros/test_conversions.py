@@ -16,8 +16,8 @@ from cdff_common.errors import InputError
 from cdff_dev.logs.formats.ros.clouds import lidar_scan
 from cdff_dev.logs.formats.ros.conversions import CONVERSIONS
 from cdff_dev.logs.formats.ros.images import compressed_frame, frame
-from cdff_dev.logs.formats.ros.names import robot_name, stream_name
 from cdff_dev.logs.formats.ros.topics import Topic
+from cdff_dev.logs.names import robot_name, stream_name
 
 STAMP_NS = 1_600_000_000_000_000_000
 TOPIC = Topic("/camera/image_raw", "rover", CONVERSIONS["sensor_msgs/msg/Image"])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names of robots, streams and frames from names of files, topics and frames of ROS."""
+"""Names of robots, streams and frames from names of files, topics and frames of other frameworks."""
 
 from __future__ import annotations
 

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs of ROCK: each port whose type has a conversion becomes a stream."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cdff_common.errors import CodecError
+from cdff_dev.logs.byte_files import LogFiles
+from cdff_dev.logs.formats.pocolog.blocks import FileBlocks, read_blocks
+from cdff_dev.logs.formats.pocolog.choice import Choice, choose
+from cdff_dev.logs.formats.pocolog.ports import Port, PortPart
+from cdff_dev.logs.formats.pocolog.registry import Registry
+from cdff_dev.logs.formats.pocolog.values import ROBOT
+from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.names import name_of
+from cdff_dev.logs.source import Unconverted
+
+_log = logging.getLogger(__name__)
+_NUMBERED = re.compile(r"(.+)\.(\d{1,9})")
+
+
+@dataclass(slots=True)
+class _PortFiles:
+    """A port and its samples in the files of one recording, which has their path without the number."""
+
+    recording: Path
+    name: str
+    type_name: str
+    parts: list[PortPart] = field(default_factory=list)
+
+    @property
+    def task_and_port(self) -> tuple[str, str]:
+        """Names of task and port: ``/camera.frame`` is ``camera`` and ``frame``."""
+        task, _, port = self.name.strip("/").rpartition(".")
+        return name_of(task or port, "task"), name_of(port if task else "data", "port")
+
+
+class PocologLog(IndexedLog):
+    """Log files of ROCK as a ``LogSource``.
+
+    Files ``NAME.0.log``, ``NAME.1.log`` are one recording. The stream of port ``frame`` of task ``camera`` is
+    ``/robot/camera.frame``; if several ports of the log have this name, ``/robot/NAME_camera.frame``. Stamps
+    are those of the samples' own field ``time``, if they have one that is set, else logical times.
+
+    Opening a log reads the headers of all blocks and the times of the samples that are converted, which needs
+    about 70 bytes of memory per sample. The content of damaged files before the damage is read; the damage is
+    listed in ``unconverted`` and logged.
+
+    Parameters
+    ----------
+    files : list of Path
+
+    Raises
+    ------
+    CodecError
+        If a file is not a pocolog file of version 2.
+    """
+
+    def __init__(self, files: list[Path]) -> None:
+        self.files = sorted(files, key=_recording)
+        self._reader = LogFiles(self.files)
+        unconverted: dict[str, Unconverted] = {}
+        ports = _ports([read_blocks(path) for path in self.files], unconverted)
+        streams = self._converted_streams(_converted_ports(ports, unconverted))
+        super().__init__(streams, unconverted)
+
+    def _converted_streams(self, ports: list[tuple[_PortFiles, Choice]]) -> dict[str, IndexedStream]:
+        """Return the streams of the ports that are converted, by name."""
+        streams: dict[str, IndexedStream] = {}
+        tasks = Counter(port.task_and_port for port, _ in ports)
+        for port, choice in ports:
+            samples = Port(self.files, self._reader, port.parts, is_split=choice.is_split)
+            task, name = port.task_and_port
+            if tasks[task, name] > 1:
+                task = name_of(f"{port.recording.name}_{task}", "task")
+            for conversion in choice.conversions:
+                stream = _free(f"/{ROBOT}/{task}.{name}{conversion.suffix}", streams)
+                streams[stream] = samples.stream(stream, task, conversion)
+        return streams
+
+    def close(self) -> None:
+        """Close the files."""
+        self._reader.close()
+
+
+def _recording(path: Path) -> tuple[Path, int]:
+    """Return path of the recording and number of a file: ``camera.0.log`` is file 0 of ``camera``."""
+    match = _NUMBERED.fullmatch(path.stem)
+    return (path.with_name(match[1]), int(match[2])) if match else (path.with_suffix(""), 0)
+
+
+def _free(name: str, taken: dict[str, IndexedStream] | dict[str, Unconverted]) -> str:
+    """Return a name, with a number if it is taken."""
+    numbered, n = name, 1
+    while numbered in taken:
+        n += 1
+        numbered = f"{name}_{n}"
+    return numbered
+
+
+def _ports(files: list[FileBlocks], unconverted: dict[str, Unconverted]) -> list[_PortFiles]:
+    """Return the ports whose types are readable, and list other content of the files in ``unconverted``."""
+    ports: dict[tuple[Path, str, str], _PortFiles] = {}
+    registries: dict[tuple[bytes, str], Registry] = {}
+    for number, found in enumerate(files):
+        for blocks in found.streams:
+            try:
+                definitions = blocks.registry, found.order
+                if definitions not in registries:
+                    registries[definitions] = Registry(*definitions)
+                kind = registries[definitions].build(blocks.type_name)
+            except CodecError as error:
+                name = _free(f"{found.path.name}: {blocks.name}", unconverted)
+                unconverted[name] = Unconverted(blocks.type_name, len(blocks.starts), str(error))
+                continue
+            key = (_recording(found.path)[0], blocks.name, blocks.type_name)
+            ports.setdefault(key, _PortFiles(*key)).parts.append(PortPart(number, found.order, kind, blocks))
+        _list_remainder(found, unconverted)
+    return list(ports.values())
+
+
+def _converted_ports(
+    ports: list[_PortFiles], unconverted: dict[str, Unconverted]
+) -> list[tuple[_PortFiles, Choice]]:
+    """Return the ports with a conversion, and list others and fields without one in ``unconverted``."""
+    names = Counter(port.name for port in ports)
+    converted = []
+    for port in ports:
+        label = port.name if names[port.name] == 1 else f"{port.recording.name}: {port.name}"
+        count = sum(len(part.blocks.starts) for part in port.parts)
+        choice = choose(port.type_name, [part.kind for part in port.parts])
+        if not choice.conversions:
+            unconverted[_free(label, unconverted)] = Unconverted(port.type_name, count, choice.reason)
+            continue
+        converted.append((port, choice))
+        for name, reason in choice.lost.items():
+            lost = Unconverted(port.type_name, count, reason)
+            unconverted[_free(f"{label}: field {name}", unconverted)] = lost
+    return converted
+
+
+def _list_remainder(found: FileBlocks, unconverted: dict[str, Unconverted]) -> None:
+    name = found.path.name
+    if found.damage:
+        _log.warning("%s: %s", found.path, found.damage)
+        unconverted[_free(name, unconverted)] = Unconverted("damaged block", 0, found.damage)
+    if found.undeclared:
+        unconverted[f"{name}: streams without declaration"] = Unconverted(
+            "unknown", found.undeclared, "their declaration, expected before their samples, is missing"
+        )
+    if found.control:
+        unconverted[f"{name}: control streams"] = Unconverted(
+            "control block", found.control, "pocolog defines no content for them"
+        )

@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of ROCK in samples: times, vectors, matrices and quaternions; and what a conversion gets and returns.
+
+Compounds are dictionaries or structured scalars, see ``decoding``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.clock import MAX_STAMP_NS
+from cdff_common.types import Time
+from cdff_dev.logs.names import frame_name
+
+ROBOT = "robot"
+FloatArray = NDArray[np.float64]
+#: Value, frame and child frame of a sample.
+Converted = tuple[Any, str, str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Origin of a sample.
+
+    Attributes
+    ----------
+    task : str
+        Task of ROCK that wrote it, the name of the sensor.
+    stamp_ns : int
+        Stamp of the sample.
+    order : str
+        Byte order of the computer that wrote it: ``<`` or ``>``.
+    """
+
+    task: str
+    stamp_ns: int
+    order: str = "<"
+
+    @property
+    def sensor_frame(self) -> str:
+        """Frame of the sensor."""
+        return f"{ROBOT}/{self.task}"
+
+    @property
+    def time(self) -> Time:
+        """Stamp of the sample as a message."""
+        return Time.from_ns(self.stamp_ns)
+
+    def frame(self, name: str) -> str:
+        """Return the CDFF name of a frame of ROCK."""
+        return frame_name(ROBOT, name)
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """Conversion of a type of ROCK.
+
+    Attributes
+    ----------
+    type_name : str
+        ASN.1 type of the samples.
+    convert : callable
+        From the value of a sample and its source.
+    fields : tuple of str
+        Fields that the value must have.
+    optional : tuple of str
+        Fields that it can have, and whose content is used, or follows from others. Further fields are listed
+        as not converted.
+    lost : mapping of str to str
+        Reasons why fields of fields are not converted.
+    suffix : str
+        Suffix of the name of the stream, where a type has several conversions.
+    """
+
+    type_name: str
+    convert: Callable[[Any, Source], Converted]
+    fields: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ("time",)
+    lost: Mapping[str, str] = field(default_factory=dict)
+    suffix: str = ""
+
+
+def names_of(value: Any) -> tuple[str, ...]:
+    """Return the names of the fields of a compound."""
+    return tuple(value) if isinstance(value, dict) else (value.dtype.names or ())
+
+
+def microseconds(time: Any) -> int:
+    """Return microseconds of ``base::Time``, of which old versions have seconds and microseconds."""
+    seconds = int(time["seconds"]) if "seconds" in names_of(time) else 0
+    return seconds * 1_000_000 + int(time["microseconds"])
+
+
+def stamp_ns(time: Any) -> int | None:
+    """Return the stamp of ``base::Time``; None if it is zero, as unset times are, or out of range."""
+    ns = microseconds(time) * 1000
+    return ns if ns and abs(ns) <= MAX_STAMP_NS else None
+
+
+def vector(value: Any) -> FloatArray:
+    """Return the numbers of a vector."""
+    return np.asarray(value["data"], np.float64)
+
+
+def matrix(value: Any) -> FloatArray:
+    """Return a square matrix, of which Eigen stores column after column."""
+    numbers = vector(value)
+    side = round(float(np.sqrt(numbers.size)))
+    return numbers.reshape(side, side).T
+
+
+def dynamic_matrix(value: Any) -> FloatArray:
+    """Return a matrix whose size is part of the value."""
+    return vector(value).reshape(int(value["cols"]), int(value["rows"])).T
+
+
+def quaternion_xyzw(value: Any) -> FloatArray:
+    """Return a quaternion x, y, z, w."""
+    return np.append(np.asarray(value["im"], np.float64), float(value["re"]))
+
+
+def record(
+    cls: Any, stamp: str = "", optional: tuple[str, ...] = (), **parts: tuple[str, Callable[[Any], Any]]
+) -> Conversion:
+    """Return the conversion of a compound whose fields correspond to those of a message.
+
+    Parameters
+    ----------
+    cls : type
+        Message.
+    stamp : str
+        Field of the message with the stamp of the sample.
+    optional : tuple of str
+        Fields of the compound whose content follows from others.
+    **parts : tuple
+        For each field of the message: field of the compound, and the conversion of its value.
+    """
+
+    def convert(value: Any, source: Source) -> Converted:
+        fields = {target: how(value[name]) for target, (name, how) in parts.items()}
+        if stamp:
+            fields[stamp] = source.time
+        return cls(**fields), source.sensor_frame, None
+
+    names = tuple(name for name, _ in parts.values())
+    return Conversion(cls.ASN1_NAME, convert, names, ("time", *optional))
