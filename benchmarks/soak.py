@@ -45,6 +45,8 @@ from cdff_dev.ports import free_port
 
 #: Sampling period of the services, seconds, and pause of a client between two requests.
 _PERIOD_S, _PAUSE_S = 5.0, 2.0
+#: Longest time until all services are ready, seconds: the machine may have other load.
+_READY_S = 900.0
 _COLUMNS = ("memory_mb", "descriptors", "threads")
 
 
@@ -175,7 +177,7 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
     lap_end_s = 0.0
     with stage:
         with Bus.open(stage.connect, name="soak", wait_s=90.0) as bus:
-            stage.wait_ready(bus)
+            stage.wait_ready(bus, timeout_s=_READY_S)
         with load(stage, log, profile.robot_ids) as (player, counts):
             start_s = time.monotonic()
             while (t_s := time.monotonic() - start_s) < 60.0 * minutes:
