@@ -17,6 +17,7 @@ from pathlib import Path
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.heartbeat import start_heartbeat
 from cdff_common.log import configure_logging
+from cdff_common.memory import limit_retained_memory
 from cdff_common.output import storage_errors
 
 logger = logging.getLogger(__name__)
@@ -103,6 +104,7 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
 
     ``body`` receives the stop event and returns after it is set and everything is closed.
     """
+    limit_retained_memory()
     stop = stop_event()
     follow_supervisor()
     configure_logging(name, os.environ.get("CDFF_LOG_LEVEL", "INFO"))
