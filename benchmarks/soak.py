@@ -8,8 +8,8 @@ The rovers of the profile drive the same circles again and again (simulated data
 DFPC lags, so that other load on the machine makes the mission slower, not different. Four clients send
 requests to the orchestrator and read the DPM over HTTP.
 
-For each service the report has the resident memory when it was ready, at the end of the first lap, the highest
-and the mean of the last tenth of the samples, and straight lines through the second half of the samples, per
+For each service the report has the resident memory when it was ready, at the end of the first lap, the highest,
+the mean of the last tenth of the samples and after the load, and straight lines through the second half of the samples, per
 hour. ``--log FILE`` also writes each sample, one JSON line each, so that an interrupted run can be evaluated.
 """
 
@@ -45,6 +45,8 @@ from cdff_dev.ports import free_port
 
 #: Sampling period of the services, seconds, and pause of a client between two requests.
 _PERIOD_S, _PAUSE_S = 5.0, 2.0
+#: Time between the end of the load and the last measurement, seconds.
+_SETTLE_S = 15.0
 #: Longest time until all services are ready, seconds: the machine may have other load.
 _READY_S = 900.0
 _COLUMNS = ("memory_mb", "descriptors", "threads")
@@ -189,6 +191,8 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
                 stage.check_running()
                 time.sleep(_PERIOD_S)
             published, gated = player.progress.published, player.progress.gated
+        time.sleep(_SETTLE_S)
+        after_mb = {s.service: s.memory_mb for s in sample_all(stage.supervisor_pid, t_s)}
     size_mb = {
         f.name: round(sum(p.stat().st_size for p in (f, *f.rglob("*")) if p.is_file()) / 1e6, 1)
         for f in sorted(folder.iterdir())
@@ -200,7 +204,10 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
         "samples_published": published,
         "samples_withheld": gated,
         "calls": dict(sorted(counts.items())),
-        "services": {service: summary(rows, lap_end_s) for service, rows in samples.items()},
+        "services": {
+            service: summary(rows, lap_end_s) | {"after_mb": after_mb.get(service)}
+            for service, rows in samples.items()
+        },
         "data_folder_mb": size_mb,
     }
 
