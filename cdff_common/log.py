@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logging of processes as JSON lines on standard error; libraries only call ``logging.getLogger``."""
+"""Logging of processes as JSON lines on standard error, or in files of bounded size.
+
+Libraries only call ``logging.getLogger``.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,13 @@ import logging
 import sys
 import threading
 from collections.abc import Callable
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
 
 from cdff_common.clock import format_stamp, monotonic_s
 
+#: Size at which a log file is rotated, and number of rotated files that are kept.
+LOG_BYTES, LOGS_KEPT = 16_000_000, 3
 #: Message templates whose repetitions are counted.
 _MAX_TEMPLATES = 1000
 _OWN_FIELDS = set(logging.makeLogRecord({}).__dict__) | {"message", "asctime", "taskName"}
@@ -75,9 +82,23 @@ class RepetitionFilter(logging.Filter):
         return True
 
 
-def configure_logging(service: str, level: str = "INFO") -> None:
-    """Write every log record of this process to standard error as JSON lines."""
-    handler = logging.StreamHandler(sys.stderr)
+def configure_logging(service: str, level: str = "INFO", folder: Path | None = None) -> None:
+    """Write every log record of this process as JSON lines.
+
+    Parameters
+    ----------
+    service : str
+        Name of the process in the records.
+    level : str
+        Lowest level that is written.
+    folder : Path, optional
+        Existing folder of the file ``{service}.log``, which is rotated; by default standard error is used,
+        whose reader must limit its size.
+    """
+    handler: logging.Handler = logging.StreamHandler(sys.stderr)
+    if folder is not None:
+        path = folder / f"{service}.log"
+        handler = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=LOGS_KEPT, encoding="utf-8")
     handler.setFormatter(JsonLines(service))
     handler.addFilter(RepetitionFilter())
     root = logging.getLogger()

@@ -17,7 +17,8 @@ from pathlib import Path
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.heartbeat import start_heartbeat
 from cdff_common.log import configure_logging
-from cdff_common.output import storage_errors
+from cdff_common.memory import limit_retained_memory
+from cdff_common.output import make_folder, storage_errors
 
 logger = logging.getLogger(__name__)
 
@@ -103,11 +104,15 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
 
     ``body`` receives the stop event and returns after it is set and everything is closed.
     """
+    limit_retained_memory()
     stop = stop_event()
     follow_supervisor()
-    configure_logging(name, os.environ.get("CDFF_LOG_LEVEL", "INFO"))
+    level, log_folder = os.environ.get("CDFF_LOG_LEVEL", "INFO"), os.environ.get("CDFF_LOG_DIR")
+    configure_logging(name, level)
     start_heartbeat(stop)
     try:
+        if log_folder:
+            configure_logging(name, level, make_folder(Path(log_folder)))
         body(stop)
     except CdffError as error:
         if stop.is_set():  # an interruption by the stop event is not a failure

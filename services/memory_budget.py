@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Alarm of a process whose resident memory is above its budget."""
+"""Resident memory of a process: freed memory is returned to the system, and a budget has an alarm."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cdff_common.errors import ConfigurationError
+from cdff_common.memory import release_memory
 from services.alarms import Alarms, Severity
 
 _KIND = "memory_over_budget"
@@ -16,6 +17,8 @@ _KIND = "memory_over_budget"
 DEFAULT_MB = 2000
 #: The alarm ends below this fraction of the budget.
 _END = 0.9
+#: Growth since the last release after which freed memory is released, megabytes.
+_GROWTH_MB = 32.0
 
 
 def memory_budget_mb() -> int:
@@ -36,10 +39,18 @@ def resident_mb() -> float:
 
 
 def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], None]:
-    """Return a function that begins or ends the alarm by the present memory of this process."""
+    """Return a function that begins or ends the alarm by the present memory of this process.
+
+    If the memory has grown, freed memory is returned to the system first: small blocks keep heaps of arrays.
+    """
+    released_mb = 0.0
 
     def check() -> None:
+        nonlocal released_mb
         used_mb = resident_mb()
+        if used_mb > released_mb + _GROWTH_MB:
+            release_memory()
+            released_mb = used_mb = resident_mb()
         if used_mb > budget_mb:
             what = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
             remedy = "stop large requests, restart the service, or raise CDFF_MEMORY_MB"

@@ -144,12 +144,17 @@ class Stage:
         router = keys.alive(keys.GROUND if shared else robots[0].id, "router")
         return {router} | ground_tokens | {keys.alive(r.id, d.name) for r in robots for d in r.dfpcs}
 
-    def wait_ready(self, bus: Bus, on_progress: Callable[[int, int], None] = lambda *_: None) -> None:
+    def wait_ready(
+        self,
+        bus: Bus,
+        on_progress: Callable[[int, int], None] = lambda *_: None,
+        timeout_s: float = READY_S,
+    ) -> None:
         """Wait until every service is alive; raises UnavailableError that names the missing ones.
 
         ``on_progress`` is called with the number of services that are alive and their total number.
         """
-        deadline_s = time.monotonic() + READY_S
+        deadline_s = time.monotonic() + timeout_s
         reported = -1
         while True:
             alive = bus.alive("cdff/@v1/*/@alive/*") & self.expected
@@ -162,7 +167,7 @@ class Stage:
             if time.monotonic() > deadline_s:
                 missing = ", ".join(sorted(self.expected - alive))
                 raise UnavailableError(
-                    f"not ready after {READY_S:g} s: {missing}; their logs are in {self.log_dir}"
+                    f"not ready after {timeout_s:g} s: {missing}; their logs are in {self.log_dir}"
                 )
             time.sleep(0.2)
 

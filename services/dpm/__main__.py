@@ -14,7 +14,6 @@ from cdff_common.errors import StorageError
 from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import Profile, load_profile
-from cdff_common.memory import limit_retained_memory
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.engine.disk_space import RESERVE_BYTES
@@ -41,7 +40,6 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     from services.dpm.http.context import Context
     from services.dpm.http.server import HttpServer
 
-    limit_retained_memory()
     settings = parse_settings(arguments)
     for noisy in ("alembic", "uvicorn", "uvicorn.error"):
         logging.getLogger(noisy).setLevel(logging.WARNING)

@@ -8,6 +8,7 @@ import pytest
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.product import Quality
+from services import memory_budget
 from services.alarms import Alarms
 from services.dfpc_host.calibration_alarms import PRODUCTS, CalibrationMonitor, set_calibration_alarm
 from services.memory_budget import memory_budget_mb, memory_check
@@ -21,6 +22,18 @@ def test_memory_over_the_budget_raises_an_alarm_until_it_is_below(monkeypatch: p
     assert "at most 1 MB" in alarm.what
     memory_check(alarms, "dpm", 100_000)()
     assert alarms.active() == []
+
+
+def test_a_process_that_has_grown_returns_freed_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    resident = iter((100.0, 90.0, 110.0, 130.0, 95.0, 120.0))
+    released = []
+    monkeypatch.setattr(memory_budget, "resident_mb", lambda: next(resident))
+    monkeypatch.setattr(memory_budget, "release_memory", lambda: released.append(True))
+    check, counts = memory_check(Alarms(), "dpm", 2000), []
+    for _ in range(4):
+        check()
+        counts.append(len(released))
+    assert counts == [1, 1, 2, 2]
 
 
 def test_a_malformed_budget_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,236 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Run a looped mission with requests, and report the memory, descriptors and threads of each service.
+
+    python benchmarks/soak.py [--minutes 10] [--profile rover_traverse] [--out FILE]
+
+The rovers of the profile drive the same circles again and again (simulated data). The clock is held while a
+DFPC lags, so that other load on the machine makes the mission slower, not different. Four clients send
+requests to the orchestrator and read the DPM over HTTP.
+
+For each service the report has the resident memory when it was ready, at the end of the first lap, the highest,
+the mean of the last tenth of the samples and after the load, and straight lines through the second half of the samples, per
+hour. ``--log FILE`` also writes each sample, one JSON line each, so that an interrupted run can be evaluated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import tempfile
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from _looped_log import LAP_S, LoopedLog, circle_log
+from _report import write_report
+from _services import descriptors, fetch, memory_mb, threads
+
+from cdff_common.bus import Bus
+from cdff_common.client import Client
+from cdff_common.errors import CdffError
+from cdff_common.interfaces.profile import load_profile
+from cdff_common.resources import resolve
+from cdff_dev.missions.stage import PATIENCE_S, Stage
+from cdff_dev.play.player import Player
+from cdff_dev.ports import free_port
+
+#: Sampling period of the services, seconds, and pause of a client between two requests.
+_PERIOD_S, _PAUSE_S = 5.0, 2.0
+#: Time between the end of the load and the last measurement, seconds.
+_SETTLE_S = 15.0
+#: Longest time until all services are ready, seconds: the machine may have other load.
+_READY_S = 900.0
+_COLUMNS = ("memory_mb", "descriptors", "threads")
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """State of a service at a time since the start of the mission, seconds."""
+
+    t_s: float
+    service: str
+    pid: int
+    memory_mb: float
+    descriptors: int
+    threads: int
+
+
+def services_of(supervisor_pid: int) -> Iterator[tuple[str, int]]:
+    """Yield name and process id of each service."""
+    for child in psutil.Process(supervisor_pid).children():
+        try:
+            line = child.cmdline()
+        except psutil.Error:  # it has ended since it was listed
+            continue
+        if "-m" in line:
+            yield line[line.index("--process" if "--process" in line else "-m") + 1], child.pid
+
+
+def sample_all(supervisor_pid: int, t_s: float) -> list[Sample]:
+    """Return the state of all services."""
+    samples = []
+    for name, pid in services_of(supervisor_pid):
+        try:
+            values = memory_mb(pid), descriptors(pid), threads(pid)
+        except FileNotFoundError:  # it has ended since it was listed
+            continue
+        samples.append(Sample(round(t_s, 1), name.removeprefix("services."), pid, *values))
+    return samples
+
+
+def summary(samples: list[Sample], lap_end_s: float) -> dict[str, Any]:
+    """Return the memory of a service at several times, its slopes per hour and the number of its restarts."""
+    rows = np.array([[s.t_s, s.memory_mb, s.descriptors, s.threads] for s in samples])
+    memory = rows[:, 1]
+    half = rows[len(rows) // 2 :]
+    slopes = np.polyfit(half[:, 0] / 3600.0, half[:, 1:], 1)[0] if len(half) > 2 else np.full(3, np.nan)
+    first_lap_mb = float(memory[np.searchsorted(rows[:, 0], lap_end_s).clip(max=len(rows) - 1)])
+    last_mb = float(memory[-max(len(rows) // 10, 1) :].mean())
+    return {
+        "ready_mb": float(memory[0]),
+        "first_lap_mb": first_lap_mb,
+        "highest_mb": float(memory.max()),
+        "last_mb": round(last_mb, 1),
+        "last_to_first_lap": round(last_mb / first_lap_mb, 2),
+        "slopes_per_hour": {n: round(float(v), 2) for n, v in zip(_COLUMNS, slopes, strict=True)},
+        "restarts": len({s.pid for s in samples}) - 1,
+    }
+
+
+def requester(connect: str, robot: str, seed: int, stop: threading.Event, counts: Counter[str]) -> None:
+    """Request products of a robot from the orchestrator until ``stop``."""
+    rng, region = random.Random(seed), f"near:{robot}/base,5"
+    with Client(connect) as client:
+        while not stop.wait(_PAUSE_S):
+            product, options = rng.choice(
+                (
+                    ("pose", {}),
+                    ("trajectory", {}),
+                    ("pointcloud", {"region": region}),
+                    ("dem", {"region": region, "resolution_m": 0.05}),
+                    ("navigation_map", {"region": region}),
+                )
+            )
+            try:
+                client.request(product, robot=robot, max_age_s=60.0, deadline_s=30.0, **options)
+                counts[f"{product} answered"] += 1
+            except CdffError as error:
+                counts[f"{product} {type(error).__name__}"] += 1
+
+
+def reader(http: str, seed: int, stop: threading.Event, counts: Counter[str]) -> None:
+    """Read windows, tiles, lists and payloads of the DPM until ``stop``."""
+    rng = random.Random(seed)
+    while not stop.wait(_PAUSE_S / 2.0):
+        x, y, side_m = rng.uniform(-14.0, 0.0), rng.uniform(-6.0, 8.0), rng.choice((5.0, 10.0, 20.0))
+        box = f"bbox:{x:.2f},{y:.2f},{x + side_m:.2f},{y + side_m:.2f}"
+        path = rng.choice(
+            (
+                f"api/v1/maps/dem/window?region={box}&resolution_m=0.05&format={rng.choice(('tif', 'png'))}",
+                f"api/v1/maps/slope/window?region={box}",
+                f"api/v1/maps/pointcloud/window?region=circle:{x:.2f},{y:.2f},10&points=200000",
+                "api/v1/products?type=dem&limit=100",
+                f"tiles/dem/12/{rng.randrange(2046, 2050)}/{rng.randrange(2046, 2050)}.png",
+            )
+        )
+        try:
+            counts[f"HTTP {fetch(f'{http}/{path}', 60.0)[0]}"] += 1
+        except OSError as error:
+            counts[f"HTTP {type(error).__name__}"] += 1
+
+
+@contextmanager
+def load(stage: Stage, log: LoopedLog, robots: tuple[str, ...]) -> Iterator[tuple[Player, Counter[str]]]:
+    """Play the log, send requests and read over HTTP while the context is open."""
+    stop, counts = threading.Event(), Counter[str]()
+    with Bus.open(stage.connect, name="player", wait_s=60.0) as bus:
+        player = Player(bus, log, patience_s=PATIENCE_S)
+        workers: list[Callable[[], object]] = [lambda: player.run(stop)]
+        for number, robot in enumerate(robots):
+            workers.append(lambda n=number, r=robot: requester(stage.connect, r, n, stop, counts))
+            workers.append(lambda n=number: reader(f"http://{stage.http}", n, stop, counts))
+        running = [threading.Thread(target=work, daemon=True) for work in workers]
+        for thread in running:
+            thread.start()
+        try:
+            yield player, counts
+        finally:
+            stop.set()
+            for thread in running:
+                thread.join(60.0)
+
+
+def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], None]) -> dict[str, Any]:
+    """Run the mission for some minutes and return the report."""
+    path = resolve("profiles", name)
+    profile = load_profile(path)
+    log = LoopedLog(circle_log(name))
+    stage = Stage(profile, path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}", data_dir=folder)
+    samples: dict[str, list[Sample]] = defaultdict(list)
+    lap_end_s = 0.0
+    with stage:
+        with Bus.open(stage.connect, name="soak", wait_s=90.0) as bus:
+            stage.wait_ready(bus, timeout_s=_READY_S)
+        with load(stage, log, profile.robot_ids) as (player, counts):
+            start_s = time.monotonic()
+            while (t_s := time.monotonic() - start_s) < 60.0 * minutes:
+                for sample in sample_all(stage.supervisor_pid, t_s):
+                    samples[sample.service].append(sample)
+                    on_sample(sample)
+                laps = (player.now_ns() - player.start_ns) / 1e9 / LAP_S
+                lap_end_s = lap_end_s or (t_s if laps >= 1.0 else 0.0)
+                stage.check_running()
+                time.sleep(_PERIOD_S)
+            published, gated = player.progress.published, player.progress.gated
+        time.sleep(_SETTLE_S)
+        after_mb = {s.service: s.memory_mb for s in sample_all(stage.supervisor_pid, t_s)}
+    size_mb = {
+        f.name: round(sum(p.stat().st_size for p in (f, *f.rglob("*")) if p.is_file()) / 1e6, 1)
+        for f in sorted(folder.iterdir())
+    }
+    return {
+        "profile": profile.name,
+        "minutes": minutes,
+        "laps": round(laps, 1),
+        "samples_published": published,
+        "samples_withheld": gated,
+        "calls": dict(sorted(counts.items())),
+        "services": {
+            service: summary(rows, lap_end_s) | {"after_mb": after_mb.get(service)}
+            for service, rows in samples.items()
+        },
+        "data_folder_mb": size_mb,
+    }
+
+
+def main() -> None:
+    """Run the mission and write the report."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--profile", default="rover_traverse", help="profile with a simulated scenario")
+    parser.add_argument("--log", type=Path, help="file of all samples")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+
+    def on_sample(sample: Sample) -> None:
+        if args.log is not None:
+            with args.log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(sample)) + "\n")
+
+    with tempfile.TemporaryDirectory(prefix="cdff-soak-") as folder:
+        write_report(soak(args.profile, args.minutes, Path(folder), on_sample), args.out)
+
+
+if __name__ == "__main__":
+    main()
