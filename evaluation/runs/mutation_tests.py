@@ -21,8 +21,6 @@ from cdff_common.errors import InputError
 from evaluation.runs.mutants import Mutant
 from evaluation.runs.nearest_tests import NearestTests
 
-#: Numbers of test files that are run one group after the other, nearest first.
-GROUPS = (2, 6)
 #: Limit of the CPU time of one group, seconds, and relative to its CPU time without the change: shared caches
 #: and processors make the same work up to twice as long.
 LIMIT_S, LIMIT_FACTOR = 45, 3
@@ -77,13 +75,7 @@ class MutationTests:
         The outcome does not depend on the load of the machine: the limit is one of CPU time, and a test that
         may have missed a deadline kills the mutant only if it fails twice.
         """
-        ranked = self._nearest.ranked(mutant.path, mutant.function)
-        start = 0
-        for size in GROUPS:
-            group = tuple(ranked[start : start + size])
-            start += size
-            if not group:
-                break
+        for group in self._nearest.groups(mutant.path, mutant.function):
             with self._change(mutant):
                 answer = self._run(group)
                 if answer["outcome"] == "failed" and answer["waited_s"] > _LEAST_WAIT_S:
@@ -101,9 +93,8 @@ class MutationTests:
         selected = sorted({test for test in tests if "::" in test})
         for start in range(0, len(selected), _BATCH):
             for _ in range(_ATTEMPTS):
-                answer = self._run(
-                    tuple(selected[start : start + _BATCH]), cpu_s=LIMIT_FACTOR * _BATCH * LIMIT_S
-                )
+                arguments = (*selected[start : start + _BATCH], "-m", "")
+                answer = self._run(arguments, cpu_s=LIMIT_FACTOR * _BATCH * LIMIT_S)
                 if answer["outcome"] == "passed":
                     break
             else:

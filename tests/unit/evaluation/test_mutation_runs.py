@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from evaluation.runs.mutation_progress import MutationProgress
+from evaluation.runs.nearest_tests import NearestTests
 
 ROOT = Path(__file__).resolve().parents[3]
 SERVED = "import sys; from evaluation.runs import mutation_server as s; s._LIBRARIES = (); s.main()"
@@ -93,3 +94,14 @@ def test_uncommitted_changes_neither_use_nor_store_outcomes(
     monkeypatch.setattr(MutationProgress, "_object_of", lambda self, path: path)
     MutationProgress(tmp_path).add("key", {"outcome": "survived", "test": ""})
     assert MutationProgress(tmp_path).answer("key") is None
+
+
+def test_defaults_of_parameters_are_compared_with_the_reference_pages_also_if_that_is_slow() -> None:
+    nearest = NearestTests(ROOT)
+    path = "cdff_core/dfns/normals_estimation/principal_axis.py"
+    first, second, third = nearest.groups(path, "")
+    assert first[0].endswith("test_generated_files_are_up_to_date[reference]")
+    assert (len(second), len(third)) == (2, 6)
+    of_function = nearest.groups(path, "PrincipalAxis.process")
+    assert len(of_function) == 2
+    assert "tests/unit/cdff_core/dfns/normals_estimation/test_principal_axis.py" in of_function[0]
