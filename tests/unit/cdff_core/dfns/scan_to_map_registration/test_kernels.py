@@ -202,10 +202,13 @@ def test_the_support_is_the_mean_weight_of_the_kernel(ground: VoxelTable, rng: n
     R, t = se3.exp_so3(np.array([0.1, -0.2, 0.3])), np.array([0.2, -0.1, 0.8])
     points = np.vstack([sensor_points(rng, R, t), np.full((10, 3), 50.0)])
     poses = np.array([se3.transform(R, t), se3.transform(R, t + 0.1)])
-    expected = [
-        sum(matched(ground, T[:3, :3] @ q + T[:3, 3])[3] for q in points[:50]) / len(points) for T in poses
-    ]
-    fractions, motions = np.zeros(len(points)), np.zeros((2, 6))
+    fractions = rng.uniform(-1.0, 0.0, len(points))
+    motions = np.array([np.zeros(6), [0.1, 0.05, -0.05, 0.02, -0.03, 0.04]])
+    expected = []
+    for T, motion in zip(poses, motions, strict=True):
+        turned = se3.exp_so3(fractions[:, None] * motion[3:]) @ points[:, :, None]
+        in_map = se3.transform_points(T, turned[:, :, 0] + fractions[:, None] * motion[:3])
+        expected.append(sum(matched(ground, p)[3] for p in in_map[:50]) / len(points))
     found = kernels.supports((ground,), VOXEL_M, 0, points, fractions, poses, motions, KERNEL_M)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
