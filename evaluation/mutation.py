@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import binomtest
+
 from evaluation.runs.mutants import Mutant, mutants
 from evaluation.runs.mutation_progress import MutationProgress
 from evaluation.runs.mutation_tests import MutationTests
@@ -92,12 +94,25 @@ def killed_ratio(counts: Counter[str]) -> float:
     return round(killed / max(killed + counts["survived"], 1), 3)
 
 
+def confidence_interval(counts: Counter[str]) -> tuple[float, float]:
+    """Return the limits of the killed ratio of all mutants with 95 % confidence.
+
+    E. B. Wilson, Probable Inference, the Law of Succession, and Statistical Inference, 1927,
+    doi:10.1080/01621459.1927.10502953
+    """
+    killed = counts["killed"] + counts["timeout"]
+    limits = binomtest(killed, max(killed + counts["survived"], 1)).proportion_ci(0.95, method="wilson")
+    return float(limits.low), float(limits.high)
+
+
 def table(figures: dict[str, Any]) -> str:
     """Return the counts of each part of the code and of each operator, and the survivors."""
     rows = figures["mutants"]
+    low, high = confidence_interval(Counter(row["outcome"] for row in rows))
     lines = [
         f"{figures['killed_ratio']:.1%} of the mutants that are not equivalent are killed "
-        f"({len(rows)} mutants, seed {figures['seed']}).",
+        f"({len(rows)} mutants, seed {figures['seed']}); of all mutants, {low:.0%} to {high:.0%} with 95 % "
+        "confidence.",
         "",
     ]
     for title, key in (("part of the code", lambda r: r["part"]), ("operator", _operator)):
