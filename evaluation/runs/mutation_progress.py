@@ -28,9 +28,9 @@ _TESTS = ("tests", "evaluation")
 class MutationProgress:
     """Outcomes by ``Mutant.key``, each with the git objects of the files that it depends on.
 
-    The outcome of a killed mutant holds as long as the sources and the file of the test that killed it are the
-    same, any other outcome as long as all tests and their selection are the same. With uncommitted changes
-    nothing is read or written.
+    The outcome of a killed mutant holds as long as the sources and the file of the test that killed it are
+    the same, any other outcome as long as all tests and their selection are the same. With uncommitted
+    changes nothing is read or written.
     """
 
     def __init__(self, root: Path) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Process that runs tests in forks of itself, so that libraries are imported only once.
 
-Each line of standard input is a JSON object with ``arguments`` of pytest, ``cpu_s`` and ``idle_s`` (limits of the
-CPU time and of the time in which the process waits for something else than a processor).
+Each line of standard input is a JSON object with ``arguments`` of pytest, ``cpu_s`` and ``idle_s`` (limits of
+the CPU time and of the time in which the process waits for something else than a processor).
 Each line of standard output is the result: ``outcome`` (passed, failed or timeout), ``test`` (the first that
 failed), ``seconds`` (CPU) and ``waited_s`` (elapsed less CPU time of that test).
 """

@@ -20,7 +20,7 @@ _IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE, _IMPORTER_FOLDER = 6, 4, 4, 2,
 _LEAST_RARITY = 1.5
 #: Number of imports between a file and one that counts as using it.
 _IMPORT_LEVELS = 2
-#: Test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs; it is slow.
+#: Slow test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs.
 _PARAMETERS = (
     "tests/contract/test_generated.py::test_generated_files_are_up_to_date[reference]",
     "-m",

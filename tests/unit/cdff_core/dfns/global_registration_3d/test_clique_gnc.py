@@ -165,7 +165,7 @@ def test_pairs_of_points_too_close_together_are_not_counted_as_consistent() -> N
 
 def test_pairs_that_agree_on_another_transform_nearby_are_attributed_to_chance() -> None:
     source, target, _ = pairs(9, 0.0, 200)
-    # No neighbours of correct pairs: farther from their partners than 3 noises, and consistent with each other.
+    # No neighbours of correct pairs, from which they differ by more than 3 noises.
     target[:80] += np.array([4.5 * NOISE_M, 0.0, 0.0])
     out = solve(source, target)
     assert not out.inliers[:80].any()
