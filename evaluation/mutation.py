@@ -15,8 +15,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from evaluation.record import provenance
+from scipy.stats import binomtest
+
 from evaluation.runs.mutants import Mutant, mutants
+from evaluation.runs.mutation_progress import MutationProgress
 from evaluation.runs.mutation_tests import MutationTests
 
 OPTIONS = {"seed": 1, "count": 200}
@@ -40,12 +42,12 @@ def evaluate(
 ) -> dict[str, Any]:
     """Return the outcome of each sampled mutant: killed, timeout, survived or equivalent."""
     equivalent = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
-    known = _Progress(ROOT)
+    known = MutationProgress(ROOT)
     results = []
     with MutationTests(ROOT) as tests:
         for number, (part, mutant) in enumerate(sample(ROOT, seed, count)):
             progress(f"mutation: {number + 1} of {count}, {mutant.path}")
-            answer = known.answers.get(mutant.key) or known.add(mutant.key, tests.run(mutant))
+            answer = known.answer(mutant.key) or known.add(mutant.key, tests.run(mutant))
             row = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
             if row["outcome"] == "survived" and mutant.key in equivalent:
                 row |= {"outcome": "equivalent", "reason": equivalent[mutant.key]}
@@ -53,25 +55,6 @@ def evaluate(
         tests.check_without_change(row["test"] for row in results)
     counts = Counter(row["outcome"] for row in results)
     return {"seed": seed, "count": count, "killed_ratio": killed_ratio(counts), "mutants": results}
-
-
-class _Progress:
-    """Answers of an interrupted evaluation of the same commit; none with uncommitted changes."""
-
-    def __init__(self, root: Path) -> None:
-        origin = provenance(root)
-        self._path = root / "build" / f"mutation_{origin['commit']}.json"
-        if origin["tree_differs"]:
-            self._path.unlink(missing_ok=True)
-        self.answers: dict[str, dict[str, str]] = (
-            json.loads(self._path.read_text(encoding="utf-8")) if self._path.is_file() else {}
-        )
-
-    def add(self, key: str, answer: dict[str, str]) -> dict[str, str]:
-        self.answers[key] = answer
-        self._path.parent.mkdir(exist_ok=True)
-        self._path.write_text(json.dumps(self.answers, indent=1), encoding="utf-8")
-        return answer
 
 
 def sample(root: Path, seed: int, count: int) -> Iterator[tuple[str, Mutant]]:
@@ -111,12 +94,25 @@ def killed_ratio(counts: Counter[str]) -> float:
     return round(killed / max(killed + counts["survived"], 1), 3)
 
 
+def confidence_interval(counts: Counter[str]) -> tuple[float, float]:
+    """Return the limits of the killed ratio of all mutants with 95 % confidence.
+
+    E. B. Wilson, Probable Inference, the Law of Succession, and Statistical Inference, 1927,
+    doi:10.1080/01621459.1927.10502953
+    """
+    killed = counts["killed"] + counts["timeout"]
+    limits = binomtest(killed, max(killed + counts["survived"], 1)).proportion_ci(0.95, method="wilson")
+    return float(limits.low), float(limits.high)
+
+
 def table(figures: dict[str, Any]) -> str:
     """Return the counts of each part of the code and of each operator, and the survivors."""
     rows = figures["mutants"]
+    low, high = confidence_interval(Counter(row["outcome"] for row in rows))
     lines = [
         f"{figures['killed_ratio']:.1%} of the mutants that are not equivalent are killed "
-        f"({len(rows)} mutants, seed {figures['seed']}).",
+        f"({len(rows)} mutants, seed {figures['seed']}); of all mutants, {low:.0%} to {high:.0%} with 95 % "
+        "confidence.",
         "",
     ]
     for title, key in (("part of the code", lambda r: r["part"]), ("operator", _operator)):

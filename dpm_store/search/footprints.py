@@ -44,9 +44,9 @@ def footprint_of(header: Header, value: Any) -> FloatArray | None:
     if header.footprint_m is not None:
         return np.array(header.footprint_m).reshape(-1, 2)
     grid = None
-    if value is not None and hasattr(value, "geometry") and hasattr(value, "layer_names"):
+    if hasattr(value, "layer_names"):
         grid = _of_map(value)
-    elif value is not None and hasattr(value, "points_m"):
+    elif hasattr(value, "points_m"):
         grid = _of_points(np.asarray(value.points_m, dtype=np.float64)[:, :2])
     if grid is None:
         return None

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Process that runs tests in forks of itself, so that libraries are imported only once.
 
-Each line of standard input is a JSON object with ``arguments`` of pytest, ``cpu_s`` and ``wall_s`` (limits).
+Each line of standard input is a JSON object with ``arguments`` of pytest, ``cpu_s`` and ``idle_s`` (limits of
+the CPU time and of the time in which the process waits for something else than a processor).
 Each line of standard output is the result: ``outcome`` (passed, failed or timeout), ``test`` (the first that
-failed) and ``seconds`` (CPU).
+failed), ``seconds`` (CPU) and ``waited_s`` (elapsed less CPU time of that test).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _LIBRARIES = (
 _OPTIONS = [
     "-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist",
     "-W", "ignore::pytest.PytestAssertRewriteWarning",  # of the imported libraries that have plug-ins
+    "-o", "timeout=0",  # of elapsed time
     "-m", "not slow and not soak and not integration and not e2e",
 ]  # fmt: skip
 
@@ -38,17 +40,21 @@ _OPTIONS = [
 class _FirstFailure:
     """pytest plug-in."""
 
-    test = ""
+    def __init__(self) -> None:
+        self.test, self.waited_s = "", 0.0
+        self._cpu_s = time.process_time()
+
+    def pytest_runtest_logstart(self) -> None:
+        self._cpu_s = time.process_time()
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        self._note(report)
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self._note(report)
-
-    def _note(self, report: pytest.CollectReport | pytest.TestReport) -> None:
         if report.failed and not self.test:
             self.test = report.nodeid
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed and not self.test:
+            self.test = report.nodeid
+            self.waited_s = max(report.duration - (time.process_time() - self._cpu_s), 0.0)
 
 
 def main() -> None:
@@ -60,29 +66,37 @@ def main() -> None:
         sys.stdout.flush()
 
 
-def _run(arguments: list[str], cpu_s: int, wall_s: float) -> dict[str, Any]:
+def _run(arguments: list[str], cpu_s: int, idle_s: float) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="mutant-") as folder:
         answer = Path(folder) / "answer.json"
-        process = os.fork()
+        process, started = os.fork(), time.monotonic()
         if process == 0:
             _run_in_fork([*arguments, f"--basetemp={folder}/pytest"], answer, cpu_s)
-        deadline = time.monotonic() + wall_s
-        while os.waitpid(process, os.WNOHANG)[0] == 0:
-            if time.monotonic() > deadline:
-                os.killpg(process, signal.SIGKILL)
-                os.waitpid(process, 0)
-                break
+        ended, status = os.waitpid(process, os.WNOHANG)
+        while ended == 0:
+            if time.monotonic() - started - _scheduled_s(process) > idle_s:
+                os.killpg(process, signal.SIGXCPU)
             time.sleep(0.02)
-        if not answer.is_file():
-            return {"outcome": "timeout", "test": "", "seconds": cpu_s}
-        return dict(json.loads(answer.read_text(encoding="utf-8")))
+            ended, status = os.waitpid(process, os.WNOHANG)
+        if answer.is_file():
+            return dict(json.loads(answer.read_text(encoding="utf-8")))
+        is_timeout = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
+        test = "" if is_timeout else f"pytest ended with status {status}"
+        outcome = "timeout" if is_timeout else "failed"
+        return {"outcome": outcome, "test": test, "seconds": cpu_s, "waited_s": 0.0}
+
+
+def _scheduled_s(process: int) -> float:
+    """Return the time in which a process ran or waited for a processor."""
+    running_ns, waiting_ns, _ = Path(f"/proc/{process}/schedstat").read_text(encoding="ascii").split()
+    return (int(running_ns) + int(waiting_ns)) * 1e-9
 
 
 def _run_in_fork(arguments: list[str], answer: Path, cpu_s: int) -> None:
     """Run pytest in this process, write the answer and end the process."""
     os.setsid()
     started = time.process_time()
-    resource.setrlimit(resource.RLIMIT_CPU, (int(started) + cpu_s, int(started) + cpu_s))
+    resource.setrlimit(resource.RLIMIT_CPU, (int(started) + cpu_s, int(started) + cpu_s + 5))
     with Path(os.devnull).open("w") as nothing:
         os.dup2(nothing.fileno(), 1)
         os.dup2(nothing.fileno(), 2)
@@ -93,6 +107,7 @@ def _run_in_fork(arguments: list[str], answer: Path, cpu_s: int) -> None:
         "outcome": "passed" if passed else "failed",
         "test": "" if passed else failure.test or f"pytest ended with {int(code)}",
         "seconds": round(time.process_time() - started, 2),
+        "waited_s": round(failure.waited_s, 2),
     }
     answer.with_suffix(".part").write_text(json.dumps(result), encoding="utf-8")
     answer.with_suffix(".part").replace(answer)

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,12 +21,15 @@ from cdff_common.errors import InputError
 from evaluation.runs.mutants import Mutant
 from evaluation.runs.nearest_tests import NearestTests
 
-#: Numbers of test files that are run one group after the other, nearest first.
-GROUPS = (2, 6)
-#: Limit of the CPU time of one group, seconds.
-LIMIT_S = 45
-#: Limit of the elapsed time relative to that of the CPU time, on a machine that others use too.
-_ELAPSED_FACTOR = 10
+#: Limit of the CPU time of one group, seconds, and relative to its CPU time without the change: shared caches
+#: and processors make the same work up to twice as long.
+LIMIT_S, LIMIT_FACTOR = 45, 3
+#: Limit of the time in which the main thread waits for something else than a processor, seconds.
+_IDLE_S = 300
+#: A test that failed after it waited for longer may have missed a deadline and is repeated, seconds.
+_LEAST_WAIT_S = 0.5
+#: Number of tests that run together on the unchanged tree, and of their runs of which one has to pass.
+_BATCH, _ATTEMPTS = 20, 3
 _NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "build", "node_modules", ".*_cache", "*.svg", "*.jpg")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 
@@ -51,7 +56,7 @@ class MutationTests:
             cwd=self._tree, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         self._nearest = NearestTests(self._tree)
-        self._in_time: dict[tuple[str, ...], bool] = {}
+        self._limit_s: dict[tuple[str, ...], int] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -67,35 +72,49 @@ class MutationTests:
     def run(self, mutant: Mutant) -> dict[str, str]:
         """Return the outcome of a mutant (killed, timeout or survived) and the first test that failed.
 
-        A run beyond the time limit counts as timeout only if the same tests keep it without the change.
+        The outcome does not depend on the load of the machine: the limit is one of CPU time, and a test that
+        may have missed a deadline kills the mutant only if it fails twice.
         """
-        ranked = self._nearest.ranked(mutant.path, mutant.function)
-        start = 0
-        for size in GROUPS:
-            group = tuple(ranked[start : start + size])
-            start += size
-            if not group:
-                break
-            answer = self._run_changed(mutant, group)
+        for group in self._nearest.groups(mutant.path, mutant.function):
+            with self._change(mutant):
+                answer = self._run(group)
+                if answer["outcome"] == "failed" and answer["waited_s"] > _LEAST_WAIT_S:
+                    answer = self._run((answer["test"], *group))
+            if answer["outcome"] == "timeout":
+                answer = self._run_longer(mutant, group)
             if answer["outcome"] == "failed":
                 return {"outcome": "killed", "test": answer["test"]}
-            if answer["outcome"] == "timeout" and self._is_in_time(group):
+            if answer["outcome"] == "timeout":
                 return {"outcome": "timeout", "test": ""}
         return {"outcome": "survived", "test": ""}
 
     def check_without_change(self, tests: Iterable[str]) -> None:
         """Raise InputError if one of the tests that killed mutants fails on the unchanged tree."""
-        selected = tuple(sorted({test for test in tests if "::" in test}))
-        answer = self._run(selected, cpu_s=60 * LIMIT_S) if selected else {"outcome": "passed"}
-        if answer["outcome"] != "passed":
-            raise InputError(f"{answer['test']}: {answer['outcome']} without a change, expected to pass")
+        selected = sorted({test for test in tests if "::" in test})
+        for start in range(0, len(selected), _BATCH):
+            for _ in range(_ATTEMPTS):
+                arguments = (*selected[start : start + _BATCH], "-m", "")
+                answer = self._run(arguments, cpu_s=LIMIT_FACTOR * _BATCH * LIMIT_S)
+                if answer["outcome"] == "passed":
+                    break
+            else:
+                raise InputError(f"{answer['test']}: {answer['outcome']} without a change, expected to pass")
 
-    def _is_in_time(self, group: tuple[str, ...]) -> bool:
-        if group not in self._in_time:
-            self._in_time[group] = self._run(group)["outcome"] == "passed"
-        return self._in_time[group]
+    def _run_longer(self, mutant: Mutant, group: tuple[str, ...]) -> dict[str, Any]:
+        """Repeat a run beyond the limit with one that the tests keep without the change."""
+        if group not in self._limit_s:
+            unchanged = self._run(group, cpu_s=LIMIT_FACTOR * LIMIT_S)
+            passed = unchanged["outcome"] == "passed"
+            self._limit_s[group] = math.ceil(LIMIT_FACTOR * unchanged["seconds"]) if passed else 0
+        if self._limit_s[group] == 0:
+            return {"outcome": "passed"}  # too slow a group to notice any change
+        if self._limit_s[group] <= LIMIT_S:
+            return {"outcome": "timeout"}
+        with self._change(mutant):
+            return self._run(group, cpu_s=self._limit_s[group])
 
-    def _run_changed(self, mutant: Mutant, group: tuple[str, ...]) -> dict[str, Any]:
+    @contextmanager
+    def _change(self, mutant: Mutant) -> Iterator[None]:
         file = self._tree / mutant.path
         compiled = {cached: cached.read_bytes() for cached in self._compiled(mutant.path)}
         for cached in compiled:
@@ -103,7 +122,7 @@ class MutationTests:
         source, times = file.read_bytes(), file.stat()
         file.write_bytes(mutant.applied(source))
         try:
-            return self._run(group)
+            yield
         finally:
             file.write_bytes(source)
             os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -128,7 +147,7 @@ class MutationTests:
     def _run(self, arguments: tuple[str, ...], cpu_s: int = LIMIT_S) -> dict[str, Any]:
         assert self._server.stdin is not None
         assert self._server.stdout is not None
-        request = {"arguments": arguments, "cpu_s": cpu_s, "wall_s": _ELAPSED_FACTOR * cpu_s}
+        request = {"arguments": arguments, "cpu_s": cpu_s, "idle_s": _IDLE_S}
         self._server.stdin.write(json.dumps(request) + "\n")
         self._server.stdin.flush()
         return dict(json.loads(self._server.stdout.readline()))

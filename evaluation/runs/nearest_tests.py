@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections import Counter
@@ -19,8 +20,14 @@ _IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE, _IMPORTER_FOLDER = 6, 4, 4, 2,
 _LEAST_RARITY = 1.5
 #: Number of imports between a file and one that counts as using it.
 _IMPORT_LEVELS = 2
-#: Test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs.
-_PARAMETERS = "tests/contract/test_generated.py::test_generated_files_are_up_to_date[reference]"
+#: Slow test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs.
+_PARAMETERS = (
+    "tests/contract/test_generated.py::test_generated_files_are_up_to_date[reference]",
+    "-m",
+    "slow",
+)
+#: Numbers of test files that run together, nearest first.
+_GROUPS = (2, 6)
 
 
 class NearestTests:
@@ -36,7 +43,15 @@ class NearestTests:
         self._sources = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in sources}
         self._importers: dict[str, set[str]] = {}
 
-    def ranked(self, path: str, function: str) -> list[str]:
+    def groups(self, path: str, function: str) -> list[tuple[str, ...]]:
+        """Return the arguments of pytest for the tests of a function, one group to run after the other."""
+        ranked = self._ranked(path, function)
+        ends = list(itertools.accumulate(_GROUPS, initial=0))
+        groups = [tuple(ranked[start:end]) for start, end in itertools.pairwise(ends)]
+        has_parameters = not function and path.startswith("cdff_core/df")
+        return [_PARAMETERS, *groups] if has_parameters else groups
+
+    def _ranked(self, path: str, function: str) -> list[str]:
         """Return all test files, those that are nearest to a function of a file first."""
         file = PurePosixPath(path)
         names = {file.stem, *file.stem.split("_"), *function.split(".")}
@@ -56,8 +71,7 @@ class NearestTests:
             elif mirrored.parent in folders:
                 score += _IMPORTER_FOLDER
             scores[test] = score
-        nearest = sorted(scores, key=lambda t: (-scores[t], len(self._tests[t][1]), t))
-        return nearest if function or not path.startswith("cdff_core/df") else [_PARAMETERS, *nearest]
+        return sorted(scores, key=lambda t: (-scores[t], len(self._tests[t][1]), t))
 
     def _folders_of_importers(self, path: str) -> set[PurePosixPath]:
         files = {path}

@@ -93,3 +93,10 @@ def test_a_sample_is_repeated_by_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_the_ratio_is_that_of_the_mutants_that_are_not_equivalent() -> None:
     counts = Counter({"killed": 8, "timeout": 1, "survived": 1, "equivalent": 5})
     assert mutation.killed_ratio(counts) == 0.9
+
+
+def test_the_interval_of_the_ratio_narrows_with_the_number_of_mutants() -> None:
+    few, many = Counter({"killed": 8, "survived": 2}), Counter({"killed": 800, "survived": 200})
+    low, high = mutation.confidence_interval(few)
+    assert (low, high) == pytest.approx((0.490, 0.943), abs=1e-3)
+    assert mutation.confidence_interval(many) == pytest.approx((0.774, 0.824), abs=1e-3)

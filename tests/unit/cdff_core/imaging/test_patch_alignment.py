@@ -108,3 +108,8 @@ def test_a_pyramid_halves_each_level_and_refuses_invalid_images() -> None:
     assert [level.shape for level in pyramid(np.zeros((120, 200), np.uint8), 3)] == [(120, 200), (60, 100)]
     with pytest.raises(InputError, match="uint8"):
         smoothed(np.zeros((64, 64), np.float32))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("rows", "sizes"), [(64, [64, 32]), (63, [63]), (256, [256, 128, 64])])
+def test_a_pyramid_has_no_level_below_32_pixels(rows: int, sizes: list[int]) -> None:
+    assert [level.shape[0] for level in pyramid(np.zeros((rows, 256), np.uint8), 3)] == sizes

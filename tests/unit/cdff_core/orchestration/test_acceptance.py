@@ -152,3 +152,11 @@ def test_a_delivery_states_robot_frame_resolution_coverage_and_status() -> None:
     summary = delivery_summary(GOOD, assess(GOOD, REQUEST, NOW_NS), NOW_NS, "site")
     fields = ("robot", "frame", "resolution_m", "coverage", "status")
     assert tuple(summary[name] for name in fields) == ("mana", "site", 0.05, 0.8, "OK")
+
+
+def test_a_candidate_of_unknown_coverage_comes_after_one_of_known_coverage() -> None:
+    anywhere = replace(REQUEST, region=None, min_coverage=None)
+    unknown = replace(GOOD, id="unknown", coverage=None, t1_ns=NOW_NS)
+    best = best_candidate([unknown, GOOD], anywhere, NOW_NS)
+    assert best is not None
+    assert best[0].id == GOOD.id

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -109,6 +110,9 @@ def test_a_leased_sensor_can_be_taken_only_by_a_request_of_higher_priority() -> 
     assert sensor_state(4).obstacle("fast") is None
     assert sensor_state(4).takes_from_others("fast")
     assert not sensor_state(4).takes_from_others("slow")
+    refused = replace(sensor_state(4), refused={"slow": "no power", "fast": "too hot"}, current="fast")
+    assert refused.obstacle("slow") == "no power"
+    assert refused.obstacle("fast") is None
     assert sensor_state(4).switch_s == {"off": 0.0, "slow": 2.0, "fast": 2.0}
     leases.acquire("high", [], {sensor: "fast"}, priority=7)
     assert leases.displaced("low") == {sensor: "fast"}

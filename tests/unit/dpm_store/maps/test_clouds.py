@@ -86,3 +86,11 @@ def test_empty_regions_and_budgets_out_of_range_are_refused(store: Store) -> Non
     assert len(store.clouds.assemble(Query(), 1).cloud.points_m) == 1
     with pytest.raises(InputError, match="points=0"):
         store.clouds.assemble(Query(), 0)
+
+
+def test_voxels_of_the_finest_step_are_cubes_of_a_millimetre(store: Store) -> None:
+    corners = 0.004 * np.arange(500)[:, None] + np.zeros(3)
+    put_cloud(store, np.vstack([corners + 0.0002, corners + 0.0008]), 1)
+    cloud = store.clouds.assemble(Query(), 500)
+    assert cloud.voxel_m == pytest.approx(0.001)
+    assert len(rows(np.floor(cloud.cloud.points_m / 0.001))) == 500

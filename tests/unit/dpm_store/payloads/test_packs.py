@@ -176,3 +176,16 @@ def test_a_pack_that_could_not_be_synced_is_not_appended_to(
     files.flush()
     assert pack_of(offset) == 2
     assert files.read((retained_offset, 10_000), chunk_sums(content(1)), "payload 1") == content(1)
+
+
+def test_an_empty_pack_is_removed_unless_it_is_the_newest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(packs, "PACK_BYTES", 15_000)
+    files = PackFiles(tmp_path)
+    files.append([content(seq) for seq in range(4)])
+    files.flush()
+    assert files.numbers() == [1, 2]
+    for number in (1, 2):
+        assert files.reclaim(number, [])
+    assert files.numbers() == [2]

@@ -11,7 +11,7 @@ import pytest
 
 from cdff_common.contract.limits import LATEST_NS
 from cdff_common.errors import InputError
-from services.dpm.queries.bodies import FrameRevisionBody
+from services.dpm.queries.bodies import FrameRevisionBody, NewAnchor, parse_revision
 
 EDGE: dict[str, Any] = {"frame": "mana/odom", "parent": "site", "T": np.eye(4).tolist()}
 
@@ -27,3 +27,51 @@ def test_the_start_of_validity_is_exact_to_the_nanosecond(stamp_ns: int) -> None
 def test_an_invalid_body_is_refused_with_the_name_of_the_field(change: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=next(iter(change))):
         FrameRevisionBody.parse({**EDGE, **change})
+
+
+ANCHOR: dict[str, Any] = {"body": "mars", "lon_deg": 77.0, "lat_deg": 18.0}
+
+
+def test_an_anchor_is_exact_at_height_zero_towards_north_by_default() -> None:
+    anchor = NewAnchor.parse(ANCHOR)
+    assert (anchor.height_m, anchor.azimuth_deg, anchor.sigma_m, anchor.sigma_deg) == (0.0, 0.0, 0.0, 0.0)
+    assert anchor.expected_revision is None
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+@pytest.mark.parametrize("field", ["lon_deg", "lat_deg", "height_m", "azimuth_deg", "sigma_m", "sigma_deg"])
+def test_an_anchor_with_a_number_that_is_not_finite_is_refused(field: str, value: float) -> None:
+    with pytest.raises(InputError, match=field):
+        NewAnchor.parse(ANCHOR | {field: value})
+
+
+@pytest.mark.parametrize(
+    ("field", "limits", "beyond"),
+    [
+        ("lon_deg", (-360, 360), (-361, 361)),
+        ("lat_deg", (-90, 90), (-91, 91)),
+        ("azimuth_deg", (-360, 360), (-361, 361)),
+        ("sigma_m", (0, 1e9), (-0.1, 1.1e9)),
+        ("sigma_deg", (0, 1e9), (-0.1, 1.1e9)),
+        ("expected_revision", (0, (1 << 31) - 1), (-1, 1 << 31)),
+    ],
+)
+def test_numbers_of_an_anchor_are_accepted_up_to_their_limits(
+    field: str, limits: tuple[float, ...], beyond: tuple[float, ...]
+) -> None:
+    for value in limits:
+        assert getattr(NewAnchor.parse(ANCHOR | {field: value}), field) == value
+    for value in beyond:
+        with pytest.raises(InputError, match=field):
+            NewAnchor.parse(ANCHOR | {field: value})
+
+
+@pytest.mark.parametrize(("text", "revision"), [("*", None), ('"r12"', 12), ("3", 3), (" 4 ", 4)])
+def test_a_revision_is_a_number_an_etag_or_any(text: str, revision: int | None) -> None:
+    assert parse_revision(text) == revision
+
+
+@pytest.mark.parametrize("text", [None, "", "r3", '"3"', "1234567890", "-1"])
+def test_a_missing_or_malformed_revision_is_refused(text: str | None) -> None:
+    with pytest.raises(InputError, match="if_match"):
+        parse_revision(text)

@@ -13,7 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from cdff_common.errors import ConflictError, InputError, OverloadedError, ProductNotFoundError, StorageError
+from cdff_common.errors import (
+    ConflictError,
+    InputError,
+    OverloadedError,
+    ProductNotFoundError,
+    StorageError,
+    UnavailableError,
+)
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.jobs import JobRegistry
@@ -184,3 +191,14 @@ def test_old_jobs_are_removed_and_lists_start_with_the_newest(journal: Journal) 
     assert listed[0]["request"]["request"] == "r11"
     assert {j["request"]["robot"] for j in listed} == {"mana"}
     assert len(registry.listed({"mana", "minnie"}, 500)) == 7
+
+
+def test_a_stopped_registry_ends_open_jobs_as_retriable_and_refuses_new_ones(journal: Journal) -> None:
+    registry = JobRegistry(journal, capacity=9)
+    job = registry.open(request("a"))
+    registry.stop(0.0)
+    with pytest.raises(UnavailableError, match="stopping") as refusal:
+        job.check_cancelled()
+    assert refusal.value.retry_after_s
+    with pytest.raises(UnavailableError, match="stopping"):
+        registry.open(request("b"))

@@ -19,7 +19,7 @@ from cdff_common.interfaces.profile import load_profile
 from cdff_core.orchestration.request import ProductRequest, parse_request
 from services.orchestrator.dpm import StoredProduct
 from services.orchestrator.product_finder import ProductFinder
-from tests.support.dpm_products import S, elevation, pose
+from tests.support.dpm_products import S, elevation, navigation, pose
 
 PROFILE = Path(__file__).parents[4] / "deploy" / "profiles" / "rover_traverse.yaml"
 ROBOTS = ("mana", "minnie")
@@ -205,3 +205,22 @@ def test_a_frame_is_known_if_it_is_connected_at_any_time() -> None:
     queried = [(robot, parent) for robot in ROBOTS for parent in ("site", f"{robot}/base")]
     assert [pose[:2] for pose in dpm.poses[1:]] == queried
     assert {pose[2] for pose in dpm.poses} == {"mana/odom"}
+
+
+@pytest.mark.parametrize(("max_age_s", "merged"), [("10", 2), ("9.999", 1)])
+def test_navigation_maps_are_merged_up_to_the_largest_age(max_age_s: str, merged: int) -> None:
+    class TwoMaps(DpmDouble):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            (newest,) = super().search(until_s, **parameters)
+            return [newest, newest | {"t1_ns": (NOW_S - 10) * S}]
+
+        def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
+            header = self._header(robot, "navigation_map")
+            return StoredProduct(header, robot, navigation(), {}, b"", "")
+
+    parameters = {"type": "navigation_map", "robot": "mana", "region": "bbox:0,0,4,4", "min_coverage": "0.9"}
+    products = finder(TwoMaps(frame="site"))
+    found, _ = products.find(request(**parameters, max_age_s=max_age_s), ("mana",), 1e9)
+    assert found is not None
+    assert len(found[0].sources) == merged
+    assert found[0].frame == "site"

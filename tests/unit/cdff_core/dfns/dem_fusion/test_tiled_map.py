@@ -102,3 +102,11 @@ def test_a_map_is_available_after_the_first_patch_and_a_patch_in_another_frame_s
     full_map = node.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
     assert full_map.frame == "mana/odom"
     assert np.nansum(full_map.layer("count")) == 10_000
+
+
+def test_the_cells_of_a_map_are_the_smallest_doubled_ones_within_the_limit() -> None:
+    node = TiledMap()
+    node.configure({"max_cells": 1 << 14})
+    node.process(DemFusionInputs(patch=patch(0.0)))
+    grid = node.process(DemFusionInputs(bounds=np.array([0.0, 0.0, 100.0, 100.0]))).map.geometry
+    assert grid.resolution_m == pytest.approx(0.8)

@@ -161,3 +161,20 @@ def test_pairs_of_points_too_close_together_are_not_counted_as_consistent() -> N
     points = np.array([[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0]])
     _, degree = consistency_graph(points, points, 0.02, 0.05)
     assert degree.tolist() == [1, 1, 2]
+
+
+def test_pairs_that_agree_on_another_transform_nearby_are_attributed_to_chance() -> None:
+    source, target, _ = pairs(9, 0.0, 200)
+    # No neighbours of correct pairs, from which they differ by more than 3 noises.
+    target[:80] += np.array([4.5 * NOISE_M, 0.0, 0.0])
+    out = solve(source, target)
+    assert not out.inliers[:80].any()
+    assert out.expected_by_chance > 1.0
+
+
+@pytest.mark.parametrize(("max_work", "is_proven"), [(100, False), (1000, True)])
+def test_a_search_ends_when_more_than_its_work_has_been_coloured(max_work: int, is_proven: bool) -> None:
+    edges = {(i, j) for i in range(20) for j in range(20, 40)}  # each neighbour is coloured once: 400
+    result, proven = maximum_clique(*graph(40, edges), max_work)
+    assert proven == is_proven
+    assert len(result) == 2

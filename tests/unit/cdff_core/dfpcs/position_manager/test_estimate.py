@@ -218,3 +218,13 @@ def test_the_displacement_of_refused_increments_is_not_attributed_to_the_last_mo
     assert result.used
     assert after.pose[0, 3] == pytest.approx(0.5, abs=0.01)
     assert 0.0 < after.velocity[0] < 2 * 0.5 / 1.7
+
+
+def test_a_motion_can_end_at_a_clone(estimate: Estimate) -> None:
+    T, H = estimate.relative_motion("odometry", "visual_odometry")
+    start, end = estimate.clones["odometry"].pose, estimate.clones["visual_odometry"].pose
+    np.testing.assert_allclose(T, se3.inverse(start) @ end, atol=1e-12)
+    np.testing.assert_array_equal(H[:, POSE], 0.0)
+    errors = 1e-6 * np.ones(len(estimate.covariance))
+    moved, _ = estimate.with_correction(errors).relative_motion("odometry", "visual_odometry")
+    np.testing.assert_allclose(moved[:3, 3] - T[:3, 3], H[:3] @ errors, rtol=1e-3, atol=1e-10)

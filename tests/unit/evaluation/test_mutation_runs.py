@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs of tests on changed code: judged by CPU time; outcomes hold as long as their sources and tests."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evaluation.runs.mutation_progress import MutationProgress
+from evaluation.runs.nearest_tests import NearestTests
+
+ROOT = Path(__file__).resolve().parents[3]
+SERVED = "import sys; from evaluation.runs import mutation_server as s; s._LIBRARIES = (); s.main()"
+
+
+def served(folder: Path, *sources: str) -> list[dict[str, Any]]:
+    """Return the answers of the server for one test file after the other."""
+    requests = []
+    for number, source in enumerate(sources):
+        file = folder / f"test_{number}.py"
+        file.write_text(source, encoding="utf-8")
+        requests.append(
+            json.dumps(
+                {"arguments": [str(file), "-c", str(folder / "pytest.ini")], "cpu_s": 1, "idle_s": 1.0}
+            )
+        )
+    (folder / "pytest.ini").write_text(
+        "[pytest]\naddopts = -p no:dash -p no:schemathesis\n", encoding="utf-8"
+    )
+    completed = subprocess.run(
+        [sys.executable, "-c", SERVED],
+        cwd=ROOT,
+        input="\n".join(requests),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return [json.loads(line) for line in completed.stdout.splitlines()]
+
+
+def test_an_endless_loop_and_an_endless_wait_are_timeouts_and_a_crash_is_a_failure(tmp_path: Path) -> None:
+    loop, wait, crash, late = served(
+        tmp_path,
+        "def test_a():\n    while True: pass\n",
+        "import time\ndef test_a():\n    time.sleep(60)\n",
+        "import os\ndef test_a():\n    os.abort()\n",
+        "import time\ndef test_a():\n    time.sleep(0.3)\n    assert False\n",
+    )
+    assert loop["outcome"] == wait["outcome"] == "timeout"
+    assert crash["outcome"] == late["outcome"] == "failed"
+    assert late["test"].endswith("::test_a")
+    assert late["waited_s"] > 0.25
+
+
+def commit(root: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text, encoding="utf-8")
+    identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+    for command in (["init", "-q"], ["add", "."], [*identity, "commit", "-qm", "a"]):
+        subprocess.run(["git", *command], cwd=root, check=True)
+
+
+def test_an_outcome_holds_until_the_sources_or_its_tests_change(tmp_path: Path) -> None:
+    folders = ("cdff_common", "cdff_core", "cdff_dev", "dpm_store", "services", "evaluation", "tests/support")
+    files = [f"{folder}/a.py" for folder in folders]
+    commit(tmp_path, dict.fromkeys([*files, "tests/conftest.py", "tests/one.py", "tests/other.py"], "1"))
+    killed = {"outcome": "killed", "test": "tests/one.py::test_a"}
+    survived = {"outcome": "survived", "test": ""}
+    progress = MutationProgress(tmp_path)
+    progress.add("killed", killed)
+    progress.add("survived", survived)
+    assert MutationProgress(tmp_path).answer("killed") == killed
+    assert MutationProgress(tmp_path).answer("survived") == survived
+    commit(tmp_path, {"tests/other.py": "2"})
+    assert MutationProgress(tmp_path).answer("killed") == killed
+    assert MutationProgress(tmp_path).answer("survived") is None
+    commit(tmp_path, {"cdff_core/a.py": "2"})
+    assert MutationProgress(tmp_path).answer("killed") is None
+
+
+def test_uncommitted_changes_neither_use_nor_store_outcomes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "evaluation.runs.mutation_progress.provenance", lambda root: {"commit": "", "tree_differs": True}
+    )
+    monkeypatch.setattr(MutationProgress, "_object_of", lambda self, path: path)
+    MutationProgress(tmp_path).add("key", {"outcome": "survived", "test": ""})
+    assert MutationProgress(tmp_path).answer("key") is None
+
+
+def test_defaults_of_parameters_are_compared_with_the_reference_pages_also_if_that_is_slow() -> None:
+    nearest = NearestTests(ROOT)
+    path = "cdff_core/dfns/normals_estimation/principal_axis.py"
+    first, second, third = nearest.groups(path, "")
+    assert first[0].endswith("test_generated_files_are_up_to_date[reference]")
+    assert (len(second), len(third)) == (2, 6)
+    of_function = nearest.groups(path, "PrincipalAxis.process")
+    assert len(of_function) == 2
+    assert "tests/unit/cdff_core/dfns/normals_estimation/test_principal_axis.py" in of_function[0]

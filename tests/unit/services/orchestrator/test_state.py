@@ -1,0 +1,169 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Observed state of DFPCs and sensors: reports out of order, ownership, refused modes, change signals."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cdff_common.interfaces.profile import load_profile
+from cdff_core.orchestration.reconciliation import Deactivate, SetMode
+from cdff_core.orchestration.world import ProviderId, SensorId
+from services.orchestrator.state import HEALTHY_S, REFUSAL_S, SystemState
+from services.orchestrator.timing import Timing
+
+PROFILE = load_profile(Path(__file__).parents[4] / "deploy" / "profiles" / "rover_traverse.yaml")
+DEM, VO = ProviderId("mana", "digital_elevation_mapping"), ProviderId("mana", "visual_odometry_sparse")
+NAVCAM, LIDAR = SensorId("mana", "navcam"), SensorId("mana", "lidar")
+
+
+class SetTime(Timing):
+    """Time set by tests."""
+
+    def __init__(self) -> None:
+        self.time_s = 100.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+
+@pytest.fixture
+def timing() -> SetTime:
+    return SetTime()
+
+
+@pytest.fixture
+def state(timing: SetTime) -> SystemState:
+    return SystemState(PROFILE, timing)
+
+
+def entry_of(state: SystemState, provider: ProviderId) -> dict[str, Any]:
+    """Return the entry of a provider of mana in the catalogue."""
+    entries = state.catalogue([provider.robot], "dem")["dfpcs"]
+    (entry,) = (e for e in entries if e["name"] == provider.dfpc)
+    return dict(entry)
+
+
+def failures_of(state: SystemState, provider: ProviderId) -> tuple[int, str]:
+    entry = entry_of(state, provider)
+    return entry["failures"], entry["last_failure"]
+
+
+def deactivated(state: SystemState) -> set[ProviderId]:
+    return {action.provider for action in state.actions()[0] if isinstance(action, Deactivate)}
+
+
+def demanded(state: SystemState) -> dict[SensorId, str]:
+    """Return the modes demanded of the sensors of mana."""
+    actions = (action for action in state.actions()[0] if isinstance(action, SetMode))
+    return {action.sensor: action.mode for action in actions if action.sensor.robot == "mana"}
+
+
+def test_a_report_older_than_the_last_one_is_ignored(state: SystemState) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active", changes=5)
+    version = state.version
+    state.set_state(DEM, "error", "late", changes=4)
+    assert state.version == version
+    state.set_owned(DEM, True)
+    assert deactivated(state) == {DEM}
+    state.set_state(DEM, "inactive", changes=5)
+    assert state.version == version + 1
+    assert deactivated(state) == set()
+    # A new process counts its changes from the start.
+    state.set_alive(DEM, False)
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active", changes=1)
+    assert deactivated(state) == {DEM}
+
+
+def test_only_owned_providers_are_deactivated(state: SystemState) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active")
+    assert deactivated(state) == set()
+    state.set_owned(DEM, True)
+    assert deactivated(state) == {DEM}
+    state.set_owned(DEM, False)
+    assert deactivated(state) == set()
+
+
+def test_providers_of_an_earlier_process_are_owned_and_linger(state: SystemState, timing: SetTime) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active")
+    state.recover([DEM], [LIDAR, SensorId("mana", "unknown")])
+    assert deactivated(state) == set()
+    _, next_s = state.actions()
+    assert next_s is not None
+    timing.time_s = next_s + 0.1
+    assert deactivated(state) == {DEM}
+
+
+def test_a_signal_is_given_only_for_a_change(state: SystemState) -> None:
+    versions = [state.version]
+    for report in (
+        lambda: state.set_mode(NAVCAM, "nominal"),
+        lambda: state.set_mode(NAVCAM, "nominal"),
+        lambda: state.set_mode(NAVCAM, "nominal", "no power"),
+        lambda: state.set_mode(NAVCAM, "nominal", "no power"),
+        lambda: state.set_mode(NAVCAM, "nominal"),
+    ):
+        report()
+        versions.append(state.version)
+    assert [b - a for a, b in itertools.pairwise(versions)] == [1, 0, 1, 0, 1]
+
+
+def test_a_refused_mode_is_demanded_again_after_a_while(state: SystemState, timing: SetTime) -> None:
+    state.set_mode(NAVCAM, "off")
+    assert demanded(state) == {NAVCAM: "nominal"}
+    state.add_mode_refusal(NAVCAM, "nominal", "too hot")
+    assert demanded(state) == {}
+    timing.time_s += REFUSAL_S - 0.1
+    assert demanded(state) == {}
+    timing.time_s += 0.2
+    assert demanded(state) == {NAVCAM: "nominal"}
+
+
+def test_a_changed_sensor_without_use_returns_to_its_initial_mode(state: SystemState) -> None:
+    state.set_mode(LIDAR, "nominal")
+    assert LIDAR not in demanded(state)
+    state.add_mode_change(LIDAR)
+    assert demanded(state)[LIDAR] == "off"
+
+
+def test_failures_are_cleared_by_a_healthy_time_in_state_active(state: SystemState, timing: SetTime) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active")
+    state.set_state(DEM, "error", "no memory")
+    assert failures_of(state, DEM) == (1, "no memory")
+    state.set_state(DEM, "error", "again")  # the same failure
+    assert failures_of(state, DEM) == (1, "no memory")
+    state.set_state(DEM, "active")
+    timing.time_s += HEALTHY_S
+    state.set_state(DEM, "active")
+    assert failures_of(state, DEM)[0] == 1
+    timing.time_s += 0.1
+    state.set_state(DEM, "active")
+    assert failures_of(state, DEM) == (0, "")
+
+
+def test_a_vanished_process_is_neither_alive_nor_active(state: SystemState) -> None:
+    state.set_alive(VO, True)
+    state.set_state(VO, "active", wired={"stereo": "sensor/navcam/pair"})
+    entry = entry_of(state, VO)
+    assert (entry["alive"], entry["active"], entry["state"]) == (True, True, "active")
+    assert entry["wired"] == {"stereo": "sensor/navcam/pair"}
+    state.set_alive(VO, False)
+    entry = entry_of(state, VO)
+    assert (entry["alive"], entry["active"], entry["state"]) == (False, False, "unknown")
+    assert entry["wired"] == {}
+
+
+def test_insertions_are_counted_by_product(state: SystemState) -> None:
+    for product in ("dem", "pose", "dem"):
+        state.add_insertion(product)
+    assert state.insertions(["dem"]) == 2
+    assert state.insertions(["dem", "pose", "trajectory"]) == 3
