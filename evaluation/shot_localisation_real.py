@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evaluate shot_localisation on recorded single views, with Open3D's FPFH and RANSAC and KISS-Matcher.
 
-Dragon and cube of ``visp_rbt_rgbd`` have hand-made start poses, moved with the board: an answer is correct
+Dragon and cube of ``visp_rbt_rgbd`` have hand-made start poses, moved with the camera: an answer is correct
 within 3 cm and 8 degrees, for the cube up to its 24 rotations. The start pose of the dragon is itself about
 1.5 cm and 8 degrees off, so answers within 3 cm and 12 degrees are counted as well. Crops are correct within
 a tenth of their radius and 8 degrees. An answer outside the wider gate of 12 degrees is wrong, and every
 answer is wrong if the scene does not contain the model. KISS-Matcher processes the same clouds, with voxels
 of 0.05 model diameters, if it is installed in an environment of ``evaluation.peers``.
 
-The start poses of dragon and cube are moved with the board, seen in the colour images. The depth images have
-other times: the answers are compared a second time with the start poses moved with the depth camera.
+The depth images have other times than the colour images. Only the depth images are matched, so the start poses
+are moved with the depth camera, whose motion Open3D computes from the whole scenes. The answers are compared a
+second time with the start poses moved with the board, seen in the colour images.
 """
 
 from __future__ import annotations
@@ -64,11 +65,13 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
     results: dict[str, Any] = {}
     for name in parts:
         answers = _answers(sets[name](), progress)
-        results[name] = _judged(answers)
         if name == "tracked_objects":
-            by_depth = tracked_poses_by_depth(data)
-            moved = [(replace(view, poses=by_depth[view.name]), found) for view, found in answers]
-            results["tracked_objects_by_depth"] = _judged(moved) | {"reference": _difference(answers, moved)}
+            by_colour, poses = answers, tracked_poses_by_depth(data)
+            answers = [(replace(view, poses=poses[view.name]), found) for view, found in by_colour]
+            results["tracked_objects_by_colour"] = _judged(by_colour) | {
+                "reference": _difference(by_colour, answers)
+            }
+        results[name] = _judged(answers)
     return results
 
 
@@ -253,7 +256,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     """Return the rows of the table of results on real sensors."""
     required = {
         "tracked_objects": "≥ 50 %, 0 wrong",
-        "tracked_objects_by_depth": "≥ 50 %, 0 wrong",
+        "tracked_objects_by_colour": "",
         "crops": "≥ 50 %, 0 wrong",
         "milk_carton": "found",
         "absent_objects": "0 wrong",

@@ -13,10 +13,13 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.geometry.robust import median_sigma
+from cdff_common.geometry.voxels import voxel_rows
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
 _MIN_PAIRS = 20
+#: Number of points, at least, of which the median spacing is computed.
+_SPACING_SAMPLE = 2000
 #: Lower bound of the agreement in the information of the common structure (resolution error).
 _MIN_AGREEMENT = 0.05
 
@@ -78,7 +81,7 @@ class CrossInformation(Interface[CrossInformationConfig]):
         source = se3.transform_points(T, checked_points(inputs.source, "source", _MIN_PAIRS))
         source_normals = checked_points(inputs.source_normals, "source_normals", len(source)) @ T[:3, :3].T
         target_tree, source_tree = kd_tree(target), kd_tree(source)
-        spacing_m = max(spacing(target_tree), spacing(source_tree))
+        spacing_m = max(spacing(tree, _SPACING_SAMPLE) for tree in (target_tree, source_tree))
         gate_m = cfg.gate_m or cfg.gate_spacings * spacing_m
         distance_m, match = nearest(target_tree, source, gate_m)
         target_distance_m, _ = nearest(source_tree, target, gate_m)
@@ -153,10 +156,9 @@ def _clustered_covariance(
 ) -> FloatArray:
     """Return the sandwich covariance (6, 6) about the centre, rotations in radii, square metres."""
     H = (J * weight[:, None]).T @ J
-    cells = np.floor((points - points.min(axis=0)) / cell_m).astype(np.int64)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
+    cell, _ = voxel_rows(points, cell_m)
     score = J * (weight * residual_m)[:, None]
-    by_cell = np.stack([np.bincount(cell.ravel(), weights=score[:, column]) for column in range(6)], axis=1)
+    by_cell = np.stack([np.bincount(cell, weights=score[:, column]) for column in range(6)], axis=1)
     H_inverse = np.linalg.inv(H + 1e-9 * np.trace(H) * np.eye(6))
     return np.asarray(H_inverse @ (by_cell.T @ by_cell) @ H_inverse)
 
