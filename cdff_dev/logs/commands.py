@@ -18,13 +18,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
-<<<<<<< HEAD
 _LOG_HELP = (
-    "file, folder or pattern of files of any known format: InFuse .msg, ROS bag, MCAP, images, scans …"
+    "file, folder or pattern of files: InFuse .msg, pocolog .log, ROS bag, MCAP, KITTI, images, scans …"
 )
-=======
-_LOG_HELP = "file, folder or pattern of files: InFuse .msg, pocolog .log, ROS 1 or 2 bag, MCAP, KITTI sequence, lidar scans"
->>>>>>> 595d3531a20390b568f316047130ca1297347c11
 
 
 def register(nouns: Any) -> None:
