@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
-_LOG_HELP = "file, folder or pattern of files: InFuse .msg, pocolog .log, ROS 1 or 2 bag, MCAP, KITTI sequence, lidar scans"
+_LOG_HELP = "file, folder or pattern of files: InFuse .msg, ROS 1 or 2 bag, MCAP, KITTI sequence"
 
 
 def register(nouns: Any) -> None:
