@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Writer of pocolog files: types with the layout of C++ on 64 bits, their Typelib definitions, and samples."""
+"""Writer of pocolog files: types with the layout of C++ on 64 bits, their definitions, and samples."""
 
 from __future__ import annotations
 

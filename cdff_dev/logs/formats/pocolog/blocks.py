@@ -13,9 +13,6 @@ from array import array
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cdff_common.errors import CodecError
 from cdff_dev.logs.byte_files import mapped_file
 
@@ -24,7 +21,7 @@ VERSION = 2
 _PROLOGUE = struct.Struct("<8sII")
 #: Type, padding, stream number and size of the content of a block.
 BLOCK = struct.Struct("<BBHI")
-#: Real time and logical time (each seconds and microseconds), size of the sample, and whether it is compressed.
+#: Real and logical time (each seconds and microseconds), size of the sample, and whether it is compressed.
 SAMPLE = struct.Struct("<IIIIIB")
 DECLARATION_BLOCK, SAMPLE_BLOCK, CONTROL_BLOCK = 1, 2, 3
 #: Largest declaration; definitions of the types of one stream of ROCK need some 10 kB.
@@ -32,7 +29,7 @@ _MAX_DECLARATION_BYTES = 16 << 20
 
 
 class _DamageError(Exception):
-    """Damaged block; the text states what is at its offset and what was expected."""
+    """Damaged block; the text states its content and the expectation."""
 
 
 @dataclass(slots=True)
@@ -104,10 +101,11 @@ def read_blocks(path: Path) -> FileBlocks:
     found = FileBlocks(path, _byte_order(prologue, path))
     with mapped_file(path) as mapped:
         declared: dict[int, StreamBlocks] = {}
-        at, size = _PROLOGUE.size, mapped.data.size
+        data = mapped.data.data
+        at, size = _PROLOGUE.size, len(data)
         while at < size:
             try:
-                at = _read_block(mapped.data, at, found, declared)
+                at = _read_block(data, at, found, declared)
             except _DamageError as error:
                 found.damage = f"damaged at byte {at} of {size}: {error}; the remainder is lost"
                 break
@@ -130,18 +128,17 @@ def _byte_order(prologue: bytes, path: Path) -> str:
     return ">" if flags & 1 else "<"
 
 
-def _read_block(
-    data: NDArray[np.uint8], at: int, found: FileBlocks, declared: dict[int, StreamBlocks]
-) -> int:
+def _read_block(data: memoryview, at: int, found: FileBlocks, declared: dict[int, StreamBlocks]) -> int:
     """Add a block to the index, and return the offset of the next."""
-    if data.size - at < BLOCK.size:
-        raise _DamageError(f"{data.size - at} bytes, expected a block header of {BLOCK.size}")
+    if len(data) - at < BLOCK.size:
+        raise _DamageError(f"{len(data) - at} bytes, expected a block header of {BLOCK.size}")
     kind, _, stream, size = BLOCK.unpack_from(data, at)
-    start, end = at + BLOCK.size, at + BLOCK.size + size
+    start = at + BLOCK.size
+    end: int = start + size
     if not DECLARATION_BLOCK <= kind <= CONTROL_BLOCK:
         raise _DamageError(f"block of type {kind}, expected 1 (declaration), 2 (sample) or 3 (control)")
-    if end > data.size:
-        raise _DamageError(f"block of {size} bytes, expected at most the {data.size - start} of the file")
+    if end > len(data):
+        raise _DamageError(f"block of {size} bytes, expected at most the {len(data) - start} of the file")
     if kind == CONTROL_BLOCK:
         found.control += 1
     elif kind == DECLARATION_BLOCK:
@@ -155,7 +152,7 @@ def _read_block(
     return end
 
 
-def _declaration(data: NDArray[np.uint8], start: int, end: int) -> StreamBlocks | None:
+def _declaration(data: memoryview, start: int, end: int) -> StreamBlocks | None:
     """Return the declared stream; None for a control stream, which has no samples."""
     if end - start > _MAX_DECLARATION_BYTES:
         raise _DamageError(f"declaration of {end - start} bytes, expected at most {_MAX_DECLARATION_BYTES}")
@@ -183,7 +180,7 @@ def _texts(content: bytes) -> list[bytes]:
     return texts
 
 
-def _add_sample(stream: StreamBlocks, data: NDArray[np.uint8], start: int, size: int) -> None:
+def _add_sample(stream: StreamBlocks, data: memoryview, start: int, size: int) -> None:
     if size < SAMPLE.size:
         raise _DamageError(f"sample of {size} bytes, expected a header of {SAMPLE.size}")
     _, _, seconds, microseconds, sample_size, flags = SAMPLE.unpack_from(data, start)

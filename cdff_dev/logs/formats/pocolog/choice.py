@@ -35,7 +35,7 @@ class Choice:
 
 
 def choose(type_name: str, kinds: Sequence[Type]) -> Choice:
-    """Return the conversions of samples of a type, of which files of the log have the definitions ``kinds``."""
+    """Return the conversions of a type, of which the files of a log have the definitions ``kinds``."""
     reason = NO_CONVERSION.get(_base_name(type_name), "no CDFF type has its content")
     known = CONVERSIONS.get(_base_name(type_name)) or CONVERSIONS.get(_base_name(kinds[0].name))
     if known:
@@ -47,7 +47,7 @@ def choose(type_name: str, kinds: Sequence[Type]) -> Choice:
 
 
 def _base_name(type_name: str) -> str:
-    """Return a type name without the suffix ``_m`` of types that stand for opaque ones in files."""
+    """Return a type name without the suffix ``_m`` of types that represent opaque ones in files."""
     return type_name.removesuffix("_m")
 
 

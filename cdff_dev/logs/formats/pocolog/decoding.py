@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError
 
@@ -21,7 +20,7 @@ from cdff_common.errors import CodecError
 class Cursor:
     """Position in the bytes of a sample of the byte order ``<`` or ``>``."""
 
-    def __init__(self, data: bytes | NDArray[np.uint8], order: str) -> None:
+    def __init__(self, data: bytes | memoryview, order: str) -> None:
         self._data = memoryview(data)
         self._order = "big" if order == ">" else "little"
         self._at = 0
@@ -50,23 +49,23 @@ class Cursor:
 
 
 class Type(Protocol):
-    """A type of samples or of parts of them.
+    """A type of samples or of parts of them."""
 
-    Attributes
-    ----------
-    name : str
-    size : int
-        Size of the C++ object, bytes; 0 if the file does not state it.
-    min_bytes : int
-        Smallest number of bytes of an encoded value, at least 1.
-    padding : int
-        Number of bytes at the end of an encoded value that can be absent at the end of a sample.
-    """
+    @property
+    def name(self) -> str:
+        """Name in the log."""
 
-    name: str
-    size: int
-    min_bytes: int
-    padding: int
+    @property
+    def size(self) -> int:
+        """Size of the C++ object, bytes; 0 if the file does not state it."""
+
+    @property
+    def min_bytes(self) -> int:
+        """Smallest number of bytes of an encoded value, at least 1."""
+
+    @property
+    def padding(self) -> int:
+        """Number of bytes at the end of an encoded value that can be absent at the end of a sample."""
 
     def decode(self, cursor: Cursor) -> Any:
         """Return the value at the position of the cursor."""
@@ -201,7 +200,7 @@ def field_names(kind: Type) -> tuple[str, ...]:
     return (kind.dtype.names or ()) if isinstance(kind, Fixed) else ()
 
 
-def decode_sample(kind: Type, data: bytes | NDArray[np.uint8], order: str) -> Any:
+def decode_sample(kind: Type, data: bytes | memoryview, order: str) -> Any:
     """Return the value of a sample; raises CodecError if the bytes are not those of the type."""
     padded = bytes(data) + bytes(kind.padding) if kind.padding else data
     cursor = Cursor(padded, order)
@@ -211,7 +210,7 @@ def decode_sample(kind: Type, data: bytes | NDArray[np.uint8], order: str) -> An
     return value
 
 
-def decode_field(kind: Type, name: str, data: bytes | NDArray[np.uint8], order: str) -> Any:
+def decode_field(kind: Type, name: str, data: bytes | memoryview, order: str) -> Any:
     """Return a field of a sample, without decoding those after it."""
     if isinstance(kind, Compound):
         return next(value for field, value in kind.values(Cursor(data, order)) if field == name)

@@ -100,7 +100,7 @@ def _decompressed(data: NDArray[Any], mode: str, height: int, width: int) -> tup
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
+        with Image.open(io.BytesIO(data.tobytes()), formats=("JPEG", "PNG")) as picture:
             size = picture.size
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise InputError(f"{mode} image of {data.size} bytes: {error}") from error

@@ -113,16 +113,15 @@ class Port:
             ):
                 found = [logical_us * 1000]
                 if has_time or self._is_split:
-                    data = mapped.data[start : start + size]
-                    found = self._own_stamps(part, data, bool(blocks.compressed[i]), found[0], has_time)
+                    content = mapped.data.data[start : start + size]
+                    found = self._own_stamps(part, content, bool(blocks.compressed[i]), found[0], has_time)
                 stamps.extend(found)
                 self._blocks.extend([first + i] * len(found))
                 self._elements.extend(range(len(found)))
                 mapped.release_before(start)
-                data = None
 
     def _own_stamps(
-        self, part: PortPart, data: NDArray[np.uint8], is_compressed: bool, logical_ns: int, has_time: bool
+        self, part: PortPart, data: memoryview, is_compressed: bool, logical_ns: int, has_time: bool
     ) -> list[int]:
         """Return the stamps of the samples of a block; of damaged ones, that of the block."""
         try:

@@ -82,7 +82,7 @@ def _angles(interval: Any, projection: str, count: int, *, is_vertical: bool) ->
     values = np.asarray(interval, np.float64)
     if projection not in ("POLAR", "PLANAR") or values.size not in (0, 1, 2, count):
         raise InputError(
-            f"{projection} interval with {values.size} values: expected POLAR or PLANAR with 0, 1, 2 or {count}"
+            f"{projection} interval of {values.size} values: expected POLAR or PLANAR of up to 2 or {count}"
         )
     if values.size < 2:
         values = np.full(count, values[0] if values.size else 0.0)
@@ -113,12 +113,12 @@ def _depth_map_times(times: Any, rows: int, cols: int, source: Source) -> tuple[
         return source.stamp_ns, np.zeros(rows * cols)
     stamps = np.array([stamp_ns(time) or source.stamp_ns for time in times], np.int64)
     start_ns = int(stamps.min())
-    offsets_s = (stamps - start_ns) * 1e-9
+    offsets_s = np.asarray((stamps - start_ns) * 1e-9, np.float64)
     if count == rows * cols:
         return start_ns, offsets_s
     if count == 2:
         count = rows if rows > 1 else cols
-        offsets_s = np.linspace(offsets_s[0], offsets_s[1], count)
+        offsets_s = np.interp(np.linspace(0.0, 1.0, count), [0.0, 1.0], offsets_s)
     if count in (1, rows):
         return start_ns, np.repeat(np.broadcast_to(offsets_s, rows), cols)
     if count != cols:
@@ -140,7 +140,7 @@ def _scan(
             f"times {offsets_s.min()} to {offsets_s.max()} s after the start: expected 0 to 4294 s"
         )
     if intensity is not None:
-        intensity = np.round(np.clip(np.nan_to_num(intensity), 0.0, _MAX_INTENSITY))
+        intensity = np.clip(np.nan_to_num(intensity), 0.0, _MAX_INTENSITY).round()
     scan = LidarScan.from_arrays(
         points_m,
         offsets_us.astype(np.uint32),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Values of ROCK in samples: times, vectors, matrices and quaternions; and what a conversion gets and returns.
+"""Values of ROCK in samples: times, vectors, matrices, quaternions; input and output of their conversions.
 
 Compounds are dictionaries or structured scalars, see ``decoding``.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Definitions of types by Typelib: what is decoded, and what is refused."""
+"""Definitions of types by Typelib are decoded, or refused with the reason."""
 
 from __future__ import annotations
 
