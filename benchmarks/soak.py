@@ -8,9 +8,10 @@ The rovers of the profile drive the same circles again and again (simulated data
 DFPC lags, so that other load on the machine makes the mission slower, not different. Four clients send
 requests to the orchestrator and read the DPM over HTTP.
 
-For each service the report has the resident memory when it was ready, at the end of the first lap, the highest,
-the mean of the last tenth of the samples and after the load, and straight lines through the second half of the samples, per
-hour. ``--log FILE`` also writes each sample, one JSON line each, so that an interrupted run can be evaluated.
+For each service the report has the resident memory when it was ready, at the end of the first lap, at its
+highest, as mean of the last tenth of the samples, and after the load. Slopes per hour are those of straight
+lines through the second half of the samples. ``--log FILE`` also writes each sample as a line of JSON, so that
+an interrupted run can be evaluated.
 """
 
 from __future__ import annotations

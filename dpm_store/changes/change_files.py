@@ -90,7 +90,7 @@ class ChangeFiles:
         return [files[number] for number in sorted(files)]
 
     def _compress_full(self) -> None:
-        """Compress the oldest full files; a failure of the disk is logged, and the next full file tries again."""
+        """Compress the oldest full files; a failure of the disk is logged, and the next call tries again."""
         full = [path for path in self._paths() if path.suffix == _SUFFIX and _number(path) < self._newest]
         try:
             for path in full[:_COMPRESSED_AT_ONCE]:

@@ -4,9 +4,9 @@
 
     python -m evaluation.runs.durability_load store|postgresql PLACE SEED FIRST
 
-PLACE is the data folder of the store, or the connection string of PostgreSQL. Each operation is a line of JSON
-on standard output before its start and one after its acknowledgement. Products are numbered from FIRST; their
-contents depend only on their number.
+PLACE is the data folder of the store, or the connection string of PostgreSQL. Each operation is a line of
+JSON on standard output before its start and one after its acknowledgement. Products are numbered from FIRST;
+their contents depend only on their number.
 """
 
 from __future__ import annotations
