@@ -256,7 +256,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     """Return the rows of the table of results on real sensors."""
     required = {
         "tracked_objects": "≥ 50 %, 0 wrong",
-        "tracked_objects_by_colour": "",
+        "tracked_objects_by_colour": "≥ 50 %, 0 wrong",
         "crops": "≥ 50 %, 0 wrong",
         "milk_carton": "found",
         "absent_objects": "0 wrong",
