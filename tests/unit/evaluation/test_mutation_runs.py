@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs of tests on changed code: judged by CPU time; outcomes hold as long as their sources and tests."""
+"""Runs of tests on changed code: limits of CPU time; outcomes hold as long as their sources and tests."""
 
 from __future__ import annotations
 
