@@ -18,13 +18,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
-<<<<<<< HEAD
 _LOG_HELP = (
     "file, folder or pattern of files: InFuse .msg, pocolog .log, ROS bag, MCAP, KITTI, images, scans …"
 )
-=======
-_LOG_HELP = "file, folder or pattern of files: InFuse .msg, ROS 1 or 2 bag, MCAP, KITTI sequence"
->>>>>>> 60a06aa3acc708079ce1340beb12a0b9d7234f80
 
 
 def register(nouns: Any) -> None:
