@@ -40,9 +40,9 @@ def _(value: types.PoseTrajectory) -> list[str]:
     if not len(stamps_ns):
         return ["trajectory without poses"]
     length_m = float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
-    duration_s = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
+    duration_s, start = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9, format_stamp(int(stamps_ns[0]))
     return [
-        f"{len(stamps_ns)} poses, path {length_m:.2f} m in {duration_s:.1f} s from {format_stamp(int(stamps_ns[0]))}",
+        f"{len(stamps_ns)} poses, path {length_m:.2f} m in {duration_s:.1f} s from {start}",
         f"end: {_position(positions_m[-1])}",
     ]
 

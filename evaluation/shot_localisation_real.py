@@ -9,9 +9,10 @@ a tenth of their radius and 8 degrees. An answer outside the wider gate of 12 de
 answer is wrong if the scene does not contain the model. KISS-Matcher processes the same clouds, with voxels
 of 0.05 model diameters, if it is installed in an environment of ``evaluation.peers``.
 
-The depth images have other times than the colour images. Only the depth images are matched, so the start poses
-are moved with the depth camera, whose motion Open3D computes from the whole scenes. The answers are compared a
-second time with the start poses moved with the board, seen in the colour images.
+The depth images have other times than the colour images. Only the depth images are matched, so the start
+poses are moved with the depth camera, whose motion Open3D computes from the whole scenes, starting from that
+of the board in the colour images. The answers are compared a second time with the start poses moved with the
+board.
 """
 
 from __future__ import annotations
