@@ -10,8 +10,8 @@ requests to the orchestrator and read the DPM over HTTP.
 
 For each service the report has the resident memory when it was ready, at the end of the first lap, at its
 highest, as mean of the last tenth of the samples, and after the load. Slopes per hour are those of straight
-lines through the second half of the samples. ``--log FILE`` also writes each sample as a line of JSON, so
-that an interrupted run can be evaluated.
+lines through the second half of the samples. ``--log FILE`` also writes each sample as a line of JSON, for an
+interrupted run.
 """
 
 from __future__ import annotations

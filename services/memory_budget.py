@@ -41,7 +41,7 @@ def resident_mb() -> float:
 def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], None]:
     """Return a function that begins or ends the alarm by the present memory of this process.
 
-    If the memory has grown, freed memory is returned to the system first: small blocks keep heaps of arrays.
+    If the memory has grown, freed memory is returned to the system first.
     """
     released_mb = 0.0
 
