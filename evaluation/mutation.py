@@ -48,7 +48,7 @@ def evaluate(
         for number, (part, mutant) in enumerate(sample(ROOT, seed, count)):
             progress(f"mutation: {number + 1} of {count}, {mutant.path}")
             answer = known.answer(mutant.key) or known.add(mutant.key, tests.run(mutant))
-            row = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
+            row: dict[str, Any] = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
             if row["outcome"] == "survived" and mutant.key in equivalent:
                 row |= {"outcome": "equivalent", "reason": equivalent[mutant.key]}
             results.append(row)

@@ -30,7 +30,7 @@ _IDLE_S = 300
 _LEAST_WAIT_S = 0.5
 #: Number of tests that run together on the unchanged tree, and of their runs of which one has to pass.
 _BATCH, _ATTEMPTS = 20, 3
-_NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "build", "node_modules", ".*_cache", "*.svg", "*.jpg")
+_NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "build", "node_modules", ".*_cache")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
 
 
