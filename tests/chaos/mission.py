@@ -20,6 +20,7 @@ import psutil
 
 from cdff_common.bus import Bus, keys
 from cdff_common.bus.identity import VARIABLE
+from cdff_common.bus.message import on_map
 from cdff_common.client import Client
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.interfaces.profile import load_profile
@@ -34,6 +35,8 @@ from tests.support.identities import open_as
 
 PROFILE = Path(__file__).with_name("mission.yaml")
 READY_S = 120.0
+#: Age of the last publication of an active alarm, which is repeated every 2 s.
+_PUBLISHED_S = 5.0
 OPERATOR, PLAYER = "alice", "player"
 
 
@@ -47,6 +50,7 @@ class Mission:
     _up: subprocess.Popen[bytes] | None = None
     _buses: dict[str, Bus] = field(default_factory=dict)
     _client: Client | None = None
+    _published_s: dict[tuple[str, str], float] = field(default_factory=dict)
     _disks: SmallDisks = field(init=False)
     _clocks: ProcessClocks = field(init=False)
     _modules: dict[str, tuple[str, ...]] = field(default_factory=dict)
@@ -115,6 +119,7 @@ class Mission:
         try:
             for name in (OPERATOR, PLAYER, *profile.robot_ids):
                 self._buses[name] = open_as(self.secrets / name, self.endpoint, wait_s=READY_S)
+            self.bus(OPERATOR).subscribe(keys.alarms("*", "*"), on_map(self._on_alarms))
             with patch.dict("os.environ", {VARIABLE: str(self.secrets / OPERATOR)}):
                 self._client = Client(self.endpoint)
             if not self.wait_ready():
@@ -218,6 +223,14 @@ class Mission:
             return any((a["kind"], a["source"]) == (kind, source) for a in self.call("alarms")["items"])
         except CdffError:
             return False
+
+    def published_alarm(self, kind: str, source: str) -> bool:
+        """Return whether a service published an alarm within the last seconds, also without a DPM."""
+        return time.monotonic() - self._published_s.get((kind, source), -_PUBLISHED_S) < _PUBLISHED_S
+
+    def _on_alarms(self, _key: str, body: dict[str, Any]) -> None:
+        now_s = time.monotonic()
+        self._published_s |= {(item["kind"], item["source"]): now_s for item in body["items"]}
 
 
 def wait_until(condition: Callable[[], bool], within_s: float) -> bool:
