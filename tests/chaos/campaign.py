@@ -16,7 +16,9 @@ from tests.chaos.traffic import Traffic
 
 #: Time for the outboxes to be empty after the last disturbance, seconds.
 _DELIVERED_S = 120.0
-_SETTLED_S, _PAGE = 5.0, 1000
+#: Time in which services load their codecs at the start, and return memory at the end, seconds.
+_SETTLED_S = 15.0
+_PAGE = 1000
 
 
 class MemoryPeaks:
@@ -52,6 +54,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
             oracle.violate("at the end: not ready")
         if not wait_until(lambda: not _missing(mission, oracle), _DELIVERED_S):
             oracle.violate(f"at the end: products not delivered within {_DELIVERED_S:g} s")
+        time.sleep(_SETTLED_S)
         peaks.stop()
         after_mb = mission.memory_mb()
         oracle.check_products(stored_products(mission))
@@ -62,7 +65,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
             "before": before_mb[name],
             "peak": peaks.peaks_mb[name],
             "after": after_mb[name],
-            "limit": round(memory_limit_mb(before_mb[name])),
+            "limit": round(memory_limit_mb(name, before_mb[name])),
         }
         for name in after_mb
     }

@@ -7,8 +7,11 @@ from __future__ import annotations
 import signal
 
 from tests.chaos.disturbances.disturbance import Scene
+from tests.chaos.mission import wait_until
 
 _REPORTED_S = 30.0
+#: Time in which the products in memory are written once the disk has space, seconds.
+_WRITTEN_S = 15.0
 
 
 def fill_store(scene: Scene) -> None:
@@ -37,3 +40,9 @@ def fill_spool(scene: Scene) -> None:
         finally:
             if dpm is not None and dpm.is_running():
                 dpm.send_signal(signal.SIGCONT)
+    for robot, dfpc in (("mana", "understudy"), ("minnie", "troublemaker")):
+        source = f"{robot}/{dfpc}"
+        if not wait_until(lambda s=source: not mission.published_alarm("outbox_in_memory", s), _WRITTEN_S):
+            scene.oracle.violate(
+                f"{source}: products only in memory {_WRITTEN_S:g} s after the disk was free"
+            )

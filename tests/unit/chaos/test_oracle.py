@@ -93,5 +93,7 @@ def test_a_missed_alarm_is_a_violation(oracle: Oracle) -> None:
 
 
 def test_memory_beyond_the_limit_is_a_violation(oracle: Oracle) -> None:
-    oracle.check_memory({"dpm": 100.0, "icu": 50.0}, {"dpm": 240.0, "icu": 55.0})
-    assert oracle.violations == ["memory of dpm: 240 MB, expected at most 230 MB"]
+    oracle.check_memory(
+        {"dpm": 300.0, "icu": 100.0, "router": 50.0}, {"dpm": 490.0, "icu": 161.0, "router": 60.0}
+    )
+    assert oracle.violations == ["memory of icu: 161 MB, expected at most 160 MB"]
