@@ -40,9 +40,12 @@ def call_with_junk(scene: Scene) -> None:
         key = (
             keys.dpm_rpc("ground", verb) if rng.random() < 0.8 else keys.orchestrator_rpc("ground", "request")
         )
-        names = rng.sample(("type", "robot", "id", "t", "region", "limit", "deadline_ms", "frame", "x"), 3)
+        names = rng.sample(
+            ("type", "robot", "id", "t", "region", "limit", "frame", "since", "x"), rng.randrange(3)
+        )
         parameters = {
-            name: rng.choice(("", "-1", "1e300", "nan", "[]", "\u2603", "a" * 5000)) for name in names
+            name: rng.choice(("", "1", "-1", "1e300", "nan", "[]", "mana", "dem", "\u2603", "a" * 5000))
+            for name in names
         }
         request = scene.oracle.begin_request(f"junk for {verb}", 10.0)
         try:

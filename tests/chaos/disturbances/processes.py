@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import signal
 import time
+from contextlib import suppress
 
 import psutil
 
@@ -17,6 +18,8 @@ from tests.chaos.mission import wait_until
 #: Failures of a service within the window of the supervisor, fewer than a crash loop.
 _FAILURES = Limits().crash_loop_failures - 2
 _RESTARTED_S = 60.0
+#: Service with a crash loop: the others must work without it.
+_CRASHING = "icu"
 
 
 class FailureBudget:
@@ -42,6 +45,20 @@ class FailureBudget:
         service = self.next_service(scene)
         if service is not None:
             _signal(scene, service, signal.SIGKILL)
+
+    def crash_repeatedly(self, scene: Scene) -> None:
+        """Kill the ICU until the supervisor reports a crash loop; the others run without it."""
+        mission, oracle = scene.mission, scene.oracle
+
+        def has_alarm() -> bool:
+            process = mission.process(_CRASHING)
+            if process is not None:
+                with suppress(psutil.NoSuchProcess):
+                    process.send_signal(signal.SIGKILL)
+            return mission.has_alarm("crash_loop", _CRASHING)
+
+        self._failures_s[_CRASHING] = [monotonic_s()] * Limits().crash_loop_failures
+        oracle.expect_alarm("crash_loop", _CRASHING, has_alarm, _RESTARTED_S)
 
     def hang(self, scene: Scene) -> None:
         """Send SIGSTOP to a service and leave it to the supervisor, which must report and replace it."""

@@ -17,6 +17,7 @@ def faults() -> tuple[Disturbance, ...]:
         Disturbance("kill", budget.kill, 15.0),
         Disturbance("stop", stop_briefly, 20.0),
         Disturbance("hang", budget.hang, 45.0),
+        Disturbance("crash loop", budget.crash_repeatedly, 150.0),
         Disturbance("full disk of the store", full_disks.fill_store, 20.0, _has_disks),
         Disturbance("full disk of the outboxes", full_disks.fill_spool, 20.0, _has_disks),
         Disturbance("late clock of the DPM", clock_jumps.set_back_dpm, 20.0, _has_clocks),

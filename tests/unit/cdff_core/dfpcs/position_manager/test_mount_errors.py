@@ -14,8 +14,8 @@ from cdff_common.interfaces.product import Status
 from cdff_common.types import IMUSensors
 from cdff_core.dfpcs.position_manager.compound import PositionManager
 from cdff_core.dfpcs.position_manager.configuration import MountParameters
-from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.estimate import MOUNTS, Estimate
+from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.mount_errors import MountErrors, increment_jacobian
 from tests.support.position_manager_samples import (
     T0,
