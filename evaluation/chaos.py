@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run a simulated mission under random disturbances with ``python -m tests.chaos``, for 10 minutes and 2 hours.
+"""Run a mission under random disturbances with ``python -m tests.chaos``, for 10 minutes and 2 hours.
 
 ``--seed`` selects the sequence of disturbances. What happens still depends on the speed of the machine.
 """
@@ -58,8 +58,8 @@ def table(figures: Mapping[str, Any]) -> str:
         "| service | run | at the start | largest | at the end | bound |",
         "|---|---|---|---|---|---|",
         *(
-            f"| `{service}` | {_label(name)} | {m['before']:.0f} MB | {m['peak']:.0f} MB | {m['after']:.0f} MB "
-            f"| {m['limit']} MB |"
+            f"| `{service}` | {_label(name)} | {m['before']:.0f} MB | {m['peak']:.0f} MB "
+            f"| {m['after']:.0f} MB | {m['limit']} MB |"
             for name, run in figures.items()
             for service, m in run["memory_mb"].items()
         ),

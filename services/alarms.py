@@ -57,7 +57,7 @@ class Alarm:
         return asdict(self) | {"severity": str(self.severity)}
 
     def to_event(self, *, is_active: bool) -> dict[str, Any]:
-        """Return the body of the event of its start or end; the history replaces ``kind`` by that of events."""
+        """Return the body of the event of its start or end; ``kind`` is that of the event in the history."""
         return self.to_dict() | {"alarm": self.kind, "active": is_active}
 
     @classmethod

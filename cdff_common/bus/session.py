@@ -31,7 +31,7 @@ def _config(mode: str, settings: Mapping[str, object]) -> zenoh.Config:
         "mode": mode,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        # Stamps are in the headers; Zenoh would log each message between machines whose clocks differ by 0.5 s.
+        # Headers have stamps; Zenoh would log each message of a machine whose clock differs by 0.5 s.
         "timestamping/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/shared_memory/enabled": shm_mb > 0,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run a mission under random disturbances, and check what it promised.
+"""Run a mission under random disturbances, and check its promises.
 
     python -m tests.chaos --minutes 10 [--seed 0] [--out FILE] [--keep FOLDER]
 

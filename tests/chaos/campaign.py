@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run of the chaos suite: mission, traffic, disturbances, and the verdict of the oracle."""
+"""A run of the chaos suite: mission, traffic, disturbances, and the assessment by the oracle."""
 
 from __future__ import annotations
 

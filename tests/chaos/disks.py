@@ -46,7 +46,7 @@ class SmallDisks:
         self.is_mounted = True
 
     def unmount(self) -> None:
-        """Unmount what was mounted."""
+        """Unmount the mounted file systems."""
         while self._mounted:
             subprocess.run(["umount", "--lazy", str(self._mounted.pop())], check=False)
 

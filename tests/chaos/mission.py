@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The mission under test: ``cdff up --secure`` on small disks, its processes and the buses of its identities."""
+"""The mission under test: ``cdff up --secure`` on small disks, its processes, and buses of identities."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Record of what the mission promised, and comparison with what it kept.
+"""Record of the promises of a mission, and their comparison with the results.
 
 Promises are insertions that the DPM acknowledged, products that a DFPC host published and queued in its
 outbox, requests that were sent, and alarms of the disturbances.
@@ -170,7 +170,7 @@ class Oracle:
 
 
 def memory_limit_mb(service: str, before_mb: float) -> float:
-    """Return the bound of a process after the disturbances: 500 MB for the DPM, 1.3 times the start for others.
+    """Return the bound of a process: 500 MB for the DPM, 1.3 times the start for others.
 
     The others may have 30 MB more for their buffers, which are empty at the start.
     """

@@ -13,7 +13,7 @@ _DAY_S = 86400.0
 
 
 def set_back_dpm(scene: Scene) -> None:
-    """Let the clock of the DPM run late: products of the robots are in its future and wait in the outboxes."""
+    """Let the clock of the DPM run late: products are in its future and wait in the outboxes."""
     mission = scene.mission
     with mission.clocks.jumped("services.dpm", -scene.rng.uniform(120.0, 1800.0)):
         scene.oracle.expect_alarm(

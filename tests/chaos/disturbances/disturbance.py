@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A disturbance and what it acts on."""
+"""A disturbance, and the scene on which it acts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.chaos.oracle import Oracle
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What a disturbance acts on: the mission, the oracle and the random numbers of its lane."""
+    """Mission, oracle and random numbers of a disturbance."""
 
     mission: Mission
     oracle: Oracle

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Intruders: without a certificate, with a foreign one, on the keys of others, and without a right at HTTP."""
+"""Intruders: without or with a foreign certificate, on the keys of others, and without a right at HTTP."""
 
 from __future__ import annotations
 

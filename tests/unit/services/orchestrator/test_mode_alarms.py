@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Alarms of the instrument control unit begin with a failed demand and end with a confirmation or with time."""
+"""Alarms of the instrument control unit begin with a failed demand and end by confirmation or time."""
 
 from __future__ import annotations
 
