@@ -71,11 +71,12 @@ def table(figures: Mapping[str, Any]) -> str:
 def _promises_row(name: str, run: Mapping[str, Any]) -> str:
     counts = ", ".join(f"{what} {n}" for what, n in run["disturbances"].items())
     outcomes = run["requests"]["outcomes"]
-    errors = sum(n for outcome, n in outcomes.items() if "Error" in outcome)
+    junk = sum(n for outcome, n in outcomes.items() if outcome.startswith("junk"))
+    errors = sum(n for outcome, n in outcomes.items() if outcome.endswith("Error") and ":" not in outcome)
     alarms = ", ".join(f"`{kind}` {a['seen']} of {a['expected']}" for kind, a in run["alarms"].items())
     return (
-        f"| {_label(name)} | {counts} | {run['products']['promised']} | {run['requests']['sent']}, "
-        f"{errors} with a typed error | {alarms} | {len(run['violations'])} |"
+        f"| {_label(name)} | {counts} | {run['products']['promised']} | {run['requests']['sent'] - junk}, "
+        f"{errors} with a typed error; {junk} with junk | {alarms} | {len(run['violations'])} |"
     )
 
 

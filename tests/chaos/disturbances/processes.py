@@ -41,10 +41,11 @@ class FailureBudget:
         return None
 
     def kill(self, scene: Scene) -> None:
-        """Send SIGKILL to a service."""
+        """Send SIGKILL to a service, and wait for its replacement."""
         service = self.next_service(scene)
         if service is not None:
-            _signal(scene, service, signal.SIGKILL)
+            process = _signal(scene, service, signal.SIGKILL)
+            _await_replacement(scene, service, process)
 
     def crash_repeatedly(self, scene: Scene) -> None:
         """Kill the ICU until the supervisor reports a crash loop; the others run without it."""
@@ -66,12 +67,13 @@ class FailureBudget:
         if service is None:
             return
         process = _signal(scene, service, signal.SIGSTOP)
+        if process is None:
+            return
         mission = scene.mission
         scene.oracle.expect_alarm(
             "hung_process", service, lambda: mission.has_alarm("hung_process", service), _RESTARTED_S
         )
-        if not wait_until(lambda: mission.process(service) not in (None, process), _RESTARTED_S):
-            scene.oracle.violate(f"{service}: hung and not replaced within {_RESTARTED_S:g} s")
+        _await_replacement(scene, service, process)
 
 
 def stop_briefly(scene: Scene) -> None:
@@ -81,6 +83,12 @@ def stop_briefly(scene: Scene) -> None:
     time.sleep(scene.rng.uniform(1.0, 8.0))
     if process is not None and process.is_running():
         process.send_signal(signal.SIGCONT)
+
+
+def _await_replacement(scene: Scene, service: str, process: psutil.Process | None) -> None:
+    """Wait until the supervisor has replaced a process."""
+    if not wait_until(lambda: scene.mission.process(service) not in (None, process), _RESTARTED_S):
+        scene.oracle.violate(f"{service}: not replaced within {_RESTARTED_S:g} s")
 
 
 def _signal(scene: Scene, service: str, number: int) -> psutil.Process | None:
