@@ -62,7 +62,8 @@ def send_junk(scene: Scene) -> None:
     with ExitStack() as sockets:
         for body in junk:
             with suppress(OSError):
-                socket.create_connection(("127.0.0.1", scene.mission.http_port), timeout=5).sendall(body)
+                plain = socket.create_connection(("127.0.0.1", scene.mission.http_port), timeout=5)
+                sockets.enter_context(plain).sendall(body)
             reader = _open(scene, sockets)
             if reader is not None:
                 with suppress(OSError):
@@ -75,7 +76,9 @@ def _open(scene: Scene, sockets: ExitStack) -> ssl.SSLSocket | None:
     """Return a connection as the operator; None if the server does not answer."""
     context = secure_context(scene.mission, OPERATOR)
     try:
-        plain = socket.create_connection(("127.0.0.1", scene.mission.http_port), timeout=5)
+        plain = sockets.enter_context(
+            socket.create_connection(("127.0.0.1", scene.mission.http_port), timeout=5)
+        )
         return sockets.enter_context(context.wrap_socket(plain, server_hostname="127.0.0.1"))
     except OSError:
         return None
