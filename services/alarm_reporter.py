@@ -78,7 +78,7 @@ class AlarmReporter:
             for check in self._checks:
                 check()
         else:
-            event = change.alarm.to_dict() | {"active": change.is_active}
+            event = change.alarm.to_event(is_active=change.is_active)
             self._bus.publish_map(keys.event(self._scope, "alarm"), event)
         items = [alarm.to_dict() for alarm in self._alarms.active()]
         self._bus.publish_latched(keys.alarms(self._scope, self._service), {"items": items})

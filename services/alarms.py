@@ -56,6 +56,10 @@ class Alarm:
         """Return plain data."""
         return asdict(self) | {"severity": str(self.severity)}
 
+    def to_event(self, *, is_active: bool) -> dict[str, Any]:
+        """Return the body of the event of its start or end; ``kind`` is that of the event in the history."""
+        return self.to_dict() | {"alarm": self.kind, "active": is_active}
+
     @classmethod
     def parse(cls, body: object) -> Self:
         """Return the alarm of plain data from the bus; raises CodecError."""

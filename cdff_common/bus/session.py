@@ -31,7 +31,8 @@ def _config(mode: str, settings: Mapping[str, object]) -> zenoh.Config:
         "mode": mode,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "timestamping/enabled": True,
+        # Headers have stamps; Zenoh would log each message of a machine whose clock differs by 0.5 s.
+        "timestamping/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/shared_memory/enabled": shm_mb > 0,
     }

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Alarm of a stereo camera whose images no longer agree with its calibration."""
+"""Alarm of a sensor whose data no longer agree with its calibration or its stated mount."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from cdff_common.interfaces.product import Quality
 from services.alarms import Alarms, Severity
 
 _KIND = "calibration_drift"
-#: Reasons of products made of image pairs whose rows differ by more than rectified pairs do.
-_REASONS = frozenset({"row_offset", "row_error"})
+#: Reasons of products: the rows of image pairs differ by more than those of rectified pairs do, or the
+#: estimated mount of a sensor differs from the stated one by more than its stated sigma allows.
+_REASONS = frozenset({"row_offset", "row_error", "mount_error"})
 #: Products in a row with such a reason, or without it, after which the alarm begins or ends.
 PRODUCTS = 10
 
@@ -47,6 +48,6 @@ def set_calibration_alarm(alarms: Alarms, source: str, monitor: CalibrationMonit
     if not monitor.reason:
         alarms.clear(_KIND, source)
         return
-    what = f"the images of the last {PRODUCTS} products do not agree with the calibration: {monitor.reason}"
-    remedy = "calibrate the camera again and enter the result in the profile"
+    what = f"the data of the last {PRODUCTS} products do not agree with the calibration: {monitor.reason}"
+    remedy = "calibrate the sensor again and enter the result in the profile"
     alarms.set(_KIND, source, Severity.WARNING, what, remedy)

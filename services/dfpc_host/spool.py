@@ -167,6 +167,8 @@ class Spool:
             self._append(len(data), path, product, value)
         else:
             self._append(len(data), path, value=value)
+            if self.in_memory:  # the disk has space again
+                self.write_out()
 
     def write_out(self) -> None:
         """Write the products that are only in memory to files, the most valuable first, while possible."""

@@ -19,7 +19,6 @@ from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
 from cdff_common.types import TransformWithCovariance
 from services.alarm_reporter import AlarmReporter
-from services.alarms import Alarms
 from services.memory_budget import memory_budget_mb, memory_check
 from services.orchestrator.leader import ProcessIdentity, claim
 from services.orchestrator.service import Orchestrator
@@ -53,9 +52,12 @@ def main(argv: list[str] | None = None) -> int:
             orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
             add_check(orchestrator.loops.problem)
             add_check(bus.loops.problem)
-            alarms, loop = Alarms(), orchestrator.loops.add("alarms")
-            check = memory_check(alarms, "orchestrator", memory_budget_mb())
-            reporter = AlarmReporter(bus, keys.GROUND, "orchestrator", alarms, loop, (check,))
+            alarms, loop = orchestrator.alarms, orchestrator.loops.add("alarms")
+            checks = (
+                memory_check(alarms, "orchestrator", memory_budget_mb()),
+                orchestrator.mode_alarms.update,
+            )
+            reporter = AlarmReporter(bus, keys.GROUND, "orchestrator", alarms, loop, checks)
             try:
                 orchestrator.start()
                 stop.wait()

@@ -14,6 +14,7 @@ from cdff_common.loops import Loops
 from cdff_core.orchestration.reconciliation import Action, Activate, CleanUp, Configure, Deactivate, SetMode
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.journal import Journal
+from services.orchestrator.mode_alarms import ModeAlarms
 from services.orchestrator.state import SystemState
 from services.orchestrator.timing import REAL, Timing
 
@@ -39,11 +40,18 @@ class Reconciler:
     """Thread that requests actions, and pool that executes one per DFPC or sensor at a time."""
 
     def __init__(
-        self, bus: Bus, state: SystemState, journal: Journal, loops: Loops, timing: Timing = REAL
+        self,
+        bus: Bus,
+        state: SystemState,
+        journal: Journal,
+        loops: Loops,
+        mode_alarms: ModeAlarms,
+        timing: Timing = REAL,
     ) -> None:
         self._bus = bus
         self._state = state
         self._journal = journal
+        self._mode_alarms = mode_alarms
         self._timing = timing
         self._loop = loops.add("control", _BUSY_LIMIT_S)
         self._version, self._wait_s = -1, 0.0
@@ -111,6 +119,7 @@ class Reconciler:
         except CdffError as error:
             self._journal.append("mode", sensor=str(sensor), mode=mode, ok=False, reason=str(error))
             logger.warning("mode %s of %s: %s", mode, sensor, error)
+            self._mode_alarms.report(sensor, mode, error)
             reason = f"sensor {sensor} mode {mode}: {error}"
             if isinstance(error, DeniedError):
                 self._state.add_mode_refusal(sensor, mode, f"sensor {sensor} refused mode {mode}: {error}")
@@ -120,6 +129,7 @@ class Reconciler:
                 self._state.add_failure(sensor, reason)
             return
         self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason="")
+        self._mode_alarms.confirm(sensor, mode)
         self._state.clear_failures(sensor)
         self._state.add_mode_change(sensor)
         self._state.set_mode(sensor, mode)

@@ -23,11 +23,13 @@ from cdff_common.interfaces.profile import Profile
 from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import parse_request, parse_robot, requested_type
+from services.alarms import Alarms
 from services.orchestrator.dpm import DpmClient
 from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
 from services.orchestrator.metrics import Metrics
+from services.orchestrator.mode_alarms import ModeAlarms
 from services.orchestrator.planning import RequestPlanner
 from services.orchestrator.product_finder import ProductFinder
 from services.orchestrator.reconciler import Reconciler
@@ -61,6 +63,11 @@ class Orchestrator:
         Largest number of open requests; further ones are refused as OVERLOADED.
     timing : Timing, optional
         Time and threads; default: those of the system.
+
+    Attributes
+    ----------
+    alarms : Alarms
+        Alarms of this process; their owner publishes them and updates ``mode_alarms``.
     """
 
     def __init__(
@@ -71,6 +78,8 @@ class Orchestrator:
         self._capacity = capacity
         self._metrics = Metrics()
         self.loops = Loops(timing.now_s)
+        self.alarms = Alarms()
+        self.mode_alarms = ModeAlarms(self.alarms, timing)
         self._journal = Journal(journal_path, bus.mission_clock)
         self._journal.listen(self._metrics.on_record)
         self._state = SystemState(profile, timing)
@@ -84,7 +93,7 @@ class Orchestrator:
             self._state, finder, self._planning, reply_builder, self._jobs, self._journal, clock, timing
         )
         self._monitor = SystemMonitor(bus, self._state, self.loops, timing)
-        self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, timing)
+        self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, self.mode_alarms, timing)
         # Two orchestrators of a mission serve different robots: each has its own history.
         origin = "orchestrator/" + profile.robot_ids[0]
         self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)

@@ -97,11 +97,19 @@ def wheels(t_s: float, scale: float = 1.0) -> Sample:
 
 
 def visual(
-    t_s: float, first_s: float = 0.0, status: Status = Status.OK, tilt: np.ndarray = LEVEL_ROTATION
+    t_s: float,
+    first_s: float = 0.0,
+    status: Status = Status.OK,
+    tilt: np.ndarray = LEVEL_ROTATION,
+    mount: np.ndarray = LEVEL_ROTATION,
 ) -> Sample:
-    """Return a sample of visual odometry: the camera pose relative to that at ``first_s``."""
+    """Return a sample of visual odometry: the camera pose relative to that at ``first_s``.
+
+    The camera is rotated by ``mount`` (base axes) from its stated mount.
+    """
+    T_base_camera = se3.transform(mount @ T_BASE_CAMERA[:3, :3], T_BASE_CAMERA[:3, 3])
     T_first_camera = (
-        se3.inverse(true_pose(first_s, tilt) @ T_BASE_CAMERA) @ true_pose(t_s, tilt) @ T_BASE_CAMERA
+        se3.inverse(true_pose(first_s, tilt) @ T_base_camera) @ true_pose(t_s, tilt) @ T_base_camera
     )
     covariance = 1e-6 * (1.0 + t_s) * np.eye(6)
     return pose("visual_odometry", t_s, T_first_camera, covariance, "mana/vo", "mana/navcam_left", status)

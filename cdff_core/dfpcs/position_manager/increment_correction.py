@@ -54,6 +54,7 @@ class IncrementCorrection:
     ) -> None:
         self._config, self._imu, self._frames = config, imu, frames
         self._mounts = MountErrors(config.mounts, frames)
+        self._sensor_frames: dict[str, str] = {}
         self._correction = dfn("correction")
         self._increments = {
             "odometry": dfn("wheel_increment"),
@@ -91,7 +92,12 @@ class IncrementCorrection:
             ), MeasurementResult(False, (f"{m.source}_refused", *error.reasons))
         noise_factor = adapted_factor(clone.noise_factor, corrected.innovation_ratio)
         corrected = corrected.with_noise_factor(m.source, noise_factor)
-        return replace(corrected, consecutive_refusals=0), MeasurementResult(True)
+        if m.source in MOUNTS:
+            self._sensor_frames[m.source] = m.child
+        if self._imu.T_base_imu is not None:
+            self._sensor_frames["imu"] = f"{self._frames.robot}/imu"
+        reasons = self._mounts.deviations(corrected, self._sensor_frames)
+        return replace(corrected, consecutive_refusals=0), MeasurementResult(True, reasons)
 
     def _is_origin_lost(self, m: Measurement, clone: Clone) -> bool:
         """Return whether the origin of a source may have changed: it was silent, or its wheels moved too far.

@@ -9,6 +9,7 @@ stated mount M. An increment of the base ``M S M^-1`` with rotation R and transl
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,9 @@ from cdff_core.dfpcs.position_manager.estimate import MOUNTS, OFFSETS, ROTATION,
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 
 _IMU = MOUNTS["imu"]
+#: Bound of the squared Mahalanobis norm of an estimated rotation by its stated covariance: the quantile 0.999
+#: of chi-square with 3 degrees of freedom.
+_MAX_SQUARED_NORM = 16.27
 
 
 class MountErrors:
@@ -51,6 +55,22 @@ class MountErrors:
         P = estimate.covariance.copy()
         P[rows, rows] = self.covariance(frame, estimate.stamp_ns)[3:, 3:]
         return replace(estimate, covariance=P)
+
+    def deviations(self, estimate: Estimate, sensor_frames: Mapping[str, str]) -> tuple[str, ...]:
+        """Return a reason for each mount whose estimated rotation its stated covariance does not allow.
+
+        ``sensor_frames`` maps sources to frames. The estimate of a mount scatters by at most its stated
+        covariance, because it shrinks towards the stated mount.
+        """
+        reasons = []
+        for source, frame in sensor_frames.items():
+            error, t_ns = estimate.mount_error(source), estimate.stamp_ns
+            covariance = (
+                self.imu_covariance(t_ns) if source == "imu" else self.covariance(frame, t_ns)[3:, 3:]
+            )
+            if covariance.any() and error @ np.linalg.pinv(covariance) @ error > _MAX_SQUARED_NORM:
+                reasons.append(f"mount_error:{source}_{np.degrees(np.linalg.norm(error)):.2f}_deg")
+        return tuple(reasons)
 
 
 def corrected_mount(estimate: Estimate, source: str, mount: FloatArray) -> FloatArray:

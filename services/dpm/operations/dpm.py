@@ -71,7 +71,7 @@ class Dpm:
         """Acknowledge an active alarm and return it; see ``AlarmBoard.acknowledge``."""
         check_robot(GROUND)
         alarm = self.alarm_board.acknowledge(kind, source)
-        self.writer.record(GROUND, "alarm", alarm | {"active": True})
+        self.writer.record(GROUND, "alarm", alarm | {"alarm": kind, "active": True})
         return alarm
 
     @property

@@ -44,10 +44,13 @@ def test_a_malformed_budget_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     assert memory_budget_mb() == 300
 
 
-def test_images_that_lastingly_contradict_the_calibration_raise_an_alarm_and_single_ones_do_not() -> None:
+@pytest.mark.parametrize("reason", ["row_offset:2.10>1.00", "mount_error:lidar_odometry_2.10_deg"])
+def test_data_that_lastingly_contradict_the_calibration_raise_an_alarm_and_single_ones_do_not(
+    reason: str,
+) -> None:
     alarms, monitor = Alarms(), CalibrationMonitor()
     good = Quality()
-    other, bad = Quality.from_reasons(["few_inliers:3<5"]), Quality.from_reasons(["row_offset:2.10>1.00"])
+    other, bad = Quality.from_reasons(["few_inliers:3<5"]), Quality.from_reasons([reason])
     monitor.add([bad] * (PRODUCTS - 1) + [good] + [bad] * (PRODUCTS - 1))
     set_calibration_alarm(alarms, "mana/vo", monitor)
     assert alarms.active() == []
@@ -55,7 +58,7 @@ def test_images_that_lastingly_contradict_the_calibration_raise_an_alarm_and_sin
     set_calibration_alarm(alarms, "mana/vo", monitor)
     (alarm,) = alarms.active()
     assert (alarm.kind, alarm.source) == ("calibration_drift", "mana/vo")
-    assert "row_offset:2.10>1.00" in alarm.what
+    assert reason in alarm.what
     monitor.add([other] * PRODUCTS)
     set_calibration_alarm(alarms, "mana/vo", monitor)
     assert alarms.active() == []

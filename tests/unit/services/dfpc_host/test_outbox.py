@@ -332,6 +332,18 @@ def test_products_in_memory_are_written_once_the_disk_has_space(
     assert (following.lost, following.first().read()) == (0, product(b"a"))
 
 
+def test_the_first_product_after_a_full_disk_is_written_with_those_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spool = Spool(tmp_path, OWNERS, 100_000)
+    with full_disk(monkeypatch):
+        spool.add(product(b"a"))
+    spool.add(product(b"b"))
+    assert spool.in_memory == 0
+    following = Spool(tmp_path, OWNERS, 100_000)
+    assert (following.lost, len(following)) == (0, 2)
+
+
 def test_a_full_spool_drops_the_least_valuable_products_also_of_an_earlier_process(tmp_path: Path) -> None:
     spool = Spool(tmp_path, OWNERS, 3 * 4096)
     for name in ("pose", "disparity", "pointcloud"):

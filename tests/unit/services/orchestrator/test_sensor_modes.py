@@ -45,10 +45,16 @@ def first_demand_s(stage: Stage, mode: str) -> float:
 
 @pytest.mark.req("CDFF-SUP-027")
 @pytest.mark.parametrize(
-    ("fault", "limit_s"), [("refused", 1.0), ("hangs", 10.0), ("not confirmed", 1.0), ("malformed", 1.0)]
+    ("fault", "limit_s", "alarm"),
+    [
+        ("refused", 1.0, "mode_refused"),
+        ("hangs", 10.0, "unit_silent"),
+        ("not confirmed", 1.0, "mode_unconfirmed"),
+        ("malformed", 1.0, "mode_unconfirmed"),
+    ],
 )
-def test_another_mode_of_the_sensor_replaces_one_that_is_not_reached(
-    tmp_path: Path, fault: str, limit_s: float
+def test_another_mode_of_the_sensor_replaces_one_that_is_not_reached_and_an_alarm_reports_it(
+    tmp_path: Path, fault: str, limit_s: float, alarm: str
 ) -> None:
     stage = Stage(tmp_path, orchestrator_mission.profile(**TWO_MODES))
     if fault == "refused":
@@ -63,6 +69,8 @@ def test_another_mode_of_the_sensor_replaces_one_that_is_not_reached(
     reply = stage.final_answer(stage.send(**DEM))
     assert provider_of(reply) == "stereo_dem"
     assert first_demand_s(stage, "fast") - first_demand_s(stage, "slow") <= limit_s
+    (active,) = stage.orchestrator.alarms.active()
+    assert (active.kind, active.source) == (alarm, "mana/lidar/slow")
 
 
 @pytest.mark.req("CDFF-SUP-027")

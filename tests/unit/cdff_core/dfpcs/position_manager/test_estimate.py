@@ -198,7 +198,9 @@ def test_the_displacement_of_refused_increments_is_not_attributed_to_the_last_mo
     imu.T_base_imu = np.eye(4)
     for k in range(201):
         imu.insert(k * 10_000_000, np.array([0.0, 0.0, 9.81]), np.zeros(3))
-    estimator = Estimator(PositionManagerConfig(), dfn, imu, RobotFrames("mana", FrameGraph(), ""))
+    graph = FrameGraph()
+    graph.set_static("mana/base", "mana/imu", UncertainTransform.exact(np.eye(4)))
+    estimator = Estimator(PositionManagerConfig(), dfn, imu, RobotFrames("mana", graph, ""))
     estimator.gravity_m_s2 = 9.81
     start = UncertainTransform(np.eye(4), 1e-8 * np.eye(6))
     covariance = 1e-6 * np.eye(6)

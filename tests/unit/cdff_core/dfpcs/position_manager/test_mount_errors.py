@@ -14,6 +14,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.types import IMUSensors
 from cdff_core.dfpcs.position_manager.compound import PositionManager
 from cdff_core.dfpcs.position_manager.configuration import MountParameters
+from cdff_core.dfpcs.position_manager.estimate import MOUNTS, Estimate
 from cdff_core.dfpcs.position_manager.frame_tree import RobotFrames
 from cdff_core.dfpcs.position_manager.mount_errors import MountErrors, increment_jacobian
 from tests.support.position_manager_samples import (
@@ -62,6 +63,31 @@ def test_a_stated_covariance_replaces_the_default() -> None:
     np.testing.assert_allclose(mounts.covariance("mana/camera", 0), stated)
     np.testing.assert_allclose(mounts.covariance("mana/lidar", 0)[3:, 3:], np.radians(0.2) ** 2 * np.eye(3))
     assert not mounts.covariance("mana/base", 0).any()
+
+
+@pytest.mark.parametrize(
+    ("degrees", "reasons"), [(0.4, ()), (1.5, ("mount_error:visual_odometry_1.50_deg",))]
+)
+def test_a_mount_that_differs_by_more_than_its_stated_covariance_allows_is_reported(
+    degrees: float, reasons: tuple[str, ...]
+) -> None:
+    graph = FrameGraph()
+    graph.set_static("mana/base", "mana/camera", UncertainTransform.exact(np.eye(4)))
+    mounts = MountErrors(MountParameters(), RobotFrames("mana", graph, ""))
+    start = UncertainTransform(np.eye(4), np.eye(6))
+    estimate = Estimate.at_start(0, start, 0.1, np.zeros(6), np.ones(9))
+    first = MOUNTS["visual_odometry"].start - MOUNTS["imu"].start
+    estimate.calibration[first + 2] = np.radians(degrees)
+    assert mounts.deviations(estimate, {"visual_odometry": "mana/camera"}) == reasons
+
+
+def test_a_displaced_camera_is_a_reason_of_the_poses_and_a_correct_one_is_not() -> None:
+    """The head is turned by 4 degrees about y; data of wheels and IMU are exact."""
+    first = [wheels(t) for t in times(10, 15)] + [imu(t, np.eye(3)) for t in times(50, 15)]
+    for degrees, is_reported in ((0.0, False), (4.0, True)):
+        images = [visual(t, mount=se3.exp_so3(np.radians([0, degrees, 0]))) for t in times(4, 15)]
+        reasons = poses(feed(manager(), [*first, *images]))[-1].quality.reasons
+        assert any(reason.startswith("mount_error:") for reason in reasons) is is_reported
 
 
 def test_the_jacobian_of_an_increment_agrees_with_differences_of_the_mount(rng: np.random.Generator) -> None:
