@@ -13,6 +13,7 @@ WRITERS, TIMES = 8, 15
 
 
 @pytest.mark.req("CDFF-SUP-173")
+@pytest.mark.slow
 def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: Store) -> None:
     put(store, header(0), b"counted")
     seqs, done = itertools.count(1), threading.Event()

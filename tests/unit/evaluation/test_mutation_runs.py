@@ -44,6 +44,7 @@ def served(folder: Path, *sources: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in completed.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_an_endless_loop_and_an_endless_wait_are_timeouts_and_a_crash_is_a_failure(tmp_path: Path) -> None:
     loop, wait, crash, late = served(
         tmp_path,

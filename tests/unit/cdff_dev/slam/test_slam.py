@@ -66,6 +66,7 @@ def test_slam_writes_map_graph_and_pictures(
     assert 0.5 < np.linalg.norm(T[-1, :3, 3]) < 1.5
 
 
+@pytest.mark.slow
 def test_pairs_too_far_apart_are_refused_with_the_reason(
     real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

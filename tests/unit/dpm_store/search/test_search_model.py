@@ -332,6 +332,7 @@ def queries(draw: st.DrawFn) -> Query:
 @pytest.mark.req("CDFF-SUP-082")
 @settings(max_examples=60, deadline=None, phases=PHASES)
 @given(query=queries())
+@pytest.mark.slow
 def test_every_combination_equals_a_check_of_each_product(world: World, query: Query) -> None:
     results: list[str] = []
     distances: list[float] = []

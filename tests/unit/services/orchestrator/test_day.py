@@ -361,6 +361,7 @@ def test_the_service_keeps_its_invariants_over_requests_and_faults(
     assert day.max_sizes["failures"] <= 16
 
 
+@pytest.mark.slow
 def test_a_seed_reproduces_its_day(tmp_path: Path) -> None:
     days = []
     for i in range(2):

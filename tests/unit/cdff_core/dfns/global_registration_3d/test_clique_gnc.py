@@ -51,6 +51,7 @@ def graph(n: int, edges: set[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
     return bits, degree
 
 
+@pytest.mark.slow
 def test_ninety_eight_percent_of_outliers_are_rejected() -> None:
     correct = 0
     for seed in range(100):

@@ -150,6 +150,7 @@ def test_a_sweep_outside_the_map_is_refused(ground: Ground, rng: np.random.Gener
     assert raised.value.reasons == ("no_overlap",)
 
 
+@pytest.mark.slow
 def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_length(
     ground: Ground, rng: np.random.Generator
 ) -> None:

@@ -423,6 +423,7 @@ def test_a_turn_of_50_degrees_within_a_sweep_is_found(ground: Ground) -> None:
     assert np.degrees(se3.rotation_angle(E[:3, :3])) < 0.5
 
 
+@pytest.mark.slow
 def test_the_covariance_after_lost_sweeps_contains_the_motion_without_measurement(ground: Ground) -> None:
     rover = Rover(ground, seed=6)
     before = of(rover.drive([pose_on_ground(ground, 0.4 * i, 0.0, 0.0) for i in range(8)]), "odometry")[-1]

@@ -218,6 +218,7 @@ def test_a_keyframe_is_replaced_when_too_few_of_its_points_are_tracked(
     assert (key != "pair0") == renewed
 
 
+@pytest.mark.slow
 def test_after_several_unusable_pairs_a_gap_is_reported_with_a_consistent_covariance(
     pairs: list[FramePair],
 ) -> None:
