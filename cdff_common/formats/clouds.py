@@ -11,7 +11,7 @@ from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.file_source import Source
 from cdff_common.formats.kitti_bin import read_kitti_bin
 from cdff_common.formats.las import read_las
-from cdff_common.formats.npz import read_npz
+from cdff_common.formats.npz import read_npy, read_npz
 from cdff_common.formats.pcd import read_pcd
 from cdff_common.formats.ply import read_ply
 
@@ -35,5 +35,19 @@ def _from_npz(s: Source) -> CloudArrays:
     return CloudArrays.of(points, intensity, None if colors is None else np.asarray(colors))
 
 
-_READERS = {"ply": read_ply, "pcd": read_pcd, "las": read_las, "bin": read_kitti_bin, "npz": _from_npz}
+def _from_npy(s: Source) -> CloudArrays:
+    array = read_npy(s)
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
+        raise s.error(f"array {array.dtype} {array.shape}, expected numbers of shape (n, 3) or (n, 4)")
+    return CloudArrays.of(array[:, :3], array[:, 3] if array.shape[1] == 4 else None)
+
+
+_READERS = {
+    "npy": _from_npy,
+    "ply": read_ply,
+    "pcd": read_pcd,
+    "las": read_las,
+    "bin": read_kitti_bin,
+    "npz": _from_npz,
+}
 CLOUD_FORMATS = tuple(_READERS)

@@ -1,19 +1,35 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""NPZ, numpy's archive of named arrays, without pickled objects."""
+"""NPY and NPZ, numpy's files of one array and of named arrays, without pickled objects."""
 
 from __future__ import annotations
 
 import io
 import math
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.formats.file_source import Readable, Source, load
+
+#: Errors of numpy and zipfile for damaged content; a header of numpy is Python's text of a dictionary.
+_ERRORS = (
+    EOFError,
+    LookupError,
+    NotImplementedError,
+    OSError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def read_npz(source: Readable) -> dict[str, NDArray[Any]]:
@@ -24,8 +40,18 @@ def read_npz(source: Readable) -> dict[str, NDArray[Any]]:
             _check_claims(s, archive)
         with np.load(io.BytesIO(s.data), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile, KeyError, EOFError) as error:
+    except _ERRORS as error:
         raise s.error(f"not a readable npz: {error}") from error
+
+
+def read_npy(source: Readable) -> NDArray[Any]:
+    """Return the array of a npy file; raises CodecError on other files, objects, and implausible sizes."""
+    s = load(source)
+    try:
+        _check_header(s, io.BytesIO(s.data), "its header", len(s.data))
+        return np.asarray(np.load(io.BytesIO(s.data), allow_pickle=False))
+    except _ERRORS as error:
+        raise s.error(f"not a readable npy: {error}") from error
 
 
 def _check_claims(s: Source, archive: zipfile.ZipFile) -> None:
@@ -34,19 +60,21 @@ def _check_claims(s: Source, archive: zipfile.ZipFile) -> None:
     s.check_claim(sum(entry.file_size for entry in entries), f"{len(entries)} members")
     for entry in entries:
         with archive.open(entry) as member:
-            version = np.lib.format.read_magic(member)
-            header_readers = {
-                (1, 0): np.lib.format.read_array_header_1_0,
-                (2, 0): np.lib.format.read_array_header_2_0,
-            }
-            if version not in header_readers:
-                raise s.error(f"{entry.filename}: npy version {version}, expected 1.0 or 2.0")
-            shape, _, dtype = header_readers[version](member)
-        array_bytes = math.prod(shape) * dtype.itemsize
-        if min(shape, default=0) < 0 or array_bytes > entry.file_size:
-            raise s.error(
-                f"{entry.filename}: shape {shape} of {dtype}, more than its {entry.file_size} bytes"
-            )
+            _check_header(s, member, entry.filename, entry.file_size)
+
+
+def _check_header(s: Source, member: IO[bytes], name: str, size: int) -> None:
+    """Check the size that the header of an array states."""
+    version = np.lib.format.read_magic(member)
+    header_readers = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    if version not in header_readers:
+        raise s.error(f"{name}: npy version {version}, expected 1.0 or 2.0")
+    shape, _, dtype = header_readers[version](member)
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize > size:
+        raise s.error(f"{name}: shape {shape} of {dtype}, more than its {size} bytes")
 
 
 def write_npz(arrays: Mapping[str, ArrayLike]) -> bytes:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command line of ``cdff log``: show, cut and merge logs."""
+"""Command line of ``cdff log``: show, cut, merge, convert, compare and export logs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cdff_dev.logs.conversion_commands import register_conversions
+
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
@@ -25,13 +27,14 @@ _LOG_HELP = (
 
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff log``."""
-    parser = nouns.add_parser("log", help="show, cut and merge logs")
+    parser = nouns.add_parser("log", help="show, cut, merge, convert, compare and export logs")
     parser.set_defaults(help_parser=parser)  # prints its help if no verb is given
     verbs = parser.add_subparsers(metavar="VERB")
 
     info = verbs.add_parser("info", help="streams, types, counts, times, and deviations from the format")
     _add_log(info)
     info.add_argument("--json", action="store_true", help="print JSON")
+    info.add_argument("--map", action="store_true", help="print the default map of cdff log convert")
     info.add_argument("--deep", action="store_true", help="also decode every sample")
     info.set_defaults(run=_info)
 
@@ -52,6 +55,7 @@ def register(nouns: Any) -> None:
     merge.add_argument("logs", nargs="+", metavar="LOG", help=_LOG_HELP)
     merge.add_argument("--out", required=True, metavar="LOG", help="NAME.msg, or a folder for chunks")
     merge.set_defaults(run=_merge)
+    register_conversions(verbs)
 
 
 def _add_log(parser: argparse.ArgumentParser) -> None:
@@ -82,32 +86,35 @@ def _selected_samples(log: LogSource, args: argparse.Namespace) -> Any:
 
 
 def _info(args: argparse.Namespace) -> int:
-    from cdff_common.clock import format_stamp
     from cdff_dev.logs import LogReader, open_log
+    from cdff_dev.logs.information import size_bytes, stream_reports
+    from cdff_dev.logs.mapping import map_text, topic_map
 
     if args.json:
         logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
     with closing(open_log(args.log, args.calibration)) as log:
+        if args.map:
+            print(map_text(log.streams, topic_map(log.streams)))
+            return 0
         if args.deep:
             for _ in log.samples():
                 pass
-        quirks = dict(log.quirks.counts) if isinstance(log, LogReader) else {}
+        reports = stream_reports(log)
         if args.json:
-            streams = {
-                name: {"type": s.type_name, "count": s.count, "t0_ns": str(s.t0_ns), "t1_ns": str(s.t1_ns)}
-                for name, s in log.streams.items()
+            content = {
+                "streams": {name: report.to_json() for name, report in reports.items()},
+                "quirks": dict(log.quirks.counts) if isinstance(log, LogReader) else {},
+                "unconverted": {name: asdict(item) for name, item in log.unconverted.items()},
+                "bytes": size_bytes(args.log),
             }
-            unconverted = {name: asdict(item) for name, item in log.unconverted.items()}
-            print(json.dumps({"streams": streams, "quirks": quirks, "unconverted": unconverted}))
+            print(json.dumps(content))
             return 0
-        width = max((len(name) for name in log.streams), default=0)
-        for name, s in log.streams.items():
-            span_s = (s.t1_ns - s.t0_ns) * 1e-9
-            rate = f"{(s.count - 1) / span_s:8.2f} Hz" if span_s > 0 else " " * 11
-            start = format_stamp(s.t0_ns) if s.count else "empty"
-            print(f"{name:{width}}  {s.type_name:24} {s.count:8d} {rate}  {start} + {span_s:.3f} s")
+        width = max((len(name) for name in reports), default=0)
+        for name, report in reports.items():
+            print("\n".join(report.text(name.ljust(width))))
         for name, item in log.unconverted.items():
             print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}")
+        print(f"{size_bytes(args.log) / 1e6:.1f} MB")
     return 0
 
 
@@ -158,9 +165,10 @@ def _jsonable(value: Any) -> Any:
 
 def _cut(args: argparse.Namespace) -> int:
     from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs.sinks import refuse_own_input
 
     with closing(open_log(args.log, args.calibration)) as log:
-        _refuse_own_input(log, args.out)
+        refuse_own_input(log, Path(args.out))
         with LogWriter(args.out) as writer:
             for sample in _selected_samples(log, args):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
@@ -170,13 +178,14 @@ def _cut(args: argparse.Namespace) -> int:
 def _merge(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
     from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs.sinks import refuse_own_input
 
     with ExitStack() as stack:
         logs = []
         path_of: dict[str, str] = {}
         for path in args.logs:
             log = stack.enter_context(closing(open_log(path)))
-            _refuse_own_input(log, args.out)
+            refuse_own_input(log, Path(args.out))
             for name in log.streams:
                 if name in path_of:
                     raise InputError(
@@ -189,18 +198,3 @@ def _merge(args: argparse.Namespace) -> int:
             for sample in ordered:
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0
-
-
-def _refuse_own_input(log: LogSource, out: str) -> None:
-    """Raise InputError if the output would replace the log that is read."""
-    from pathlib import Path
-
-    from cdff_common.errors import InputError
-    from cdff_dev.logs.formats.infuse.writer import chunk_files
-
-    target = Path(out).resolve()
-    replaced = {target, *chunk_files(target.parent, target.stem)}
-    for file in getattr(log, "files", []):
-        source = Path(file).resolve()
-        if source in replaced or source.parent == target:
-            raise InputError(f"--out {out}: would replace the log that is read; name another")

@@ -16,8 +16,10 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import DistanceImage, Frame, FramePair, Time, TransformWithCovariance
+from cdff_dev.logs.compressed_images import decode_image
 from cdff_dev.logs.indexed import IndexedStream, headers
 from cdff_dev.logs.source import split_stream
+from cdff_dev.logs.stereo_pairs import PairRectifier
 
 Stamps = NDArray[np.int64]
 #: Suffixes of images that OpenCV reads.
@@ -27,19 +29,18 @@ _NO_DEPTH = 65535
 
 
 def read_image(path: Path, *, grey: bool = False) -> NDArray[Any]:
-    """Return an image ``(rows, cols)``, or ``(rows, cols, 3)`` in the order blue, green, red.
+    """Read an image: ``(rows, cols)`` if it is grey, otherwise ``(rows, cols, 3)`` as blue, green and red.
 
     Raises
     ------
     CodecError
         If the file is not an image.
     """
-    import cv2
-
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise CodecError(f"{path}: not an image that can be read")
-    return np.asarray(image[..., :3] if image.ndim == 3 else image)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CodecError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return decode_image(data, str(path), grey=grey)
 
 
 def frame_stream(
@@ -140,31 +141,11 @@ def pair_stream(
     """
     sensor = f"{_sensor(name)}_left"
     _check_size(stereo.left, pairs[0][0])
-    rectify = None
-    camera, baseline_m = stereo.left, stereo.baseline_m
-    if not stereo.is_rectified:
-        from cdff_core.imaging.rectification import rectified
-
-        left, right, baseline_m = rectified(stereo)
-        camera, rectify = left.camera, (left, right)
-        if T_robot_left is not None:
-            T_left_rectified = np.eye(4)
-            T_left_rectified[:3, :3] = left.R.T
-            T_robot_left = T_robot_left @ UncertainTransform.exact(T_left_rectified)
+    rectifier = PairRectifier(stereo, sensor, T_robot_left)
 
     def read(i: int) -> FramePair:
-        images = [read_image(path, grey=True) for path in pairs[i]]
-        if rectify is not None:
-            images = [side.apply(image) for side, image in zip(rectify, images, strict=True)]
-        return FramePair.from_images(
-            images[0],
-            images[1],
-            baseline_m=baseline_m,
-            camera_matrix=camera.matrix,
-            stamp_ns=int(stamps_ns[i]),
-            sensor=sensor,
-            T_robot_sensor=T_robot_left,
-        )
+        left, right = (read_image(path, grey=True) for path in pairs[i])
+        return rectifier.pair(left, right, int(stamps_ns[i]))
 
     return IndexedStream(
         "FramePair", stamps_ns, read, headers(name, stamps_ns, frame=sensor, producer=_sensor(name))

@@ -97,6 +97,10 @@ class IndexedLog(LogSource):
                 stream.header(number),
             )
 
+    def stamps_ns(self, stream: str) -> NDArray[np.int64]:
+        """Return the stamps of a stream in the order of writing."""
+        return self._indexed[stream].stamps_ns
+
     def close(self) -> None:
         """Close the files, if any are open."""
 

@@ -8,6 +8,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Header, Quality, product_id
@@ -165,6 +168,11 @@ class LogSource(Protocol):
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
+
+    def stamps_ns(self, stream: str) -> NDArray[np.int64]:
+        """Return the stamps of a stream in the order of writing; by default all its samples are read."""
+        stamps = sorted((sample.seq, sample.stamp_ns) for sample in self.samples([stream]))
+        return np.array([stamp_ns for _, stamp_ns in stamps], np.int64)
 
     def close(self) -> None:
         """Close the files."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Answers of earlier runs of the mutation test that hold for the committed tree."""
+"""Outcomes of mutants from earlier runs of the mutation test that are still valid for the committed tree."""
 
 from __future__ import annotations
 

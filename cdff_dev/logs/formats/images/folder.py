@@ -14,12 +14,19 @@ from cdff_common.camera import CameraModel, check_image_size, read_camera, read_
 from cdff_common.errors import InputError
 from cdff_dev.logs.file_stamps import file_stamps
 from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences
+from cdff_dev.logs.formats.images.stereo import (
+    read_stereo_calibration,
+    stereo_sequences,
+    stereo_stream,
+)
 from cdff_dev.logs.formats.images.truth import truth_stream
 from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, frame_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 from cdff_dev.logs.source import Unconverted
+from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS
 
 ROBOT = "robot"
+PAIR = f"/{ROBOT}/navcam.pair"
 _CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml")
 #: Files that describe a data set and are not part of the recording.
 _DESCRIPTIONS = ("readme", "license")
@@ -47,12 +54,13 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     """Open the images of a folder and its sub-folders.
 
     Images whose names differ only in numbers are the stream ``/robot/{sensor}.frame``; ``sensor`` is the name
-    of the sub-folder, or the common part of the names, or ``camera``. Depth images of 16 bits with a camera
-    and a stated unit are ``/robot/{sensor}.depth``. Stamps are those of ``times.txt`` next to the images,
-    else of their names (see ``file_stamps``), else 100 ms apart. The camera is ``calibration``; else, of the
-    calibrations in the folder, its ``config`` or that of the images: the one after whose name the images are
-    named, else the only one, or the only one of images with or without depth. ``truth.csv`` is described in
-    ``formats.images.truth``. All other files are listed as not converted.
+    of the sub-folder, or the common part of the names, or ``camera``. If two sequences are called left and
+    right (as in ``stereo_pairs``) and a calibration has two cameras, their images are ``/robot/navcam.pair``.
+    Depth images of 16 bits with a camera and a stated unit are ``/robot/{sensor}.depth``. Stamps are those of
+    ``times.txt`` next to the images, else of their names (see ``file_stamps``), else 100 ms apart. The camera
+    is ``calibration``; else, of the calibrations in the folder, its ``config`` or that of the images: the one
+    after whose name the images are named, else the only one, or the only one of images with or without depth.
+    ``truth.csv`` is described in ``formats.images.truth``. All other files are listed as not converted.
 
     Raises
     ------
@@ -63,7 +71,10 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     content = _Content()
     sequences = image_sequences(folder)
     stamps = [_stamps(sequence, content.used) for sequence in sequences]
+    in_pairs = _add_pairs(folder, sequences, stamps, calibration, content)
     for sequence, stamps_ns in zip(sequences, stamps, strict=True):
+        if sequence in in_pairs:
+            continue
         chosen = _calibration_of(sequence, folder, calibration, content)
         _add_stream(sequence, stamps_ns, chosen, content)
         content.used.update(sequence.files)
@@ -76,6 +87,29 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
             content.unconverted[path.name] = Unconverted("pose", without_image, "without an image")
     _list_other_files(folder, content)
     return IndexedLog(content.streams, content.unconverted)
+
+
+def _add_pairs(
+    folder: Path,
+    sequences: list[ImageSequence],
+    stamps: list[Stamps],
+    calibration: Path | None,
+    content: _Content,
+) -> tuple[ImageSequence, ...]:
+    """Add the stream of stereo pairs, if the folder has them, and return the sequences of their images."""
+    found = stereo_sequences(sequences)
+    if found is None:
+        return ()
+    chosen = read_stereo_calibration(_calibration_files(folder, found[0].folder), calibration)
+    if chosen is None:
+        return ()
+    both = stamps[sequences.index(found[0])], stamps[sequences.index(found[1])]
+    content.streams[PAIR], single = stereo_stream(PAIR, found, both, *chosen)
+    content.used.update((chosen[0], *found[0].files, *found[1].files))
+    if single:
+        reason = f"no image of the other camera within {PAIR_TOLERANCE_NS / 1e6:g} ms"
+        content.unconverted["single images"] = Unconverted("image", single, reason)
+    return found
 
 
 def _stamps(sequence: ImageSequence, used: set[Path]) -> Stamps:
@@ -109,16 +143,21 @@ def _read(path: Path) -> _Calibration:
     return _Calibration(path, read_camera(path), read_depth_unit(path))
 
 
+def _calibration_files(folder: Path, images: Path) -> list[Path]:
+    """Return possible calibrations in the folder, its ``config`` and the folder of the images."""
+    places = dict.fromkeys((folder, folder / "config", images))
+    files = [path for place in places if place.is_dir() for path in sorted(place.iterdir())]
+    return [path for path in files if path.suffix.lower() in _CALIBRATION_SUFFIXES and path.is_file()]
+
+
 def _calibrations(folder: Path, images: Path) -> list[_Calibration]:
-    """Return the calibrations in the folder, its ``config`` and the folder of the images."""
+    """Return the calibrations for the images of a folder."""
     found = []
-    for place in dict.fromkeys((folder, folder / "config", images)):
-        for path in sorted(place.iterdir()) if place.is_dir() else ():
-            if path.suffix.lower() in _CALIBRATION_SUFFIXES and path.is_file():
-                try:
-                    found.append(_read(path))
-                except InputError:  # not a calibration: listed with the other files
-                    continue
+    for path in _calibration_files(folder, images):
+        try:
+            found.append(_read(path))
+        except InputError:  # not a calibration: listed with the other files
+            continue
     return found
 
 

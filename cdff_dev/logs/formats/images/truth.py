@@ -40,7 +40,7 @@ def truth_stream(
     InputError
         With file and line, if the table has other columns or content.
     """
-    with path.open(encoding="utf-8", newline="") as file:
+    with path.open(encoding="utf-8", errors="replace", newline="") as file:
         rows = list(csv.DictReader(file))
     if not rows:
         raise InputError(f"{path}: expected a line of names and lines of numbers")

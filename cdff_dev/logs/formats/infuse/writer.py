@@ -14,6 +14,7 @@ from cdff_common.codecs import encode
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
 from cdff_common.output import storage_errors
+from cdff_dev.logs.sinks import LogSink
 
 #: Largest chunk, bytes; a larger sample is stored in a chunk of its own.
 CHUNK_BYTES = 64_000_000
@@ -37,7 +38,7 @@ class _Stream:
         self.samples, self.stamps_us, self.headers = [], [], []
 
 
-class LogWriter:
+class LogWriter(LogSink):
     """Writes samples to a log.
 
     Parameters

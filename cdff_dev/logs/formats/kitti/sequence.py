@@ -9,17 +9,18 @@ suite. CVPR. doi:10.1109/CVPR.2012.6248074
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from cdff_common.camera import StereoCalibration, check_image_size, read_stereo
+from cdff_common.camera import StereoCalibration, check_image_size, read_camera, read_stereo
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import LidarScan
 from cdff_dev.logs.formats.kitti.velodyne import read_scan, scan_files
-from cdff_dev.logs.image_streams import Stamps, pair_stream, pose_stream, read_image
+from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream, pose_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 
 ROBOT = "kitti"
@@ -32,6 +33,10 @@ _IMAGE_FOLDERS = (
     ("image_l", "image_r"),
     ("image_l_kitti", "image_r_kitti"),
 )
+_COLOUR_FOLDERS = _IMAGE_FOLDERS[1]
+#: Largest offset of the right camera along y and z, by that along x: the colour cameras of the benchmark,
+#: whose images are rectified again, have 0.5 %.
+_MAX_OFFSET = 0.02
 #: Rows of the projections of the colour cameras, if the calibration has them.
 _COLOUR_CAMERAS = ("P2", "P3")
 #: Calibration files, in order of precedence: next to that of an extract, ``calib.txt`` may belong to another
@@ -49,7 +54,8 @@ def is_kitti(folder: Path) -> bool:
 def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     """Open a KITTI sequence; raises InputError if its files are inconsistent.
 
-    Streams, each if its files exist, are ``/kitti/navcam.pair`` (FramePair) of the images,
+    Streams, each if its files exist, are ``/kitti/navcam.pair`` (FramePair) of the images, grey ones if both
+    exist, then with the colour images as ``/kitti/colour_left.frame`` and ``/kitti/colour_right.frame``,
     ``/kitti/lidar.scan`` (LidarScan) of ``velodyne/NNNNNN.bin`` in the frame ``kitti/lidar``, and
     ``/kitti/truth.pose`` of ``poses.txt`` or ``poses/NN.txt``: the pose of the left camera
     (``kitti/navcam_left``) in its first pose (``kitti/vo``). Stamps are those of ``times.txt``; without it
@@ -67,18 +73,22 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         raise InputError(f"{folder}: no images for the calibration {calibration}")
     n = max(len(pairs), *(number + 1 for number in scans), 0)
     stamps_ns = _stamps(folder, n)
-    streams = {}
+    streams: dict[str, IndexedStream] = {}
     if pairs:
         stereo = _calibration(folder, calibration, pairs[0][0])
         streams[PAIR] = pair_stream(PAIR, pairs, stamps_ns[: len(pairs)], stereo)
+        if pairs[0][0].parent.name == _IMAGE_FOLDERS[0][0]:
+            streams |= _colour_streams(folder, calibration, stamps_ns)
     if scans:
-        streams[SCAN] = _scan_stream(list(scans.values()), stamps_ns[list(scans)])
+        streams[SCAN] = scan_stream(list(scans.values()), stamps_ns[list(scans)])
     if (truth := _truth(folder, len(pairs) or n)) is not None:
         streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
     return IndexedLog(streams)
 
 
-def _scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
+def scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
+    """Return the stream of Velodyne scans."""
+
     def read(i: int) -> LidarScan:
         return read_scan(files[i], _LIDAR, int(stamps_ns[i]))
 
@@ -109,7 +119,7 @@ def _images(folder: Path) -> list[tuple[Path, Path]]:
 def _rows(path: Path, columns: int) -> FloatArray:
     """Return the numbers ``(n, columns)`` of a text file, without a label before a colon in a line."""
     rows = []
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
         words = line.split(":")[-1].split()
         try:
             values = [float(word) for word in words]
@@ -130,21 +140,50 @@ def _calibration(folder: Path, chosen: Path | None, image: Path) -> StereoCalibr
     It is of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras of the
     ``chosen`` file or that of the folder.
     """
+    path = _calibration_file(folder, chosen)
+    is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
+    calibration = read_stereo(path, *_COLOUR_CAMERAS) if is_colour else read_stereo(path)
+    x_m, *others_m = calibration.T_right_left[:3, 3]
+    if x_m >= 0 or np.abs(others_m).max() > _MAX_OFFSET * -x_m:
+        raise InputError(
+            f"{path}: expected a rectified pair with the right camera to the right of the left camera"
+        )
+    rows, cols = read_image(image).shape[:2]
+    check_image_size(calibration.left, rows, cols, str(path))
+    return with_size(calibration, image)
+
+
+def with_size(calibration: StereoCalibration, image: Path) -> StereoCalibration:
+    """Return a calibration whose cameras have the size of an image, if it states none."""
+    if calibration.left.rows:
+        return calibration
+    rows, cols = read_image(image).shape[:2]
+    left, right = (replace(c, rows=rows, cols=cols) for c in (calibration.left, calibration.right))
+    return replace(calibration, left=left, right=right)
+
+
+def _colour_streams(folder: Path, calibration: Path | None, stamps_ns: Stamps) -> dict[str, IndexedStream]:
+    """Return the streams of the colour cameras of a folder whose pairs are grey."""
+    streams = {}
+    for name, side, row in zip(_COLOUR_FOLDERS, ("left", "right"), _COLOUR_CAMERAS, strict=True):
+        if files := sorted((folder / name).glob("*.png")):
+            stream = f"/{ROBOT}/colour_{side}.frame"
+            path = _calibration_file(folder, calibration)
+            camera = read_camera(path, row) if _has_rows(path, [row]) else None
+            if len(files) > len(stamps_ns):
+                raise InputError(f"{folder / name}: {len(files)} images, {len(stamps_ns)} grey pairs")
+            streams[stream] = frame_stream(stream, files, stamps_ns[: len(files)], camera)
+    return streams
+
+
+def _calibration_file(folder: Path, chosen: Path | None) -> Path:
     files = [folder / name for name in _CALIBRATIONS] if chosen is None else [chosen]
     path = next((file for file in files if file.is_file()), None)
     if path is None:
         raise InputError(
             f"{folder}: {' or '.join(map(str, files))} not found; name the file with --calibration"
         )
-    is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
-    calibration = read_stereo(path, *_COLOUR_CAMERAS) if is_colour else read_stereo(path)
-    if not calibration.is_rectified:
-        raise InputError(
-            f"{path}: expected a rectified pair with the right camera to the right of the left camera"
-        )
-    rows, cols = read_image(image).shape[:2]
-    check_image_size(calibration.left, rows, cols, str(path))
-    return calibration
+    return path
 
 
 def _has_rows(path: Path, names: Collection[str]) -> bool:

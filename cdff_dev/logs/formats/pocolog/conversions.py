@@ -62,7 +62,10 @@ def _time(value: Any) -> Time:
 
 
 def _whole(cls: Any, how: Callable[[Any], Any], *fields: str) -> tuple[Conversion, ...]:
-    """Return the conversion of a value to the only field of a message."""
+    """Return the conversion of a type of ROCK to a message ``cls`` with one field.
+
+    The function ``how`` converts the whole value to this field, and uses the named ``fields`` of the value.
+    """
 
     def convert(value: Any, source: Source) -> Converted:
         return cls(how(value)), source.sensor_frame, None

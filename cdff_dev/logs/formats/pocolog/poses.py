@@ -97,7 +97,7 @@ def _body_transform(value: Any, source: Source) -> Converted:
 
 
 def _body_state(value: Any, source: Source) -> Converted:
-    """Return all fields of ``RigidBodyState`` with the values of the log."""
+    """Return a ``RigidBodyState`` with all fields of the value, without a change of frame or unit."""
     parent, child = source.frame(value["targetFrame"]), source.frame(value["sourceFrame"])
     message = RigidBodyState(
         timestamp=source.time,

@@ -53,7 +53,7 @@ class Source:
         return Time.from_ns(self.stamp_ns)
 
     def frame(self, name: str) -> str:
-        """Return the CDFF name of a frame of ROCK."""
+        """Return the frame name of CDFF, ``robot/NAME``, for a frame name of ROCK."""
         return frame_name(ROBOT, name)
 
 
@@ -121,7 +121,7 @@ def dynamic_matrix(value: Any) -> FloatArray:
 
 
 def quaternion_xyzw(value: Any) -> FloatArray:
-    """Return a quaternion x, y, z, w."""
+    """Return a quaternion of Eigen, ``re`` and ``im``, as ``(4,)`` in the order x, y, z, w."""
     return np.append(np.asarray(value["im"], np.float64), float(value["re"]))
 
 

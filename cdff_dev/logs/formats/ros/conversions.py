@@ -15,9 +15,9 @@ import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_common.types import IMUSensors, Joints, JointState, Time, TransformWithCovariance
-from cdff_dev.logs.formats.ros.clouds import lidar_scan
-from cdff_dev.logs.formats.ros.images import compressed_frame, frame
+from cdff_common.types import Asn1Bitstream, IMUSensors, Joints, JointState, Time, TransformWithCovariance
+from cdff_dev.logs.formats.ros.clouds import laser_scan, lidar_scan
+from cdff_dev.logs.formats.ros.images import frame
 from cdff_dev.logs.formats.ros.topics import Topic
 
 #: Value, frame and child frame of a sample.
@@ -113,13 +113,30 @@ def _joints(message: Any, topic: Topic, stamp_ns: int) -> Converted:
     return value, topic.frame(message.header.frame_id), None
 
 
+def _bitstream(message: Any, topic: Topic, _: int) -> Converted:
+    """Return an encoded message of the InFuse robots."""
+    data = np.asarray(message.data, np.uint8)
+    value = Asn1Bitstream(message.type, int(message.serialization_method), data)
+    return value, topic.frame(message.header.frame_id), None
+
+
 def _transforms(message: Any) -> Sequence[Any]:
     return tuple(message.transforms)
+
+
+def transform_matrix(transform: Any) -> FloatArray:
+    """Return the pose ``(4, 4)`` of a ``TransformStamped``: of its child frame in the frame of its header."""
+    q = transform.transform.rotation
+    return se3.transform_from_quaternion_xyzw(
+        _vector(transform.transform.translation), np.array([q.x, q.y, q.z, q.w])
+    )
 
 
 _FRAME_TREE = Conversion(
     "TransformWithCovariance", "pose", _transform_stamped, has_header=False, split=_transforms
 )
+#: Message types of frame trees.
+FRAME_TREES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 #: Message type of calibrations, which become part of the images.
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 CONVERSIONS = {
@@ -130,14 +147,16 @@ CONVERSIONS = {
         "TransformWithCovariance", "pose", _pose_with_covariance
     ),
     "geometry_msgs/msg/TransformStamped": Conversion("TransformWithCovariance", "pose", _transform_stamped),
-    "tf2_msgs/msg/TFMessage": _FRAME_TREE,
-    "tf/msg/tfMessage": _FRAME_TREE,
+    **dict.fromkeys(FRAME_TREES, _FRAME_TREE),
     "sensor_msgs/msg/JointState": Conversion("Joints", "joints", _joints),
+    "infuse_msgs/msg/Asn1Bitstream": Conversion("Asn1Bitstream", "bitstream", _bitstream),
     "sensor_msgs/msg/PointCloud2": Conversion("LidarScan", "scan", lidar_scan),
+    "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
     "sensor_msgs/msg/Image": Conversion("Frame", "frame", frame),
-    "sensor_msgs/msg/CompressedImage": Conversion("Frame", "frame", compressed_frame),
+    "sensor_msgs/msg/CompressedImage": Conversion("Frame", "frame", frame),
 }
 #: Reasons why message types with a known content have no stream.
 NO_CONVERSION = {
     "sensor_msgs/msg/NavSatFix": "no CDFF type has geodetic positions",
+    "nav_msgs/msg/Path": "no CDFF type has poses without times",
 }

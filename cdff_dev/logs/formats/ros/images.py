@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.types import Frame
+from cdff_dev.logs.compressed_images import decode_image
 from cdff_dev.logs.formats.ros.topics import Topic
 
 #: Type of an element, number of channels and mode by the encoding of ROS.
@@ -24,41 +26,67 @@ _ENCODINGS = {
     "bgr8": ("u1", 3, "BGR"),
     "8UC3": ("u1", 3, "BGR"),
 }
-#: Distortion models with the parameters of OpenCV.
+#: Channels of encodings of 8 bits that become BGR, and OpenCV's name of the conversion.
+_TO_BGR = {
+    "bayer_rggb8": (1, "BayerRGGB2BGR"),
+    "bayer_bggr8": (1, "BayerBGGR2BGR"),
+    "bayer_gbrg8": (1, "BayerGBRG2BGR"),
+    "bayer_grbg8": (1, "BayerGRBG2BGR"),
+    "yuv422": (2, "YUV2BGR_UYVY"),
+    "uyvy": (2, "YUV2BGR_UYVY"),
+    "yuv422_yuy2": (2, "YUV2BGR_YUY2"),
+    "yuyv": (2, "YUV2BGR_YUY2"),
+    "rgba8": (4, "RGBA2BGR"),
+    "bgra8": (4, "BGRA2BGR"),
+}
+#: Bytes in front of the image in messages of ``compressed_depth_image_transport``.
+_DEPTH_HEADER_BYTES = 12
+#: Distortion models with the parameters of OpenCV, and that of its fisheye camera.
 _OPENCV_MODELS = ("plumb_bob", "rational_polynomial")
+_FISHEYE_MODELS = ("equidistant", "fisheye", "kannala_brandt")
+
+
+def pixels(message: Any) -> tuple[NDArray[Any], str]:
+    """Return the pixels of an ``Image`` or ``CompressedImage``, and their mode: GRAY, RGB or BGR.
+
+    Raises
+    ------
+    InputError
+        If the encoding or the size is not supported, or the image cannot be decoded.
+    """
+    if not hasattr(message, "encoding"):
+        data = np.asarray(message.data, np.uint8)
+        if "compressedDepth" in message.format:
+            data = data[_DEPTH_HEADER_BYTES:]
+        image = decode_image(data, f"format {message.format!r}")
+        return image, "GRAY" if image.ndim == 2 else "BGR"
+    if message.encoding in _TO_BGR:
+        import cv2
+
+        channels, conversion = _TO_BGR[message.encoding]
+        image = _rows(message, np.dtype("u1"), channels)
+        return np.asarray(cv2.cvtColor(image, getattr(cv2, f"COLOR_{conversion}"))), "BGR"
+    if message.encoding not in _ENCODINGS:
+        known = ", ".join((*_ENCODINGS, *_TO_BGR))
+        raise InputError(f"encoding {message.encoding!r}: expected one of {known}")
+    kind, channels, mode = _ENCODINGS[message.encoding]
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    return _rows(message, dtype, channels).astype(dtype.newbyteorder("="), copy=False), mode
+
+
+def grey_pixels(message: Any) -> NDArray[Any]:
+    """Return the pixels of a message in grey; raises InputError as ``pixels``."""
+    image, mode = pixels(message)
+    if mode == "GRAY":
+        return image
+    import cv2
+
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY if mode == "RGB" else cv2.COLOR_BGR2GRAY))
 
 
 def frame(message: Any, topic: Topic, stamp_ns: int) -> tuple[Frame, str, None]:
-    """Return an image without compression; raises InputError if its encoding or size is not supported."""
-    if message.encoding not in _ENCODINGS:
-        raise InputError(f"encoding {message.encoding!r}: expected one of {', '.join(_ENCODINGS)}")
-    kind, channels, mode = _ENCODINGS[message.encoding]
-    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
-    width = message.width * channels * dtype.itemsize
-    data = np.asarray(message.data, np.uint8)
-    if message.step < width or data.size != message.step * message.height:
-        raise InputError(
-            f"{data.size} bytes in rows of {message.step}: expected {message.height} rows of {width} or more"
-        )
-    rows = np.ascontiguousarray(data.reshape(message.height, message.step)[:, :width])
-    image = rows.view(dtype).reshape(message.height, message.width, channels)
-    image = image.astype(dtype.newbyteorder("="), copy=False)
-    return _frame(image[..., 0] if channels == 1 else image, mode, message, topic, stamp_ns)
-
-
-def compressed_frame(message: Any, topic: Topic, stamp_ns: int) -> tuple[Frame, str, None]:
-    """Return a JPEG or PNG image; raises InputError if it cannot be decoded."""
-    import cv2
-
-    image = cv2.imdecode(np.asarray(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"format {message.format!r}: not an image that can be decoded")
-    return _frame(image, "GRAY" if image.ndim == 2 else "BGR", message, topic, stamp_ns)
-
-
-def _frame(
-    image: NDArray[Any], mode: str, message: Any, topic: Topic, stamp_ns: int
-) -> tuple[Frame, str, None]:
+    """Return an image; raises InputError if it is not supported."""
+    image, mode = pixels(message)
     name = topic.frame(message.header.frame_id)
     matrix, distortion = _calibration(topic)
     value = Frame.from_image(
@@ -67,27 +95,61 @@ def _frame(
     return value, name, None
 
 
+def camera_model(topic: Topic) -> CameraModel:
+    """Return the camera of a topic of images; raises InputError if it has no usable ``CameraInfo``."""
+    info = topic.camera
+    matrix = camera_matrix(info, "k")
+    if matrix is None or not matrix.any():
+        raise InputError(f"{topic.name}: no CameraInfo with a camera matrix in its namespace")
+    rows, cols = int(info.height), int(info.width)
+    if topic.is_rectified:
+        projection = camera_matrix(info, "p")
+        ideal = matrix if projection is None else projection[:, :3]
+        return CameraModel.from_matrix(ideal, rows=rows, cols=cols)
+    is_fisheye = info.distortion_model in _FISHEYE_MODELS
+    _check_model(info, (*_OPENCV_MODELS, *_FISHEYE_MODELS))
+    return CameraModel.from_matrix(matrix, _distortion(info), rows=rows, cols=cols, fisheye=is_fisheye)
+
+
+def camera_matrix(info: Any, name: str) -> NDArray[np.float64] | None:
+    """Return a matrix of three rows of a calibration, or None; its name is capital in ROS 1."""
+    rows = next((getattr(info, n) for n in (name, name.upper()) if hasattr(info, n)), None)
+    return None if rows is None or len(rows) % 3 else np.asarray(rows, np.float64).reshape(3, -1)
+
+
+def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
+    """Return the elements of an image without the bytes at the end of each row."""
+    width = message.width * channels * dtype.itemsize
+    data = np.asarray(message.data, np.uint8)
+    if message.step < width or data.size != message.step * message.height or not data.size:
+        raise InputError(
+            f"{data.size} bytes in rows of {message.step}: expected {message.height} rows of {width} or more"
+        )
+    rows = np.ascontiguousarray(data.reshape(message.height, message.step)[:, :width])
+    image = rows.view(dtype).reshape(message.height, message.width, channels)
+    return image[..., 0] if channels == 1 else image
+
+
 def _calibration(topic: Topic) -> tuple[NDArray[np.float64] | None, tuple[float, ...]]:
     """Return camera matrix and distortion of the images; None without a calibration.
 
-    Images whose topic contains ``rect`` are rectified, with the projection matrix and without distortion.
-    Raises InputError if the distortion model is not ``plumb_bob``.
+    Rectified images have the projection matrix and no distortion. Raises InputError if the distortion model
+    is not ``plumb_bob`` or ``rational_polynomial``.
     """
-    camera = topic.camera
-    matrix, projection = (_matrix(camera, name) for name in ("kK", "pP"))
-    if camera is None or matrix is None or not matrix.any():
+    info = topic.camera
+    matrix, projection = camera_matrix(info, "k"), camera_matrix(info, "p")
+    if matrix is None or not matrix.any():
         return None, ()
-    if "rect" in topic.name.rpartition("/")[2] and projection is not None:
+    if topic.is_rectified and projection is not None:
         return projection[:, :3], ()
-    distortion = tuple(float(d) for d in getattr(camera, "D", getattr(camera, "d", ())))
-    if any(distortion) and camera.distortion_model not in _OPENCV_MODELS:
-        raise InputError(
-            f"distortion model {camera.distortion_model!r}: expected {' or '.join(_OPENCV_MODELS)}"
-        )
-    return matrix, distortion
+    _check_model(info, _OPENCV_MODELS)
+    return matrix, _distortion(info)
 
 
-def _matrix(camera: Any, names: str) -> NDArray[np.float64] | None:
-    """Return a matrix of three rows of a calibration, whose name is capital in ROS 1."""
-    rows = next((getattr(camera, name) for name in names if hasattr(camera, name)), None)
-    return None if rows is None else np.asarray(rows, np.float64).reshape(3, -1)
+def _distortion(info: Any) -> tuple[float, ...]:
+    return tuple(float(d) for d in getattr(info, "D", getattr(info, "d", ())))
+
+
+def _check_model(info: Any, known: tuple[str, ...]) -> None:
+    if any(_distortion(info)) and info.distortion_model not in known:
+        raise InputError(f"distortion model {info.distortion_model!r}: expected {' or '.join(known)}")

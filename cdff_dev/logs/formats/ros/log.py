@@ -1,23 +1,36 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags of ROS as logs: each topic whose message type has a conversion becomes a stream."""
+"""Recordings of ROS messages as logs: each topic whose message type has a conversion becomes a stream."""
 
 from __future__ import annotations
 
 import heapq
+import logging
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.interfaces import Connection
+from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError, InputError
-from cdff_dev.logs.formats.ros.conversions import CAMERA_INFO, CONVERSIONS, NO_CONVERSION, Conversion
+from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.formats.ros.conversions import (
+    CAMERA_INFO,
+    CONVERSIONS,
+    FRAME_TREES,
+    NO_CONVERSION,
+    transform_matrix,
+)
+from cdff_dev.logs.formats.ros.pairs import PairAssembly
+from cdff_dev.logs.formats.ros.recording import (
+    PARSER_ERRORS,
+    Channel,
+    Recording,
+    encoded_stamp_ns,
+)
+from cdff_dev.logs.formats.ros.stereo import FrameTree, StereoTopics, stereo_candidates, stereo_topics
 from cdff_dev.logs.formats.ros.topics import Topic, namespace
-from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import (
     LogSample,
     LogSource,
@@ -27,35 +40,52 @@ from cdff_dev.logs.source import (
     recorded_header,
 )
 
-#: Bytes of the stamp of a message that begins with a header: seconds and nanoseconds, in ROS 1 after the
-#: sequence number, in ROS 2 after the encapsulation of CDR.
-_STAMP = slice(4, 12)
+_log = logging.getLogger(__name__)
+_MAX_STAMP_NS = np.iinfo(np.int64).max - 1000
+
+
+class _Part(NamedTuple):
+    """A sample that is not decoded: its encoded message, or both of a pair, or a part of a message."""
+
+    stream: str
+    stamp_ns: int
+    source: Topic | StereoTopics
+    content: Any
+
+
+class _Encoded(NamedTuple):
+    channel: Channel
+    raw: bytes
 
 
 class RosLog(LogSource):
-    """Bag files of one recording as a ``LogSource``.
+    """A recording as a ``LogSource``.
 
     Samples have the stamp of their header; those of messages without a header have the time of recording.
-    Opening a bag reads it once, for the stamps; a message is decoded when its sample is yielded.
+    Opening a log reads the recording once, for the stamps; a message is decoded when its sample is yielded.
+
+    Images of a left and a right camera (names as in ``stereo_pairs``) with calibrations are the stream
+    ``/robot/{namespace}.pair`` of rectified grey pairs with the stamp of the left image. It replaces the
+    streams of both images if these are grey and rectified, and thus equal to those of the pairs.
 
     Parameters
     ----------
-    files : list of Path
-        One or several ROS 1 bags, or one ROS 2 bag: its folder, or a single file.
+    recording : Recording
+    robot : str
+        Robot id of the streams.
 
     Raises
     ------
     CodecError
-        If a file is not a bag, or its message definitions are missing.
+        If a message cannot be decoded.
     """
 
-    def __init__(self, files: list[Path]) -> None:
-        self._files = files
-        self._reader = AnyReader(files)
-        self._open()
+    def __init__(self, recording: Recording, robot: str) -> None:
+        self._recording = recording
         try:
-            self._topics = self._converted_topics(robot_name(files[0]))
+            self._topics = self._converted_topics(robot)
             self._unconverted = self._other_topics()
+            self._pairs = PairAssembly(self._stereo_cameras())
             self._index()
         except BaseException:
             self.close()
@@ -68,101 +98,166 @@ class RosLog(LogSource):
 
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
-        """Topics without a stream."""
-        return self._unconverted
+        """Topics without a stream, and damaged parts."""
+        return self._unconverted | dict(self._recording.unconverted)
+
+    def stamps_ns(self, stream: str) -> NDArray[np.int64]:
+        """Return the stamps of a stream in the order of recording."""
+        stamps_ns: NDArray[np.int64] = self._stamps_ns[self._names == stream]
+        return stamps_ns
 
     def close(self) -> None:
         """Close the files."""
-        self._reader.close()
-
-    def _open(self) -> None:
-        try:
-            self._reader.open()
-        except (AnyReaderError, ValueError, OSError) as error:
-            raise CodecError(f"{self._files[0]}: not a readable bag: {error}") from error
+        self._recording.close()
 
     def _converted_topics(self, robot: str) -> dict[int, Topic]:
-        """Return the topics whose message type has a conversion, by the identity of their connection."""
+        """Return the topics whose message type has a conversion, by the identity of their channel."""
         cameras = self._cameras()
         topics = {}
-        for connection in self._reader.connections:
-            if conversion := CONVERSIONS.get(connection.msgtype):
-                camera = cameras.get(namespace(connection.topic))
-                topics[id(connection)] = Topic(connection.topic, robot, conversion, camera)
+        for channel in self._recording.channels:
+            conversion = None if channel.fault else CONVERSIONS.get(channel.type_name)
+            if conversion:
+                camera = cameras.get(namespace(channel.topic))
+                topics[id(channel)] = Topic(channel.topic, robot, conversion, camera)
         return topics
 
     def _cameras(self) -> dict[str, Any]:
         """Return the first calibration of each camera by the namespace of its topic."""
-        cameras: dict[str, Any] = {}
-        for connection in self._reader.connections:
-            if connection.msgtype == CAMERA_INFO:
-                for _, _, raw in self._messages([connection]):
-                    cameras[namespace(connection.topic)] = self._reader.deserialize(raw, CAMERA_INFO)
-                    break
-        return cameras
+        infos = [c for c in self._recording.channels if c.type_name == CAMERA_INFO and not c.fault]
+        first = self._first_messages(infos)
+        return {namespace(topic): info for topic, info in first.items()}
+
+    def _first_messages(self, channels: list[Channel]) -> dict[str, Any]:
+        """Return the first message of each topic."""
+        found: dict[str, Any] = {}
+        topics = {channel.topic for channel in channels if channel.count}
+        for channel, _, raw in self._recording.messages(channels):
+            if channel.topic not in found:
+                found[channel.topic] = self._recording.decode(channel, raw)
+            if len(found) == len(topics):
+                break
+        return found
 
     def _other_topics(self) -> dict[str, Unconverted]:
         """Return the topics without a conversion, with the reason."""
         found: dict[str, Unconverted] = {}
-        for connection in self._reader.connections:
-            if id(connection) not in self._topics and connection.msgtype != CAMERA_INFO:
-                known = found.get(connection.topic)
-                count = connection.msgcount + (known.count if known else 0)
-                reason = NO_CONVERSION.get(connection.msgtype, "no CDFF type has its content")
-                found[connection.topic] = Unconverted(connection.msgtype, count, reason)
+        for channel in self._recording.channels:
+            if id(channel) not in self._topics and (channel.type_name != CAMERA_INFO or channel.fault):
+                known = found.get(channel.topic)
+                count = channel.count + (known.count if known else 0)
+                reason = channel.fault or NO_CONVERSION.get(channel.type_name, "no CDFF type has its content")
+                type_name = channel.original_type or channel.type_name
+                found[channel.topic] = Unconverted(type_name, count, reason)
         return found
+
+    def _stereo_cameras(self) -> list[StereoTopics]:
+        """Return the stereo cameras; those without a usable calibration are listed as not converted."""
+        cameras: list[StereoTopics] = []
+        candidates = stereo_candidates({topic.name: topic for topic in self._topics.values()})
+        for left, right in candidates:
+            channels = [c for c in self._recording.channels if c.topic in (left.name, right.name)]
+            first = self._first_messages(channels)
+            if len(first) < 2:
+                continue
+            try:
+                camera = stereo_topics(left, right, (first[left.name], first[right.name]), self._tree)
+            except (*PARSER_ERRORS, InputError) as error:
+                name = f"pairs of {left.name}"
+                self._unconverted[name] = Unconverted("stereo camera", 1, str(error))
+                continue
+            if any(camera.stream == other.stream for other in cameras):
+                camera = camera.with_stream(left.stream.removesuffix(".frame") + ".pair")
+            cameras.append(camera)
+        return cameras
+
+    def _tree(self) -> FrameTree:
+        """Return the first pose of each frame of the frame trees."""
+        tree: dict[str, tuple[str, FloatArray]] = {}
+        channels = [c for c in self._recording.channels if c.type_name in FRAME_TREES and not c.fault]
+        for channel, _, raw in self._recording.messages(channels):
+            for transform in self._recording.decode(channel, raw).transforms:
+                child = transform.child_frame_id.lstrip("/")
+                if child not in tree:
+                    tree[child] = (transform.header.frame_id.lstrip("/"), transform_matrix(transform))
+        return tree
 
     def _index(self) -> None:
         """Read the stamps of all messages that are converted, in the order of recording."""
-        names, stamps = [], []
-        types: dict[str, str] = {}
-        for name, stamp_ns, topic, _ in self._parts(set()):
-            names.append(name)
-            stamps.append(stamp_ns)
-            types[name] = topic.conversion.type_name
-        self._stamps_ns = np.array(stamps, dtype=np.int64)
-        self._names = np.array(names, dtype=object)
+        parts = [(part.stream, part.stamp_ns, part.source) for part in self._single_parts(None)]
+        names = np.array([name for name, _, _ in parts], dtype=object)
+        stamps_ns = np.array([stamp for _, stamp, _ in parts], dtype=np.int64)
+        types = {name: topic.conversion.type_name for name, _, topic in parts if isinstance(topic, Topic)}
+        self._names, self._stamps_ns, unmatched = self._pairs.index(names, stamps_ns)
+        self._unconverted |= unmatched
+        types |= dict.fromkeys(self._pairs.streams, "FramePair")
         self._streams: dict[str, StreamInfo] = {}
         for name, type_name in sorted(types.items()):
             times = self._stamps_ns[self._names == name]
-            self._streams[name] = StreamInfo(type_name, len(times), int(times.min()), int(times.max()))
+            if name not in self._pairs.replaced and len(times):
+                self._streams[name] = StreamInfo(type_name, len(times), int(times.min()), int(times.max()))
 
-    def _parts(self, streams: Collection[str]) -> Iterator[tuple[str, int, Topic, Any]]:
-        """Yield stream, stamp, topic and content of each sample in the order of recording.
+    def _single_parts(self, streams: Collection[str] | None) -> Iterator[_Part]:
+        """Yield the samples of some or all streams, without pairs, in the order of recording."""
+        channels = [c for c in self._recording.channels if self._has_streams(c, streams)]
+        for channel, recorded_ns, raw in self._recording.messages(channels):
+            try:
+                parts = self._parts_of(channel, recorded_ns, raw)
+            except (*PARSER_ERRORS, InputError) as error:
+                self._leave_out(channel.topic, error)
+                continue
+            for part in parts:
+                if streams is None or part.stream in streams:
+                    yield part
 
-        Without ``streams`` all are yielded. The content is a message, or its bytes if it has one sample.
-        """
-        connections = [c for c in self._reader.connections if id(c) in self._topics]
-        for connection, recorded_ns, raw in self._messages(connections):
-            topic = self._topics[id(connection)]
-            if topic.conversion.split is None:
-                stamp_ns = _stamp_ns(topic.conversion, recorded_ns, raw)
-                parts = [(topic.stream, stamp_ns, (connection, raw))]
-            else:
-                messages = topic.conversion.split(self._decoded(connection, raw))
-                parts = [(topic.stream_of(m), _header_ns(m.header) or recorded_ns, m) for m in messages]
-            for name, stamp_ns, content in parts:
-                if not streams or name in streams:
-                    yield name, round(stamp_ns / 1000) * 1000, topic, content
+    def _parts_of(self, channel: Channel, recorded_ns: int, raw: bytes) -> list[_Part]:
+        """Return the samples of a message, which may be several of different streams."""
+        topic = self._topics[id(channel)]
+        if topic.conversion.split is None:
+            stamp_ns = self._stamp_ns(channel, topic, recorded_ns, raw)
+            return [_Part(topic.stream, stamp_ns, topic, _Encoded(channel, raw))]
+        return [
+            _Part(
+                topic.stream_of(message), _rounded(_header_ns(message.header) or recorded_ns), topic, message
+            )
+            for message in topic.conversion.split(self._recording.decode(channel, raw))
+        ]
 
-    def _messages(self, connections: list[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        if not connections:
-            return
-        try:
-            yield from self._reader.messages(connections)
-        except (AnyReaderError, ValueError, OSError, EOFError) as error:
-            raise CodecError(f"{self._files[0]}: the bag ends in a damaged message: {error}") from error
+    def _leave_out(self, topic: str, error: Exception) -> None:
+        """List and log a message whose stamp cannot be read."""
+        name = f"damaged messages of {topic}"
+        if name not in self._unconverted:
+            _log.warning("%s: %s: a damaged message is left out: %s", self._recording.name, topic, error)
+            self._unconverted[name] = Unconverted("damaged message", 1, f"the first: {error}")
 
-    def _decoded(self, connection: Connection, raw: bytes) -> Any:
-        try:
-            return self._reader.deserialize(raw, connection.msgtype)
-        except (AnyReaderError, ValueError) as error:
-            raise CodecError(f"{self._files[0]}: {connection.topic}: {error}") from error
+    def _has_streams(self, channel: Channel, streams: Collection[str] | None) -> bool:
+        """Return whether a channel can have samples of the streams, of which None are all."""
+        topic = self._topics.get(id(channel))
+        return topic is not None and (
+            streams is None or topic.conversion.split is not None or topic.stream in streams
+        )
+
+    def _parts(self, chosen: set[str]) -> Iterator[_Part]:
+        """Yield the samples of streams in the order of recording, pairs after their second image."""
+        queue = self._pairs.start()
+        for part in self._single_parts(chosen | self._pairs.sources(chosen)):
+            if part.stream in chosen:
+                yield part
+            for camera, stamp_ns, contents in queue.add(part.stream, part.stamp_ns, part.content):
+                if camera.stream in chosen:
+                    yield _Part(camera.stream, stamp_ns, camera, contents)
+
+    def _stamp_ns(self, channel: Channel, topic: Topic, recorded_ns: int, raw: bytes) -> int:
+        """Return the stamp of the header; without one, or if it is zero, the time of recording."""
+        if not topic.conversion.has_header:
+            return _rounded(recorded_ns)
+        if channel.encoding in ("ros1", "cdr"):
+            return _rounded(encoded_stamp_ns(channel.encoding, raw) or recorded_ns)
+        return _rounded(_header_ns(self._recording.decode(channel, raw).header) or recorded_ns)
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
 
-        A message is held back until no message with an earlier stamp can follow in the bag.
+        A message is held back until no message with an earlier stamp can follow in the recording.
 
         Raises
         ------
@@ -174,33 +269,37 @@ class RosLog(LogSource):
         chosen = set(chosen_streams(self.streams, streams))
         stamps_ns = self._stamps_ns[np.isin(self._names, list(chosen))]
         earliest_later = np.minimum.accumulate(stamps_ns[::-1])[::-1]
-        waiting: list[tuple[int, str, int, Topic, Any]] = []
+        waiting: list[tuple[int, str, int, _Part]] = []
         seqs: Counter[str] = Counter()
-        for i, (name, stamp_ns, topic, content) in enumerate(self._parts(chosen) if chosen else ()):
-            while waiting and waiting[0][0] < earliest_later[i]:
-                yield self._sample(*heapq.heappop(waiting))
-            heapq.heappush(waiting, (stamp_ns, name, seqs[name], topic, content))
-            seqs[name] += 1
+        # In a damaged bag some streams alone can be read further than all together: the index is the limit.
+        for part, earliest_ns in zip(self._parts(chosen) if chosen else (), earliest_later, strict=False):
+            while waiting and waiting[0][0] < earliest_ns:
+                yield self._sample(*heapq.heappop(waiting)[2:])
+            heapq.heappush(waiting, (part.stamp_ns, part.stream, seqs[part.stream], part))
+            seqs[part.stream] += 1
         while waiting:
-            yield self._sample(*heapq.heappop(waiting))
+            yield self._sample(*heapq.heappop(waiting)[2:])
 
-    def _sample(self, stamp_ns: int, name: str, seq: int, topic: Topic, content: Any) -> LogSample:
-        message = self._decoded(*content) if isinstance(content, tuple) else content
+    def _sample(self, seq: int, part: _Part) -> LogSample:
+        source, name, stamp_ns = part.source, part.stream, part.stamp_ns
+        encoded = part.content if isinstance(source, StereoTopics) else [part.content]
+        messages = [self._recording.decode(*m) if isinstance(m, _Encoded) else m for m in encoded]
         try:
-            value, frame, child = topic.conversion.convert(message, topic, stamp_ns)
-        except (InputError, ValueError) as error:
-            raise CodecError(f"{self._files[0]}: {topic.name} message {seq}: {error}") from error
+            if isinstance(source, StereoTopics):
+                left, right = messages
+                value, frame, child = source.convert(left, right, stamp_ns)
+            else:
+                value, frame, child = source.conversion.convert(messages[0], source, stamp_ns)
+        except (*PARSER_ERRORS, InputError) as error:
+            raise CodecError(f"{self._recording.name}: {name} message {seq}: {error}") from error
         header = recorded_header(name, seq, stamp_ns, frame=frame, child=child)
-        return LogSample(name, topic.conversion.type_name, stamp_ns, seq, value, header)
-
-
-def _stamp_ns(conversion: Conversion, recorded_ns: int, raw: bytes) -> int:
-    """Return the stamp of the header; without one, or if it is zero, the time of recording."""
-    if not conversion.has_header:
-        return recorded_ns
-    seconds, nanoseconds = np.frombuffer(raw[_STAMP], "<u4")
-    return int(seconds) * 1_000_000_000 + int(nanoseconds) or recorded_ns
+        return LogSample(name, source.type_name, stamp_ns, seq, value, header)
 
 
 def _header_ns(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _rounded(stamp_ns: int) -> int:
+    """Return a stamp in whole microseconds."""
+    return min(round(stamp_ns / 1000) * 1000, _MAX_STAMP_NS // 1000 * 1000)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Topics of a bag, and what the conversion of their messages needs."""
+"""Topics of a recording, and the data that the conversion of their messages needs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from cdff_dev.logs.names import frame_name, name_of, stream_name
 if TYPE_CHECKING:
     from cdff_dev.logs.formats.ros.conversions import Conversion
 
+#: Last names of topics that ``image_transport`` adds to those of images.
+_TRANSPORTS = ("compressed", "compressedDepth")
+
 
 @dataclass(frozen=True, slots=True)
 class Topic:
@@ -20,7 +23,7 @@ class Topic:
     Attributes
     ----------
     name : str
-        Name in the bag.
+        Name in the recording.
     robot : str
         Robot id of its streams and frames.
     conversion : Conversion
@@ -34,9 +37,24 @@ class Topic:
     camera: Any = None
 
     @property
+    def type_name(self) -> str:
+        """ASN.1 type of the samples."""
+        return self.conversion.type_name
+
+    @property
     def stream(self) -> str:
         """Stream of its messages, if each has one sample."""
         return stream_name(self.robot, self.name, self.conversion.port)
+
+    @property
+    def is_rectified(self) -> bool:
+        """True if the topic is that of rectified images: its last name contains ``rect``."""
+        return "rect" in image_name(self.name)
+
+    @property
+    def is_compressed(self) -> bool:
+        """True if the topic has the name of a transport, such as ``image_raw/compressed``."""
+        return _without_transport(self.name) != self.name
 
     def stream_of(self, transform: Any) -> str:
         """Return the stream of a transform of a frame tree, which has the name of its child frame."""
@@ -49,4 +67,14 @@ class Topic:
 
 def namespace(topic: str) -> str:
     """Return the part of a topic before its last name: of a camera, that of its images and calibration."""
-    return topic.rpartition("/")[0]
+    return _without_transport(topic).rpartition("/")[0]
+
+
+def image_name(topic: str) -> str:
+    """Return the last name of a topic of images, such as ``image_rect``, without that of a transport."""
+    return _without_transport(topic).rpartition("/")[2]
+
+
+def _without_transport(topic: str) -> str:
+    start, _, last = topic.rpartition("/")
+    return start if last in _TRANSPORTS and start else topic

@@ -13,14 +13,29 @@ from cdff_dev.logs.formats import LogFormat, LogLocation
 if TYPE_CHECKING:
     from cdff_dev.logs.indexed import IndexedLog
 
-_SUFFIXES = (".bin", ".ply", ".pcd", ".las", ".laz", ".npz")
+_SUFFIXES = (".bin", ".ply", ".pcd", ".las", ".laz", ".npz", ".npy", ".e57")
+#: Suffixes of clouds as text; ``.txt`` files are clouds if their first lines are points.
+_TEXT_SUFFIXES = (".xyz", ".asc", ".pts", ".txt")
+_HEAD_BYTES = 4096
 
 
 def _files(location: LogLocation) -> list[Path]:
     """Return the scans of a location, in natural order; all have the suffix of the first by name."""
     candidates = sorted(location.folder.iterdir()) if location.folder else list(location.files)
-    scans = [path for path in candidates if path.suffix.lower() in _SUFFIXES and path.is_file()]
+    candidates = [path for path in candidates if path.is_file()]
+    scans = [path for path in candidates if path.suffix.lower() in _SUFFIXES]
+    scans = scans or [path for path in candidates if _is_text_cloud(path)]
     return sorted((path for path in scans if path.suffix == scans[0].suffix), key=natural_order)
+
+
+def _is_text_cloud(path: Path) -> bool:
+    if path.suffix.lower() not in _TEXT_SUFFIXES:
+        return False
+    from cdff_common.formats.xyz import looks_like_xyz
+
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return looks_like_xyz(head if len(head) == _HEAD_BYTES else head + b"\n\n")
 
 
 def _open(location: LogLocation, _: Path | None) -> IndexedLog:
@@ -34,4 +49,6 @@ def _recognises(location: LogLocation) -> bool:
     return len(_files(location)) >= (2 if location.folder else 1)
 
 
-FORMAT = LogFormat("lidar scans", f"{', '.join(_SUFFIXES)} files", _recognises, _open, is_generic=True)
+FORMAT = LogFormat(
+    "lidar scans", f"{', '.join((*_SUFFIXES, *_TEXT_SUFFIXES))} files", _recognises, _open, is_generic=True
+)

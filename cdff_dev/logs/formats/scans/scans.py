@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from cdff_common.errors import CodecError
+from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
 from cdff_common.formats.file_source import load
 from cdff_common.formats.format_detection import detect
+from cdff_common.formats.xyz import read_xyz
 from cdff_common.types import LidarScan
 from cdff_dev.logs.file_stamps import file_stamps
+from cdff_dev.logs.formats.scans.e57 import MAGIC, read_e57
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 
 ROBOT = "robot"
@@ -22,6 +25,8 @@ _FRAME = f"{ROBOT}/lidar"
 #: Factors of intensities for 16 bits: KITTI's are at most 1, those of LAS have 16 bits, of others 8 bits.
 _INTENSITY_FACTORS = {"bin": 65535.0, "las": 1.0}
 _OF_8_BITS = 257.0
+#: Suffixes of clouds as text.
+TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".pts")
 
 
 def scans_log(files: list[Path]) -> IndexedLog:
@@ -42,11 +47,7 @@ def scans_log(files: list[Path]) -> IndexedLog:
 
 def _scan(path: Path, stamp_ns: int) -> LidarScan:
     """Return the finite points of a file; raises CodecError if it is not a cloud."""
-    source = load(path)
-    found = detect(source)
-    if found not in CLOUD_FORMATS:
-        raise CodecError(f"{path}: format {found}, expected a point cloud: {', '.join(CLOUD_FORMATS)}")
-    cloud = read_cloud(source, found)
+    cloud, found = _read(path)
     finite = np.isfinite(cloud.points_m).all(axis=1)
     points_m, intensity = cloud.points_m[finite], None
     if cloud.intensity is not None:
@@ -56,3 +57,18 @@ def _scan(path: Path, stamp_ns: int) -> LidarScan:
     return LidarScan.from_arrays(
         points_m, offsets_us, frame=_FRAME, t0_ns=stamp_ns, t1_ns=stamp_ns, intensity=intensity
     )
+
+
+def _read(path: Path) -> tuple[CloudArrays, str]:
+    """Return a cloud and its format."""
+    if path.suffix.lower() in TEXT_SUFFIXES:
+        return read_xyz(path), "xyz"
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) == MAGIC:
+            return read_e57(path), "e57"
+    source = load(path)
+    found = detect(source)
+    if found not in CLOUD_FORMATS:
+        expected = ", ".join((*CLOUD_FORMATS, "e57"))
+        raise CodecError(f"{path}: format {found}, expected a point cloud: {expected}")
+    return read_cloud(source, found), found

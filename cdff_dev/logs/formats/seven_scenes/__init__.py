@@ -18,7 +18,7 @@ COLOUR_NAME = re.compile(r"(?:frame-)?(\d{6})\.color\.(?:png|jpg)$")
 
 
 def folder_of_frames(folder: Path) -> Path | None:
-    """Return the folder of the images: the folder itself or its sub-folder ``frames``."""
+    """Return ``folder`` or its sub-folder ``frames``, whichever contains the images; None if neither does."""
     for candidate in (folder, folder / "frames"):
         if candidate.is_dir() and any(COLOUR_NAME.match(file.name) for file in candidate.iterdir()):
             return candidate

@@ -42,12 +42,8 @@ def test_info_lists_the_streams(log: Path, capsys: pytest.CaptureFixture[str]) -
     assert "1.00 Hz" in out
     assert _run("info", str(log), "--json") == 0
     streams = json.loads(capsys.readouterr().out)["streams"]
-    assert streams["/mana/imu.sample"] == {
-        "type": "IMUSensors",
-        "count": 5,
-        "t0_ns": "0",
-        "t1_ns": "4000000000",
-    }
+    expected = {"type": "IMUSensors", "count": 5, "t0_ns": "0", "t1_ns": "4000000000"}
+    assert expected.items() <= streams["/mana/imu.sample"].items()
 
 
 def test_cat_prints_samples_as_valid_json(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

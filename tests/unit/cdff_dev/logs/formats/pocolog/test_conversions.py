@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Types of ROCK become CDFF types: units, frames, times and padding, in both byte orders."""
+"""Values of ROCK become CDFF messages with the right units, frames and times, in both byte orders."""
 
 from __future__ import annotations
 

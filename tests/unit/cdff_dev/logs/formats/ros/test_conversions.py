@@ -15,7 +15,7 @@ import pytest
 from cdff_common.errors import InputError
 from cdff_dev.logs.formats.ros.clouds import lidar_scan
 from cdff_dev.logs.formats.ros.conversions import CONVERSIONS
-from cdff_dev.logs.formats.ros.images import compressed_frame, frame
+from cdff_dev.logs.formats.ros.images import frame
 from cdff_dev.logs.formats.ros.topics import Topic
 from cdff_dev.logs.names import robot_name, stream_name
 
@@ -124,10 +124,10 @@ def test_images_keep_their_pixels_in_padded_rows(
 def test_compressed_images_are_decoded(rng: np.random.Generator) -> None:
     image = rng.integers(0, 255, (4, 5), np.uint8)
     data = cv2.imencode(".png", image)[1].ravel()
-    value, _, _ = compressed_frame(SimpleNamespace(header=_HEADER, format="png", data=data), TOPIC, STAMP_NS)
+    value, _, _ = frame(SimpleNamespace(header=_HEADER, format="png", data=data), TOPIC, STAMP_NS)
     np.testing.assert_array_equal(value.image, image)
     with pytest.raises(InputError, match="not an image"):
-        compressed_frame(SimpleNamespace(header=_HEADER, format="png", data=data[:20]), TOPIC, STAMP_NS)
+        frame(SimpleNamespace(header=_HEADER, format="png", data=data[:20]), TOPIC, STAMP_NS)
 
 
 def test_names_are_those_of_a_profile(tmp_path: Any) -> None:

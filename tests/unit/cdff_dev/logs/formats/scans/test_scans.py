@@ -100,3 +100,38 @@ def test_a_path_that_no_format_recognises_names_the_known_formats(tmp_path: Path
         open_log(tmp_path / "notes.txt")
     with pytest.raises(InputError, match="no such file"):
         open_log(tmp_path / "nothing*.bag")
+
+
+@pytest.mark.parametrize("suffix", ["xyz", "txt", "npy", "e57"])
+def test_text_arrays_and_e57_are_scans(tmp_path: Path, suffix: str) -> None:
+    for number in (1, 2):
+        path = tmp_path / f"{number}.{suffix}"
+        if suffix == "npy":
+            np.save(path, np.column_stack([POINTS_M, [10.0, 20.0]]))
+        elif suffix == "e57":
+            pye57 = pytest.importorskip("pye57")
+            with pye57.E57(str(path), mode="w") as file:
+                axes = {f"cartesian{a}": POINTS_M[:, i].copy() for i, a in enumerate("XYZ")}
+                file.write_scan_raw(axes, translation=np.array([0.0, 0.0, 1.0]))
+        else:
+            path.write_text("x,y,z\n" + "\n".join(f"{x}, {y}, {z}" for x, y, z in POINTS_M), encoding="utf-8")
+    (tmp_path / "readme.md").write_text("two scans", encoding="utf-8")
+    samples = list(open_log(tmp_path).samples())
+    assert [s.stamp_ns for s in samples] == [100_000_000, 200_000_000]
+    offset = [0.0, 0.0, 1.0] if suffix == "e57" else [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(samples[0].value.points_m, POINTS_M + np.array(offset), atol=1e-6)
+
+
+def test_pickled_arrays_and_other_texts_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "1.npy", np.array([{}, {}], dtype=object), allow_pickle=True)
+    with pytest.raises(CodecError, match=r"1\.npy"):
+        list(open_log(tmp_path / "1.npy").samples())
+    (tmp_path / "2.xyz").write_text("1 2 3\n4 5\n" * 2000, encoding="utf-8")
+    with pytest.raises(InputError, match="none of the known formats"):
+        open_log(tmp_path / "2.xyz")
+    (tmp_path / "3.xyz").write_text("1 2 3\n" * 2000 + "4 five 6\n", encoding="utf-8")
+    with pytest.raises(CodecError, match=r"3\.xyz: line 2001"):
+        list(open_log(tmp_path / "3.xyz").samples())
+    (tmp_path / "4.e57").write_bytes(b"ASTM-E57" + bytes(100))
+    with pytest.raises(CodecError, match=r"4\.e57"):
+        list(open_log(tmp_path / "4.e57").samples())

@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of ROS 1 and ROS 2 made from values by name, for the writers of logs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+BITSTREAM = "infuse_msgs/msg/Asn1Bitstream"
+#: Definitions of types that the type stores lack: that of the InFuse robots, and the frame tree of ROS 1.
+_DEFINITIONS = {
+    BITSTREAM: "std_msgs/Header header\nstring type\nuint8 serialization_method\nuint8[] data\n",
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+}
+_NS_PER_S = 1_000_000_000
+
+
+class RosTypes:
+    """Types of one version of ROS.
+
+    Parameters
+    ----------
+    version : int
+        1 (noetic) or 2 (jazzy).
+    """
+
+    def __init__(self, version: int) -> None:
+        self.version = version
+        self.store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_JAZZY)
+        for name, definition in _DEFINITIONS.items():
+            if name not in self.store.types:
+                self.store.register(get_types_from_msg(definition, name))
+
+    def make(self, name: str, /, **fields: Any) -> Any:
+        """Return a message of ``package/Type``; fields of CameraInfo are in lower case as in ROS 2."""
+        if name == "sensor_msgs/CameraInfo" and self.version == 1:
+            fields = {k.upper() if len(k) == 1 else k: v for k, v in fields.items()}
+        package, _, kind = name.partition("/")
+        return self.store.types[f"{package}/msg/{kind}"](**fields)
+
+    def header(self, stamp_ns: int, frame_id: str) -> Any:
+        """Return a header."""
+        time = self.make("builtin_interfaces/Time", sec=stamp_ns // _NS_PER_S, nanosec=stamp_ns % _NS_PER_S)
+        sequence = {"seq": 0} if self.version == 1 else {}
+        return self.make("std_msgs/Header", stamp=time, frame_id=frame_id, **sequence)
+
+    def vector(self, xyz: NDArray[np.float64], name: str = "Vector3") -> Any:
+        """Return a vector, or a point."""
+        x, y, z = (float(v) for v in xyz)
+        return self.make(f"geometry_msgs/{name}", x=x, y=y, z=z)
+
+    def quaternion(self, xyzw: NDArray[np.float64]) -> Any:
+        """Return a quaternion."""
+        x, y, z, w = (float(v) for v in xyzw)
+        return self.make("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
+
+    def serialize(self, message: Any, type_name: str) -> memoryview | bytes:
+        """Return the bytes of a message."""
+        if self.version == 1:
+            return self.store.serialize_ros1(message, type_name)
+        return self.store.serialize_cdr(message, type_name)

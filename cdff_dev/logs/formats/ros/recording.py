@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Interface of recordings of messages: bags, and MCAP files."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from cdff_dev.logs.source import Unconverted
+
+#: Errors of the parsers of other projects for damaged bytes, besides their own.
+PARSER_ERRORS = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,  # also RecursionError, for types that contain themselves
+    SyntaxError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+#: Bytes of the stamp of a message that begins with a header: seconds and nanoseconds, in ROS 1 after the
+#: sequence number, in CDR after the encapsulation, whose second byte is the byte order.
+_STAMP = slice(4, 12)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """Messages of one type on one topic.
+
+    Attributes
+    ----------
+    topic : str
+    type_name : str
+        Message type as named by ROS 2, such as ``sensor_msgs/msg/Imu``.
+    count : int
+        Number of messages.
+    key : Any
+        Identification in the recording.
+    encoding : str
+        ``ros1``, ``cdr``, or another encoding, whose messages are decoded for their stamps.
+    original_type : str
+        Type in the recording, if it is not ``type_name``.
+    fault : str
+        Reason why the messages cannot be decoded; empty if they can.
+    """
+
+    topic: str
+    type_name: str
+    count: int
+    key: Any
+    encoding: str = "cdr"
+    original_type: str = ""
+    fault: str = ""
+
+
+class Recording(Protocol):
+    """Messages in the order of recording, which are decoded on request."""
+
+    @property
+    def name(self) -> str:
+        """Path of the file or folder, for messages."""
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """Types and topics of the messages."""
+
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Content that is not a message, and damaged parts."""
+        return {}
+
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+        """Yield channel, time of recording and encoded message; ends at damaged content."""
+
+    def decode(self, channel: Channel, raw: bytes) -> Any:
+        """Return a message with the fields of its type in ROS; raises CodecError if it is damaged."""
+
+    def close(self) -> None:
+        """Close the files."""
+
+
+def encoded_stamp_ns(encoding: str, raw: bytes) -> int:
+    """Return the stamp of an encoded ROS message that begins with a header; 0 if it is too short."""
+    if len(raw) < _STAMP.stop:
+        return 0
+    order = ">" if encoding == "cdr" and raw[1] == 0 else "<"
+    seconds, nanoseconds = np.frombuffer(raw[_STAMP], f"{order}u4")
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -1,0 +1,239 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs that ``cdff log convert`` has written, read with the names and types of the original log."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.codecs.bitstream import unwrap
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.product import Header
+from cdff_common.types import (
+    DistanceImage,
+    Frame,
+    FrameExtrinsicT,
+    FramePair,
+    Time,
+    TransformWithCovariance,
+    TransformWithCovarianceData,
+)
+from cdff_common.types.message import Message
+from cdff_common.types.pointcloud_ext import mounting
+from cdff_dev.logs.names import frame_name
+from cdff_dev.logs.source import (
+    LogSample,
+    LogSource,
+    StreamInfo,
+    Unconverted,
+    chosen_streams,
+    recorded_header,
+)
+
+#: Topic with the names of the original log, ``OriginalNames`` as JSON in ``std_msgs/String``.
+NAMES_TOPIC = "/cdff/original_names"
+#: Types of the new log whose texts are those of the original log.
+_WITHOUT_FRAMES = ("Asn1Bitstream", "Joints")
+#: Metres of the value 1 of a depth image of 16 bits in ROS (REP 118).
+DEPTH_UNIT_M = 0.001
+
+
+@dataclass(slots=True)
+class OriginalNames:
+    """Names and types of a log from which another was converted.
+
+    Attributes
+    ----------
+    robot : str
+        Robot of the frames whose name in the new log is without it.
+    streams : dict
+        Stream and type in the original log, by the stream without robot under which the new log is read.
+    frames : dict
+        Frames of the original log by their name in the new one.
+    mounts : dict
+        Pose of the camera on the robot by stream of images: position, quaternion x, y, z, w, and covariance,
+        as one list.
+    """
+
+    robot: str = ""
+    streams: dict[str, tuple[str, str]] = field(default_factory=dict)
+    frames: dict[str, str] = field(default_factory=dict)
+    mounts: dict[str, list[float]] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """Return the names as JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> OriginalNames | None:
+        """Return the names in a text, or None if it does not have the form of ``to_json``."""
+        try:
+            content = json.loads(text)
+            streams = {str(k): (str(v[0]), str(v[1])) for k, v in content["streams"].items()}
+            frames = {str(k): str(v) for k, v in content["frames"].items()}
+            mounts = {str(k): [float(x) for x in v] for k, v in content["mounts"].items()}
+            return cls(str(content["robot"]), streams, frames, mounts)
+        except (ValueError, TypeError, LookupError, AttributeError):
+            return None
+
+
+class RestoredLog(LogSource):
+    """A converted log whose streams, frames and types are those of the original log.
+
+    Topics that are copies of others for viewers, such as the frame tree, have no stream.
+    """
+
+    def __init__(self, log: LogSource, names: OriginalNames) -> None:
+        self._log = log
+        self._original: dict[str, tuple[str, str]] = {}
+        texts: dict[str, str] = {}
+        for name in log.streams:
+            robot, _, rest = name.removeprefix("/").partition("/")
+            if rest in names.streams:
+                self._original[name] = names.streams[rest]
+            texts |= {frame_name(robot, new): old for new, old in names.frames.items()}
+            texts[robot] = names.robot
+        self._texts = texts
+        self._mounts = names.mounts
+        self._read_as = {original: name for name, (original, _) in self._original.items()}
+
+    @property
+    def streams(self) -> dict[str, StreamInfo]:
+        """Streams by name, in order."""
+        infos = self._log.streams
+        return {
+            original: replace(infos[name], type_name=self._original[name][1])
+            for original, name in sorted(self._read_as.items())
+        }
+
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Content without a stream, other than the names of the original log."""
+        return {name: item for name, item in self._log.unconverted.items() if name != NAMES_TOPIC}
+
+    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
+        chosen = chosen_streams(self._read_as, streams)
+        together: list[tuple[str, int, LogSample]] = []
+        for sample in self._log.samples([self._read_as[name] for name in chosen]):
+            if together and together[0][2].stamp_ns < sample.stamp_ns:
+                yield from (item[2] for item in sorted(together, key=lambda item: item[:2]))
+                together = []
+            restored = self._restored(sample)
+            together.append((restored.stream, restored.seq, restored))
+        yield from (item[2] for item in sorted(together, key=lambda item: item[:2]))
+
+    def _restored(self, sample: LogSample) -> LogSample:
+        name, type_name = self._original[sample.stream]
+        value = restored_value(sample.value, type_name)
+        if sample.type_name not in _WITHOUT_FRAMES:
+            value = with_texts(value, self._texts)
+        value = with_mount(value, self._mounts.get(name))
+        header = self._header(name, sample)
+        return LogSample(name, type_name, sample.stamp_ns, sample.seq, value, header)
+
+    def _header(self, name: str, sample: LogSample) -> Header | None:
+        """Return a header with the original frames; None for names that CDFF lacks, as in InFuse logs."""
+        if sample.header is None:
+            return None
+        frame, child = sample.header.frame, sample.header.child
+        try:
+            return recorded_header(
+                name,
+                sample.seq,
+                sample.stamp_ns,
+                frame=self._texts.get(frame, frame),
+                child=None if child is None else self._texts.get(child, child),
+            )
+        except InputError:
+            return None
+
+    def stamps_ns(self, stream: str) -> NDArray[np.int64]:
+        """Return the stamps of a stream in the order of writing."""
+        return self._log.stamps_ns(self._read_as[stream])
+
+    def close(self) -> None:
+        """Close the files."""
+        self._log.close()
+
+
+def restored_value(value: Any, type_name: str) -> Any:
+    """Return a value of a converted log as the type of the original log."""
+    if type_name == type(value).ASN1_NAME:
+        return value
+    if type(value).ASN1_NAME == "Asn1Bitstream":
+        return unwrap(value)
+    if isinstance(value, Frame) and type_name == "DistanceImage":
+        return _distance_image(value)
+    return value
+
+
+def _distance_image(frame: Frame) -> DistanceImage:
+    """Return the depths of an image in metres, or in millimetres if it has 16 bits."""
+    image, K = frame.image, frame.camera_matrix
+    distances = image * DEPTH_UNIT_M if image.dtype.itemsize == 2 else image.astype(float)
+    return DistanceImage(
+        ref_time=Time.from_ns(frame.metadata.time_stamp.ns),
+        width=image.shape[1],
+        height=image.shape[0],
+        scale_x=1.0 / K[0, 0],
+        scale_y=1.0 / K[1, 1],
+        center_x=-K[0, 2] / K[0, 0],
+        center_y=-K[1, 2] / K[1, 1],
+        data=distances.ravel(),
+    )
+
+
+def mount_row(value: Any) -> list[float] | None:
+    """Return the pose of the camera of an image or pair on the robot (``OriginalNames.mounts``), or None."""
+    image = value.left if isinstance(value, FramePair) else value
+    if not isinstance(image, Frame) or not image.extrinsic.pose_robot_frame_sensor_frame.is_set:
+        return None
+    data = image.extrinsic.pose_robot_frame_sensor_frame.data
+    return [*data.translation.tolist(), *data.orientation.tolist(), *data.cov.ravel().tolist()]
+
+
+def with_mount(value: Any, row: Sequence[float] | None) -> Any:
+    """Return an image or pair with the pose of its camera on the robot."""
+    if row is None or not isinstance(value, Frame | FramePair):
+        return value
+    pose = TransformWithCovarianceData(np.array(row[:3]), np.array(row[3:7]), np.reshape(row[7:], (6, 6)))
+    T = TransformWithCovariance(data=pose).transform
+    if isinstance(value, Frame):
+        return _mounted(value, T)
+    T_left_right = np.eye(4)
+    T_left_right[0, 3] = value.baseline
+    T_right = T @ UncertainTransform.exact(T_left_right)
+    return replace(value, left=_mounted(value.left, T), right=_mounted(value.right, T_right))
+
+
+def _mounted(value: Frame, T_robot_sensor: UncertainTransform) -> Frame:
+    robot_sensor, fixed_robot = mounting(T_robot_sensor, None, value.frame, value.metadata.time_stamp.ns)
+    extrinsic = FrameExtrinsicT(
+        pose_robot_frame_sensor_frame=robot_sensor, pose_fixed_frame_robot_frame=fixed_robot
+    )
+    return replace(value, extrinsic=extrinsic)
+
+
+def with_texts(value: Any, texts: Mapping[str, str]) -> Any:
+    """Return a value whose texts that are keys of ``texts``, such as names of frames, are replaced."""
+    if isinstance(value, str):
+        return texts.get(value, value)
+    if isinstance(value, tuple):
+        changed = tuple(with_texts(item, texts) for item in value)
+        return changed if any(new is not old for new, old in zip(changed, value, strict=True)) else value
+    if not isinstance(value, Message):
+        return value
+    changes = {}
+    for item in fields(value):  # type: ignore[arg-type]
+        old = getattr(value, item.name)
+        if (new := with_texts(old, texts)) is not old:
+            changes[item.name] = new
+    return replace(value, **changes) if changes else value  # type: ignore[type-var]

@@ -1,0 +1,39 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Damaged recordings of each format give typed errors with bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evaluation.log_mutations import table
+from evaluation.runs.log_mutations import MEMORY_BYTES, mutated, run
+from evaluation.scenes.log_files import SIMULATED
+
+_FAST, _SLOW = 60, 2000
+
+
+def test_copies_of_a_number_are_equal_and_mostly_differ_from_the_original() -> None:
+    content = bytes(range(200))
+    copies = [mutated(content, np.random.default_rng(k)) for k in range(20)]
+    assert copies == [mutated(content, np.random.default_rng(k)) for k in range(20)]
+    assert sum(copy != content for copy in copies) >= 18
+
+
+def test_readers_of_all_formats_pass(real_data: Callable[[str], Path]) -> None:
+    result = run("all", 0, _FAST, real_data("pocolog").parent)
+    assert result["faults"] == []
+    assert sum(result["outcomes"].values()) == _FAST
+    assert "No faults." in table({"count": _FAST, "seed": 0, "formats": {"all": result}})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SIMULATED)
+def test_readers_of_a_format_pass(name: str) -> None:
+    result = run(name, 0, _SLOW, None)
+    assert result["faults"] == []
+    assert result["memory_mb"] < MEMORY_BYTES / 2**20
