@@ -10,5 +10,6 @@ print(dem.value.layer("mean"), dem.delivered["coverage"])
 from cdff_common.client.answer import Answer
 from cdff_common.client.async_client import AsyncClient
 from cdff_common.client.client import Client
+from cdff_common.client.stored_product import StoredProduct
 
-__all__ = ["Answer", "AsyncClient", "Client"]
+__all__ = ["Answer", "AsyncClient", "Client", "StoredProduct"]

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cdff_common.interfaces.product import Header, Status
+from cdff_common.types.summary import html_table
+from cdff_common.value_text import value_lines
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +53,18 @@ class Answer:
     def is_degraded(self) -> bool:
         """True if the quality is not OK; the reasons are in ``header.quality.reasons``."""
         return self.header.quality.status is not Status.OK
+
+    def __repr__(self) -> str:
+        name = f"{self.type_name} of {self.robot}" if self.robot else self.type_name
+        return f"Answer({name}, {len(self.data)} bytes as {self.encoding}, {self.header.quality.status})"
+
+    def _repr_html_(self) -> str:
+        """Return the value in words, its delivered properties and its quality, for notebooks."""
+        quality = self.header.quality
+        rows = {"captured": f"{self.header.captured}", "quality": str(quality.status)}
+        rows |= {"reasons": ", ".join(quality.reasons)} if quality.reasons else {}
+        rows |= {name: str(value) for name, value in self.delivered.items() if value not in (None, [])}
+        return html_table(repr(self), [] if self.value is None else value_lines(self.value), rows)
 
     def summary(self) -> dict[str, Any]:
         """Return all fields except the value, as plain data."""

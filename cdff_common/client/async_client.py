@@ -141,6 +141,7 @@ class AsyncClient:
     search = _in_pool(Client.search)
     get = _in_pool(Client.get)
     pose = _in_pool(Client.pose)
+    world = _in_pool(Client.world)
     call = _in_pool(Client.call)
     jobs = _in_pool(Client.jobs)
     cancel = _in_pool(Client.cancel)

@@ -10,13 +10,16 @@ import time
 import uuid
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
+from datetime import datetime
 from types import TracebackType
 from typing import Any, Self, Unpack
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.client.answer import Answer
+from cdff_common.client.live_world import retrieve_world
 from cdff_common.client.request_options import RequestOptions, parameters_of
-from cdff_common.clock import monotonic_s
+from cdff_common.client.stored_product import StoredProduct
+from cdff_common.clock import from_datetime, monotonic_s
 from cdff_common.codecs import CODECS, decode_payload, parse_encoding
 from cdff_common.contract.queries import SearchParameters
 from cdff_common.errors import (
@@ -30,6 +33,7 @@ from cdff_common.errors import (
 )
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
+from cdff_common.world import World
 
 logger = logging.getLogger(__name__)
 
@@ -213,28 +217,49 @@ class Client:
         query |= {"explain": "true", "deadline_ms": int(deadline_s * 1000)}
         return self._orchestrator(robot, "request", query, deadline_s + 1.0)
 
-    def search(self, /, product: str | None = None, **parameters: object) -> list[dict[str, Any]]:
-        """Return metadata of products in the DPM, newest first; parameters of ``SearchParameters``."""
+    def search(self, /, product: str | None = None, **parameters: object) -> list[StoredProduct]:
+        """Return metadata of products in the DPM, newest first; parameters of ``SearchParameters``.
+
+        Times are nanoseconds, RFC 3339 texts or datetimes with a time zone.
+        """
         all_parameters = {"type": product or (), **parameters}
         query = SearchParameters.parse(
             {k: v for k, v in all_parameters.items() if v is not None}
         ).to_parameters()
-        items: list[dict[str, Any]] = self._dpm("search", query)["items"]
-        return items
+        return [StoredProduct.from_dict(item) for item in self._dpm("search", query)["items"]]
 
     def get(self, product_id: str, form: str | None = None) -> Answer:
         """Return a product by id, as stored or in a codec or file format; raises ProductNotFoundError."""
         return self._get(product_id, form, {})
 
     def pose(
-        self, robot: str, *, parent: str = "site", child: str | None = None, t_ns: int | None = None
+        self,
+        robot: str,
+        *,
+        parent: str = "site",
+        child: str | None = None,
+        t_ns: int | datetime | None = None,
     ) -> UncertainTransform:
-        """Return ``T_parent_child`` from the DPM, interpolated at ``t_ns`` (mission time), by default the
-        newest; the default child is the base of the robot.
+        """Return ``T_parent_child`` from the DPM, interpolated at ``t_ns`` (mission time in nanoseconds, or a
+        datetime), by default the newest; the default child is the base of the robot.
         """
         query: dict[str, object] = {"robot": robot, "parent": parent, "child": child or f"{robot}/base"}
-        body = self._dpm("pose", query | ({} if t_ns is None else {"t": t_ns}))
+        if t_ns is not None:
+            query["t"] = from_datetime(t_ns) if isinstance(t_ns, datetime) else t_ns
+        body = self._dpm("pose", query)
         return UncertainTransform(body["T"], body.get("covariance"))
+
+    def world(self, t_ns: int | None = None, *, values: bool = True) -> World:
+        """Return the frames of the DPM and the newest product of each producer at a mission time.
+
+        Parameters
+        ----------
+        t_ns : int, optional
+            Mission time; by default that of the newest pose.
+        values : bool
+            False retrieves only the metadata of the products.
+        """
+        return retrieve_world(self, self._dpm, t_ns, values=values)
 
     def call(
         self,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import Any, TypedDict, Unpack
 
 from cdff_common.contract.queries import RequestParameters
@@ -24,7 +25,8 @@ class RequestOptions(TypedDict, total=False):
     frame
         Frame of the product; default ``site``.
     child, t_ns
-        Child frame and mission time of a pose; default: base of the robot, the newest.
+        Child frame and mission time of a pose, nanoseconds or a datetime with a time zone; default: base of
+        the robot, the newest.
     max_age_s
         Largest age.
     resolution_m
@@ -41,7 +43,7 @@ class RequestOptions(TypedDict, total=False):
     region_frame: str | None
     frame: str | None
     child: str | None
-    t_ns: int | None
+    t_ns: int | datetime | None
     max_age_s: float | None
     resolution_m: float | None
     min_coverage: float | None

@@ -13,13 +13,12 @@ from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, selec
 
 from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
+from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from dpm_store.engine import schema
 from dpm_store.engine.array_columns import pack, to_lists, unpack
 from dpm_store.engine.database import Database, dialect_of
 from dpm_store.frames.frames import IDENTITY, LATEST, FrameTable, HistoryView
 
-#: Largest distance in time from a track at which its nearest pose is used.
-EXTRAPOLATION_LIMIT_NS = 200_000_000
 _MAX_DEPTH = 64
 
 
@@ -281,10 +280,13 @@ class PoseTable:
             except ExtrapolationError as error:
                 problem = error
                 continue
-            gap = max(abs(pose.stamp_ns - stamp_ns) for pose in neighbours)
             nearest = min(neighbours, key=lambda pose: abs(pose.stamp_ns - stamp_ns))
             candidates.append(
-                (gap, source, StampedPose(stamp_ns, parent, child, interpolated, source, nearest.product_id))
+                (
+                    track.gap_ns(stamp_ns),
+                    source,
+                    StampedPose(stamp_ns, parent, child, interpolated, source, nearest.product_id),
+                )
             )
         if not candidates and problem is not None:
             raise problem

@@ -7,6 +7,7 @@ from __future__ import annotations
 import pytest
 
 from cdff_common.bus import Reply
+from cdff_common.client import Answer
 from cdff_common.client.client import _answer, _orchestrator_key
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CodecError
@@ -54,3 +55,11 @@ def test_an_answer_without_a_header_is_refused() -> None:
 def test_requests_for_any_robot_use_the_keys_of_the_ground_and_others_the_keys_of_the_robot() -> None:
     assert _orchestrator_key("any", "jobs") == "cdff/@v1/ground/orchestrator/@rpc/jobs"
     assert _orchestrator_key("mana", "jobs") == "cdff/@v1/mana/orchestrator/@rpc/jobs"
+
+
+def test_the_repr_of_an_answer_is_one_short_line() -> None:
+    answer = Answer(None, HEADER, "ElevationMap", bytes(100_000), "application/vnd.cdff+uper", robot="mana")
+    assert repr(answer) == (
+        "Answer(ElevationMap of mana, 100000 bytes as application/vnd.cdff+uper, DEGRADED)"
+    )
+    assert "reasons" in answer._repr_html_()

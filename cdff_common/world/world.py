@@ -1,0 +1,143 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frame graph and items at one mission time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cdff_common.errors import CdffError, ProductNotFoundError
+from cdff_common.geometry import FrameGraph, UncertainTransform
+from cdff_common.interfaces.product import Header
+from cdff_common.world.difference import WorldDifference, difference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldEdge:
+    """Transform between two frames at the time of the world.
+
+    Attributes
+    ----------
+    parent, child : str
+    transform : UncertainTransform
+        ``T_parent_child``, interpolated if the child moves.
+    source : str
+        Stream or product that states it; empty for a fixed frame.
+    """
+
+    parent: str
+    child: str
+    transform: UncertainTransform
+    source: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorldItem:
+    """Newest value of a stream at the time of the world.
+
+    Attributes
+    ----------
+    name : str
+        ``/{robot}/{sensor}.{stream}`` or ``/{robot}/{dfpc}.{port}``.
+    type_name : str
+        ASN.1 type of the value.
+    frame : str
+        Frame of the value, for a pose the parent; empty if it has none.
+    stamp_ns : int
+        End of capture, mission time.
+    value : Any
+        A message of ``cdff_common.types``; None if only its metadata were retrieved.
+    header : Header or None
+        Header of a product.
+    """
+
+    name: str
+    type_name: str
+    frame: str
+    stamp_ns: int
+    value: Any
+    header: Header | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Frames and items at one mission time.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    edges : tuple of WorldEdge
+        By child; every child has one parent.
+    items : tuple of WorldItem
+        By name.
+    omitted : mapping of str to str
+        Frames and streams without a place at this time, with the reasons.
+    """
+
+    stamp_ns: int
+    edges: tuple[WorldEdge, ...]
+    items: tuple[WorldItem, ...]
+    omitted: Mapping[str, str] = field(default_factory=dict)
+    _graph: FrameGraph = field(default_factory=FrameGraph, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for edge in self.edges:
+            self._graph.set_static(edge.parent, edge.child, edge.transform)
+
+    @classmethod
+    def of(
+        cls,
+        stamp_ns: int,
+        edges: Iterable[WorldEdge],
+        items: Iterable[WorldItem],
+        omitted: Mapping[str, str] | None = None,
+    ) -> World:
+        """Return the world of edges in order of preference, without those that contradict earlier ones."""
+        graph, reasons = FrameGraph(), dict(omitted or {})
+        kept: dict[str, WorldEdge] = {}
+        for edge in edges:
+            try:
+                if edge.child in kept:
+                    raise CdffError(f"{kept[edge.child].source or 'a fixed frame'} is used instead")
+                graph.set_static(edge.parent, edge.child, edge.transform)
+            except CdffError as error:
+                reasons.setdefault(f"{edge.parent} to {edge.child} by {edge.source or 'profile'}", str(error))
+                continue
+            kept[edge.child] = edge
+        ordered = sorted(items, key=lambda item: item.name)
+        return cls(stamp_ns, tuple(kept[name] for name in sorted(kept)), tuple(ordered), reasons)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """All frames of the graph, sorted."""
+        return self._graph.frames
+
+    def transform(self, parent: str, child: str) -> UncertainTransform:
+        """Return ``T_parent_child``, with covariance if every edge between them has one.
+
+        Raises
+        ------
+        FrameNotFoundError
+            If a frame is unknown or no chain connects the two.
+        """
+        return self._graph.lookup(parent, child, self.stamp_ns)
+
+    def items_of(self, type_name: str | None = None, frame: str | None = None) -> tuple[WorldItem, ...]:
+        """Return the items of a type, in a frame, or both."""
+        return tuple(
+            item for item in self.items if type_name in (None, item.type_name) and frame in (None, item.frame)
+        )
+
+    def item(self, name: str) -> WorldItem:
+        """Return an item by name; raises ProductNotFoundError."""
+        for item in self.items:
+            if item.name == name:
+                return item
+        known = ", ".join(item.name for item in self.items) or "none"
+        raise ProductNotFoundError(f"no item {name!r} in the world; it has {known}")
+
+    def difference_to(self, later: World) -> WorldDifference:
+        """Return the changes from this world to a later one."""
+        return difference(self, later)
