@@ -1,0 +1,67 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Command line of ``cdff view``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def register(nouns: Any) -> None:
+    """Add ``cdff view``."""
+    parser = nouns.add_parser(
+        "view",
+        help="show logs, runs or the running system in a viewer",
+        description="Show frames, clouds, images, maps, trajectories with 95 % ellipsoids, pose graphs, "
+        "detections, quality and timing over mission time, in the viewer Rerun (extra view). All servers "
+        "listen on this machine only.",
+    )
+    parser.add_argument("logs", nargs="*", metavar="PATH", help="logs and folders of runs, shown together")
+    parser.add_argument("--live", action="store_true", help="show the products of the running system")
+    parser.add_argument("--connect", help="with --live: endpoint of the router; CDFF_CONNECT")
+    parser.add_argument("--duration", type=float, metavar="S", help="with --live: end after S seconds")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--save", metavar="FILE", type=Path, help="write NAME.rrd (Rerun) or NAME.mcap (Foxglove)"
+    )
+    where.add_argument("--web", action="store_true", help="serve the viewer to the browser of this machine")
+    where.add_argument(
+        "--foxglove", action="store_true", help="serve Foxglove's WebSocket protocol on this machine"
+    )
+    parser.add_argument("--port", type=int, metavar="N", help="with --foxglove: TCP port (default: 8765)")
+    parser.add_argument("--profile", metavar="FILE", help="profile with the fixed frames of the robots")
+    parser.add_argument("--stream", action="append", metavar="NAME", help="only this stream; may be repeated")
+    parser.add_argument("--t0", metavar="TIME", help="earliest stamp: nanoseconds or RFC 3339")
+    parser.add_argument("--t1", metavar="TIME", help="latest stamp")
+    parser.add_argument(
+        "--calibration", metavar="FILE", type=Path, help="calibration of the cameras, for logs without one"
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from cdff_common.clock import parse_stamp
+    from cdff_common.errors import InputError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_dev.view.outputs import output_of
+    from cdff_dev.view.show import Selection, show_live, show_logs
+
+    if args.live == bool(args.logs):
+        raise InputError("name logs or folders of runs; or --live without any")
+    if args.port is not None and not args.foxglove:
+        raise InputError(f"--port {args.port}: only with --foxglove")
+    selection = Selection(
+        streams=args.stream,
+        t0_ns=None if args.t0 is None else parse_stamp(args.t0, "--t0"),
+        t1_ns=None if args.t1 is None else parse_stamp(args.t1, "--t1"),
+        profile=None if args.profile is None else load_profile(args.profile),
+    )
+    output = output_of(args)
+    if args.live:
+        print(show_live(output, args.connect, selection, args.duration))
+    else:
+        print(show_logs(output, [(path, args.calibration) for path in args.logs], selection))
+    output.wait()
+    return 0

@@ -1,0 +1,160 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Outputs of a scene: a window, the browser, a file, or Foxglove; servers listen on this machine only."""
+
+from __future__ import annotations
+
+import argparse
+import atexit
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote
+
+from cdff_common.errors import UnavailableError
+from cdff_common.output import check_file, format_of_suffix
+from cdff_dev.ports import free_port
+from cdff_dev.view.drawings import Scene
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from cdff_dev.view.feed import Contents
+
+_LOOPBACK = "127.0.0.1"
+_FOXGLOVE_PORT = 8765
+#: Longest start of the viewer, seconds.
+_START_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A scene and its place.
+
+    Attributes
+    ----------
+    scene : Scene
+    place : str
+        File or URL, for the user.
+    finish : callable
+        Sends the layout and completes the file.
+    serves : bool
+        Whether this process serves it until it is interrupted.
+    viewer : subprocess.Popen or None
+        Process of the viewer that ends with this one.
+    """
+
+    scene: Scene
+    place: str
+    finish: Callable[[Contents], None]
+    serves: bool = False
+    viewer: subprocess.Popen[bytes] | None = None
+
+    def wait(self) -> None:
+        """Serve until interrupted."""
+        try:
+            while self.serves and (self.viewer is None or self.viewer.poll() is None):
+                time.sleep(0.5)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.scene.close()
+
+
+def output_of(args: argparse.Namespace) -> Output:
+    """Return the output of the arguments of ``cdff view``; raises StorageError for an unwritable file."""
+    if args.save is not None:
+        check_file(args.save)
+        form = format_of_suffix(args.save, ("rrd", "mcap"), "view")
+        return _mcap_file(args.save) if form == "mcap" else rerun_file(args.save)
+    if args.foxglove:
+        return _foxglove_server(_FOXGLOVE_PORT if args.port is None else args.port)
+    return rerun_viewer(web=args.web)
+
+
+def rerun_file(path: Path) -> Output:
+    """Return the output to a file of Rerun."""
+    import rerun as rr
+
+    recording = rr.RecordingStream("cdff")
+    recording.save(path)
+    return _rerun_output(recording, str(path))
+
+
+def rerun_viewer(*, web: bool = False) -> Output:
+    """Start the viewer in a window, or for the browser.
+
+    Without ``--bind`` its servers listen on every interface.
+    """
+    import rerun as rr
+
+    port, web_port = free_port(), free_port()
+    command = [rerun_program(), "--bind", _LOOPBACK, "--port", str(port)]
+    if web:
+        command += ["--serve-web", "--web-viewer-port", str(web_port)]
+    else:
+        command += ["--expect-data-soon", "--hide-welcome-screen"]
+    viewer = subprocess.Popen(command, start_new_session=not web)
+    if web:  # ends with this process
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        atexit.register(viewer.terminate)
+    endpoint = f"{_LOOPBACK}:{port}"
+    _wait_for(port, viewer)
+    recording = rr.RecordingStream("cdff")
+    recording.connect_grpc(f"rerun+http://{endpoint}/proxy")
+    if not web:
+        return _rerun_output(recording, "window of Rerun")
+    source = quote(f"rerun+http://{endpoint}/proxy", safe="")
+    return _rerun_output(recording, f"http://{_LOOPBACK}:{web_port}/?url={source}", viewer)
+
+
+def rerun_program() -> str:
+    """Return the program of the viewer; ``python -m rerun`` starts it as a child that outlives its parent."""
+    import rerun_cli
+
+    return str(Path(rerun_cli.__file__).parent / "rerun")
+
+
+def _wait_for(port: int, viewer: subprocess.Popen[bytes]) -> None:
+    """Wait until the viewer listens; raises UnavailableError if it ends or does not start."""
+    deadline_s = time.monotonic() + _START_S
+    while time.monotonic() < deadline_s and viewer.poll() is None:
+        with suppress(OSError), socket.create_connection((_LOOPBACK, port), timeout=1.0):
+            return
+        time.sleep(0.1)
+    raise UnavailableError(
+        "the viewer Rerun did not start (a window needs a display); use --web, or --save NAME.rrd"
+    )
+
+
+def _rerun_output(
+    recording: rr.RecordingStream, place: str, viewer: subprocess.Popen[bytes] | None = None
+) -> Output:
+    from cdff_dev.view.blueprint import blueprint
+    from cdff_dev.view.rerun_scene import RerunScene
+
+    def finish(contents: Contents) -> None:
+        recording.send_blueprint(blueprint(contents), make_active=True)
+        recording.flush()
+
+    return Output(RerunScene(recording), place, finish, viewer is not None, viewer)
+
+
+def _mcap_file(path: Path) -> Output:
+    from cdff_dev.view.foxglove_scene import mcap_scene
+
+    scene = mcap_scene(path)
+    return Output(scene, str(path), lambda _: scene.close())
+
+
+def _foxglove_server(port: int) -> Output:
+    from cdff_dev.view.foxglove_scene import server_scene
+
+    scene = server_scene(_LOOPBACK, port)
+    return Output(scene, f"ws://{_LOOPBACK}:{port}", lambda _: None, serves=True)

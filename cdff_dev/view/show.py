@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs, runs and the running system in an output."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Collection, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.profile import Profile
+from cdff_dev.logs import open_log
+from cdff_dev.logs.source import LogSample, LogSource
+from cdff_dev.progress import Progress
+from cdff_dev.view.feed import Contents, Feed, path_interval, sources_of
+from cdff_dev.view.outputs import Output
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Part of the logs to show.
+
+    Attributes
+    ----------
+    streams : collection of str or None
+        None for all.
+    t0_ns, t1_ns : int or None
+        Interval of stamps.
+    profile : Profile or None
+        Fixed frames of the robots.
+    """
+
+    streams: Collection[str] | None = None
+    t0_ns: int | None = None
+    t1_ns: int | None = None
+    profile: Profile | None = None
+
+    def of(self, log: LogSource) -> list[str]:
+        """Return the selected streams of a log."""
+        return [name for name in log.streams if self.streams is None or name in self.streams]
+
+    def contains(self, stamp_ns: int) -> bool:
+        """Return whether a stamp is in the interval."""
+        return (self.t0_ns is None or stamp_ns >= self.t0_ns) and (
+            self.t1_ns is None or stamp_ns <= self.t1_ns
+        )
+
+
+def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selection: Selection) -> str:
+    """Show logs, each with the calibration of its cameras or None, together; return a summary.
+
+    Raises
+    ------
+    InputError
+        If no stream is selected, or no sample is in the interval.
+    """
+    with ExitStack() as stack:
+        logs = [stack.enter_context(closing(open_log(path, calibration))) for path, calibration in paths]
+        chosen = [(log, names) for log in logs if (names := selection.of(log))]
+        infos = [log.streams[name] for log, names in chosen for name in names]
+        if not infos:
+            known = ", ".join(name for log in logs for name in log.streams) or "none"
+            raise InputError(f"--stream {selection.streams}: the logs have {known}")
+        sources = sources_of(_first_samples(chosen))
+        n = sum(info.count for info in infos)
+        feed = Feed(output.scene, sources, path_interval(max(info.count for info in infos)))
+        samples = heapq.merge(*(log.samples(names) for log, names in chosen), key=_order)
+        progress, count = Progress(n, "samples"), 0
+        for sample in samples:
+            progress.advance()
+            if not selection.contains(sample.stamp_ns):
+                continue
+            if not count:
+                _add_profile(feed, selection.profile, sample.stamp_ns)
+            feed.add(sample)
+            count += 1
+        progress.close()
+    if not count:
+        raise InputError(f"{', '.join(path for path, _ in paths)}: no sample between --t0 and --t1")
+    feed.close()
+    output.finish(feed.contents)
+    return summary_text(output, feed.contents, count)
+
+
+def show_live(output: Output, connect: str | None, selection: Selection, duration_s: float | None) -> str:
+    """Show the published samples and products until interrupted, or until the duration is over."""
+    from cdff_dev.view.live import live_samples
+
+    feed, count = Feed(output.scene), 0
+    try:
+        for sample in live_samples(connect, duration_s):
+            if selection.streams is not None and sample.stream not in selection.streams:
+                continue
+            if not count:
+                _add_profile(feed, selection.profile, sample.stamp_ns)
+            known = len(feed.contents.spatial) + len(feed.contents.pictures)
+            feed.add(sample)
+            count += 1
+            if len(feed.contents.spatial) + len(feed.contents.pictures) > known:
+                output.finish(feed.contents)  # the layout with the new layers
+    except KeyboardInterrupt:
+        pass
+    feed.close()
+    output.finish(feed.contents)
+    return summary_text(output, feed.contents, count)
+
+
+def summary_text(output: Output, contents: Contents, count: int) -> str:
+    """Return the numbers of samples, layers and images, the place, and the types that are not drawn."""
+    lines = [
+        f"{count} samples, {len(contents.spatial)} layers in {len(contents.roots())} spaces, "
+        f"{len(contents.pictures)} images: {output.place}"
+    ]
+    for type_name, number in sorted(contents.not_drawn.items()):
+        lines.append(f"not drawn: {number} {type_name}")
+    return "\n".join(lines)
+
+
+def _first_samples(chosen: Sequence[tuple[LogSource, list[str]]]) -> list[LogSample]:
+    """Return the first sample of each stream with poses."""
+    from cdff_common.world.history import POSE_TYPES
+
+    return [
+        next(log.samples([name]))
+        for log, names in chosen
+        for name in names
+        if log.streams[name].type_name in POSE_TYPES and log.streams[name].count
+    ]
+
+
+def _order(sample: LogSample) -> tuple[int, str, int]:
+    return sample.stamp_ns, sample.stream, sample.seq
+
+
+def _add_profile(feed: Feed, profile: Profile | None, stamp_ns: int) -> None:
+    for robot in profile.robots if profile else ():
+        feed.add_fixed(robot.frame_graph(), stamp_ns)
