@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import random
 import tempfile
 import threading
@@ -31,7 +32,6 @@ from typing import Any
 
 import numpy as np
 import psutil
-from _looped_log import LAP_S, LoopedLog, circle_log
 from _report import write_report
 from _services import descriptors, fetch, memory_mb, threads
 
@@ -40,10 +40,16 @@ from cdff_common.client import Client
 from cdff_common.errors import CdffError
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.resources import resolve
+from cdff_dev.logs import open_log
 from cdff_dev.missions.stage import PATIENCE_S, Stage
+from cdff_dev.play.looped_log import LoopedLog
 from cdff_dev.play.player import Player
 from cdff_dev.ports import free_port
+from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.store import simulated_log
 
+#: Duration of a lap, seconds. Each rover rests at its start and at its end.
+LAP_S = 42.0
 #: Sampling period of the services, seconds, and pause of a client between two requests.
 _PERIOD_S, _PAUSE_S = 5.0, 2.0
 #: Time between the end of the load and the last measurement, seconds.
@@ -149,6 +155,18 @@ def reader(http: str, seed: int, stop: threading.Event, counts: Counter[str]) ->
             counts[f"HTTP {type(error).__name__}"] += 1
 
 
+def circle_log(base: str) -> Path:
+    """Return the log of one lap of the rovers of a scenario, each on a circle; simulate it if necessary."""
+    scenario = load_scenario(base)
+    robots = {}
+    for name, path in scenario.robots.items():
+        driven_s = LAP_S - path.rest_before_s - path.rest_after_s - path.ramp_s
+        curvature = 2.0 * math.pi / (path.speed_m_s * driven_s)
+        robots[name] = path.model_copy(update={"curvature_1pm": ((0.0, curvature), (1e4, curvature))})
+    circles = {"name": f"{base}_laps", "robots": robots, "duration_s": LAP_S}
+    return simulated_log(scenario.model_copy(update=circles))
+
+
 @contextmanager
 def load(stage: Stage, log: LoopedLog, robots: tuple[str, ...]) -> Iterator[tuple[Player, Counter[str]]]:
     """Play the log, send requests and read over HTTP while the context is open."""
@@ -174,7 +192,7 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
     """Run the mission for some minutes and return the report."""
     path = resolve("profiles", name)
     profile = load_profile(path)
-    log = LoopedLog(circle_log(name))
+    log = LoopedLog(open_log(circle_log(name)))
     stage = Stage(profile, path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}", data_dir=folder)
     samples: dict[str, list[Sample]] = defaultdict(list)
     lap_end_s = 0.0

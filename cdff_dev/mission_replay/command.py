@@ -12,6 +12,7 @@ from typing import Any
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.plots import figure_of, write_figure
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.mission_replay.mission import LogClock, MissionReplay, RecordedSample
 from cdff_dev.mission_replay.report import write_answers
@@ -22,7 +23,12 @@ from dpm_store import Store, open_store
 
 
 def replay_mission(
-    log: LogSource, profile: Profile, requests: Path, out: Path, store: Path | None = None
+    log: LogSource,
+    profile: Profile,
+    requests: Path,
+    out: Path,
+    store: Path | None = None,
+    plot: Path | None = None,
 ) -> dict[str, Any]:
     """Replay a mission on a log; write its outputs and the answers to its requests.
 
@@ -38,6 +44,8 @@ def replay_mission(
         ``journal.jsonl`` and ``summary.json``.
     store : Path, optional
         Directory of the DPM that stores the products; by default a temporary one.
+    plot : Path, optional
+        Picture of the paths and of the last values of the outputs.
 
     Returns
     -------
@@ -69,6 +77,8 @@ def replay_mission(
         )
         answers = write_answers(out, replay.run(_samples(log, streams), script), start_ns)
         stored = sum(replay.store.statistics().products.values())
+    if plot is not None:
+        write_figure(plot, figure_of(output.drawn_values()))
     summary = output.write_summary(
         {
             "mission": profile.name,

@@ -22,7 +22,7 @@ def system_arguments() -> argparse.ArgumentParser:
     """Return a parser with the options that all commands that start a system have in common."""
     system = argparse.ArgumentParser(add_help=False)
     system.add_argument("--http", default="127.0.0.1:8080", metavar="HOST:PORT")
-    system.add_argument("--connect", default="tcp/127.0.0.1:7447", help="endpoint of the router")
+    system.add_argument("--connect", help="endpoint of the router (default: tcp/127.0.0.1:7447)")
     system.add_argument(
         "--data-dir", type=Path, help="folder of the products (default: a new one, removed at the end)"
     )
@@ -91,16 +91,17 @@ def running_system(
 ) -> Iterator[tuple[Stage, Bus]]:
     """Start the services of a profile and wait until they are ready; the end of the block ends them."""
     from cdff_common.bus import Bus
+    from cdff_common.bus.session import DEFAULT_ENDPOINT
     from cdff_common.interfaces.profile import load_profile
     from cdff_dev.missions.stage import Stage
 
-    profile = load_profile(profile_path)
+    profile, connect = load_profile(profile_path), args.connect or DEFAULT_ENDPOINT
     # Ctrl-C and SIGTERM raise KeyboardInterrupt in the main thread, so that the stage ends its processes.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     with (
-        Stage(profile, profile_path, args.connect, args.http, args.data_dir) as stage,
-        Bus.open(args.connect, name="mission", wait_s=20.0) as bus,
+        Stage(profile, profile_path, connect, args.http, args.data_dir) as stage,
+        Bus.open(connect, name="mission", wait_s=20.0) as bus,
     ):
         print_line(
             f"starting {len(stage.expected)} services of profile {profile.name}; logs in {stage.log_dir}"
@@ -119,15 +120,15 @@ def _mission(args: argparse.Namespace) -> int:
     """Run a mission; return 0 if all its limits are met, else 1."""
     from cdff_common.errors import ConfigurationError
     from cdff_common.interfaces.profile import load_profile
-    from cdff_common.resources import deploy_folder, resolve, shipped_names
+    from cdff_common.resources import deploy_folder, resolve
     from cdff_dev.missions.mission_run import run
     from cdff_dev.missions.report import write_report
     from cdff_dev.missions.script import check_fits, load_mission
+    from cdff_dev.shipped.commands import print_shipped
     from cdff_dev.simulate.scenario import load_scenario
 
     if args.mission == "list":
-        print("\n".join(shipped_names("missions")))
-        return 0
+        return print_shipped("missions", as_json=args.json)
     path = resolve("missions", args.mission)
     mission = load_mission(path)
     speed = mission.speed if args.speed is None else args.speed

@@ -29,7 +29,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--attach",
         action="store_true",
-        help="send the requests to a running system, for example in containers, and start nothing",
+        help="send the requests to a running system, for example in containers, and start nothing; "
+        "its endpoint is --connect, else CDFF_CONNECT",
     )
     parser.add_argument(
         "--wait-s",
@@ -43,6 +44,7 @@ def register(nouns: Any) -> None:
 
 def _demo(args: argparse.Namespace) -> int:
     """Run the demonstration; return 0 if every answer satisfies its request, else 1."""
+    from cdff_common.bus.session import endpoint
     from cdff_common.resources import deploy_folder
     from cdff_dev.missions import demonstration
 
@@ -51,7 +53,7 @@ def _demo(args: argparse.Namespace) -> int:
     if args.attach:
         return int(
             not demonstration.ask_running_system(
-                script, args.connect, args.http, args.wait_s, print_line=print_line
+                script, endpoint(args.connect), args.http, args.wait_s, print_line=print_line
             )
         )
     check_outputs(args)

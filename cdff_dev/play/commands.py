@@ -12,7 +12,11 @@ from typing import Any
 def register(nouns: Any) -> None:
     """Add ``cdff play`` to the command line."""
     parser = nouns.add_parser(
-        "play", help="publish the sensor samples of a log on the bus, with the mission clock"
+        "play",
+        help="publish the sensor samples of a log on the bus, with the mission clock",
+        description="Publish the sensor samples of a log on the bus, with the mission clock. Keys on a "
+        "terminal control it (space: pause or resume, s: step, + and -: speed, q: end); programs call "
+        "cdff/@v1/ground/player/@rpc/{status|pause|resume|step|speed?x=2|stop}.",
     )
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
     parser.add_argument(
@@ -38,6 +42,21 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--exit-at-end", action="store_true", help="end with the log instead of keeping the clock running"
     )
+    parser.add_argument(
+        "--topics", nargs="+", default=[], metavar="PATTERN", help="streams to play, such as '*/navcam.*'"
+    )
+    parser.add_argument(
+        "--start", type=float, default=0.0, metavar="S", help="start S seconds after the first sample"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="play S seconds of the log")
+    parser.add_argument("--loop", action="store_true", help="repeat the log; mission time continues")
+    parser.add_argument("--pause", action="store_true", help="start paused")
+    parser.add_argument(
+        "--clock",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="publish the mission clock (default)",
+    )
     parser.add_argument("--connect", help="the router's endpoint (default: CDFF_CONNECT)")
     parser.add_argument(
         "--via",
@@ -55,14 +74,20 @@ def _run(args: argparse.Namespace) -> int:
     from cdff_common.bus import Bus
     from cdff_common.cli import key_values
     from cdff_common.process import run_service
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs import LogSource, open_log
+    from cdff_dev.play.control import keyboard, serve_control
+    from cdff_dev.play.log_part import LogPart
+    from cdff_dev.play.looped_log import LoopedLog
     from cdff_dev.play.player import Player, wait_for
 
     endpoint_of = key_values(args.via, "--via", "ID=ENDPOINT, such as mana=tcp/127.0.0.1:7448")
 
     def body(stop: threading.Event) -> None:
         with ExitStack() as stack:
-            log = stack.enter_context(closing(open_log(args.log)))
+            opened = stack.enter_context(closing(open_log(args.log)))
+            log: LogSource = LogPart(opened, args.topics, args.start, args.duration)
+            if args.loop:
+                log = LoopedLog(log)
             bus = stack.enter_context(Bus.open(args.connect, name="player"))
             via = {
                 robot: stack.enter_context(Bus.open(endpoint, name=f"player of {robot}"))
@@ -70,7 +95,18 @@ def _run(args: argparse.Namespace) -> int:
             }
             wait_for(bus, args.wait_for, args.wait_s, stop)
             if not stop.is_set():
-                player = Player(bus, log, args.speed, args.robots, args.patience, via=via)
-                player.run(stop, stay=not args.exit_at_end)
+                player = Player(
+                    bus,
+                    log,
+                    args.speed,
+                    args.robots,
+                    args.patience,
+                    via=via,
+                    is_paused=args.pause,
+                    has_clock=args.clock,
+                )
+                serve_control(bus, player, stop)
+                with keyboard(player, stop):
+                    player.run(stop, stay=not args.exit_at_end)
 
     return run_service("player", body)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The mission clock of a player: it runs at a constant speed and can be held."""
+"""The mission clock of a player: it runs at a speed that can be changed, and can be held."""
 
 from __future__ import annotations
 
@@ -53,6 +53,21 @@ class Pace:
     def resume(self) -> None:
         """Let a held clock run again."""
         self._set_rate(self.speed)
+
+    def set_speed(self, speed: float) -> None:
+        """Change the speed; a held clock stays held."""
+        with self._lock:
+            now_s = monotonic_s()
+            self._anchor_ns, self._anchor_s = self._at(now_s), now_s
+            self.speed, self._rate = speed, speed if self._rate else 0.0
+
+    def advance_to(self, stamp_ns: int) -> None:
+        """Set a held clock to a later mission time."""
+        with self._lock:
+            now_s = monotonic_s()
+            if self._rate == 0.0:
+                self._held_s += now_s - self._anchor_s
+                self._anchor_ns, self._anchor_s = max(self._anchor_ns, stamp_ns), now_s
 
     def now_ns(self) -> int:
         """Return the mission time, a multiple of 1000 ns."""

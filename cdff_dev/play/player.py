@@ -12,6 +12,7 @@ import logging
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from cdff_common.bus import Bus, Message, Qos, keys
 from cdff_common.bus.message import unpack
@@ -118,6 +119,10 @@ class Player:
     via : mapping of str to Bus, optional
         Buses of robots with a router of their own, on which their samples are published: their sensors
         deliver without contact to the main router, too.
+    is_paused : bool
+        Start with the clock held until ``resume`` or ``step``.
+    has_clock : bool
+        Publish the mission clock; False if another program does.
     """
 
     def __init__(
@@ -130,6 +135,9 @@ class Player:
         ready_ns: Callable[[], int] | None = None,
         ahead_bytes: int = 48_000_000,
         via: Mapping[str, Bus] | None = None,
+        *,
+        is_paused: bool = False,
+        has_clock: bool = True,
     ) -> None:
         if not speed > 0:
             raise InputError(f"speed={speed}: expected above 0")
@@ -137,7 +145,7 @@ class Player:
             raise InputError(f"patience_s={patience_s}: expected above 0")
         self._bus, self._via = bus, dict(via or {})
         self._log = log
-        self._patience_s = patience_s
+        self._patience_s, self._has_clock = patience_s, has_clock
         self._ready_ns, self._ahead_bytes = ready_ns, ahead_bytes
         self._streams = playable(log, robots)
         self._robots = sorted({split_stream(s)[0] for s in self._streams})
@@ -149,11 +157,37 @@ class Player:
         self.start_ns = min(i.t0_ns for i in infos)
         self.progress = Progress(now_ns=self.start_ns, t_end_ns=max(i.t1_ns for i in infos))
         self._pace = Pace(self.start_ns, speed)
+        self._is_paused = is_paused
+        self._next_ns = self.start_ns
         self._backlog = Backlog()
 
     def now_ns(self) -> int:
         """Return the mission time."""
         return self._pace.now_ns()
+
+    def status(self) -> dict[str, Any]:
+        """Return the progress with the speed and whether the player is paused."""
+        self.progress.now_ns, self.progress.held_s = self.now_ns(), self._pace.held_s
+        return {**asdict(self.progress), "speed": self._pace.speed, "paused": self._is_paused}
+
+    def pause(self) -> None:
+        """Hold the clock until ``resume``."""
+        self._is_paused = True
+        self._pace.hold()
+
+    def resume(self) -> None:
+        """Let the clock run again."""
+        self._is_paused = False
+        self._hold_or_resume()
+
+    def step(self) -> None:
+        """Pause, and publish the next sample and those of the same time."""
+        self.pause()
+        self._pace.advance_to(self._next_ns)
+
+    def set_speed(self, speed: float) -> None:
+        """Change the speed, seconds of mission time per second."""
+        self._pace.set_speed(speed)
 
     def run(self, stop: threading.Event, stay: bool = True) -> Progress:
         """Play the log to its end; if ``stay``, keep the clock running until ``stop`` is set."""
@@ -164,6 +198,8 @@ class Player:
         prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on, self._ahead_bytes)
         prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
         self._pace.start()
+        if self._is_paused:
+            self._pace.hold()
         clock_thread = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
         clock_thread.start()
         try:
@@ -180,6 +216,7 @@ class Player:
 
     def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
         for item in items:
+            self._next_ns = item.stamp_ns
             if not self._pace.wait_until(item.stamp_ns, stop):
                 return
             if not self.gate.passes(item.robot, item.sensor, item.stream, item.stamp_ns):
@@ -200,9 +237,9 @@ class Player:
         reported_s = monotonic_s()
         while True:
             self._hold_or_resume()
-            self._bus.publish_map(
-                keys.CLOCK, {"now_ns": self.now_ns(), "rate": self._pace.rate}, qos=Qos.POSE
-            )
+            if self._has_clock:
+                tick = {"now_ns": self.now_ns(), "rate": self._pace.rate}
+                self._bus.publish_map(keys.CLOCK, tick, qos=Qos.POSE)
             if monotonic_s() - reported_s >= PROGRESS_PERIOD_S:
                 reported_s = monotonic_s()
                 self.progress.now_ns, self.progress.held_s = self.now_ns(), self._pace.held_s
@@ -211,15 +248,14 @@ class Player:
                 return
 
     def _hold_or_resume(self) -> None:
-        """Hold the clock at the end of a growing log, and while a DFPC lags.
+        """Hold the clock while paused, at the end of a growing log, and while a DFPC lags.
 
         It is resumed when the lag is at most half of ``patience_s``.
         """
         now_ns = self.now_ns()
         lag_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
-        if self._is_at_end_of_growing_log(now_ns) or (
-            self._patience_s is not None and lag_s > self._patience_s
-        ):
+        is_lagging = self._patience_s is not None and lag_s > self._patience_s
+        if self._is_paused or is_lagging or self._is_at_end_of_growing_log(now_ns):
             self._pace.hold()
         elif self._patience_s is None or lag_s <= self._patience_s / 2:
             self._pace.resume()

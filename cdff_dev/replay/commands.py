@@ -8,11 +8,18 @@ import argparse
 import json
 import math
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cdff_common.cli import add_plot_option
+
 if TYPE_CHECKING:
     from cdff_dev.logs import LogSource
+
+
+#: Options of ``--dfpc`` that a mission does not take.
+_OF_ONE_DFPC = ("implementation", "config", "robot", "seed", "start", "duration", "until")
 
 
 def register(nouns: Any) -> None:
@@ -57,8 +64,28 @@ def register(nouns: Any) -> None:
         "calib_kitti.txt, calib.txt)",
     )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
+    parser.add_argument("--start", type=float, metavar="S", help="begin S seconds after the first sample")
+    parser.add_argument("--duration", type=float, metavar="S", help="replay S seconds of the log")
+    parser.add_argument(
+        "--until",
+        metavar="CONDITION",
+        help="end at the first product that fulfils it, such as 'pose.status==FAILED', 'pose.sigma_m>0.5' or "
+        "'pose.metrics.inliers<30'",
+    )
+    parser.add_argument(
+        "--tap",
+        action="append",
+        default=[],
+        metavar="PORT",
+        help="print each value of a port in words; may be repeated",
+    )
     parser.add_argument("--seed", type=int, default=None, help="seed of the random numbers of the DFPC")
-    parser.add_argument("--out", metavar="DIR", help="folder for outputs.msg, summary.json and <port>.tum")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help="folder for outputs.msg, summary.json, <port>.tum and the last maps, graphs and clouds",
+    )
+    add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(run=run)
 
@@ -70,6 +97,10 @@ def run(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
     from cdff_dev.logs import open_log
 
+    if args.plot is not None:
+        from cdff_common.plots import check_plot_file
+
+        check_plot_file(args.plot)
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
     with closing(open_log(args.log, args.calibration)) as log:
@@ -82,18 +113,18 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_dev.mission_replay.command import replay_mission
 
     missing = [f"--{name}" for name in ("profile", "out") if getattr(args, name) is None]
-    of_one_dfpc = [
-        f"--{n}" for n in ("implementation", "config", "robot", "seed") if getattr(args, n) is not None
-    ]
-    if missing or of_one_dfpc or args.map or args.mask or args.speed != "max":
+    of_one_dfpc = [f"--{n}" for n in _OF_ONE_DFPC if getattr(args, n) is not None]
+    if missing or of_one_dfpc or args.map or args.mask or args.tap or args.speed != "max":
         wrong = (
             f"{missing[0]} is missing"
             if missing
-            else f"{[*of_one_dfpc, '--map, --mask or --speed'][0]} is for --dfpc"
+            else f"{[*of_one_dfpc, '--map, --mask, --tap or --speed'][0]} is for --dfpc"
         )
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
-    summary = replay_mission(log, load_profile(args.profile), Path(args.requests), Path(args.out), store)
+    summary = replay_mission(
+        log, load_profile(args.profile), Path(args.requests), Path(args.out), store, args.plot
+    )
     if args.json:
         print(json.dumps(summary, sort_keys=True))
     else:
@@ -112,16 +143,20 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
 
 def _replay(args: argparse.Namespace, log: LogSource) -> int:
     import dataclasses
-    import itertools
 
     from cdff_common.cli import key_values
+    from cdff_common.clock import format_stamp
     from cdff_common.errors import ConfigurationError, RefusedError
     from cdff_common.interfaces.dfpc import DfpcContext, Sample
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
     from cdff_dev.compilation import compilation_notice
+    from cdff_dev.play.log_part import LogPart
+    from cdff_dev.progress import Progress
+    from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
+    from cdff_dev.replay.tap import Tap
     from cdff_dev.replay.wiring import robot_of, wire, with_masks
 
     speed = _speed(args.speed)
@@ -145,18 +180,28 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     with compilation_notice(dfpc.name):
         dfpc.configure(parameters, context, implementation)
     wired = wire(dfpc.description, streams, robot, mapping, entry)
-    total = sum(log.streams[s].count for s in wired.values())
-    sample_number = itertools.count(1)
+    outputs = tuple(port.attribute for port in dfpc.description.output_ports)
+    until = parse_condition(args.until, outputs) if args.until else None
+    tap = Tap(args.tap, (*wired, *outputs), partial(print, file=sys.stderr if args.json else sys.stdout))
+    part: LogSource = log
+    if args.start is not None or args.duration is not None:
+        part = LogPart(log, list(wired.values()), args.start or 0.0, args.duration)
+    progress = Progress(sum(log.streams[s].count for s in wired.values()), "samples")
 
-    def progress(_sample: Sample) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{next(sample_number)}/{total} samples", end="", file=sys.stderr)
+    def on_sample(sample: Sample) -> None:
+        tap.on_sample(sample)
+        progress.advance()
 
     summary = replay(
-        dfpc, paced(samples_of(log, wired, robot), speed), Path(args.out) if args.out else None, progress
+        dfpc,
+        paced(samples_of(part, wired, robot), speed),
+        Path(args.out) if args.out else None,
+        on_sample,
+        tap.on_product,
+        until,
+        args.plot,
     )
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
+    progress.close()
     if args.json:
         print(json.dumps(summary, sort_keys=True))
     else:
@@ -165,6 +210,10 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
             f"{summary['degraded']} degraded, {summary['failed']} failed, {summary['dropped']} dropped, "
             f"{summary['cpu_s']:.2f} s CPU"
         )
+        if (stopped := summary["stopped"]) is not None:
+            reasons = ", ".join(stopped["reasons"]) or "no reasons"
+            stamp = format_stamp(stopped["t1_ns"])
+            print(f"stopped by {stopped['condition']} at {stamp}: {stopped['status']}, {reasons}")
     if summary["errors"]:
         print(f"{summary['errors']} samples were refused; the last: {summary['last_error']}", file=sys.stderr)
     if not summary["samples"]:

@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from cdff_common.interfaces.dfpc import Dfpc, Sample
+from cdff_common.interfaces.product import Product
 from cdff_core.runtime import Runner
 from cdff_dev.logs import LogSource
+from cdff_dev.replay.conditions import Condition
 from cdff_dev.replay.output import ReplayOutput
 
 
@@ -45,15 +47,23 @@ def replay(
     samples: Iterable[Sample],
     out: Path | None,
     on_sample: Callable[[Sample], None] | None = None,
+    on_product: Callable[[Product], None] | None = None,
+    until: Condition | None = None,
+    plot: Path | None = None,
 ) -> dict[str, Any]:
     """Pass samples to a configured DFPC and write its outputs.
 
     Parameters
     ----------
     out : Path or None
-        Folder for ``outputs.msg``, ``summary.json`` and ``<port>.tum``; None writes nothing.
-    on_sample : callable or None
-        Called after each sample, for progress.
+        Folder for ``outputs.msg``, ``summary.json``, ``<port>.tum``, and the last map, graph and cloud;
+        None writes nothing.
+    on_sample, on_product : callable or None
+        Called after each sample, and for each product.
+    until : Condition or None
+        End after the first product that fulfils it; the summary then has ``stopped``.
+    plot : Path, optional
+        Picture of the paths and of the last values.
 
     Returns
     -------
@@ -66,15 +76,24 @@ def replay(
         If ``out`` cannot be written.
     """
     runner, output = Runner(dfpc), ReplayOutput(out)
+    stopped: dict[str, Any] | None = None
     try:
         for sample in samples:
             runner.push(sample)
-            output.write(runner.drain())
+            stopped = _pass_on(runner.drain(), output, on_product, until)
             if on_sample is not None:
                 on_sample(sample)
-        output.write(runner.finish())
+            if stopped is not None:
+                break
+        else:
+            stopped = _pass_on(runner.finish(), output, on_product, until)
+        output.write_items(dfpc)
     finally:
         output.close()
+    if plot is not None:
+        from cdff_common.plots import figure_of, write_figure
+
+        write_figure(plot, figure_of(output.drawn_values()))
     counters = runner.counters.to_dict()
     names = (
         "samples",
@@ -91,7 +110,31 @@ def replay(
             "dfpc": dfpc.name,
             "implementation": dfpc.implementation,
             "config_hash": dfpc.config_hash,
+            "stopped": stopped,
             "dropped": counters["late"],
             **{name: counters[name] for name in (*names, "samples_by_port", "outputs_by_port")},
         }
     )
+
+
+def _pass_on(
+    products: Iterable[Product],
+    output: ReplayOutput,
+    on_product: Callable[[Product], None] | None,
+    until: Condition | None,
+) -> dict[str, Any] | None:
+    """Write products up to the first one that fulfils the condition; return its description, if any."""
+    for product in products:
+        output.write([product])
+        if on_product is not None:
+            on_product(product)
+        if until is not None and until.holds(product):
+            quality = product.header.quality
+            return {
+                "condition": until.text,
+                "port": product.port,
+                "t1_ns": product.header.t1_ns,
+                "status": quality.status.name,
+                "reasons": list(quality.reasons),
+            }
+    return None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The files that a replay writes: outputs, trajectories and the summary."""
+"""The files that a replay writes: outputs, trajectories, the last maps and graphs, and the summary."""
 
 from __future__ import annotations
 
@@ -9,20 +9,30 @@ import resource
 import time
 from collections import defaultdict
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cdff_common.errors import ProductNotFoundError
+from cdff_common.formats.payload import FORMATS, to_file
 from cdff_common.formats.tum import write_tum
 from cdff_common.geometry import se3
+from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.output import make_folder, write_file
 from cdff_dev.logs import LogWriter
 
+#: Types whose last value is written to a file.
+_FILES = ("Pointcloud", "ElevationMap", "NavigationMap", "PoseGraph")
+
 
 class ReplayOutput:
     """Writer of ``outputs.msg``, of one ``.tum`` file for each pose output, and of ``summary.json``.
+
+    ``write_items`` adds a file for the last map, graph and cloud of each port and item of the local store, in
+    the first format of its type: ``map.tif``, ``graph.g2o``, ``cloud.ply``.
 
     Parameters
     ----------
@@ -40,6 +50,7 @@ class ReplayOutput:
     def __init__(self, folder: Path | None, *, full_names: bool = False) -> None:
         self._folder, self._full_names = folder, full_names
         self._tracks: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
+        self._last_values: dict[str, Any] = {}
         self._start_s, self._cpu_start_s = time.monotonic(), time.process_time()
         self._writer: LogWriter | None = None
         if folder is not None:
@@ -49,13 +60,34 @@ class ReplayOutput:
     def write(self, products: Iterable[Product]) -> None:
         """Write products that have a value."""
         for product in products:
-            if product.value is None or self._writer is None:
+            if product.value is None:
                 continue
             name, stamp_ns = f"{product.dfpc}.{product.port}", product.header.t1_ns
-            self._writer.write(f"/{product.robot}/{name}", product.value, stamp_ns, product.header)
+            if self._writer is not None:
+                self._writer.write(f"/{product.robot}/{name}", product.value, stamp_ns, product.header)
+            output = f"{product.robot}.{name}" if self._full_names else product.port
             if product.type_name == "TransformWithCovariance":
-                track = f"{product.robot}.{name}" if self._full_names else product.port
-                self._tracks[track].append((stamp_ns, product.value.transform.matrix))
+                self._tracks[output].append((stamp_ns, product.value.transform.matrix))
+            else:
+                self._last_values[output] = product.value
+
+    def drawn_values(self) -> dict[str, Any]:
+        """Return the paths ``(n, 4, 4)`` of the pose outputs and the last values of the others, by output."""
+        paths = {name: np.stack([T for _, T in track]) for name, track in self._tracks.items()}
+        return paths | self._last_values
+
+    def write_items(self, dfpc: Dfpc) -> None:
+        """Write the last maps, graphs and clouds; an item of the store replaces the port of its name."""
+        if self._folder is None:
+            return
+        values = dict(self._last_values)
+        for item in dfpc.store.items:
+            with suppress(ProductNotFoundError):
+                values[item] = dfpc.store.get(item)
+        for name, value in values.items():
+            if (type_name := type(value).__name__) in _FILES:
+                suffix = FORMATS[type_name][0]
+                write_file(self._folder / f"{name}.{suffix}", to_file(value, suffix))
 
     def close(self) -> None:
         """Close the log."""

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""A part of a log: some of its streams, within a time interval."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+from cdff_common.errors import InputError
+from cdff_dev.logs import LogSample, LogSource, StreamInfo
+from cdff_dev.logs.source import Unconverted
+
+
+class LogPart(LogSource):
+    """The streams of a log that match a pattern, from ``start_s`` for ``duration_s``.
+
+    Parameters
+    ----------
+    patterns : collection of str
+        Patterns of stream names such as ``*/navcam.*``; empty for all streams.
+    start_s : float
+        Seconds after the first sample of the log.
+    duration_s : float, optional
+        Default: to the end.
+
+    Raises
+    ------
+    InputError
+        If no stream matches, or no sample is in the interval.
+    """
+
+    def __init__(
+        self,
+        log: LogSource,
+        patterns: Collection[str] = (),
+        start_s: float = 0.0,
+        duration_s: float | None = None,
+    ) -> None:
+        self._log = log
+        infos = {n: i for n, i in log.streams.items() if not patterns or _matches(n, patterns)}
+        if not infos:
+            raise InputError(
+                f"no stream matches {', '.join(patterns)}; the log has {', '.join(log.streams) or 'none'}"
+            )
+        first_ns = min((i.t0_ns for i in infos.values() if not i.is_empty), default=0)
+        last_ns = max(i.t1_ns for i in infos.values())
+        self._t0_ns = first_ns + int(start_s * 1e9)
+        self._t1_ns = last_ns if duration_s is None else min(last_ns, self._t0_ns + int(duration_s * 1e9))
+        if not first_ns <= self._t0_ns <= self._t1_ns:
+            raise InputError(
+                f"--start {start_s:g}, --duration {duration_s}: the log has {(last_ns - first_ns) / 1e9:g} s"
+            )
+        self._infos = {name: self._restricted(info) for name, info in infos.items()}
+
+    @property
+    def streams(self) -> dict[str, StreamInfo]:
+        """Streams by name; their counts are those of the whole log."""
+        return self._infos
+
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Content without a stream."""
+        return self._log.unconverted
+
+    def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples of the part in the order of the log."""
+        names = list(self._infos) if streams is None else [n for n in streams if n in self._infos]
+        for sample in self._log.samples(names):
+            if sample.stamp_ns > self._t1_ns:
+                return
+            if sample.stamp_ns >= self._t0_ns:
+                yield sample
+
+    def close(self) -> None:
+        """Close the files."""
+        self._log.close()
+
+    def _restricted(self, info: StreamInfo) -> StreamInfo:
+        t0_ns, t1_ns = max(info.t0_ns, self._t0_ns), min(info.t1_ns, self._t1_ns)
+        return (
+            replace(info, t0_ns=t0_ns, t1_ns=t1_ns)
+            if t0_ns <= t1_ns
+            else replace(info, count=0, t0_ns=0, t1_ns=0)
+        )
+
+
+def _matches(name: str, patterns: Collection[str]) -> bool:
+    return any(fnmatchcase(name, pattern) for pattern in patterns)

@@ -1,0 +1,86 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of a recording: one log, or several of limited size or duration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from cdff_common.errors import InputError
+from cdff_common.interfaces.product import Header
+from cdff_dev.logs.mapping import LogMap, StreamTarget, ros_name
+from cdff_dev.logs.sinks import LogSink, Loss, create_log
+
+
+class RecordingFiles:
+    """Writes samples to a log, and to the next one when a limit is reached.
+
+    Parameters
+    ----------
+    path : Path
+        The log, see ``create_log``. With a limit the logs are ``NAME_000.EXT``, ``NAME_001.EXT``, ….
+    max_bytes : int, optional
+        Size of the payloads in a log after which the next one begins.
+    max_s : float, optional
+        Mission time in a log after which the next one begins, seconds.
+
+    Raises
+    ------
+    InputError
+        If the log exists, or a limit is not above 0.
+    """
+
+    def __init__(self, path: Path, max_bytes: int | None = None, max_s: float | None = None) -> None:
+        for name, limit in (("--split-mb", max_bytes), ("--split-s", max_s)):
+            if limit is not None and not limit > 0:
+                raise InputError(f"{name}: expected above 0")
+        self.paths: list[Path] = []
+        self._path, self._max_bytes, self._max_s = path, max_bytes, max_s
+        self._targets: dict[str, StreamTarget] = {}
+        self._losses: Counter[Loss] = Counter()
+        self._sink: LogSink | None = None
+        self._size = 0
+        self._first_ns: int | None = None
+        self._open()
+
+    @property
+    def losses(self) -> Counter[Loss]:
+        """Number of samples by stream and field that the logs do not hold."""
+        return self._losses + Counter(self._sink.losses if self._sink is not None else {})
+
+    def write(self, stream: str, value: Any, stamp_ns: int, header: Header, size: int) -> None:
+        """Append a sample whose payload has ``size`` bytes; raises InputError or StorageError."""
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+        elif self._is_full(stamp_ns):
+            self.close()
+            self._open()
+            self._first_ns = stamp_ns
+        self._targets.setdefault(stream, StreamTarget("/" + ros_name(stream.replace(".", "/"))))
+        assert self._sink is not None
+        self._sink.write(stream, value, stamp_ns, header)
+        self._size += size
+
+    def close(self) -> None:
+        """Complete the log."""
+        if self._sink is not None:
+            self._sink.close()
+            self._losses += Counter(self._sink.losses)
+            self._sink = None
+
+    def _is_full(self, stamp_ns: int) -> bool:
+        is_large = self._max_bytes is not None and self._size >= self._max_bytes
+        assert self._first_ns is not None
+        return is_large or (self._max_s is not None and stamp_ns - self._first_ns >= self._max_s * 1e9)
+
+    def _open(self) -> None:
+        path = self._path
+        if self._max_bytes is not None or self._max_s is not None:
+            path = path.with_name(f"{path.stem}_{len(self.paths):03d}{path.suffix}")
+        if path.exists():
+            raise InputError(f"{path} exists: name another file")
+        self._sink = create_log(path, LogMap(self._targets))
+        self.paths.append(path)
+        self._size, self._first_ns = 0, None

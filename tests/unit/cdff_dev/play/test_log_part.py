@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parts and repetitions of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.types import IMUSensors, Time, TransformWithCovariance
+from cdff_dev.logs import LogSource, open_log
+from cdff_dev.logs.formats.infuse.writer import LogWriter
+from cdff_dev.play.log_part import LogPart
+from cdff_dev.play.looped_log import LoopedLog
+
+S = 1_000_000_000
+IMU, ODOMETRY = "/mana/imu.sample", "/mana/wheels.odometry"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[LogSource]:
+    """Ten seconds of inertial samples at 10 Hz, and a pose of odometry each second, 1 m further."""
+    with LogWriter(tmp_path / "a.msg") as writer:
+        for n in range(101):
+            t_ns = 100 * S + n * S // 10
+            writer.write(IMU, IMUSensors(Time.from_ns(t_ns), np.ones(3), np.zeros(3), np.zeros(3)), t_ns)
+            if n % 10 == 0:
+                T = UncertainTransform(se3.transform(np.eye(3), [n / 10, 0.0, 0.0]), np.eye(6))
+                pose = TransformWithCovariance.from_transform(T, parent="odom", child="base", stamp_ns=t_ns)
+                writer.write(ODOMETRY, pose, t_ns)
+    with open_log(tmp_path / "a.msg") as opened:
+        yield opened
+
+
+def test_a_part_has_the_streams_and_the_interval_asked_for(log: LogSource) -> None:
+    part = LogPart(log, ["*/imu.*"], start_s=2.0, duration_s=3.0)
+    samples = list(part.samples())
+    assert {sample.stream for sample in samples} == {IMU} == set(part.streams)
+    assert [samples[0].stamp_ns, samples[-1].stamp_ns] == [102 * S, 105 * S]
+    assert (part.streams[IMU].t0_ns, part.streams[IMU].t1_ns) == (102 * S, 105 * S)
+
+
+@pytest.mark.parametrize(
+    ("patterns", "start_s", "match"),
+    [
+        (["*/lidar.*"], 0.0, "no stream matches"),
+        ([], 11.0, "the log has 10 s"),
+        ([], -1.0, "the log has 10 s"),
+    ],
+)
+def test_a_part_without_samples_is_refused(
+    log: LogSource, patterns: list[str], start_s: float, match: str
+) -> None:
+    with pytest.raises(InputError, match=match):
+        LogPart(log, patterns, start_s)
+
+
+def test_a_repeated_log_continues_time_and_odometry(log: LogSource) -> None:
+    samples = list(islice(LoopedLog(log).samples(), 3 * 112))
+    stamps = [sample.stamp_ns for sample in samples if sample.stream == IMU]
+    assert len(stamps) == 303
+    assert set(np.diff(stamps)) == {S // 10}
+    times = [sample.value.timestamp.microseconds * 1000 for sample in samples if sample.stream == IMU]
+    assert times == stamps
+    x_m = [sample.value.transform.matrix[0, 3] for sample in samples if sample.stream == ODOMETRY]
+    np.testing.assert_allclose(x_m[:12], [*range(11), 10.0], atol=1e-9)
+    assert x_m[-1] == pytest.approx(30.0)
+    assert len({sample.seq for sample in samples if sample.stream == IMU}) == 303
