@@ -39,9 +39,10 @@ def resident_mb() -> float:
 
 
 def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], None]:
-    """Return a function that begins or ends the alarm by the present memory of this process.
+    """Return a function that compares the memory of this process with its budget.
 
-    If the memory has grown, freed memory is returned to the system first.
+    The function begins the alarm if the memory exceeds ``budget_mb`` megabytes, otherwise it ends the alarm.
+    If the memory has grown, the function first returns freed memory to the system.
     """
     released_mb = 0.0
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from cdff_common.cli import add_connect_option, add_profile_option, key_values
+from cdff_common.cli import add_connect_option, add_plot_option, add_profile_option, key_values
 
 
 def register(nouns: Any) -> None:
@@ -51,7 +51,7 @@ def register_call(nouns: Any) -> None:
     parser = nouns.add_parser(
         "call",
         help="call an operation of a running DFPC: a route, a transform, a pin, …",
-        description="Call an operation of a DFPC and print its value as JSON; without one, list them.",
+        description="Call an operation of a DFPC and print its value in words; without one, list them.",
     )
     parser.add_argument("robot", help="robot id")
     parser.add_argument("dfpc", help="folder, class name or alias, as position_manager")
@@ -60,17 +60,21 @@ def register_call(nouns: Any) -> None:
         "parameters", nargs="*", default=[], metavar="KEY=VALUE", help="parameters of the operation"
     )
     parser.add_argument(
-        "--out", type=Path, help="file for a value that is a product; its suffix selects the format"
+        "--out",
+        type=Path,
+        help="file for a value that is a product; its suffix selects the format; - for standard output",
     )
+    add_plot_option(parser)
     parser.add_argument("--timeout-s", type=float, default=10.0, help="timeout in seconds (default 10)")
     add_connect_option(parser)
-    parser.add_argument("--json", action="store_true", help="JSON on one line")
+    parser.add_argument("--json", action="store_true", help="the whole value as JSON on one line")
     parser.set_defaults(run=run_call)
 
 
 def run_list(args: argparse.Namespace) -> int:
     """Print every description; exit 1 if one did not load."""
     from cdff_common.interfaces.registry import Registry
+    from cdff_common.terminal import first_sentence, print_table
 
     registry = Registry.default()
     registry.load_plugins()
@@ -90,9 +94,13 @@ def run_list(args: argparse.Namespace) -> int:
             json.dumps({f"{args.kind}s": rows, "failures": registry.failures}, indent=1, ensure_ascii=False)
         )
     else:
-        width = max((len(r["name"]) for r in rows), default=0)
-        for row in rows:
-            print(f"{row['name']:{width}}  {', '.join(row['implementations'])}")
+        print_table(
+            ("name", "implementations", "summary"),
+            [
+                (row["name"], ", ".join(row["implementations"]), first_sentence(row["doc"]))
+                for row in sorted(rows, key=lambda row: row["name"])
+            ],
+        )
         for folder, reason in sorted(registry.failures.items()):
             print(f"cdff: {folder} did not load: {' '.join(reason.split())}", file=sys.stderr)
     return 1 if registry.failures else 0
@@ -167,8 +175,8 @@ def run_call(args: argparse.Namespace) -> int:
     from cdff_common.client import Client
     from cdff_common.errors import InputError
     from cdff_common.interfaces.registry import Registry
-    from cdff_common.output import check_file, write_file
-    from services.dfpc_host.operation_calls import file_bytes, file_format, printable
+    from cdff_common.output import check_file, is_standard_output, write_output
+    from services.dfpc_host.operation_calls import file_bytes, file_format, printable, text
 
     indent = None if args.json else 1
     description = Registry.default().dfpc(args.dfpc)
@@ -189,14 +197,25 @@ def run_call(args: argparse.Namespace) -> int:
     if args.out is not None:
         form = file_format(args.out, operations[args.operation].output_type)
         check_file(args.out)
+    if args.plot is not None:
+        from cdff_common.plots import check_plot_file, figure_of, write_figure
+
+        check_plot_file(args.plot)
     with Client(args.connect, name="cdff call") as client:
         value, provenance = client.call(
             args.robot, description.folder, args.operation, parameters, timeout_s=args.timeout_s
         )
-    result = printable(value, provenance)
+    if args.plot is not None:
+        write_figure(args.plot, figure_of({args.operation: value}))
     if form is not None:
         data = file_bytes(value, form)
-        write_file(args.out, data)
+        write_output(args.out, data)
+        if is_standard_output(args.out):
+            return 0
         result = {"type": type(value).__name__, "bytes": len(data), "file": str(args.out)}
-    print(json.dumps(result, indent=indent, ensure_ascii=False))
+        print(json.dumps(result, indent=indent, ensure_ascii=False))
+    elif args.json:
+        print(json.dumps(printable(value, provenance), ensure_ascii=False))
+    else:
+        print(text(value, provenance))
     return 0

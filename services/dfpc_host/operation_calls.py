@@ -4,20 +4,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from cdff_common.codecs import CODECS, encode
+from cdff_common.codecs.dict_form import to_dict_form
 from cdff_common.errors import InputError
 from cdff_common.formats.payload import FORMATS, pose_value, to_file
-from cdff_common.output import format_of_suffix
+from cdff_common.json_form import jsonable
+from cdff_common.output import format_of_suffix, is_standard_output
+from cdff_common.value_text import value_lines
 
 
 def file_format(out: Path, type_name: str) -> str:
     """Return the format selected by the suffix of a file; raises InputError if the type does not have it."""
     if not type_name[:1].isupper():
         raise InputError(f"--out {out}: a {type_name} is printed: no --out")
+    if is_standard_output(out):
+        return next(iter(FORMATS.get(type_name, ("uper",))))
     return format_of_suffix(out, (*FORMATS.get(type_name, ()), *CODECS), type_name)
 
 
@@ -27,7 +33,7 @@ def file_bytes(value: Any, form: str) -> bytes:
 
 
 def printable(value: Any, provenance: Mapping[str, Any]) -> Any:
-    """Return the JSON form of a value: plain data and poses in full, other types as a summary."""
+    """Return the JSON form of a value: plain data and poses as they are, other types with a summary."""
     if value is None or isinstance(value, (bool, int, float, str, list, dict)):
         return value
     name = type(value).__name__
@@ -45,4 +51,19 @@ def printable(value: Any, provenance: Mapping[str, Any]) -> Any:
         **header_fields,
         "extent_m": None if extent is None else list(extent),
         "out": formats,
+        "value": jsonable(to_dict_form(value)),
     }
+
+
+def text(value: Any, provenance: Mapping[str, Any]) -> str:
+    """Return a value in words and units, plain data as JSON."""
+    if value is None or isinstance(value, (bool, int, float, str, list, dict)):
+        return json.dumps(value, indent=1, ensure_ascii=False)
+    formats = ", ".join((*FORMATS.get(type(value).__name__, ()), "uper"))
+    quality = provenance.get("quality", {})
+    state = (
+        [f"quality: {' '.join((quality['status'], *quality.get('reasons', ())))}"]
+        if "status" in quality
+        else []
+    )
+    return "\n".join([type(value).__name__, *value_lines(value), *state, f"formats of --out: {formats}"])

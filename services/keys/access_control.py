@@ -42,7 +42,13 @@ _GROUND_OFFERS = (
     f"{GROUND}/alarms/*",
     "*/@lead/*",
 )
-_PLAYER_OFFERS = ("*/sensor/**", f"{GROUND}/event/playback", "*/simulator/@rpc/**", "*/@alive/simulator")
+_PLAYER_OFFERS = (
+    "*/sensor/**",
+    f"{GROUND}/event/playback",
+    f"{GROUND}/player/@rpc/**",
+    "*/simulator/@rpc/**",
+    "*/@alive/simulator",
+)
 
 
 class Kind(StrEnum):

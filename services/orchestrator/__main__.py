@@ -12,16 +12,15 @@ import threading
 
 from cdff_common.bus import Bus, keys
 from cdff_common.cli import add_connect_option, add_profile_option
-from cdff_common.codecs import encode
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
-from cdff_common.types import TransformWithCovariance
 from services.alarm_reporter import AlarmReporter
 from services.memory_budget import memory_budget_mb, memory_check
 from services.orchestrator.leader import ProcessIdentity, claim
 from services.orchestrator.service import Orchestrator
+from services.warming import load_formats
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -39,8 +38,8 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
-        encode(TransformWithCovariance(), "uper")  # loads the schema before the first request
         profile = load_profile(args.profile)
+        load_formats()
         with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
             folder = make_folder(data_dir_of(args.data_dir) / "orchestrator")
             # Before the journal is opened: the current leader may write it.

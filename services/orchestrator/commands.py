@@ -8,17 +8,18 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, redirect_stdout
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from cdff_common.cli import add_connect_option
+from cdff_common.cli import add_connect_option, add_plot_option
 from cdff_common.clock import format_stamp, parse_stamp
 from cdff_common.errors import InputError
 from cdff_common.json_form import jsonable
-from cdff_common.output import check_file, format_of_suffix, write_file
+from cdff_common.output import check_file, format_of_suffix, is_standard_output, write_output
+from cdff_common.terminal import print_table
 
 if TYPE_CHECKING:
     from cdff_common.client import Answer, Client
@@ -81,7 +82,10 @@ def register_request(nouns: Any) -> None:
     parser.add_argument(
         "--explain", action="store_true", help="print the plan, its cost and alternatives without running it"
     )
-    parser.add_argument("--out", type=Path, help="file to which the payload is written")
+    parser.add_argument(
+        "--out", type=Path, help="file to which the payload is written; - for standard output"
+    )
+    add_plot_option(parser)
     add_connect_option(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run_request, print_text=_print_summary)
@@ -126,6 +130,7 @@ def run_request(args: argparse.Namespace) -> int:
     args.format = args.format or format_of(args.out, args.type)
     if args.out is not None:
         check_file(args.out)
+    _check_plot(args)
     options = cast("RequestOptions", {name: getattr(args, name) for name in RequestOptions.__annotations__})
     parameters_of(args.type, args.robot, **options)  # a malformed request is reported without a router
     with Client(args.connect, name="cdff request") as client:
@@ -156,18 +161,40 @@ def _show(data: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _output(answer: Answer, args: argparse.Namespace) -> None:
-    """Write the payload to a file, if given, and print a summary; without a file, also the value."""
+    """Write the payload and the plot, if requested; print a summary and the value in words.
+
+    With the payload on standard output the text is on standard error.
+    """
     from cdff_common.codecs.dict_form import to_dict_form
     from cdff_common.value_text import value_lines
 
     if args.out is not None:
-        write_file(args.out, answer.data)
+        write_output(args.out, answer.data)
+    if args.plot is not None:
+        from cdff_common.plots import figure_of, write_figure
+
+        write_figure(args.plot, figure_of({f"{args.type} of {answer.robot}": answer.value}))
     summary = answer.summary()
     if args.json and args.out is None and answer.value is not None:
         summary["value"] = to_dict_form(answer.value)
-    _show(summary, args)
-    if not args.json and answer.value is not None:
-        print("".join(f"  {line}\n" for line in value_lines(answer.value)), end="", flush=True)
+    with redirect_stdout(sys.stderr if is_standard_output(args.out) else sys.stdout):
+        _show(summary, args)
+        if not args.json and answer.value is not None:
+            print("".join(f"  {line}\n" for line in value_lines(answer.value)), end="", flush=True)
+
+
+def _check_plot(args: argparse.Namespace) -> None:
+    """Raise an error before the request if its plot cannot be drawn or written."""
+    if args.plot is None:
+        return
+    from cdff_common.codecs import CODECS
+    from cdff_common.plots import check_plot_file
+
+    check_plot_file(args.plot)
+    if args.format is not None and args.format not in CODECS:
+        raise InputError(
+            f"--plot draws the value, but --format {args.format} delivers a file: omit one of them"
+        )
 
 
 def _print_summary(summary: dict[str, Any], args: argparse.Namespace) -> None:
@@ -180,7 +207,7 @@ def _print_summary(summary: dict[str, Any], args: argparse.Namespace) -> None:
     for name, value in summary["delivered"].items():
         if value not in (None, []):
             print(f"  {name}: {value}")
-    if args.out is not None:
+    if args.out is not None and not is_standard_output(args.out):
         print(f"  written to {args.out}")
 
 
@@ -221,11 +248,13 @@ def _jobs(client: Client, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _print_jobs(data: dict[str, Any], _: argparse.Namespace) -> None:
+    rows = []
     for job in data["jobs"]:
         request = job["request"]
         region = f" {request['region']}" if request["region"] else ""
         reason = f"  ({job['reason']})" if job["reason"] else ""
-        print(f"{job['job']}  {job['state']:10}  {request['type']} of {request['robot']}{region}{reason}")
+        rows.append((job["job"], job["state"], f"{request['type']} of {request['robot']}{region}{reason}"))
+    print_table(("job", "state", "request"), rows)
 
 
 def _cancel(client: Client, args: argparse.Namespace) -> dict[str, Any]:
@@ -239,10 +268,11 @@ def _history(client: Client, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _print_history(data: dict[str, Any], _: argparse.Namespace) -> None:
+    rows = []
     for item in data["items"]:
         fields = " ".join(f"{name}={item[name]}" for name in _FIELDS if item.get(name) not in (None, "", []))
-        time = format_stamp(item["stamp_ns"])
-        print(f"{item['ordinal']:8} {time} {item['scope']:10} {item['kind']:10} {fields}")
+        rows.append((item["ordinal"], format_stamp(item["stamp_ns"]), item["scope"], item["kind"], fields))
+    print_table(("ordinal", "time", "scope", "kind", "fields"), rows)
 
 
 def _catalogue(client: Client, args: argparse.Namespace) -> dict[str, Any]:
@@ -282,6 +312,8 @@ def format_of(out: Path | None, product: str) -> str | None:
 
     formats = requested_type(product).formats
     try:
-        return None if out is None else format_of_suffix(out, formats, product)
+        if out is None or is_standard_output(out):
+            return None
+        return format_of_suffix(out, formats, product)
     except InputError as error:
         raise InputError(f"{error}; or select a format with --format") from error

@@ -13,6 +13,8 @@ from services.orchestrator.timing import REAL, Timing
 
 #: An alarm ends when the mode is confirmed, or after this time without a further demand, seconds.
 QUIET_S = 600.0
+#: Time after the start of the orchestrator in which a unit that does not run yet is no alarm, seconds.
+START_S = 15.0
 #: What the operator does, by kind.
 REMEDIES = {
     "mode_refused": "check the sensor; other modes and sensors are used meanwhile",
@@ -26,13 +28,18 @@ class ModeAlarms:
 
     def __init__(self, alarms: Alarms, timing: Timing = REAL) -> None:
         self._alarms, self._timing = alarms, timing
+        self._started_s = timing.now_s()
         self._lock = threading.Lock()
         self._failed_s: dict[tuple[str, str], float] = {}
 
     def report(self, sensor: SensorId, mode: str, error: CdffError) -> None:
-        """Begin the alarm of a failed demand; a lost sensor and other demands are none of the unit."""
+        """Begin the alarm of a failed demand; a lost sensor and other demands are none of the unit.
+
+        The services of a system start together: a demand to a unit that does not run yet is repeated.
+        """
         kind = _kind(error)
-        if kind:
+        is_starting = self._timing.now_s() - self._started_s < START_S
+        if kind and not (is_starting and isinstance(error, NoAnswerError)):
             source = _source(sensor, mode)
             with self._lock:
                 self._failed_s[kind, source] = self._timing.now_s()
@@ -44,7 +51,7 @@ class ModeAlarms:
             self._end(kind, _source(sensor, mode))
 
     def update(self) -> None:
-        """End the alarms of modes that were not demanded for a while; to be called periodically."""
+        """End each alarm whose mode has not failed for ``QUIET_S`` seconds; call it regularly."""
         limit_s = self._timing.now_s() - QUIET_S
         with self._lock:
             quiet = [key for key, failed_s in self._failed_s.items() if failed_s < limit_s]

@@ -57,7 +57,9 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder
     from cdff_common.process import data_dir_of, run_service
     from cdff_common.resources import resolve
+    from cdff_common.terminal import styled
     from services.supervisor.plan import first_scope, plan
+    from services.supervisor.readiness import ready_line
     from services.supervisor.supervisor import Supervisor
 
     if not args.profile:
@@ -84,7 +86,12 @@ def run_up(args: argparse.Namespace) -> int:
     )
     os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
     link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
-    return run_service("supervisor", Supervisor(specs, log_dir, link=link).run)
+    line = ready_line(specs, link[0], args.http, is_secure=args.secure is not None)
+
+    def announce() -> None:
+        print(styled(line, "green", sys.stdout), flush=True)
+
+    return run_service("supervisor", Supervisor(specs, log_dir, link=link, on_ready=announce).run)
 
 
 def register_service(nouns: Any) -> None:

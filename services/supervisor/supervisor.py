@@ -8,7 +8,7 @@ import logging
 import signal
 import subprocess
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from services.alarms import Alarms, Severity
 from services.supervisor.alarm_link import start_alarm_link
 from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
+from services.supervisor.readiness import Readiness, expected_tokens
 
 logger = logging.getLogger(__name__)
 
@@ -46,12 +47,15 @@ class Supervisor:
     limits : Limits, optional
     link : (str, str), optional
         Endpoint of the router, and scope of this supervisor: it publishes its alarms there.
+    on_ready : callable, optional
+        Called once when all services are alive; it needs the link.
     """
 
     specs: Sequence[ProcessSpec]
     log_dir: Path | None = None
     limits: Limits = field(default_factory=Limits)
     link: tuple[str, str] | None = None
+    on_ready: Callable[[], None] | None = None
     children: dict[str, Child] = field(default_factory=dict)
     alarms: Alarms = field(default_factory=Alarms)
 
@@ -62,7 +66,8 @@ class Supervisor:
         SIGKILL of the supervisor leaves no orphan.
         """
         if self.link is not None:
-            start_alarm_link(self.alarms, *self.link, stop)
+            readiness = self.on_ready and Readiness(expected_tokens(self.specs), self.on_ready)
+            start_alarm_link(self.alarms, *self.link, stop, readiness)
         polled_s = rotated_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"

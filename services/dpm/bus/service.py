@@ -30,7 +30,7 @@ from cdff_common.contract.queries import (
     UpdateParameters,
     WindowParameters,
 )
-from cdff_common.errors import CdffError, ClockSkewError, InputError, rpc_code
+from cdff_common.errors import CdffError, ClockSkewError, InputError, UnavailableError, rpc_code
 from dpm_store import Event, Rule
 from dpm_store.history.events import CHANGES, Actor, acting
 from services.dpm.bus.alarms import acknowledge, alarms
@@ -269,4 +269,7 @@ def _publish(bus: Bus, event: Event) -> None:
     if event.kind not in OWN_EVENTS:
         return
     body: dict[str, Any] = {"ordinal": event.ordinal, "stamp_ns": event.stamp_ns, **event.body}
-    bus.publish_map(keys.event(event.scope, event.kind), body, qos=Qos.CONTROL)
+    try:
+        bus.publish_map(keys.event(event.scope, event.kind), body, qos=Qos.CONTROL)
+    except UnavailableError as error:  # the last products of the recorder, stored when the bus is closed
+        logger.info("event %d: %s", event.ordinal, error)

@@ -154,19 +154,22 @@ def run_search(args: argparse.Namespace) -> int:
     from cdff_common.client import Client
     from cdff_common.clock import format_stamp
     from cdff_common.json_form import jsonable
+    from cdff_common.terminal import print_table
 
     with Client(args.connect, name="cdff dpm") as client:
         items = client.search(**search_arguments(args))
     if args.json:
-        print(json.dumps(jsonable(items)))
+        print(json.dumps(jsonable([dict(item) for item in items])))
         return 0
-    for item in items:
-        when = format_stamp(int(item["t1_ns"]))
-        status = item["quality"]["status"]
-        print(
-            f"{item['id']}  {item['product']:15} {item['robot']:10} {when}  {item['frame']}  "
-            f"{item['size']} B  {status}"
+    rows = [
+        (
+            *(item.id, item.product, item.robot, format_stamp(item.header.t1_ns), item.header.frame),
+            *(f"{item.size} B", item.header.quality.status),
         )
+        for item in items
+    ]
+    if rows:
+        print_table(("id", "product", "robot", "captured", "frame", "size", "quality"), rows)
     if not items:
         print("no products")
     return 0

@@ -10,10 +10,10 @@ from typing import Any
 from cdff_common.contract.names import GROUND
 from cdff_common.geodesy import Anchor, Body
 from cdff_common.geometry import checked_frame
+from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from dpm_store import Store
 from dpm_store.engine.array_columns import to_lists
 from dpm_store.frames.frames import LATEST, HistoryView
-from dpm_store.frames.poses import EXTRAPOLATION_LIMIT_NS
 from dpm_store.history.events import check_robot
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.queries.bodies import FrameEdge, NewAnchor

@@ -17,8 +17,11 @@ from cdff_common.types import PoseTrajectory, TransformWithCovariance
 
 def test_list_names_every_dfn_with_its_implementations(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["dfn", "list"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert any(line.split() == ["laser_filter", "NoiseFilter,", "BoxFilter"] for line in lines)
+    header, *lines = capsys.readouterr().out.splitlines()
+    assert header.split() == ["name", "implementations", "summary"]
+    line = next(line for line in lines if line.startswith("laser_filter "))
+    assert line.split()[1:3] == ["NoiseFilter,", "BoxFilter"]
+    assert line.endswith(".")
 
 
 def test_json_list_contains_load_failures_with_their_reason(
@@ -111,10 +114,8 @@ def test_an_operation_is_called_with_its_parameters_and_its_pose_is_printed(
     pose = UncertainTransform(se3.transform(np.eye(3), [1.0, 2.0, 3.0]), np.eye(6))
     value = TransformWithCovariance.from_transform(pose, parent="site", child="mana/head", stamp_ns=7_000)
     monkeypatch.setattr(ClientDouble, "value", value)
-    assert (
-        cli.main(["call", "mana", "Pom", "get_pose", "parent=site", "child=mana/head", "--timeout-s", "3"])
-        == 0
-    )
+    command = ["call", "mana", "Pom", "get_pose", "parent=site", "child=mana/head", "--timeout-s", "3"]
+    assert cli.main([*command, "--json"]) == 0
     assert client.calls == [
         ("mana", "position_manager", "get_pose", {"parent": "site", "child": "mana/head"}, 3.0)
     ]
@@ -126,6 +127,8 @@ def test_an_operation_is_called_with_its_parameters_and_its_pose_is_printed(
         2.0,
     )
     assert document["covariance_kind"] == "formal"
+    assert cli.main(command) == 0
+    assert "position: x 1.000, y 2.000, z 3.000 m\n" in capsys.readouterr().out
 
 
 def test_a_product_value_is_written_to_the_named_file(
@@ -152,6 +155,7 @@ def test_a_product_value_is_written_to_the_named_file(
     assert json.loads(capsys.readouterr().out)["type"] == "PoseTrajectory"
     assert cli.main([*command, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
+    assert document.pop("value")["metadata"]["parentFrameId"] == "site"
     assert document | {"extent_m": None} == {
         "type": "PoseTrajectory",
         "frame": "site",
@@ -159,6 +163,10 @@ def test_a_product_value_is_written_to_the_named_file(
         "extent_m": None,
         "out": ["tum", "npz", "geojson", "uper"],
     }
+    assert cli.main([*command, "--out", "-"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    assert cli.main([*command, "--plot", str(tmp_path / "route.png")]) == 0
+    assert (tmp_path / "route.png").read_bytes().startswith(b"\x89PNG")
     for ending in ("uper", "npz", "geojson"):
         assert cli.main([*command, "--out", str(tmp_path / f"route.{ending}")]) == 0
         assert (tmp_path / f"route.{ending}").stat().st_size > 0

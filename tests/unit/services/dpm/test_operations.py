@@ -6,10 +6,10 @@ import pytest
 from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.contract.queries import DeliveryParameters, SearchParameters, WindowParameters
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
+from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from cdff_common.interfaces.product import Header, Quality, Status
 from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
-from dpm_store.frames.poses import EXTRAPOLATION_LIMIT_NS
 from services.dpm.operations import retrieval
 from services.dpm.operations.dpm import Dpm
 

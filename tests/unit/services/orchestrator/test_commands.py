@@ -42,6 +42,8 @@ class ClientDouble:
         while True:
             yield self
 
+    robot = "mana"
+
     def summary(self) -> dict[str, Any]:
         return {
             "type": "TransformWithCovariance",
@@ -145,3 +147,22 @@ def test_a_malformed_region_is_reported_without_a_router(
     monkeypatch.setattr("cdff_common.client.Client", refused)
     assert cli.main(["request", "dem", "--region", "bbox:1,2"]) == 1
     assert "bbox:1,2" in capsys.readouterr().err
+
+
+def test_standard_output_has_the_payload_only(
+    client_double: None, capfdbinary: pytest.CaptureFixture[bytes]
+) -> None:
+    assert cli.main(["request", "pose", "--out", "-"]) == 0
+    captured = capfdbinary.readouterr()
+    assert captured.out == b"payload"
+    assert b"position: x 0.000" in captured.err
+
+
+def test_a_plot_is_drawn_of_the_value(
+    client_double: None, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    plot = tmp_path / "pose.svg"
+    assert cli.main(["request", "pose", "--plot", str(plot)]) == 0
+    assert "pose of mana" in plot.read_text()
+    assert cli.main(["request", "dem", "--format", "tif", "--plot", str(plot)]) == 1
+    assert "--format tif delivers a file" in capsys.readouterr().err

@@ -16,7 +16,7 @@ from cdff_common.errors import (
 )
 from cdff_core.orchestration.world import SensorId
 from services.alarms import Alarms
-from services.orchestrator.mode_alarms import QUIET_S, ModeAlarms
+from services.orchestrator.mode_alarms import QUIET_S, START_S, ModeAlarms
 from services.orchestrator.timing import Timing
 
 LIDAR = SensorId("mana", "lidar")
@@ -42,8 +42,9 @@ class ManualTiming(Timing):
     ],
 )
 def test_each_failure_has_its_alarm(error: CdffError, kinds: list[str]) -> None:
-    alarms = Alarms()
-    mode_alarms = ModeAlarms(alarms)
+    alarms, timing = Alarms(), ManualTiming()
+    mode_alarms = ModeAlarms(alarms, timing)
+    timing.seconds = START_S
     mode_alarms.report(LIDAR, "slow", error)
     assert [alarm.kind for alarm in alarms.active()] == kinds
     mode_alarms.confirm(LIDAR, "fast")
@@ -62,3 +63,12 @@ def test_an_alarm_ends_if_the_mode_is_not_demanded_again() -> None:
     timing.seconds = QUIET_S + 1.0
     mode_alarms.update()
     assert alarms.active() == []
+
+
+def test_a_unit_that_starts_after_the_orchestrator_is_no_alarm() -> None:
+    alarms, timing = Alarms(), ManualTiming()
+    mode_alarms = ModeAlarms(alarms, timing)
+    mode_alarms.report(LIDAR, "slow", NoAnswerError("no unit"))
+    assert alarms.active() == []
+    mode_alarms.report(LIDAR, "slow", DeadlineError("no answer"))
+    assert [alarm.kind for alarm in alarms.active()] == ["unit_silent"]
