@@ -17,35 +17,20 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
-from typing import Any
+from pathlib import Path
+from typing import Any, TextIO
 
+from cdff_common.command_parser import CommandParser
+from cdff_common.command_table import GROUPS, SUMMARIES
+from cdff_common.completion import complete, is_completing
 from cdff_common.errors import CdffError, InputError, RefusedError
+from cdff_common.extras import missing_extra
+from cdff_common.terminal import set_verbosity, styled
 
 GROUP = "cdff.commands"
 
-#: Modules that each extra of the distribution installs.
-EXTRAS = {
-    "core": [
-        "cv2",
-        "numba",
-        "laspy",
-        "lazrs",
-        "lzf",
-        "PIL",
-        "psutil",
-        "rasterio",
-        "rtree",
-        "scipy",
-        "shapely",
-        "small_gicp",
-    ],
-    "dpm": ["alembic", "cryptography", "fastapi", "pyproj", "sqlalchemy", "starlette", "uvicorn"],
-    "logs": ["rosbags"],
-    "plot": ["matplotlib"],
-    "simulate": ["open3d"],
-    "dev": ["evo", "jinja2"],
-    "evaluate": ["gtsam", "kiss_icp", "kiss_matcher"],
-}
+_DESCRIPTION = "Common Data Fusion Framework: fuse sensor data of robots, store and request products."
+_EXIT_CODES = "exit codes: 0 done, 1 known error, 2 usage, 3 the algorithm refused, 70 bug"
 
 EXIT_DONE = 0
 EXIT_ERROR = 1
@@ -60,9 +45,16 @@ Register = Callable[[Nouns], None]
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code; installed as the script ``cdff``."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if is_completing():
+        complete(build_parser)
     try:
+        if not arguments or arguments[0] in ("-h", "--help"):
+            (sys.stdout if arguments else sys.stderr).write(
+                help_text(sys.stdout if arguments else sys.stderr)
+            )
+            return EXIT_DONE if arguments else EXIT_USAGE
         parser = build_parser(arguments)
-        parsed = parser.parse_args(arguments)
+        parsed = parser.parse_command(arguments)
     except SystemExit as stop:  # argparse ends --help with 0 and usage errors with 2
         return stop.code if isinstance(stop.code, int) else EXIT_USAGE
     except CdffError as error:
@@ -71,7 +63,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     if run is None:
         (getattr(parsed, "help_parser", None) or parser).print_help(sys.stderr)
         return EXIT_USAGE
+    set_verbosity((parsed.verbose or 0) - (1 if parsed.quiet else 0))
     return run_safely(lambda: run(parsed))
+
+
+def help_text(stream: TextIO) -> str:
+    """Return the help of ``cdff``: the commands by purpose; only commands without a summary are imported."""
+    entries = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
+    others = _summaries([entry for entry in entries if entry.name not in SUMMARIES])
+    groups = GROUPS | {"other commands": others}
+    lines = ["usage: cdff COMMAND …", "", _DESCRIPTION]
+    for title, commands in groups.items():
+        if commands:
+            lines += ["", styled(title, "bold", stream)]
+            lines += [f"  {name:13} {summary}" for name, summary in commands.items()]
+    lines += ["", "cdff COMMAND --help shows its options; -v and -q set the amount of text.", _EXIT_CODES]
+    return "\n".join(lines) + "\n"
+
+
+def _summaries(entries: Sequence[EntryPoint]) -> dict[str, str]:
+    """Return the commands of entry points with their summaries, from their parsers."""
+    nouns = argparse.ArgumentParser().add_subparsers()
+    for entry in entries:
+        _register(entry, nouns, tolerant=True)
+    return {action.dest: action.help or "" for action in nouns._choices_actions}
 
 
 def run_safely(command: Callable[[], int]) -> int:
@@ -88,7 +103,7 @@ def run_safely(command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return 130
     except Exception as error:  # noqa: BLE001  the outermost frame: a bug is reported with its traceback
-        if hint := _missing_extra(error):
+        if hint := missing_extra(error):
             return _report(CdffError(hint))
         import traceback
 
@@ -117,6 +132,11 @@ def add_profile_option(parser: argparse.ArgumentParser, *, required: bool = Fals
     )
 
 
+def add_plot_option(parser: argparse.ArgumentParser) -> None:
+    """Add ``--plot``, a picture of the value."""
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the value: .png or .svg")
+
+
 def key_values(items: Sequence[str], what: str, expected: str, *, empty: bool = False) -> dict[str, str]:
     """Return ``KEY=VALUE`` items as a mapping; raises InputError on a malformed or repeated one.
 
@@ -133,20 +153,11 @@ def key_values(items: Sequence[str], what: str, expected: str, *, empty: bool = 
     return mapping
 
 
-def extra_of(module: str) -> str | None:
-    """Return the extra of the distribution that installs a module, None if no extra does."""
-    top = module.partition(".")[0]
-    return next((extra for extra, modules in EXTRAS.items() if top in modules), None)
-
-
-def build_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def build_parser(arguments: Sequence[str]) -> CommandParser:
     """Return the parser with the noun of the first argument, or with all nouns."""
-    parser = argparse.ArgumentParser(
-        prog="cdff",
-        description="Common Data Fusion Framework: fuse sensor data of robots, store and request products.",
-        epilog="exit codes: 0 done, 1 known error, 2 usage, 3 the algorithm refused, 70 bug",
-    )
-    parser.add_argument("--version", action="version", version=f"cdff {distribution_version()}")
+    parser = CommandParser(prog="cdff", description=_DESCRIPTION, epilog=_EXIT_CODES)
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    _add_verbosity(parser, default=None)
     nouns = parser.add_subparsers(title="commands", metavar="NOUN")
     commands = sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
     word = next((a for a in arguments if not a.startswith("-")), None)
@@ -154,6 +165,8 @@ def build_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     for entry in [e for e in commands if e.name == word]:
         _register(entry, nouns)
         registered.add(entry.value)
+    if word in nouns.choices:
+        _add_verbosity_to_commands(nouns.choices[word])
     if word is None or word not in nouns.choices:
         for entry in commands:
             # One function may be the entry point of several nouns.
@@ -171,6 +184,39 @@ def distribution_version() -> str:
         return "unknown"
 
 
+class _Version(argparse.Action):
+    """Print the version: it is read from the distribution only if requested."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"cdff {distribution_version()}")
+        parser.exit()
+
+
+def _add_verbosity(parser: argparse.ArgumentParser, default: Any) -> None:
+    if {"-v", "-q"} & set(parser._option_string_actions):
+        return
+    hidden = None if default is None else argparse.SUPPRESS
+    parser.add_argument(
+        "-v", "--verbose", action="count", default=default, help=hidden or "more log lines; -vv for all"
+    )
+    parser.add_argument(
+        "-q",
+        "--quiet",
+        action="store_true",
+        default=default,
+        help=hidden or "errors only, without warnings and progress",
+    )
+
+
+def _add_verbosity_to_commands(parser: argparse.ArgumentParser) -> None:
+    """Accept ``-v`` and ``-q`` after the words of a command, too."""
+    _add_verbosity(parser, argparse.SUPPRESS)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                _add_verbosity_to_commands(child)
+
+
 def _register(entry: EntryPoint, nouns: Nouns, *, tolerant: bool = False) -> None:
     """Load one entry point; a defect in it is an error, or a warning if ``tolerant``."""
     try:
@@ -184,17 +230,10 @@ def _register(entry: EntryPoint, nouns: Nouns, *, tolerant: bool = False) -> Non
     register(nouns)
 
 
-def _missing_extra(error: BaseException | None) -> str | None:
-    """Return how to install the library that an import did not find, None for other errors."""
-    if not isinstance(error, ModuleNotFoundError) or not error.name or not (extra := extra_of(error.name)):
-        return None
-    return f"{error.name} is not installed: pip install 'cdff[{extra}]'"
-
-
 def _report(error: CdffError) -> int:
-    message = _missing_extra(error.__cause__) or str(error)
+    message = missing_extra(error.__cause__) or str(error)
     line = " ".join(message.split()) or type(error).__name__
-    print(f"cdff: {line}", file=sys.stderr)
+    print(f"{styled('cdff:', 'red', sys.stderr)} {line}", file=sys.stderr)
     return EXIT_REFUSED if isinstance(error, RefusedError) else EXIT_ERROR
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import time
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 from cdff_common.errors import InputError
@@ -61,6 +61,7 @@ class ManualClock:
         self._now_ns = now_ns // 1000 * 1000
 
 
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMAL = re.compile(r"-?\d{1,19}\Z")
 
 
@@ -90,7 +91,19 @@ def _nanoseconds(text: str, name: str) -> int:
         raise InputError(f"{name}={text!r}: expected nanoseconds as a decimal or an RFC 3339 time") from error
     if moment.tzinfo is None:
         raise InputError(f"{name}={text!r}: expected a time zone, e.g. 2026-11-20T12:00:00Z")
-    delta = moment.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)
+    return from_datetime(moment)
+
+
+def to_datetime(stamp_ns: int) -> datetime:
+    """Return ``stamp_ns`` as a time in UTC with microseconds."""
+    return _EPOCH + timedelta(microseconds=stamp_ns // 1000)
+
+
+def from_datetime(moment: datetime) -> int:
+    """Return the ``stamp_ns`` of a time; raises InputError if it has no time zone."""
+    if moment.tzinfo is None:
+        raise InputError(f"{moment.isoformat()}: expected a time zone, such as datetime.now(UTC)")
+    delta = moment - _EPOCH
     return ((delta.days * 86_400 + delta.seconds) * 1_000_000 + delta.microseconds) * 1000
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logging of processes as JSON lines on standard error, or in files of bounded size.
+"""Logging of processes as JSON lines, on a terminal as text, or in files of bounded size.
 
 Libraries only call ``logging.getLogger``.
 """
@@ -16,6 +16,7 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 
 from cdff_common.clock import format_stamp, monotonic_s
+from cdff_common.terminal import styled
 
 #: Size at which a log file is rotated, and number of rotated files that are kept.
 LOG_BYTES, LOGS_KEPT = 16_000_000, 3
@@ -44,6 +45,24 @@ class JsonLines(logging.Formatter):
         if record.exc_info:
             line["traceback"] = self.formatException(record.exc_info)
         return json.dumps(line, default=str)
+
+
+class TextLines(logging.Formatter):
+    """Formatter of a record as a line for people: time, level, service, message; coloured by level."""
+
+    _COLOURS = {"WARNING": "yellow", "ERROR": "red", "CRITICAL": "red"}
+
+    def __init__(self, service: str) -> None:
+        super().__init__()
+        self._service = service
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the record as one line, followed by its traceback."""
+        time = format_stamp(int(record.created * 1e6) * 1000)[11:19]
+        style = self._COLOURS.get(record.levelname, "faint")
+        level = styled(f"{record.levelname:8}", style, sys.stderr)
+        line = f"{time} {level} {self._service}: {record.getMessage()}"
+        return line + (f"\n{self.formatException(record.exc_info)}" if record.exc_info else "")
 
 
 class RepetitionFilter(logging.Filter):
@@ -83,7 +102,7 @@ class RepetitionFilter(logging.Filter):
 
 
 def configure_logging(service: str, level: str = "INFO", folder: Path | None = None) -> None:
-    """Write every log record of this process as JSON lines.
+    """Write every log record of this process as JSON lines, or as text if standard error is a terminal.
 
     Parameters
     ----------
@@ -99,7 +118,8 @@ def configure_logging(service: str, level: str = "INFO", folder: Path | None = N
     if folder is not None:
         path = folder / f"{service}.log"
         handler = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=LOGS_KEPT, encoding="utf-8")
-    handler.setFormatter(JsonLines(service))
+    is_for_people = folder is None and sys.stderr.isatty()
+    handler.setFormatter(TextLines(service) if is_for_people else JsonLines(service))
     handler.addFilter(RepetitionFilter())
     root = logging.getLogger()
     root.handlers[:] = [handler]

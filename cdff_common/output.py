@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -34,7 +35,9 @@ def make_folder(path: Path) -> Path:
 
 
 def check_file(path: Path) -> None:
-    """Raise StorageError if a file cannot be written at ``path``."""
+    """Raise StorageError if a file cannot be written at ``path``; ``-`` is standard output."""
+    if is_standard_output(path):
+        return
     if path.is_dir():
         raise StorageError(f"{path}: cannot be written: it is a folder, expected a file name")
     if not path.parent.is_dir():
@@ -63,16 +66,30 @@ def replace_file(path: Path, data: bytes, *, sync: bool = False) -> None:
         raise
 
 
-def format_of_suffix(path: Path, known: Sequence[str], type_name: str) -> str:
+def format_of_suffix(path: Path, known: Sequence[str], type_name: str, option: str = "--out ") -> str:
     """Return the format selected by the suffix of a file; raises InputError if it is not among ``known``."""
     suffix = path.suffix.lower().removeprefix(".")
     form = _SUFFIXES.get(suffix, suffix)
     if form not in known:
         raise InputError(
-            f"--out {path}: the suffix {path.suffix!r} is no format of a {type_name}, expected one of "
+            f"{option}{path}: the suffix {path.suffix!r} is no format of a {type_name}, expected one of "
             f"{', '.join(f'.{k}' for k in known)}"
         )
     return form
+
+
+def is_standard_output(path: Path | None) -> bool:
+    """Return whether an output file is ``-``, the standard output."""
+    return str(path) == "-"
+
+
+def write_output(path: Path, data: bytes) -> None:
+    """Write a file, or for ``-`` to standard output; raises StorageError."""
+    if is_standard_output(path):
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+    else:
+        write_file(path, data)
 
 
 def write_file(path: Path, data: bytes) -> None:

@@ -7,12 +7,16 @@ In a checkout they are in ``deploy/``; a wheel carries them as package data.
 
 from __future__ import annotations
 
+from itertools import takewhile
 from pathlib import Path
 
 from cdff_common.errors import ConfigurationError
+from cdff_common.terminal import first_sentence
 
 #: Name of one file of each kind, for messages.
 _SINGULAR = {"profiles": "profile", "missions": "mission", "demo": "demonstration", "simulation": "scenario"}
+#: Comments about the licence and the schema.
+_NO_DESCRIPTION = ("# SPDX", "# yaml-language-server")
 _PACKAGE = Path(__file__).resolve().parent
 
 
@@ -25,6 +29,17 @@ def deploy_folder() -> Path:
 def shipped_names(kind: str) -> list[str]:
     """Return the names of the files of one kind, for example ``profiles``."""
     return sorted(path.stem for path in (deploy_folder() / kind).glob("*.yaml"))
+
+
+def summary_of(kind: str, name: str) -> str:
+    """Return the first sentence that describes a shipped file: of ``doc:``, else of its first comment."""
+    lines = (deploy_folder() / kind / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    doc = next((line.removeprefix("doc:").strip() for line in lines if line.startswith("doc:")), None)
+    if doc is not None:
+        return first_sentence(doc)
+    comments = takewhile(lambda line: line.startswith("#"), lines)
+    texts = [line.lstrip("# ") for line in comments if not line.startswith(_NO_DESCRIPTION)]
+    return first_sentence(" ".join(texts))
 
 
 def resolve(kind: str, name: str | Path) -> Path:

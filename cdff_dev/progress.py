@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from typing import TextIO
+
+from cdff_common.terminal import is_quiet
 
 _BAR_WIDTH = 30
 #: Seconds between updates on a terminal, and between lines elsewhere.
@@ -29,13 +32,15 @@ class Progress:
     def __init__(self, total: int, unit: str, out: TextIO | None = None) -> None:
         self._total, self._unit = total, unit
         self._out = sys.stderr if out is None else out
-        self._is_terminal = self._out.isatty()
+        self._is_terminal, self._is_quiet = self._out.isatty(), is_quiet()
         self._start_s = self._shown_s = time.monotonic()
         self._count = 0
 
     def advance(self) -> None:
         """Count an item."""
         self._count += 1
+        if self._is_quiet:
+            return
         now_s = time.monotonic()
         if now_s - self._shown_s >= (_ON_TERMINAL_S if self._is_terminal else _LINES_S):
             self._shown_s = now_s
@@ -44,9 +49,14 @@ class Progress:
             )
             self._out.flush()
 
+    def advance_to(self, count: int) -> None:
+        """Set the number of items that are done."""
+        self._count = count - 1
+        self.advance()
+
     def close(self) -> None:
         """Remove the bar."""
-        if self._is_terminal:
+        if self._is_terminal and not self._is_quiet:
             self._out.write("\r\x1b[K")
             self._out.flush()
 
@@ -62,3 +72,17 @@ class Progress:
         if self._total:
             line += f", {max(0, self._total - self._count) / rate:.0f} s left"
         return line
+
+
+def progress_of(unit: str) -> Callable[[int, int], None]:
+    """Return a callback of numbers of items, done and in total, that shows their progress."""
+    progress: list[Progress] = []
+
+    def report(done: int, total: int) -> None:
+        if not progress:
+            progress.append(Progress(total, unit))
+        progress[0].advance_to(done)
+        if done == total:
+            progress.pop().close()
+
+    return report

@@ -14,12 +14,13 @@ import zenoh
 
 from cdff_common.bus import keys, rpc
 from cdff_common.bus.identity import Identity
-from cdff_common.bus.message import Message, Reply, on_map, pack
+from cdff_common.bus.message import Message, Reply, encoding_argument, on_map, pack
 from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
 from cdff_common.clock import monotonic_s
+from cdff_common.errors import UnavailableError
 from cdff_common.loops import Loops
 from cdff_common.mission_clock import MissionClock
 
@@ -134,17 +135,20 @@ class Bus:
         attachment: bytes = b"",
         qos: Qos = Qos.PRODUCT,
     ) -> None:
-        """Publish one message."""
+        """Publish one message; raises UnavailableError if the bus is closed."""
         priority, congestion_control, express = qos.value
-        self._session.put(
-            key,
-            payload,
-            encoding=encoding or None,
-            attachment=attachment or None,
-            priority=priority,
-            congestion_control=congestion_control,
-            express=express,
-        )
+        try:
+            self._session.put(
+                key,
+                payload,
+                encoding=encoding_argument(encoding),
+                attachment=attachment or None,
+                priority=priority,
+                congestion_control=congestion_control,
+                express=express,
+            )
+        except zenoh.ZError as error:
+            raise UnavailableError(f"{key} is not published: {error}") from error
 
     def publish_map(self, key: str, body: Mapping[str, Any], *, qos: Qos = Qos.CONTROL) -> None:
         """Publish a MessagePack map, such as an event or a clock tick."""

@@ -73,6 +73,11 @@ def icu_rpc(scope: str, verb: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/icu/@rpc/{_chunk('verb', verb)}"
 
 
+def player_rpc(scope: str, verb: str) -> str:
+    """Return the call key of a player of a log: ``status pause resume step speed stop``."""
+    return f"{PREFIX}/{_chunk('scope', scope)}/player/@rpc/{_chunk('verb', verb)}"
+
+
 def dpm_rpc(scope: str, verb: str) -> str:
     """Return the DPM's call key: ``search get put put_all update delete pose frames …``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/dpm/@rpc/{_chunk('verb', verb)}"

@@ -26,6 +26,22 @@ logger = logging.getLogger(__name__)
 
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
+#: Largest encoding string; Zenoh cannot send a longer one, and its session is unusable after the attempt.
+_MAX_ENCODING_BYTES = 255
+
+
+def encoding_argument(encoding: str) -> str | None:
+    """Return an encoding string as Zenoh takes it, None for an empty one.
+
+    Raises
+    ------
+    InputError
+        If it is too long to be sent.
+    """
+    size = len(encoding.encode())
+    if size > _MAX_ENCODING_BYTES:
+        raise InputError(f"encoding {encoding[:40]!r}: {size} bytes, expected at most {_MAX_ENCODING_BYTES}")
+    return encoding or None
 
 
 @dataclass(frozen=True, slots=True)

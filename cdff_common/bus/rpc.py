@@ -20,6 +20,7 @@ import zenoh
 from cdff_common.bus.message import (
     Reply,
     Request,
+    encoding_argument,
     error_body,
     error_of,
     format_parameters,
@@ -117,7 +118,7 @@ class CallServer:
                 query.reply(
                     reply.key or key,
                     reply.payload,
-                    encoding=reply.encoding or None,
+                    encoding=encoding_argument(reply.encoding),
                     attachment=pack({"kind": "result", "final": True, **reply.attachment}),
                 )
         except CdffError as raised:
@@ -200,7 +201,7 @@ def call_stream(
     replies = session.get(
         selector,
         payload=payload or None,
-        encoding=encoding or None,
+        encoding=encoding_argument(encoding),
         attachment=attachment or None,
         timeout=timeout_s,
         consolidation=zenoh.ConsolidationMode.NONE,

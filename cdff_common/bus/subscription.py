@@ -69,6 +69,14 @@ class Subscription:
             self._thread.join(timeout=2.0)
         self._loops.remove(self._loop)
 
+    def finish(self, timeout_s: float) -> None:
+        """Stop the subscription after its callback has received the messages that have arrived."""
+        self._subscriber.undeclare()
+        self._wake.put(False)
+        self._thread.join(timeout_s)
+        self._closed = True
+        self._loops.remove(self._loop)
+
     def _take(self, sample: zenoh.Sample) -> None:
         with self._ring_lock:
             full = len(self._ring) >= self._depth

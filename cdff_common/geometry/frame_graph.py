@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from cdff_common.errors import ConflictError, ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry.uncertain_transform import UncertainTransform, interpolate
 
+#: Distance in time from a track within which its nearest pose is used for a frame: one fifth of a second.
+EXTRAPOLATION_LIMIT_NS = 200_000_000
 _FRAME = re.compile(r"[a-z0-9_]+(/[a-z0-9_]+)*\Z")
 
 
@@ -69,6 +71,16 @@ class PoseTrack:
                 evicted = True
         self.stamps_ns[:cut] = [self.stamps_ns[i] for i in sorted(retained)]
         self.gap_ends = {s for s in self.gap_ends if s in self.poses and s != self.stamps_ns[0]}
+
+    def gap_ns(self, stamp_ns: int) -> int:
+        """Return the largest distance in time from ``stamp_ns`` to the poses next to it, 0 at a pose.
+
+        Of several tracks of one frame, the one with the smallest gap is the best at this time.
+        """
+        i = bisect_left(self.stamps_ns, stamp_ns)
+        if i < len(self.stamps_ns) and self.stamps_ns[i] == stamp_ns:
+            return 0
+        return max((abs(stamp_ns - s) for s in self.stamps_ns[max(i - 1, 0) : i + 1]), default=0)
 
     def at(self, stamp_ns: int, name: str = "pose") -> UncertainTransform:
         """Return the pose at ``stamp_ns``; ``name`` names the pose in error messages.

@@ -123,7 +123,7 @@ class DfpcContext:
     limits : mapping of str to float
         Limits of the rover in the profile: ``max_slope_deg``, ``max_step_m``, ``width_m``, ….
     sensors : mapping of str to mapping
-        Entry of each sensor in the profile (frame, calibration).
+        Entry of each sensor in the profile.
     seed : int
         Seed of all random numbers.
     urdf : str

@@ -10,12 +10,13 @@ from __future__ import annotations
 import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from datetime import datetime
 from enum import StrEnum
 from typing import Any
 
 import msgpack
 
-from cdff_common.clock import MAX_STAMP_NS
+from cdff_common.clock import MAX_STAMP_NS, to_datetime
 from cdff_common.errors import CdffError, CodecError, InputError, RefusedError
 from cdff_common.geometry import checked_frame
 from cdff_common.geometry.region import MAX_CORNERS
@@ -168,13 +169,13 @@ class Header:
     producer: str
     child: str | None = None
     config_hash: str = ""
-    inputs: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = field(default=(), repr=False)
     quality: Quality = field(default_factory=Quality)
     box_m: tuple[float, float, float, float, float, float] | None = None
     resolution_m: float | None = None
     sha256: str | None = None
-    footprint_m: tuple[float, ...] | None = None
-    signature: str | None = field(default=None, compare=False)
+    footprint_m: tuple[float, ...] | None = field(default=None, repr=False)
+    signature: str | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.t0_ns % 1000 or self.t1_ns % 1000 or self.t0_ns > self.t1_ns:
@@ -189,6 +190,11 @@ class Header:
             raise InputError(
                 f"footprint_m of {len(ring)} numbers: expected x, y of 3 to {MAX_CORNERS} corners"
             )
+
+    @property
+    def captured(self) -> datetime:
+        """End of capture, UTC."""
+        return to_datetime(self.t1_ns)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the dict form with the public field names, without absent fields."""

@@ -159,7 +159,6 @@ class Sensor(StrictModel):
     transitions: dict[Name, dict[Name, NonNegativeFloat]] = {}
     refuses: tuple[Name, ...] = ()
     range_m: PositiveFloat | None = None
-    calibration: dict[str, Any] = {}
     mask: str = ""
     mask_right: str = ""
 
@@ -363,7 +362,7 @@ class Body(StrictModel):
     Attributes
     ----------
     name : str
-        A body of the IAU or of the registry (``cdff dpm bodies``), or a custom one with ``crs`` or
+        A body of the IAU or of the registry (``GET /api/v1/bodies``), or a custom one with ``crs`` or
         ``radii_m``.
     kind : str
         Kind of a custom body: planet, moon, asteroid, comet, …

@@ -97,13 +97,13 @@ def _slope(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) 
     return _inner(np.degrees(slope_rad(heights, cell_m)))
 
 
-_VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 RENDERINGS = {
     "elevation": ElevationStyle("Height", "m", -8.0, 8.0, _ramp(*GROUND), lambda h, _v, _m: _inner(h)),
     "hillshade": ElevationStyle("Shaded relief", "1", 1.0, 255.0, _ramp((0, 0, 0), (255, 255, 255)), _shade),
-    "slope": ElevationStyle("Slope", "deg", 0.0, 40.0, _ramp(*_VIRIDIS), _slope),
+    "slope": ElevationStyle("Slope", "deg", 0.0, 40.0, _ramp(*VIRIDIS), _slope),
     "variance": ElevationStyle(
-        "Variance of the height", "m2", 0.0, 0.01, _ramp(*_VIRIDIS), lambda _h, v, _m: _inner(v)
+        "Variance of the height", "m2", 0.0, 0.01, _ramp(*VIRIDIS), lambda _h, v, _m: _inner(v)
     ),
 }
 
@@ -134,7 +134,7 @@ NAVIGATION = {
         np.vstack([CLASS_COLORS[:, :3], np.zeros((252, 3), np.uint8)]),
         _classes,
     ),
-    "cost": NavigationStyle("Cost of driving", "1", 0.0, 1.0, _ramp(*_VIRIDIS), _cost),
+    "cost": NavigationStyle("Cost of driving", "1", 0.0, 1.0, _ramp(*VIRIDIS), _cost),
 }
 
 

@@ -15,6 +15,7 @@ from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types.frame_ext import DEPTH_DTYPES, depth_of
 from cdff_common.types.message import Box, Message, box_around
+from cdff_common.types.summary import array_text
 
 
 class GridLayerExt(Message):
@@ -31,6 +32,12 @@ class GridLayerExt(Message):
         depth = depth_of(array.dtype, f"layer {name}")
         dense = np.ascontiguousarray(array, dtype=DEPTH_DTYPES[depth])
         return types.GridLayer(name, depth, dense.reshape(-1).view(np.uint8))
+
+    def __repr__(self) -> str:
+        """Return name, dtype and range of the layer."""
+        dtype = np.dtype(DEPTH_DTYPES[self.depth])
+        cells = self.data if len(self.data) % dtype.itemsize else self.data.view(dtype)
+        return f"GridLayer({self.name!r}, {array_text(cells)})"
 
 
 class _LayeredMap(Message):

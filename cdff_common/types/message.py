@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from cdff_common.errors import InputError
+from cdff_common.types.conversions import Conversions
 from cdff_common.types.schema import fields_of
 from cdff_common.types.schema_table import CHOICES, LARGE, MESSAGES
+from cdff_common.types.summary import message_html, message_text
 from cdff_common.types.validation import Check, check_of, same
-
-_REPR_ELEMENTS = 16
 
 #: ``xmin ymin zmin xmax ymax zmax``, metres.
 Box = tuple[float, float, float, float, float, float]
@@ -92,7 +92,7 @@ COLUMNS = {
 }
 
 
-class Message:
+class Message(Conversions):
     """Base of every type: immutable, compared by value, not hashable."""
 
     __slots__ = ()
@@ -120,9 +120,12 @@ class Message:
         return type(self), tuple(getattr(self, f.name) for f in fields(self))  # type: ignore[arg-type]
 
     def __repr__(self) -> str:
-        """Return the fields, large arrays as dtype and shape."""
-        parts = ", ".join(f"{f.name}={_brief(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
-        return f"{type(self).__name__}({parts})"
+        """Return the fields, large arrays as dtype, shape and range."""
+        return message_text(self)
+
+    def _repr_html_(self) -> str:
+        """Return the content and the fields for notebooks."""
+        return message_html(self)
 
     def _check_consistency(self) -> None:
         """Check the conditions on several fields, after the validation of each."""
@@ -214,14 +217,6 @@ def _checks(name: str) -> tuple[tuple[str, str, Check], ...]:
     """Return attribute, path for error messages and check of each field or alternative of a type."""
     node = CHOICES.get(name) or MESSAGES[LARGE.get(name, name)]
     return tuple((f.attribute, f"{node.class_name}.{f.attribute}", check_of(f.node)) for f in fields_of(node))
-
-
-def _brief(value: Any) -> str:
-    if isinstance(value, np.ndarray):
-        return repr(value.tolist()) if value.size <= _REPR_ELEMENTS else f"<{value.dtype} {value.shape}>"
-    if isinstance(value, tuple) and len(value) > _REPR_ELEMENTS:
-        return f"<tuple of {len(value)}>"
-    return repr(value)
 
 
 def box_around(positions: Any) -> Box | None:

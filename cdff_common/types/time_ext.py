@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from datetime import datetime
+
 from cdff_common import types
-from cdff_common.clock import MAX_STAMP_NS, NS_PER_S
+from cdff_common.clock import MAX_STAMP_NS, NS_PER_S, to_datetime
 from cdff_common.errors import InputError
 from cdff_common.types.message import Message
 
@@ -47,6 +49,10 @@ class TimeExt(Message):
         if abs(ns) > MAX_STAMP_NS:
             raise InputError(f"Time.microseconds={self.microseconds}: its nanoseconds do not fit 64 bits")
         return ns
+
+    def to_datetime(self) -> datetime:
+        """Return the time in UTC, without leap seconds."""
+        return to_datetime(self.ns)
 
     @property
     def stamp_ns(self) -> int:

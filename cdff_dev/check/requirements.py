@@ -54,7 +54,7 @@ def read_requirements(root: Path) -> list[Requirement]:
 
 
 def named_by_tests(root: Path) -> dict[str, list[str]]:
-    """Return the tests, such as ``tests/unit/…/test_x.py::test_y``, that name each requirement, by its id."""
+    """Return the tests, such as ``tests/…/test_x.py::test_y``, that name each requirement, by its id."""
     tests_of: dict[str, list[str]] = {}
     for path in sorted((root / "tests").rglob("test_*.py")):
         name = path.relative_to(root).as_posix()

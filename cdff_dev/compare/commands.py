@@ -17,13 +17,14 @@ Results = tuple[Mapping[str, Any], Callable[[Any], str]]
 
 def register(nouns: Any) -> None:
     """Add ``cdff eval`` with its verbs."""
-    parser = nouns.add_parser("eval", help="compare results with ground truth")
+    parser = nouns.add_parser("eval", help="compare results with ground truth, or two runs with each other")
     parser.set_defaults(help_parser=parser)  # prints its help if no verb is given
     verbs = parser.add_subparsers(metavar="VERB")
     for add_parser, compare in (
         (_add_dem, _dem),
         (_add_registration, _registration),
         (_add_trajectory, _trajectory),
+        (_add_compare, _compare),
     ):
         verb = add_parser(verbs)
         verb.add_argument("--json", action="store_true", help="print JSON")
@@ -78,6 +79,25 @@ def _dem(args: argparse.Namespace) -> Results:
     return results, table
 
 
+def _add_compare(verbs: Any) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        "compare",
+        help="compare two runs",
+        description="Prints the differences of two folders of cdff slam, vo, dem, run or replay: "
+        "configuration, quality, cost, trajectories and maps (B is the reference, without alignment), and "
+        "answers to requests.",
+    )
+    parser.add_argument("a", metavar="A", type=Path, help="folder of a run")
+    parser.add_argument("b", metavar="B", type=Path, help="folder of another run")
+    return parser
+
+
+def _compare(args: argparse.Namespace) -> Results:
+    from cdff_dev.compare.runs import compare_runs, table
+
+    return compare_runs(args.a, args.b), table
+
+
 def _add_registration(verbs: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = verbs.add_parser(
         "registration",
@@ -128,7 +148,8 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
         help="compare an estimated trajectory with a reference",
         description="Prints absolute and relative errors, drift by path length, and the NEES of the "
         "covariances. A trajectory is a TUM file, a KITTI pose file (12 numbers per line; 100 ms between "
-        "poses) or a log with poses.",
+        "poses), a CSV file of EuRoC or a log with poses (bag, MCAP, …). Poses whose stamps are repeated "
+        "or not in order are dropped and counted.",
     )
     parser.add_argument("estimate", metavar="EST")
     parser.add_argument("reference", metavar="REF")
@@ -166,7 +187,7 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
         "longer than 100 m, else 5,10,20,50,100",
     )
     parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="write an SVG with both paths from above and the errors"
+        "--plot", type=Path, metavar="FILE", help="draw both paths and the errors by axis: .png or .svg"
     )
     return parser
 
@@ -181,6 +202,10 @@ def _trajectory(args: argparse.Namespace) -> Results:
         segments = None if args.segments_m is None else [float(w) for w in args.segments_m.split(",")]
     except ValueError as error:
         raise InputError(f"--segments-m {args.segments_m}: expected metres separated by commas") from error
+    if args.plot is not None:
+        from cdff_common.plots import check_plot_file
+
+        check_plot_file(args.plot)
     comparison = compare(
         read_track(args.estimate, args.est_stream),
         read_track(args.reference, args.ref_stream),
@@ -192,9 +217,8 @@ def _trajectory(args: argparse.Namespace) -> Results:
         segments_m=segments,
     )
     if args.plot is not None:
-        from cdff_common.output import check_file, write_file
+        from cdff_common.plots import write_figure
         from cdff_dev.compare.trajectory.plot import draw
 
-        check_file(args.plot)
-        write_file(args.plot, draw(comparison).encode())
+        write_figure(args.plot, draw(comparison))
     return comparison.results, table

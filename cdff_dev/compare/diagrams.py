@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from cdff_common.plots import figure_bytes
 
 #: Size of a diagram with the view from above and the errors along the path, inches.
 _SIZE_IN = (10.4, 3.6)
@@ -19,10 +19,7 @@ _SIZE_IN = (10.4, 3.6)
 
 def svg_text(figure: Figure) -> str:
     """Return the SVG element of a figure; texts are text elements, and equal figures give equal bytes."""
-    out = io.StringIO()
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cdff"}):
-        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-    return out.getvalue()[out.getvalue().index("<svg") :]
+    return figure_bytes(figure, "svg").decode()
 
 
 def plan_and_errors(

@@ -6,9 +6,15 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from cdff_dev.doctor.checks import Finding
+
+_COLOURS = {"ok": "green", "warning": "yellow", "error": "red"}
 _MARKS = {"ok": "ok     ", "warning": "warning", "error": "ERROR  "}
 
 
@@ -34,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Print every finding; return 1 if one is an error."""
     from cdff_common.bus.session import endpoint
     from cdff_common.process import data_dir_of
+    from cdff_common.terminal import styled
     from cdff_dev.doctor.checks import examine
 
     findings = []
@@ -41,7 +48,18 @@ def run(args: argparse.Namespace) -> int:
         findings.append(finding)
         if not args.json:
             advice = f"  ({finding.advice})" if finding.advice else ""
-            print(f"{_MARKS[finding.state]} {finding.check:18} {finding.detail}{advice}", flush=True)
-    if args.json:
-        print(json.dumps([asdict(f) for f in findings], indent=1))
+            mark = styled(_MARKS[finding.state], _COLOURS[finding.state], sys.stdout)
+            print(f"{mark} {finding.check:18} {finding.detail}{advice}", flush=True)
+    print(json.dumps([asdict(f) for f in findings], indent=1) if args.json else conclusion(findings))
     return 1 if any(f.state == "error" for f in findings) else 0
+
+
+def conclusion(findings: Sequence[Finding]) -> str:
+    """Return one line: whether the machine can run the system, and the checks that need attention."""
+    errors = [f.check for f in findings if f.state == "error"]
+    warnings = [f.check for f in findings if f.state == "warning"]
+    if errors:
+        line = f"this machine cannot run the system: {', '.join(errors)}"
+    else:
+        line = "this machine can run the system"
+    return line + (f"; warnings: {', '.join(warnings)}" if warnings else "")

@@ -13,14 +13,49 @@ from typing import Any
 def register(nouns: Any) -> None:
     """Add the parser of ``cdff new``."""
     parser = nouns.add_parser(
-        "new", help="write the files of a new DFN or DFPC: description, interface, skeleton, test, page"
+        "new",
+        help="write the files of a new DFN or DFPC (description, interface, skeleton, test, page), or a "
+        "profile from a log",
     )
-    parser.add_argument("kind", choices=["dfn", "dfpc"])
-    parser.add_argument("name", help="name as a class or a folder: LaserFilter or laser_filter")
+    parser.add_argument("kind", choices=["dfn", "dfpc", "profile"])
+    parser.add_argument(
+        "name", help="name as a class or a folder, LaserFilter or laser_filter; for a profile, the log"
+    )
     parser.add_argument(
         "--root", type=Path, default=None, help="the checkout (default: that of this command)"
     )
-    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--out", metavar="FILE", type=Path, help="file of the profile (default: LOG.yaml in this folder)"
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    return write_profile(args) if args.kind == "profile" else run(args)
+
+
+def write_profile(args: argparse.Namespace) -> int:
+    """Write a profile for the robots of a log; raises InputError if the file exists."""
+    import re
+    from contextlib import closing
+
+    from cdff_common.errors import InputError
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_common.output import write_file
+    from cdff_dev.logs import open_log
+    from cdff_dev.new.profile import profile_text
+
+    stem = re.sub(r"[^a-z0-9_]+", "_", Path(args.name).resolve().stem.lower()).strip("_") or "robot"
+    out: Path = args.out or Path(f"{stem}.yaml")
+    if out.exists():
+        raise InputError(f"{out} exists: name another file with --out")
+    with closing(open_log(args.name)) as log:
+        write_file(out, profile_text(log, args.name, stem).encode())
+    profile = load_profile(out)
+    names = ", ".join(entry.name for robot in profile.robots for entry in robot.dfpcs) or "none"
+    print(f"wrote {out}: robots {', '.join(profile.robot_ids)}; DFPCs {names}")
+    print(f"next: enter mounts and limits in {out}, then cdff up --profile {out}")
+    return 0
 
 
 def run(args: argparse.Namespace) -> int:

@@ -8,7 +8,12 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from cdff_common.cli import add_plot_option
+
+if TYPE_CHECKING:
+    from cdff_dev.run.execution import Result
 
 
 def register(nouns: Any) -> None:
@@ -44,8 +49,13 @@ def register(nouns: Any) -> None:
         help="a parameter, which precedes --config; dots address nested keys: register_fine.tukey=2.5",
     )
     parser.add_argument(
-        "--out", required=True, metavar="DIR", help="folder for outputs.json and the output files"
+        "--out",
+        required=True,
+        metavar="DIR",
+        help="folder for outputs.json and the output files; - for outputs.json with the whole values on "
+        "standard output, without files",
     )
+    add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print outputs.json")
     parser.set_defaults(run=run)
 
@@ -53,23 +63,42 @@ def register(nouns: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Read the inputs, run, and write the outputs; return 0, or 3 if the algorithm refused."""
     from cdff_common.cli import key_values
+    from cdff_common.output import is_standard_output
     from cdff_dev.run.execution import execute
-    from cdff_dev.run.outputs import write_outputs
+    from cdff_dev.run.outputs import drawn_values, output_document, write_outputs
     from cdff_dev.run.parameters import parameters
 
+    if args.plot is not None:
+        from cdff_common.plots import check_plot_file, figure_of, write_figure
+
+        check_plot_file(args.plot)
+    out = Path(args.out)
     config = parameters(args.config, [item for group in args.settings for item in group])
     result = execute(args.name, key_values(args.inputs, "input", "PORT=FILE"), config, args.implementation)
-    report = write_outputs(result, Path(args.out))
-    if args.json:
+    to_stdout = is_standard_output(out)
+    report = output_document(result) if to_stdout else write_outputs(result, out)
+    failed = report["quality"]["status"] == "FAILED"
+    if args.plot is not None and not failed:
+        write_figure(args.plot, figure_of(drawn_values(result)))
+    if to_stdout or args.json:
         print(json.dumps(report, indent=1))
     else:
-        quality = report["quality"]
-        print(f"{result.name}: {quality['status']} in {report['cpu_s']:.2f} s of CPU", file=sys.stderr)
-        for reason in quality["reasons"]:
-            print(f"  {reason}", file=sys.stderr)
-        for port, entry in report["outputs"].items():
-            if "file" in entry:
-                print(Path(args.out) / entry["file"])
-            elif "value" in entry:
-                print(f"{port} = {json.dumps(entry['value'])}")
-    return 3 if report["quality"]["status"] == "FAILED" else 0
+        _print_report(result, report, out)
+    return 3 if failed else 0
+
+
+def _print_report(result: Result, report: dict[str, Any], folder: Path) -> None:
+    """Print quality and cost to standard error; files, and values in words, to standard output."""
+    from cdff_dev.run.outputs import value_text
+
+    quality = report["quality"]
+    print(f"{result.name}: {quality['status']} in {report['cpu_s']:.2f} s of CPU", file=sys.stderr)
+    for reason in quality["reasons"]:
+        print(f"  {reason}", file=sys.stderr)
+    for port, entry in report["outputs"].items():
+        if "file" in entry:
+            print(folder / entry["file"])
+        elif "value" in entry:
+            print(f"{port} = {json.dumps(entry['value'])}")
+        for line in value_text(result, port):
+            print(f"  {line}")

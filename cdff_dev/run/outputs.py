@@ -25,6 +25,9 @@ from cdff_common.interfaces.product import Status
 from cdff_common.json_form import jsonable
 from cdff_common.output import storage_errors
 from cdff_common.types import Frame
+from cdff_common.types.message import Message
+from cdff_common.types.summary import array_text
+from cdff_common.value_text import value_lines
 from cdff_dev.run.cameras import camera_document
 from cdff_dev.run.execution import PortValue, Result
 
@@ -62,15 +65,54 @@ def write_outputs(result: Result, folder: Path) -> dict[str, Any]:
             if len(values) > 1 and not failed:
                 entry["count"] = len(values)
             outputs[port.attribute] = entry
-        report = {
-            "outputs": outputs,
-            "quality": result.quality.to_dict(),
-            "wall_s": round(result.wall_s, 6),
-            "cpu_s": round(result.cpu_s, 6),
-        }
-        plain: dict[str, Any] = jsonable(report)
+        plain: dict[str, Any] = jsonable({"outputs": outputs, **_quality_and_cost(result)})
         _write_json(folder, "outputs.json", plain)
     return plain
+
+
+def output_document(result: Result) -> dict[str, Any]:
+    """Return outputs, quality and cost as plain data with the last value of each port in full."""
+    failed = result.quality.status is Status.FAILED
+    outputs: dict[str, Any] = {}
+    for port in result.ports:
+        value = None if failed else _last_value(result, port.attribute)
+        whole = to_dict_form(value) if port.is_message and value is not None else value
+        outputs[port.attribute] = {"type": port.type_name} | ({} if value is None else {"value": whole})
+    document: dict[str, Any] = jsonable({"outputs": outputs, **_quality_and_cost(result)})
+    return document
+
+
+def drawn_values(result: Result) -> dict[str, Any]:
+    """Return the last value of each port, by port."""
+    values = {port.attribute: _last_value(result, port.attribute) for port in result.ports}
+    return {port: value for port, value in values.items() if value is not None}
+
+
+def value_text(result: Result, port: str) -> list[str]:
+    """Return the last value of a port in words and units; arrays as dtype, shape and range."""
+    value = None if result.quality.status is Status.FAILED else _last_value(result, port)
+    if value is None:
+        return []
+    if isinstance(value, np.ndarray):
+        return [] if value.size <= _INLINE_ELEMENTS else [array_text(value)]
+    return (
+        [line for line in value_lines(value) if line != type(value).__name__]
+        if isinstance(value, Message)
+        else []
+    )
+
+
+def _last_value(result: Result, port: str) -> Any:
+    values = [output.value for output in result.outputs.get(port, []) if output.value is not None]
+    return values[-1] if values else None
+
+
+def _quality_and_cost(result: Result) -> dict[str, Any]:
+    return {
+        "quality": result.quality.to_dict(),
+        "wall_s": round(result.wall_s, 6),
+        "cpu_s": round(result.cpu_s, 6),
+    }
 
 
 def _write(port: Port, output: PortValue, folder: Path, stem: str) -> dict[str, Any]:

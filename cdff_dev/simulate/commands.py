@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -36,15 +35,9 @@ def register(nouns: Any) -> None:
     parser.set_defaults(run=_run, parser=parser)
 
 
-def progress_line(done: int, total: int) -> None:
-    """Write progress on one line of a terminal's standard error."""
-    if sys.stderr.isatty():
-        end = "\n" if done == total else ""
-        print(f"\rcasting rays: {done}/{total} images and scans", end=end, file=sys.stderr, flush=True)
-
-
 def _run(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder, storage_errors
+    from cdff_dev.progress import progress_of
     from cdff_dev.simulate.scenario import load_scenario
     from cdff_dev.simulate.store import cache_folder, check_free, deliver, simulated_log
 
@@ -52,7 +45,7 @@ def _run(args: argparse.Namespace) -> int:
     check_free(args.out, args.force)
     make_folder(args.out.parent)  # an error is reported now, not after minutes of simulation
     with storage_errors(cache_folder()):
-        log = simulated_log(scenario, max(args.workers, 0), progress_line, fresh=args.force)
+        log = simulated_log(scenario, max(args.workers, 0), progress_of("images and scans"), fresh=args.force)
     with storage_errors(args.out):
         deliver(log, args.out, args.force)
     robots = list(scenario.robots)

@@ -345,7 +345,7 @@ def _with_values(
 ) -> Iterator[tuple[Entry, Any]]:
     """Yield each entry of the log with its value.
 
-    ``rendered`` yields the results of the ``total`` rendering tasks, in the order of the entries that need one.
+    ``rendered`` yields the results of the ``total`` rendering tasks, in the order of their entries.
     """
     done = 0
     for entry in entries:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Command line of ``cdff slam`` and ``cdff vo``."""
+"""Command line of ``cdff slam``, ``cdff vo`` and ``cdff dem``."""
 
 from __future__ import annotations
 
@@ -8,25 +8,27 @@ import argparse
 import json
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from cdff_dev.slam.methods import Method
+from typing import Any
 
 
 def register(nouns: Any) -> None:
-    """Add ``cdff slam`` and ``cdff vo``."""
+    """Add ``cdff slam``, ``cdff vo`` and ``cdff dem``."""
     _add(nouns, "slam", "trajectory and map from the lidar of a log, in one command")
     _add(nouns, "vo", "trajectory from the stereo camera of a log, in one command")
+    dem = _add(nouns, "dem", "elevation map from the lidar or stereo camera of a log, in one command")
+    dem.add_argument(
+        "--resolution-m", metavar="M", type=float, default=0.1, help="edge of a cell (default: 0.1 m)"
+    )
 
 
-def _add(nouns: Any, name: str, summary: str) -> None:
-    parser = nouns.add_parser(
+def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = nouns.add_parser(
         name,
         help=summary,
-        description=f"{summary.capitalize()}. Writes trajectory.tum, trajectory_kitti.txt, run.json and "
-        "pictures; with true poses in the log also their comparison. cdff slam also writes map.ply and "
-        "graph.g2o.",
+        description=f"{summary.capitalize()}. Writes trajectory.tum, trajectory_kitti.txt, run.json, "
+        "report.html, outputs.msg and pictures; with true poses in the log also their comparison. With a "
+        "lidar also map.ply and graph.g2o; cdff dem also dem.tif and dem.png. Without a profile, cdff dem "
+        "assumes that the sensor is level at the start.",
     )
     parser.add_argument(
         "log", metavar="PATH", help="log file, folder or pattern of files of any known format"
@@ -39,28 +41,53 @@ def _add(nouns: Any, name: str, summary: str) -> None:
     )
     parser.add_argument("--profile", metavar="FILE", help="profile with frames and parameters of the robot")
     parser.add_argument("--stream", metavar="NAME", help="stream of the sensor, if the log has several")
+    parser.add_argument("--view", action="store_true", help="then show the log and the result; see cdff view")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     parser.set_defaults(run=partial(_run, name))
+    return parser
 
 
 def _run(name: str, args: argparse.Namespace) -> int:
-    from cdff_dev.slam.methods import METHODS
+    from contextlib import closing, suppress
 
-    method: Method = METHODS[name]
-    return _estimate(method, args)
-
-
-def _estimate(method: Method, args: argparse.Namespace) -> int:
-    from contextlib import closing
-
+    from cdff_common.output import make_folder
     from cdff_dev.logs import open_log
+    from cdff_dev.slam.elevation import map_elevation
     from cdff_dev.slam.estimation import estimate
     from cdff_dev.slam.files import write_files
+    from cdff_dev.slam.methods import METHODS, method_for
     from cdff_dev.slam.report import summary_text
 
-    out: Path = args.out or Path(f"{method.name}_{Path(args.log).resolve().name}")
-    with closing(open_log(args.log, args.calibration)) as log:
-        estimation = estimate(method, log, args.log, args.profile, args.stream)
-    summary = write_files(estimation, out)
+    out: Path = args.out or _default_folder(name, Path(args.log).resolve())
+    make_folder(out)  # a folder that cannot be written is reported before the work
+    try:
+        with closing(open_log(args.log, args.calibration)) as log:
+            method = METHODS[name] if name in METHODS else method_for(log)
+            estimation, elevation = estimate(method, log, args.log, args.profile, args.stream), None
+            if name == "dem":
+                elevation = map_elevation(estimation, log, args.resolution_m, args.profile)
+    except BaseException:
+        with suppress(OSError):  # a folder with earlier results stays
+            out.rmdir()
+        raise
+    summary = write_files(estimation, out, elevation)
     print(json.dumps(summary, sort_keys=True) if args.json else summary_text(summary, out))
+    if args.view:
+        _view(args, out)
     return 0
+
+
+def _view(args: argparse.Namespace, out: Path) -> None:
+    from cdff_common.interfaces.profile import load_profile
+    from cdff_dev.view.outputs import rerun_viewer
+    from cdff_dev.view.show import Selection, show_logs
+
+    profile = None if args.profile is None else load_profile(args.profile)
+    paths = [(args.log, args.calibration), (str(out), None)]
+    print(show_logs(rerun_viewer(), paths, Selection(profile=profile)))
+
+
+def _default_folder(name: str, log: Path) -> Path:
+    """Return a folder named like the command and the log; for a pattern, like the folder of its files."""
+    named = log.parent if any(c in log.name for c in "*?[") else log
+    return Path(f"{name}_{named.name}")

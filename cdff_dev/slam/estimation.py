@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext
@@ -37,42 +39,64 @@ class Estimation:
     method : Method
     track : Track
         Poses T_first_current: corrected by loop closures if the compound has a trajectory.
+    child : str
+        Frame whose poses these are: the base of the robot or, without a profile, the sensor.
     values : dict of str to Any
         Last values of the other output ports.
+    products : list of Product
+        All poses with their quality, and the last products of the other ports.
     truth : Track or None
-        True poses of the log.
+        True poses of the log; None without exactly one stream of them.
+    step_s : NDArray[np.float64], shape (n,)
+        Elapsed time of each sample of the sensor, seconds.
     run : dict
         Configuration, counts and cost, for ``run.json``.
     """
 
     method: Method
     track: Track
+    child: str
     values: dict[str, Any]
+    products: list[Product]
     truth: Track | None
+    step_s: NDArray[np.float64]
     run: dict[str, Any]
 
 
 @dataclass(slots=True)
 class _Outputs:
-    """Poses and last values of the outputs of a run, and the reasons of those that are not OK."""
+    """Poses and last products of the outputs of a run.
+
+    ``statuses`` and ``reasons`` count the poses with each status, and those with each reason that are not OK.
+    """
 
     poses: dict[int, Any] = field(default_factory=dict)
-    values: dict[str, Any] = field(default_factory=dict)
+    child: str = ""
+    products: list[Product] = field(default_factory=list)
+    last: dict[str, Product] = field(default_factory=dict)
+    step_s: list[float] = field(default_factory=list)
     statuses: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, int] = field(default_factory=dict)
 
     def add(self, product: Product) -> None:
-        if product.value is not None:
-            self.values[product.port] = product.value
         if product.port != "pose":
+            if product.value is not None:
+                self.last[product.port] = product
             return
         quality = product.header.quality
         self.statuses[quality.status.name] = self.statuses.get(quality.status.name, 0) + 1
-        for reason in quality.reasons if quality.status is not Status.OK else ():
-            name = reason.split(":")[0]
+        names = {reason.split(":")[0] for reason in quality.reasons}
+        for name in names if quality.status is not Status.OK else ():
             self.reasons[name] = self.reasons.get(name, 0) + 1
         if product.value is not None:
             self.poses[product.header.t1_ns] = product.value.transform
+            self.child = product.header.child or ""
+            self.products.append(product)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Last values of the ports other than the pose."""
+        return {port: product.value for port, product in self.last.items()}
 
 
 def estimate(
@@ -107,8 +131,8 @@ def estimate(
     dfpc = _configured(method, robot, profile)
     wired = wire(dfpc.description, types, robot, {method.port: sensor})
     outputs, cost = _run(dfpc, method, log, wired, robot)
-    n_failed, n = outputs.statuses.get("FAILED", 0), sum(outputs.statuses.values())
-    if not outputs.poses or n_failed > _MAX_FAILED * n:
+    n = sum(outputs.statuses.values())
+    if not outputs.poses or too_many_failed(outputs.statuses):
         raise RefusedError(_refusal(method, log, sensor, name, outputs))
     run = {
         "log": name,
@@ -122,7 +146,21 @@ def estimate(
         "reasons": outputs.reasons,
         **cost,
     }
-    return Estimation(method, _track(outputs), outputs.values, _truth(log), run)
+    return Estimation(
+        method=method,
+        track=_track(outputs),
+        child=outputs.child,
+        values=outputs.values,
+        products=[*outputs.products, *outputs.last.values()],
+        truth=_truth(log),
+        step_s=np.array(outputs.step_s),
+        run=run,
+    )
+
+
+def too_many_failed(statuses: Mapping[str, int]) -> bool:
+    """Return whether more than 5 % of the poses are FAILED; ``statuses`` counts the poses by status."""
+    return statuses.get("FAILED", 0) > _MAX_FAILED * sum(statuses.values())
 
 
 def _configured(method: Method, robot: str, profile: str | None) -> Dfpc:
@@ -146,10 +184,12 @@ def _run(
     progress = Progress(log.streams[wired[method.port]].count, method.unit)
     start_s, cpu_start_s = time.monotonic(), time.process_time()
     for sample in samples_of(log, wired, robot):
+        step_start_s = time.monotonic()
         runner.push(sample)
         for product in runner.drain():
             outputs.add(product)
         if sample.port == method.port:
+            outputs.step_s.append(time.monotonic() - step_start_s)
             progress.advance()
     for product in runner.finish():
         outputs.add(product)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of an estimation: trajectory, map, graph, pictures and ``run.json``."""
+"""Files of an estimation: trajectory, map, graph, outputs, pictures, ``run.json`` and ``report.html``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from cdff_common.cli import distribution_version
 from cdff_common.errors import CdffError
 from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.geotiff import write_map
 from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose_graph import write_pose_graph
 from cdff_common.formats.tum import write_tum
@@ -20,12 +21,15 @@ from cdff_common.geometry import se3
 from cdff_common.json_form import jsonable
 from cdff_common.output import make_folder, write_file
 from cdff_dev.compare.trajectory.compare import Comparison, compare
+from cdff_dev.logs import LogWriter
+from cdff_dev.slam.elevation import Elevation
 from cdff_dev.slam.estimation import Estimation
-from cdff_dev.slam.pictures import map_picture, trajectory_picture
+from cdff_dev.slam.html_report import run_report
+from cdff_dev.slam.pictures import elevation_picture, map_picture, trajectory_picture
 
 
-def write_files(estimation: Estimation, folder: Path) -> dict[str, Any]:
-    """Write all files of an estimation and return the content of ``run.json``.
+def write_files(estimation: Estimation, folder: Path, elevation: Elevation | None = None) -> dict[str, Any]:
+    """Write all files of an estimation and its elevation map; return the content of ``run.json``.
 
     Raises
     ------
@@ -43,6 +47,10 @@ def write_files(estimation: Estimation, folder: Path) -> dict[str, Any]:
         write_file(folder / "map.png", map_picture(np.asarray(cloud.points_m), track.positions_m))
     if (graph := estimation.values.get("graph")) is not None:
         write_file(folder / "graph.g2o", write_pose_graph(graph))
+    if elevation is not None:
+        write_file(folder / "dem.tif", write_map(elevation.map))
+        write_file(folder / "dem.png", elevation_picture(elevation.map))
+    _write_outputs(estimation, folder / "outputs.msg")
     comparison, reason = _comparison(estimation)
     write_file(folder / "trajectory.png", trajectory_picture(track, comparison))
     summary = {
@@ -52,15 +60,26 @@ def write_files(estimation: Estimation, folder: Path) -> dict[str, Any]:
         "duration_s": float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9,
         "truth": reason if comparison is None else comparison.results,
     }
+    if elevation is not None:
+        summary["dem"] = elevation.run
     document: dict[str, Any] = jsonable(summary)
+    write_file(folder / "report.html", run_report(document, estimation, comparison, folder))
     write_file(folder / "run.json", (json.dumps(document, indent=1, sort_keys=True) + "\n").encode())
     return document
+
+
+def _write_outputs(estimation: Estimation, path: Path) -> None:
+    """Write the poses with their quality, and the last products of the other ports, as a log."""
+    with LogWriter(path) as writer:
+        for product in sorted(estimation.products, key=lambda item: item.header.t1_ns):
+            name = f"/{product.robot}/{product.dfpc}.{product.port}"
+            writer.write(name, product.value, product.header.t1_ns, product.header)
 
 
 def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:
     """Return the comparison with the true poses, or None and the reason."""
     if estimation.truth is None:
-        return None, "the log has no stream of true poses"
+        return None, "the log has not exactly one stream of true poses"
     try:
         return compare(estimation.track, estimation.truth), ""
     except CdffError as error:

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cdff_dev.logs.source import LogSource
+
 
 @dataclass(frozen=True, slots=True)
 class Method:
@@ -44,3 +46,10 @@ METHODS = {
         ),
     )
 }
+
+
+def method_for(log: LogSource) -> Method:
+    """Return the method of the sensor that a log has: the lidar if it has one, otherwise stereo."""
+    types = {info.type_name for info in log.streams.values()}
+    slam, vo = METHODS["slam"], METHODS["vo"]
+    return vo if vo.type_name in types and slam.type_name not in types else slam

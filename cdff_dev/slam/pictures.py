@@ -4,42 +4,61 @@
 
 from __future__ import annotations
 
-import io
-
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_common.plots import figure_bytes, new_figure
+from cdff_common.plots.drawing import draw_cloud, draw_heights, draw_path, widest_plane
+from cdff_common.types import ElevationMap
 from cdff_dev.compare.trajectory.compare import Comparison
 from cdff_dev.compare.trajectory.track import Track
-
-_DPI = 120
-#: Points drawn of a map, and quantiles of their heights at the ends of the colours.
-_MAX_POINTS, _COLOUR_QUANTILES = 200_000, (0.02, 0.98)
-_AXES = "xyz"
 
 
 def trajectory_picture(track: Track, comparison: Comparison | None) -> bytes:
     """Return a PNG: the path from its longest side, and height or, with true poses, the error along it."""
-    figure = Figure(figsize=(10.4, 4.2), layout="constrained")
+    figure = new_figure(10.4, 4.2)
     above, along = figure.subplots(1, 2)
     if comparison is None:
-        x, y = _plane(track.positions_m)
-        _path(above, track.positions_m, x, y, "C3", "estimate")
+        draw_path(above, track.positions_m, widest_plane(track.positions_m), "C3", "estimate")
         for axis in range(3):
-            along.plot(track.distances_m, track.positions_m[:, axis], lw=1.2, label=_AXES[axis])
+            along.plot(track.distances_m, track.positions_m[:, axis], lw=1.2, label="xyz"[axis])
         along.set(xlabel="path length, m", ylabel="position, m")
+        along.legend(fontsize=8)
     else:
-        x, y = _plane(comparison.reference.positions_m)
-        _path(above, comparison.reference.positions_m, x, y, "gray", "truth")
-        _path(above, comparison.estimate.positions_m, x, y, "C3", "estimate, aligned")
+        truth_m = comparison.reference.positions_m
+        plane = widest_plane(truth_m)
+        draw_path(above, truth_m, plane, "gray", "truth")
+        draw_path(above, comparison.estimate.positions_m, plane, "C3", "estimate, aligned")
         along.plot(comparison.reference.distances_m, comparison.position_errors_m, color="C3", lw=1.2)
         along.set(xlabel="path length, m", ylabel="position error, m", ylim=(0.0, None))
-    if along.get_legend_handles_labels()[0]:
-        along.legend(fontsize=8)
     above.legend(fontsize=8)
-    return _png(figure)
+    return figure_bytes(figure)
+
+
+def error_picture(comparison: Comparison) -> bytes:
+    """Return a PNG of the errors along the path: position by axis of the true poses' frame, and rotation."""
+    figure = new_figure(10.4, 4.2)
+    position, rotation = figure.subplots(1, 2)
+    estimate, truth = comparison.estimate, comparison.reference
+    errors_m = estimate.positions_m - truth.positions_m
+    for axis in range(3):
+        position.plot(truth.distances_m, errors_m[:, axis], lw=1.2, label="xyz"[axis])
+    position.set(xlabel="path length, m", ylabel="position error, m")
+    position.legend(fontsize=8)
+    R = np.swapaxes(truth.matrices[:, :3, :3], 1, 2) @ estimate.matrices[:, :3, :3]
+    rotation.plot(truth.distances_m, np.degrees(se3.rotation_angle(R)), color="C3", lw=1.2)
+    rotation.set(xlabel="path length, m", ylabel="rotation error, degrees", ylim=(0.0, None))
+    return figure_bytes(figure)
+
+
+def timing_picture(step_s: FloatArray) -> bytes:
+    """Return a PNG of the time that each sample took."""
+    figure = new_figure(10.4, 2.8)
+    axes = figure.subplots()
+    axes.plot(1e3 * np.asarray(step_s), lw=1.0)
+    axes.set(xlabel="sample", ylabel="elapsed time, ms", ylim=(0.0, None))
+    return figure_bytes(figure)
 
 
 def map_picture(points_m: FloatArray, path_m: FloatArray) -> bytes:
@@ -47,35 +66,17 @@ def map_picture(points_m: FloatArray, path_m: FloatArray) -> bytes:
 
     The colours are the coordinates along this axis.
     """
-    x, y = _plane(path_m if np.ptp(path_m, axis=0).max() > 1.0 else points_m)
-    z = 3 - x - y
-    finite = points_m[np.isfinite(points_m).all(axis=1)]
-    drawn = finite[:: max(1, len(finite) // _MAX_POINTS)]
-    drawn = drawn[np.argsort(drawn[:, z])]
-    low, high = np.quantile(drawn[:, z], _COLOUR_QUANTILES) if len(drawn) else (0.0, 1.0)
-    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
+    plane = widest_plane(path_m if np.ptp(path_m, axis=0).max() > 1.0 else points_m)
+    figure = new_figure()
     axes = figure.subplots()
-    points = axes.scatter(drawn[:, x], drawn[:, y], c=drawn[:, z], s=0.3, vmin=low, vmax=high, cmap="viridis")
-    figure.colorbar(points, ax=axes, label=f"{_AXES[z]}, m")
-    _path(axes, path_m, x, y, "C3", "path")
+    draw_cloud(figure, axes, points_m, plane)
+    draw_path(axes, path_m, plane, "C3", "path")
     axes.legend(fontsize=8, loc="upper right")
-    return _png(figure)
+    return figure_bytes(figure)
 
 
-def _plane(positions_m: FloatArray) -> tuple[int, int]:
-    """Return the two axes of largest extent."""
-    x, y = sorted(int(axis) for axis in np.argsort(np.ptp(positions_m, axis=0))[-2:])
-    return x, y
-
-
-def _path(axes: Axes, positions_m: FloatArray, x: int, y: int, colour: str, label: str) -> None:
-    axes.plot(positions_m[:, x], positions_m[:, y], color=colour, lw=1.3, label=label)
-    axes.plot(positions_m[0, x], positions_m[0, y], "o", color=colour, ms=4)
-    axes.set(xlabel=f"{_AXES[x]}, m", ylabel=f"{_AXES[y]}, m")
-    axes.set_aspect("equal", adjustable="datalim")
-
-
-def _png(figure: Figure) -> bytes:
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=_DPI)
-    return out.getvalue()
+def elevation_picture(elevation: ElevationMap) -> bytes:
+    """Return a PNG of the heights of a map in colours under their shaded relief."""
+    figure = new_figure()
+    draw_heights(figure, figure.subplots(), np.asarray(elevation.layer("mean")), elevation.geometry)
+    return figure_bytes(figure)

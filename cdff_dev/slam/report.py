@@ -24,6 +24,8 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
         lines.append(_truth_line(truth))
     else:
         lines.append(f"no comparison: {truth}")
+    if (dem := summary.get("dem")) is not None:
+        lines.append(_elevation_line(dem))
     lines.append(f"written to {out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     return "\n".join(lines)
 
@@ -34,4 +36,13 @@ def _truth_line(results: Mapping[str, Any]) -> str:
     return (
         f"against the true poses (aligned): RMSE of the positions {ate_m:.3f} m, {share:.2f} % of "
         f"{results['path_length_m']:.1f} m, {results['poses']['compared']} poses compared"
+    )
+
+
+def _elevation_line(dem: Mapping[str, Any]) -> str:
+    width_m, height_m = dem["size_m"]
+    low_m, high_m = dem["height_range_m"] or (0.0, 0.0)
+    return (
+        f"elevation map: {width_m:.1f} x {height_m:.1f} m in cells of {dem['resolution_m']:g} m, "
+        f"{dem['observed_cells']} observed, heights {low_m:.2f} to {high_m:.2f} m, {dem['patches']} patches"
     )

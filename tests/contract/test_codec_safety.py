@@ -57,9 +57,11 @@ def test_thousands_of_mutated_messages_are_decoded_or_refused() -> None:
     assert min(report.decoded, report.refused) > 100
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_a_minute_of_mutated_messages_is_decoded_or_refused() -> None:
-    report = fuzz(10_000_000, seed=2, cpu_s=60.0)
+@pytest.mark.parametrize(
+    "cpu_s", [pytest.param(20.0, marks=pytest.mark.slow), pytest.param(60.0, marks=pytest.mark.soak)]
+)
+def test_mutated_messages_of_all_codecs_are_decoded_or_refused(cpu_s: float) -> None:
+    report = fuzz(10_000_000, seed=2, cpu_s=cpu_s)
     assert report.findings == []
     assert set(report.by_codec) == set(CODECS)

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from cdff_common import cli
+from cdff_common.command_table import SUMMARIES
 
 
 def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -19,14 +20,15 @@ def _parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParse
                 yield from _parsers(child)
 
 
-def test_every_command_has_a_help_summary(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_a_summary_in_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["--help"]) == 0
     help_text = capsys.readouterr().out
-    for parser in cli.build_parser([])._actions:
-        if isinstance(parser, argparse._SubParsersAction):
-            for name in parser.choices:
-                assert re.search(rf"^    {name}\s+\S", help_text, re.MULTILINE), (
-                    f"cdff {name} has no help text"
+    for action in cli.build_parser([])._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for choice in action._choices_actions:
+                assert re.search(rf"^  {choice.dest}\s+\S", help_text, re.MULTILINE), choice.dest
+                assert SUMMARIES.get(choice.dest) == choice.help, (
+                    f"cdff {choice.dest}: cdff_common/command_table.py and its parser differ"
                 )
 
 

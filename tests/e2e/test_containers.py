@@ -8,20 +8,25 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
+from cdff_common.errors import UnavailableError
 from cdff_dev.ports import free_port
 from tests.integration.conftest import ROOT
 
 pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(3000)]
 
-PROJECT = "cdfftest"
+#: User id in the containers.
+USER = 10001
 
 
 def compose_command() -> list[str]:
@@ -39,16 +44,23 @@ def compose_command() -> list[str]:
 
 
 class ComposeProject:
-    """The system in containers, with the ports of its router and its HTTP server on loopback."""
+    """The system in containers, with the ports of its router and its HTTP server on loopback.
 
-    def __init__(self) -> None:
+    With the folder of the identities of a mission its bus is secured.
+    """
+
+    def __init__(self, name: str, secrets: Path | None = None) -> None:
         self.router_port, self.http_port = free_port(), free_port()
-        self.endpoint = f"tcp/127.0.0.1:{self.router_port}"
-        self._command = [*compose_command(), "-p", PROJECT]
+        self.endpoint = f"{'tcp' if secrets is None else 'tls'}/127.0.0.1:{self.router_port}"
+        files = (
+            ["docker-compose.yml"] if secrets is None else ["docker-compose.yml", "docker-compose.secure.yml"]
+        )
+        self._command = [*compose_command(), "-p", name, *(word for file in files for word in ("-f", file))]
         self._environment = {
             **os.environ,
             "CDFF_ROUTER_PORT": str(self.router_port),
             "CDFF_HTTP_PORT": str(self.http_port),
+            "CDFF_SECRETS": str(secrets or ""),
         }
 
     def __call__(self, *arguments: str) -> str:
@@ -73,7 +85,7 @@ class ComposeProject:
         command = ["docker", "inspect", "-f", template, self.container(service)]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
-    def get(self, path: str) -> object:
+    def get(self, path: str) -> Any:
         """Return the JSON that the published HTTP server serves at a path."""
         with urllib.request.urlopen(f"http://127.0.0.1:{self.http_port}{path}", timeout=10) as response:
             return json.load(response)
@@ -81,11 +93,42 @@ class ComposeProject:
 
 @pytest.fixture(scope="module")
 def composed() -> Iterator[ComposeProject]:
-    compose = ComposeProject()
+    yield from running(ComposeProject("cdfftest"))
+
+
+@pytest.fixture(scope="module")
+def secrets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Identities of a mission, owned by the user of the containers."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give the identities to the user of the containers")
+    folder = tmp_path_factory.mktemp("secrets")
+    for arguments in (
+        ("init", "--profile", "rover_traverse", "--host", "router", "--host", "dpm"),
+        ("robot", "mana"),
+        ("robot", "minnie"),
+        ("player", "player"),
+        ("client", "autonomy"),
+    ):
+        command = [sys.executable, "-m", "cdff_common.cli", "keys", *arguments, "--folder", str(folder)]
+        subprocess.run(command, check=True)
+    for path in (folder, *folder.rglob("*")):
+        os.chown(path, USER, USER)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def secured(secrets: Path) -> Iterator[ComposeProject]:
+    yield from running(ComposeProject("cdffsecured", secrets))
+
+
+def running(compose: ComposeProject) -> Iterator[ComposeProject]:
+    """Build and start a project, and remove it at the end."""
     compose("build")
-    compose("up", "-d")
-    yield compose
-    compose("down", "-v")
+    try:
+        compose("up", "-d")
+        yield compose
+    finally:
+        compose("down", "-v")
 
 
 def wait_until(condition: Callable[[], object], timeout_s: float, description: str) -> None:
@@ -95,13 +138,17 @@ def wait_until(condition: Callable[[], object], timeout_s: float, description: s
         time.sleep(0.5)
 
 
-def test_the_operator_container_receives_every_answer(composed: ComposeProject) -> None:
+def assert_all_requests_are_answered(compose: ComposeProject) -> None:
     wait_until(
-        lambda: composed.inspect("operator", "{{.State.Status}}") == "exited", 1200, "the operator ends"
+        lambda: compose.inspect("operator", "{{.State.Status}}") == "exited", 1200, "the operator ends"
     )
-    logs = composed("logs", "operator")
-    assert composed.inspect("operator", "{{.State.ExitCode}}") == "0", logs
+    logs = compose("logs", "operator")
+    assert compose.inspect("operator", "{{.State.ExitCode}}") == "0", logs
     assert "8 of 8 requests were answered as asked" in logs
+
+
+def test_the_operator_container_receives_every_answer(composed: ComposeProject) -> None:
+    assert_all_requests_are_answered(composed)
 
 
 def test_every_service_with_a_health_check_is_healthy(composed: ComposeProject) -> None:
@@ -113,7 +160,7 @@ def test_every_service_with_a_health_check_is_healthy(composed: ComposeProject) 
 
 
 def test_http_and_product_requests_work_from_outside(composed: ComposeProject) -> None:
-    assert {robot["id"] for robot in composed.get("/api/v1/robots")["items"]} >= {"mana", "minnie"}  # type: ignore[index,call-overload]
+    assert {robot["id"] for robot in composed.get("/api/v1/robots")["items"]} >= {"mana", "minnie"}
     with Client(composed.endpoint) as client:
         assert client.request("pose", robot="mana").header.child == "mana/base"
         assert client.request("dem", robot="mana", resolution_m=0.2).value.geometry.frame == "site"
@@ -128,7 +175,7 @@ def test_ports_are_published_on_loopback_only(composed: ComposeProject) -> None:
 
 
 def test_a_killed_service_is_restarted_and_products_survive(composed: ComposeProject) -> None:
-    count_before = composed.get("/api/v1/status")["products"]  # type: ignore[index,call-overload]
+    count_before = composed.get("/api/v1/status")["products"]
     pid = composed.inspect("dpm", "{{.State.Pid}}")
     os.kill(int(pid), 9)
     with Bus.open(composed.endpoint, name="test", wait_s=10) as bus:
@@ -139,7 +186,7 @@ def test_a_killed_service_is_restarted_and_products_survive(composed: ComposePro
         wait_until(lambda: token in bus.alive(token), 30, "dpm is alive again")
     wait_until(
         lambda: composed.get("/api/v1/status")["products"] >= count_before, 30, "products are stored again"
-    )  # type: ignore[index,call-overload,operator]
+    )
 
 
 @pytest.mark.parametrize("service", ["router", "dpm", "orchestrator", "icu"])
@@ -148,3 +195,17 @@ def test_light_images_contain_no_algorithm_libraries(composed: ComposeProject, s
     command = ["docker", "exec", composed.container(service), "python", "-c", code]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "False"
+
+
+def test_secured_containers_answer_every_request_and_admit_no_stranger(
+    secured: ComposeProject, secrets: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert_all_requests_are_answered(secured)
+    with (
+        pytest.raises(UnavailableError),
+        Client(secured.endpoint.replace("tls", "tcp")) as client,
+    ):
+        client.request("pose", robot="mana")
+    monkeypatch.setenv("CDFF_IDENTITY", str(secrets / "autonomy"))
+    with Client(secured.endpoint) as client:
+        assert client.request("pose", robot="mana").header.child == "mana/base"

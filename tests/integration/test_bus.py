@@ -44,6 +44,22 @@ def serve(bus: Bus, client: Bus, handler: object, eventually: Eventually, **opti
     eventually(is_reachable)
 
 
+def test_a_bus_works_after_it_refused_an_encoding(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+    serve(server, client, lambda request: Reply(b"", request.encoding * 2), eventually)
+    for encoding in ("e" * 300, "e" * 200):  # refused by the client's bus, and by the server's
+        with pytest.raises(InputError, match="at most 255"):
+            client.call(STAT, encoding=encoding)
+    assert client.call(STAT, encoding="e").encoding == "ee"
+
+
+def test_a_closed_bus_refuses_to_publish(endpoint: str, router: subprocess.Popen[bytes]) -> None:
+    bus = Bus.open(endpoint, name="closed", wait_s=10)
+    bus.close()
+    with pytest.raises(UnavailableError, match="is not published"):
+        bus.publish_map(EVENT, {})
+
+
 def test_a_call_carries_parameters_payload_and_attachment_both_ways(
     pair: tuple[Bus, Bus], eventually: Eventually
 ) -> None:

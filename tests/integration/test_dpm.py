@@ -361,7 +361,7 @@ def test_a_second_dpm_on_the_same_data_is_refused(system: System, spawn: Spawn, 
 
 @pytest.mark.req("CDFF-SUP-084")
 def test_samples_on_the_bus_are_recorded_by_the_policy_of_the_profile(
-    shared: System, eventually: Eventually
+    system: System, eventually: Eventually
 ) -> None:
     for seq in range(25):
         t_ns = seq * S // 10
@@ -375,16 +375,20 @@ def test_samples_on_the_bus_are_recorded_by_the_policy_of_the_profile(
             producer="imu",
         )
         key, encoding = keys.sensor("mana", "imu", "sample"), encoding_string("IMUSensors", "uper")
-        shared.bus.publish(key, encode(sample, "uper"), encoding=encoding, attachment=header.to_attachment())
+        system.bus.publish(key, encode(sample, "uper"), encoding=encoding, attachment=header.to_attachment())
 
     def spans() -> list[dict[str, Any]]:
-        items: list[dict[str, Any]] = shared.call("search", type="imu_span", order="oldest").body()["items"]
+        items: list[dict[str, Any]] = system.call("search", type="imu_span", order="oldest").body()["items"]
         return items
 
     eventually(lambda: len(spans()) == 2, 30, "two spans of a second")
     assert [len(span["inputs"]) for span in spans()] == [10, 10]
-    inputs = shared.call("provenance", id=spans()[0]["id"]).body()["items"]
+    inputs = system.call("provenance", id=spans()[0]["id"]).body()["items"]
     assert len(inputs) == 10
+    system.process.terminate()
+    assert system.process.wait(20) == 0
+    system.start()
+    assert [len(span["inputs"]) for span in spans()] == [10, 10, 5]
 
 
 @pytest.mark.req("CDFF-SUP-080", "CDFF-SUP-081")

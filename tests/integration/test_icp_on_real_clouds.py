@@ -131,7 +131,7 @@ def test_a_nearly_planar_road_is_registered_in_ten_trials(real_data: RealData) -
     assert_nearly_all_correct(devon_island(real_data, range(QUICK_SEEDS)))
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 @pytest.mark.timeout(1800)
 def test_a_nearly_planar_road_is_registered_in_a_hundred_trials(real_data: RealData) -> None:
     assert_nearly_all_correct(devon_island(real_data, range(ALL_SEEDS)))

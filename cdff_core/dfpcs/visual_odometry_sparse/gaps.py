@@ -9,7 +9,7 @@ _MAX_REFUSED = 2
 
 
 class Gaps:
-    """Counter of refused pairs and of gaps.
+    """Count the refused stereo pairs in a row, and the gaps that a prediction bridges.
 
     Attributes
     ----------

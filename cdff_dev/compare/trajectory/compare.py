@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cdff_dev.compare.trajectory import errors
 from cdff_dev.compare.trajectory.alignment import Mode, apply_alignment, associate
 from cdff_dev.compare.trajectory.track import Float, Track
@@ -67,6 +69,7 @@ def compare(
     """
     n_estimate, n_reference = len(estimate), len(reference)
     est, ref = associate(estimate, reference, max_difference_s)
+    dropped = {"estimate": estimate.dropped, "reference": reference.dropped}
     est, T_alignment, scale = apply_alignment(est, ref, align)
     metres, degrees = errors.absolute(est, ref)
     pairs = errors.pairs_apart(est, delta, delta_unit, all_pairs=all_pairs)
@@ -77,12 +80,14 @@ def compare(
         "estimate": estimate.name,
         "reference": reference.name,
         "poses": {"estimate": n_estimate, "reference": n_reference, "compared": len(est)},
+        "dropped": dropped,
         "path_length_m": path_length_m,
         "duration_s": float(ref.stamps_ns[-1] - ref.stamps_ns[0]) * 1e-9,
         "alignment": {"mode": align, "T": T_alignment.tolist(), "scale": scale},
         "ate": {
             "translation_m": errors.statistics(metres),
             "rotation_deg": errors.statistics(degrees),
+            "rmse_by_axis_m": dict(zip("xyz", _axis_rmse_m(est, ref), strict=True)),
             "rmse_percent_of_path": 100.0 * errors.statistics(metres)["rmse"] / path_length_m
             if path_length_m > 0
             else None,
@@ -98,3 +103,10 @@ def compare(
         "nees": errors.consistency(est, ref),
     }
     return Comparison(est, ref, metres, results)
+
+
+def _axis_rmse_m(estimate: Track, reference: Track) -> list[float]:
+    """Return the RMS of the position errors along the axes of the reference."""
+    differences_m = estimate.positions_m - reference.positions_m
+    rmse_m: list[float] = np.sqrt(np.mean(differences_m**2, axis=0)).tolist()
+    return rmse_m

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reading of trajectories from TUM files, KITTI pose files and logs, which are distinguished by content."""
+"""Reading of trajectories from TUM, KITTI and CSV files and logs, which are distinguished by content."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from cdff_common.errors import CdffError, InputError
 from cdff_common.formats.file_source import Source, load
 from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import se3
-from cdff_common.types import PoseTrajectory, TransformWithCovariance
+from cdff_common.types import PoseTrajectory
+from cdff_dev.compare.trajectory.csv_poses import is_pose_csv, read_pose_csv
 from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.logs import open_log
-from cdff_dev.logs.source import only_stream
+from cdff_dev.logs.source import LogSample, only_stream
 
 #: Assumed time between poses: KITTI pose files contain no times.
 KITTI_PERIOD_NS = 100_000_000
-_POSES = ("PoseTrajectory", "TransformWithCovariance")
+_POSES = ("PoseTrajectory", "RigidBodyState", "TransformWithCovariance")
 
 
 def read_track(path: str | Path, stream: str | None = None) -> Track:
@@ -29,8 +30,8 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
     Parameters
     ----------
     path : str or Path
-        A TUM file (8 numbers per line), a KITTI pose file (12 numbers per line, rows of ``T (3, 4)``), or
-        a log (see ``open_log``).
+        A TUM file (8 numbers per line), a KITTI pose file (12 numbers per line, rows of ``T (3, 4)``), a CSV
+        file with named columns (EuRoC), or a log of any format (see ``open_log``).
     stream : str, optional
         Stream of the log; required if several streams contain poses. The last value of a stream of
         PoseTrajectory is used.
@@ -42,10 +43,12 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
     """
     if Path(path).is_file():
         source = load(path)
+        if is_pose_csv(source):
+            return Track.of_ascending(str(path), *read_pose_csv(source))
         columns = _columns(source)
         if columns == 8:
             stamps_ns, matrices = read_tum(source)
-            return Track(str(path), stamps_ns, matrices)
+            return Track.of_ascending(str(path), stamps_ns, matrices)
         if columns == 12:
             return _kitti(source)
         if columns:
@@ -92,23 +95,30 @@ def _from_log(path: str | Path, stream: str | None) -> Track:
         raise InputError(f"{path}: not a TUM file, KITTI pose file or log: {error}") from error
     with closing(log):
         selected = only_stream(log, _POSES, stream, "poses")
-        values = [sample.value for sample in log.samples([selected])]
+        samples = list(log.samples([selected]))
+    values = [sample.value for sample in samples]
     name = f"{path} {selected}"
     if not values:
         raise InputError(f"{name}: the stream has no samples")
     if isinstance(values[-1], PoseTrajectory):
         trajectory: PoseTrajectory = values[-1]
         return Track(name, trajectory.stamps_ns, trajectory.matrices, trajectory.covariances)
-    return _from_poses(name, values)
+    return _from_poses(name, samples)
 
 
-def _from_poses(name: str, values: list[TransformWithCovariance]) -> Track:
+def _from_poses(name: str, samples: list[LogSample]) -> Track:
     """Return a track with one pose per stamp; of several poses with the same stamp the last is used."""
-    transform_at = {value.stamp_ns: value.transform for value in values}
+    transform_at = {_stamp_ns(sample): sample.value.transform for sample in samples}
     stamps_ns = np.array(sorted(transform_at), dtype=np.int64)
     transforms = [transform_at[int(stamp)] for stamp in stamps_ns]
     unknown = np.full((6, 6), np.nan)
     covariances = None
     if any(T.covariance is not None for T in transforms):
         covariances = np.array([unknown if T.covariance is None else T.covariance for T in transforms])
-    return Track(name, stamps_ns, np.array([T.matrix for T in transforms]), covariances)
+    dropped = len(samples) - len(stamps_ns)
+    return Track(name, stamps_ns, np.array([T.matrix for T in transforms]), covariances, dropped)
+
+
+def _stamp_ns(sample: LogSample) -> int:
+    """Return the time of a pose; of a state without one that of the sample."""
+    return int(getattr(sample.value, "stamp_ns", sample.stamp_ns))

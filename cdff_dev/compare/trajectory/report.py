@@ -17,6 +17,11 @@ def table(results: dict[str, Any]) -> str:
         f"{poses['compared']} poses compared ({poses['estimate']} estimated, {poses['reference']} of the "
         f"reference), {results['path_length_m']:.3f} m, {results['duration_s']:.3f} s, aligned: "
         f"{results['alignment']['mode']}",
+        *(
+            f"{count} poses of the {name} are dropped: their stamps are repeated or not in order"
+            for name, count in results["dropped"].items()
+            if count
+        ),
         "",
         f"{'':24}" + "".join(f"{name:>12}" for name in _COLUMNS),
         _row("ATE m", results["ate"]["translation_m"]),
@@ -24,6 +29,8 @@ def table(results: dict[str, Any]) -> str:
         _row(f"RPE m ({distance})", rpe["translation_m"]),
         _row(f"RPE deg ({distance})", rpe["rotation_deg"]),
     ]
+    axes = results["ate"]["rmse_by_axis_m"]
+    lines.append(f"{'RMSE of x, y, z, m':24}" + "".join(f"{axes[axis]:12.6f}" for axis in "xyz"))
     if results["drift"]["segments"]:
         lines += ["", f"{'segment m':>12}{'count':>8}{'drift %':>12}{'deg/m':>12}"]
         lines += [

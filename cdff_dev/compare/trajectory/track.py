@@ -27,12 +27,29 @@ class Track:
         ``T_parent_child``, metres.
     covariances : ndarray, shape (n, 6, 6), or None
         Order x y z rx ry rz, perturbation in the parent; rows of NaN where unknown.
+    dropped : int
+        Poses of the file that are not in the track because their stamps are repeated or not in order.
     """
 
     name: str
     stamps_ns: NDArray[np.int64]
     matrices: Float
     covariances: Float | None = None
+    dropped: int = 0
+
+    @classmethod
+    def of_ascending(
+        cls, name: str, stamps_ns: NDArray[np.int64], matrices: Float, covariances: Float | None = None
+    ) -> Track:
+        """Return the track without the poses whose stamp is repeated or earlier than a previous one.
+
+        ``dropped`` is their number.
+        """
+        latest_ns = np.maximum.accumulate(stamps_ns[:-1])
+        kept = np.concatenate([np.ones(min(len(stamps_ns), 1), np.bool_), stamps_ns[1:] > latest_ns])
+        if covariances is not None:
+            covariances = covariances[kept]
+        return cls(name, stamps_ns[kept], matrices[kept], covariances, int(np.sum(~kept)))
 
     def __post_init__(self) -> None:
         if len(self.stamps_ns) != len(self.matrices) or not len(self.stamps_ns):
@@ -63,4 +80,4 @@ class Track:
     def rows(self, index: NDArray[np.int64]) -> Track:
         """Return the track with the poses of the given rows."""
         covariances = None if self.covariances is None else self.covariances[index]
-        return Track(self.name, self.stamps_ns[index], self.matrices[index], covariances)
+        return Track(self.name, self.stamps_ns[index], self.matrices[index], covariances, self.dropped)

@@ -130,13 +130,6 @@ def test_help_imports_no_heavy_module() -> None:
     assert result.stderr.strip() == "[]"
 
 
-@pytest.mark.parametrize(
-    ("module", "extra"), [("cv2", "core"), ("sqlalchemy.orm", "dpm"), ("open3d", "simulate"), ("json", None)]
-)
-def test_the_extra_that_contains_a_library_is_known(module: str, extra: str | None) -> None:
-    assert cli.extra_of(module) == extra
-
-
 def test_a_missing_library_is_a_known_error_and_another_missing_module_a_bug(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Time stamps as text, and the mission clock."""
 
+from datetime import datetime, timedelta, timezone
+
 import pytest
 
 from cdff_common import clock
@@ -35,3 +37,12 @@ def test_a_stamp_that_does_not_fit_64_bits_is_refused(text: str) -> None:
 
 def test_the_latest_stamp_of_64_bits_is_accepted() -> None:
     assert clock.parse_stamp("9223372036854775000") == 9223372036854775000
+
+
+def test_stamps_and_datetimes_convert_both_ways() -> None:
+    moment = datetime(2026, 11, 20, 12, 0, 0, 250_000, tzinfo=timezone(timedelta(hours=1)))
+    stamp_ns = clock.from_datetime(moment)
+    assert clock.to_datetime(stamp_ns) == moment
+    assert clock.format_stamp(stamp_ns) == "2026-11-20T11:00:00.250000Z"
+    with pytest.raises(InputError, match="time zone"):
+        clock.from_datetime(moment.replace(tzinfo=None))

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from cdff_common import log
-from cdff_common.log import RepetitionFilter, configure_logging
+from cdff_common.log import RepetitionFilter, TextLines, configure_logging
 
 
 def record(template: str, *arguments: object, level: int = logging.WARNING) -> logging.LogRecord:
@@ -79,3 +79,8 @@ def test_a_folder_of_logs_that_cannot_be_made_ends_the_service_with_one_line(tmp
     result = run_probe(tmp_path / "file" / "logs")
     assert result.returncode == 1
     assert str(tmp_path / "file" / "logs") in json.loads(result.stderr)["message"]
+
+
+def test_lines_for_people_have_time_level_service_and_message() -> None:
+    line = TextLines("dpm").format(record("malformed message on %s", "key"))
+    assert line[8:] == " WARNING  dpm: malformed message on key"

@@ -9,7 +9,7 @@ import io
 import pytest
 
 from cdff_dev import progress
-from cdff_dev.progress import Progress
+from cdff_dev.progress import Progress, progress_of
 
 
 class _Terminal(io.StringIO):
@@ -55,3 +55,13 @@ def test_without_a_total_only_count_and_rate_are_shown(clock: list[float]) -> No
     clock[0] = 10.0
     bar.advance()
     assert out.getvalue() == "1 samples, 0.1/s\n"
+
+
+def test_a_callback_of_numbers_shows_progress_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = io.StringIO()
+    monkeypatch.setattr("sys.stderr", lines)
+    monkeypatch.setattr("cdff_dev.progress._LINES_S", 0.0)
+    report = progress_of("scans")
+    for done in (1, 2):
+        report(done, 2)
+    assert [line.split(",")[0] for line in lines.getvalue().splitlines()] == ["1/2 scans", "2/2 scans"]

@@ -28,7 +28,9 @@ MB = 1 << 20
 
 
 @pytest.mark.req("CDFF-SUP-032")
-@pytest.mark.parametrize("runs", [2, pytest.param(15, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs", [2, pytest.param(8, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.soak)]
+)
 def test_acknowledged_changes_survive_a_kill_and_no_change_is_partly_written(
     tmp_path: Path, runs: int
 ) -> None:
@@ -41,7 +43,7 @@ def test_acknowledged_changes_survive_a_kill_and_no_change_is_partly_written(
 @pytest.mark.req("CDFF-SUP-172")
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler to build the library of failing calls")
 @pytest.mark.parametrize(
-    "stride", [pytest.param(97, marks=pytest.mark.slow), pytest.param(13, marks=pytest.mark.soak)]
+    "stride", [pytest.param(193, marks=pytest.mark.slow), pytest.param(13, marks=pytest.mark.soak)]
 )
 def test_every_failing_call_gives_a_typed_error_and_an_intact_store(
     empty: Path, tmp_path: Path, stride: int

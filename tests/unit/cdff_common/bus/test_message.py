@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from cdff_common.bus import keys
 from cdff_common.bus.message import (
+    encoding_argument,
     error_body,
     error_of,
     format_parameters,
@@ -34,6 +35,13 @@ def test_a_request_with_a_region_needs_no_escapes() -> None:
 def test_malformed_parameters_are_refused(text: str) -> None:
     with pytest.raises(InputError):
         parse_parameters(text)
+
+
+def test_an_encoding_that_zenoh_cannot_send_is_refused() -> None:
+    assert encoding_argument("e" * 255) == "e" * 255
+    assert encoding_argument("") is None
+    with pytest.raises(InputError, match="256 bytes, expected at most 255"):
+        encoding_argument("e" * 256)
 
 
 def test_an_error_keeps_its_class_and_detail() -> None:

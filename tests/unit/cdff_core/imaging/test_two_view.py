@@ -48,7 +48,7 @@ def views(
 
 
 def homography() -> np.ndarray:
-    """Return the homography of the plane of ``views``, of unit norm."""
+    """Return the homography ``(3, 3)`` between the images of ``views``, scaled to the Frobenius norm 1."""
     H = K @ (R + np.outer(T, [0.2, -0.3, 1.0]) / 4.0) @ np.linalg.inv(K)
     return np.asarray(H / np.linalg.norm(H))
 

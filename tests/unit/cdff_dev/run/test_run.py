@@ -127,16 +127,21 @@ def test_points_are_written_as_ply_and_other_arrays_as_npz(tmp_path: Path, rng: 
     assert len(read_npz(out / "kept.npz")["kept"]) == 500
 
 
-def test_a_map_is_written_as_geotiff(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_map_is_written_as_geotiff_printed_in_words_and_drawn(
+    tmp_path: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
     cloud = ply(tmp_path / "cloud", surfaces.terrain(rng))
     out = tmp_path / "out"
-    assert (
-        cdff_run("digital_elevation_mapping", f"cloud={cloud}", "--set", "resolution_m=0.5", "--out", out)
-        == 0
-    )
+    command = ["digital_elevation_mapping", f"cloud={cloud}", "--set", "resolution_m=0.5", "--out"]
+    assert cdff_run(*command, out, "--plot", tmp_path / "map.png") == 0
+    assert "cells of 0.5 m in" in capsys.readouterr().out
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     dem = read_map(out / report_of(out)["outputs"]["map"]["file"])
     assert dem.geometry.resolution_m == 0.5
     assert dem.layer("mean").shape == dem.geometry.shape
+    assert cdff_run(*command, "-") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["outputs"]["map"]["value"]["metadata"]["resolution"] == 0.5
 
 
 def test_a_disparity_image_is_written_as_float_tif(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff slam`` and ``cdff vo`` go from a path to trajectory, map and pictures."""
+"""``cdff slam``, ``cdff vo`` and ``cdff dem`` go from a path to trajectory, map and pictures."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ import numpy as np
 import pytest
 
 from cdff_common.cli import EXIT_ERROR, EXIT_REFUSED, main
+from cdff_common.formats.geotiff import read_map
 from cdff_common.formats.ply import read_ply
 from cdff_common.formats.tum import read_tum
+from cdff_dev.logs import open_log
+from cdff_dev.slam.estimation import too_many_failed
 
 PNG = b"\x89PNG"
 PAIRS = 8
@@ -47,6 +50,13 @@ def test_vo_writes_trajectory_picture_and_errors(drive: Path, tmp_path: Path) ->
     assert run["statuses"] == {"OK": PAIRS}
     assert run["truth"]["ate"]["translation_m"]["rmse"] < 0.01 * run["path_length_m"]
     assert not (out / "map.ply").exists()
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert report.count("data:image/png;base64,") == 3  # trajectory, errors, timing
+    assert "Errors after alignment" in report
+    assert "http" not in report  # no external resources
+    with open_log(out) as outputs:
+        info = outputs.streams["/kitti/visual_odometry_sparse.pose"]
+        assert (info.type_name, info.count) == ("TransformWithCovariance", PAIRS)
 
 
 def test_slam_writes_map_graph_and_pictures(
@@ -57,13 +67,32 @@ def test_slam_writes_map_graph_and_pictures(
     for n in range(2):
         shutil.copy(real_data(f"kitti_velodyne/{n:06d}.bin"), scans)
     assert main(["slam", str(scans), "--out", str(out)]) == 0
-    assert "no comparison: the log has no stream of true poses" in capsys.readouterr().out
+    assert "no comparison: the log has not exactly one stream of true poses" in capsys.readouterr().out
     assert len(read_ply(out / "map.ply").points_m) > 1000
     assert (out / "map.png").read_bytes().startswith(PNG)
+    assert "Map</h2>" in (out / "report.html").read_text(encoding="utf-8")
+    with open_log(out) as outputs:
+        assert {info.type_name for info in outputs.streams.values()} >= {"PoseGraph", "Pointcloud"}
     assert "VERTEX_SE" in (out / "graph.g2o").read_text(encoding="utf-8")
     # The car moves forward by about 0.9 m between these sweeps.
     _, T = read_tum(out / "trajectory.tum")
     assert 0.5 < np.linalg.norm(T[-1, :3, 3]) < 1.5
+
+
+def test_dem_of_a_stereo_drive_has_the_road_below_the_camera(drive: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert main(["dem", str(drive), "--resolution-m", "0.2", "--out", str(out)]) == 0
+    elevation = read_map((out / "dem.tif").read_bytes())
+    geometry = elevation.geometry
+    assert geometry.frame == "kitti/start"
+    x_m = np.arange(7.0, 12.0, 0.2)
+    row, col, _ = geometry.cells_of(x_m, np.zeros_like(x_m))
+    # The cameras are 1.65 m above the road and pitched by about a degree.
+    assert np.nanmedian(elevation.layer("mean")[row, col]) == pytest.approx(-1.65, abs=0.2)
+    assert (out / "dem.png").read_bytes().startswith(PNG)
+    run = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    assert run["dem"]["observed_cells"] > 1000
+    assert run["dem"]["resolution_m"] == 0.2
 
 
 @pytest.mark.slow
@@ -78,6 +107,20 @@ def test_pairs_too_far_apart_are_refused_with_the_reason(
     assert not (tmp_path / "out").exists()
 
 
+def test_more_than_five_percent_of_failed_poses_are_too_many() -> None:
+    assert not too_many_failed({"OK": 90, "DEGRADED": 5, "FAILED": 5})
+    assert too_many_failed({"OK": 94, "FAILED": 6})
+
+
+def test_a_folder_that_cannot_be_written_is_reported_before_the_work(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("cdff_dev.logs.open_log", lambda *_: pytest.fail("the log was opened"))
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    assert main(["vo", str(drive), "--out", str(tmp_path / "file" / "out")]) == EXIT_ERROR
+    assert "cannot be written" in capsys.readouterr().err
+
+
 def test_a_log_without_the_sensor_is_refused_with_what_it_has(
     drive: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,3 +128,39 @@ def test_a_log_without_the_sensor_is_refused_with_what_it_has(
     message = capsys.readouterr().err
     assert "/kitti/navcam.pair (FramePair)" in message
     assert "use cdff vo" in message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["drive.bag", "drive.mcap"])
+def test_a_converted_stereo_drive_gives_the_same_trajectory(drive: Path, tmp_path: Path, target: str) -> None:
+    converted = tmp_path / "converted" / target
+    assert main(["log", "convert", str(drive), str(converted)]) == 0
+    runs = []
+    for log, out in ((drive, tmp_path / "original"), (converted, tmp_path / "out")):
+        assert main(["vo", str(log), "--out", str(out)]) == 0
+        runs.append(out)
+    np.testing.assert_allclose(*(read_tum(out / "trajectory.tum")[1] for out in runs), atol=1e-6)
+    errors = [json.loads((out / "run.json").read_text(encoding="utf-8"))["truth"]["ate"] for out in runs]
+    assert errors[0]["translation_m"]["rmse"] == pytest.approx(errors[1]["translation_m"]["rmse"], abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["scans.bag", "scans.mcap", "scans.ply"])
+def test_converted_scans_give_the_same_trajectory_and_map(
+    real_data: Callable[[str], Path], tmp_path: Path, target: str
+) -> None:
+    scans, converted = tmp_path / "scans", tmp_path / "converted" / target
+    scans.mkdir()
+    for n in range(2):
+        shutil.copy(real_data(f"kitti_velodyne/{n:06d}.bin"), scans)
+    if target == "scans.ply":
+        words = ["export", str(scans), "/robot/lidar.scan", "--out", str(converted)]
+    else:
+        words = ["convert", str(scans), str(converted)]
+    assert main(["log", *words]) == 0
+    for log, out in ((scans, "original"), (converted, "out")):
+        assert main(["slam", str(log), "--out", str(tmp_path / out)]) == 0
+    T = [read_tum(tmp_path / out / "trajectory.tum")[1] for out in ("original", "out")]
+    np.testing.assert_allclose(*T, atol=1e-6)
+    counts = [len(read_ply(tmp_path / out / "map.ply").points_m) for out in ("original", "out")]
+    assert counts[0] == counts[1]

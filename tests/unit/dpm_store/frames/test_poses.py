@@ -8,10 +8,10 @@ from cdff_common.codecs import encode
 from cdff_common.errors import CodecError, ExtrapolationError, FrameNotFoundError, InputError, StorageError
 from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from cdff_common.types import TransformWithCovariance
 from dpm_store import Store
 from dpm_store.frames.frames import HistoryView
-from dpm_store.frames.poses import EXTRAPOLATION_LIMIT_NS
 from tests.support.store_products import header, put
 
 S = 1_000_000_000

@@ -11,6 +11,7 @@ import pytest
 
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
+from cdff_common.plots import figure_bytes
 from cdff_dev.compare.trajectory.compare import compare
 from cdff_dev.compare.trajectory.plot import draw
 from cdff_dev.compare.trajectory.report import table
@@ -154,7 +155,21 @@ def test_table_and_plot_show_the_results() -> None:
     comparison = compare(track(bend(), C), track(bend()))
     assert "ATE m" in table(comparison.results)
     assert "NEES of 200 poses" in table(comparison.results)
-    svg = draw(comparison)
-    assert svg.startswith("<svg")
-    assert {"reference", "estimate", "path length, m"} <= set(re.findall(r">([^<>]+)</text>", svg))
-    assert draw(comparison) == svg
+    svg = figure_bytes(draw(comparison), "svg").decode()
+    texts = set(re.findall(r">([^<>]+)</text>", svg))
+    assert {"reference", "estimate", "path length, m", "x", "y", "z", "distance"} <= texts
+    assert any("aligned by rotation and translation" in text for text in texts)
+    assert figure_bytes(draw(comparison), "svg").decode() == svg
+
+
+def test_repeated_and_unordered_stamps_are_dropped_and_counted() -> None:
+    stamps_ns = np.array([1, 2, 2, 5, 4, 6], np.int64) * 10**9
+    T = np.tile(np.eye(4), (6, 1, 1))
+    T[:, 0, 3] = np.arange(6)
+    shuffled = Track.of_ascending("log", stamps_ns, T)
+    assert shuffled.stamps_ns.tolist() == [10**9, 2 * 10**9, 5 * 10**9, 6 * 10**9]
+    assert shuffled.positions_m[:, 0].tolist() == [0.0, 1.0, 3.0, 5.0]
+    assert shuffled.dropped == 2
+    results = compare(shuffled, shuffled, align="none").results
+    assert "2 poses of the estimate are dropped" in table(results)
+    assert results["ate"]["rmse_by_axis_m"] == {"x": 0.0, "y": 0.0, "z": 0.0}

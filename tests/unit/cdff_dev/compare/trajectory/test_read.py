@@ -61,6 +61,28 @@ def test_tum_files_kitti_files_and_logs_give_equal_trajectories(
         read_track(tmp_path / "c.msg")
 
 
+EUROC = (
+    "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], "
+    "q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_x"
+)
+NAMED = "timestamp_ns,tx_m,ty_m,tz_m,qx,qy,qz,qw"
+
+
+@pytest.mark.parametrize(
+    ("header", "row"), [(EUROC, "7000,1,2,3,0.8,0.6,0,0,9"), (NAMED, "7000,1,2,3,0.6,0,0,0.8")]
+)
+def test_a_csv_file_is_read_by_the_names_of_its_columns(tmp_path: Path, header: str, row: str) -> None:
+    (tmp_path / "a.csv").write_text(f"{header}\n{row}\n{row}\n")
+    track = read_track(tmp_path / "a.csv")
+    assert track.stamps_ns.tolist() == [7000]
+    assert track.dropped == 1
+    expected = se3.transform_from_quaternion_xyzw([1.0, 2.0, 3.0], [0.6, 0.0, 0.0, 0.8])
+    np.testing.assert_allclose(track.matrices[0], expected)
+    (tmp_path / "a.csv").write_text(f"{header}\n7000,1\n")
+    with pytest.raises(CdffError, match="line 2"):
+        read_track(tmp_path / "a.csv")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

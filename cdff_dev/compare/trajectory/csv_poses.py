@@ -1,0 +1,65 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses in CSV files with named columns, such as the ground truth of EuRoC (ASL data sets)."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdff_common.formats.file_source import Source
+from cdff_common.geometry import se3
+
+#: Columns of a pose, and the patterns of their names: p_RS_R_x [m], tx_m, x; q_RS_w [], qw.
+_COLUMNS = {
+    "time": r"timestamp.*|time.*|t_ns",
+    **{axis: rf"(p_.*_|t|p|position_)?{axis}(_m)?" for axis in "xyz"},
+    **{f"q{part}": rf"q(_.*_|_)?{part}" for part in "xyzw"},
+}
+
+
+def is_pose_csv(source: Source) -> bool:
+    """Return whether the first line names the columns of poses, separated by commas."""
+    return len(_columns(_header(source))) == len(_COLUMNS)
+
+
+def read_pose_csv(source: Source) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read stamps ``(n,)`` in nanoseconds, and matrices ``(n, 4, 4)``; raises CodecError with the line."""
+    header = _header(source)
+    columns = _columns(header)
+    is_in_seconds = re.search(r"\[s\]|_s$", header[columns["time"]].strip()) is not None
+    stamps, rows = [], []
+    lines = source.data.decode("utf-8", "replace").splitlines()
+    for number, line in enumerate(lines[1:], start=2):
+        words = line.split("#")[0].split(",")
+        if len(words) == 1 and not words[0].strip():
+            continue
+        try:
+            stamp = words[columns["time"]]
+            stamps.append(round(float(stamp) * 1e9) if is_in_seconds else int(stamp))
+            rows.append([float(words[columns[name]]) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")])
+        except (ValueError, IndexError, OverflowError) as error:
+            raise source.error(f"line {number}: {error}; expected {', '.join(header)}") from error
+    table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    if not (np.isfinite(table).all() and (np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1.0) < 0.01).all()):
+        raise source.error("a pose is not finite or its quaternion is not of unit length")
+    T = se3.transform_from_quaternion_xyzw(table[:, :3], table[:, 3:]) if len(table) else np.zeros((0, 4, 4))
+    return np.array(stamps, dtype=np.int64), T
+
+
+def _header(source: Source) -> list[str]:
+    first = source.data[:4096].split(b"\n", 1)[0].decode("utf-8", "replace")
+    return [word.strip() for word in first.lstrip("#\ufeff").split(",")] if "," in first else []
+
+
+def _columns(header: list[str]) -> dict[str, int]:
+    """Return the index of each column of a pose that the header names; the first one if several match."""
+    names = [re.sub(r"\s*\[.*\]", "", name).strip() for name in header]
+    found: dict[str, int] = {}
+    for column, pattern in _COLUMNS.items():
+        for index, name in enumerate(names):
+            if re.fullmatch(pattern, name, re.IGNORECASE):
+                found.setdefault(column, index)
+    return found
