@@ -26,6 +26,8 @@ logger = logging.getLogger(__name__)
 _WAITING = 256
 #: Numbers of the status of a DFPC that are plotted.
 _PLOTTED = ("mean_step_cpu_s", "pending", "dropped")
+#: Event that a player repeats with its progress.
+_PROGRESS = "playback"
 
 #: A sample, or a layer from a mission time on.
 Update = LogSample | tuple[int, Layer]
@@ -81,6 +83,8 @@ def updates_of(message: Message, now_ns: int, states: States) -> Iterator[Update
     """
     _, _, scope, kind, *rest = message.key.split("/")
     if kind == "event":
+        if rest[0] == _PROGRESS:
+            return
         yield now_ns, _event_layer(scope, rest[0], unpack(message.payload))
     elif kind == "dfpc":
         for layer in states.layers(f"/{scope}/{rest[0]}", unpack(message.payload)):

@@ -73,3 +73,7 @@ def test_events_are_messages_and_active_alarms_warnings() -> None:
         assert isinstance(layer.drawing, Note)
         levels.append(layer.drawing.level)
     assert levels == ["WARN", "INFO"]
+
+
+def test_the_progress_of_a_player_is_no_message() -> None:
+    assert layers(keys.event("ground", "playback"), {"position_ns": 5}) == []
