@@ -71,10 +71,33 @@ def _run(args: argparse.Namespace) -> int:
         profile=None if args.profile is None else load_profile(args.profile),
         derived=args.derive or (),
     )
+    if args.foxglove and not args.live:
+        return _play(args, selection)
     output = output_of(args)
     if args.live:
         print(show_live(output, args.connect, selection, args.duration))
     else:
         print(show_logs(output, [(path, args.calibration) for path in args.logs], selection))
     output.wait()
+    return 0
+
+
+def _play(args: argparse.Namespace, selection: Any) -> int:
+    """Serve logs to Foxglove from a temporary MCAP file: a server sends to the clients it has."""
+    import tempfile
+
+    from cdff_common.output import check_file
+    from cdff_dev.view.outputs import FOXGLOVE_PORT, mcap_file, play_in_foxglove
+    from cdff_dev.view.show import show_logs
+
+    port = args.port or FOXGLOVE_PORT
+    if args.layout is not None:
+        check_file(args.layout)
+    with tempfile.TemporaryDirectory(prefix="cdff-view-") as folder:
+        path = Path(folder) / "scene.mcap"
+        output = mcap_file(path, args.layout, f"ws://127.0.0.1:{port}, until Ctrl-C")
+        text = show_logs(output, [(log, args.calibration) for log in args.logs], selection)
+        output.wait()
+        print(text, flush=True)
+        play_in_foxglove(path, port)
     return 0

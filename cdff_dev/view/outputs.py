@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cdff_dev.view.feed import Contents
 
 _LOOPBACK = "127.0.0.1"
-_FOXGLOVE_PORT = 8765
+FOXGLOVE_PORT = 8765
 #: Longest start of the viewer, seconds.
 _START_S = 60.0
 
@@ -80,10 +80,10 @@ def output_of(args: argparse.Namespace) -> Output:
         if path is not None:
             check_file(path)
     if args.foxglove:
-        return _foxglove_server(_FOXGLOVE_PORT if args.port is None else args.port, args.layout)
+        return _foxglove_server(args.port or FOXGLOVE_PORT, args.layout)
     if args.save is None:
         return rerun_viewer(web=args.web)
-    return _mcap_file(args.save, args.layout) if form == "mcap" else rerun_file(args.save)
+    return mcap_file(args.save, args.layout) if form == "mcap" else rerun_file(args.save)
 
 
 def rerun_file(path: Path) -> Output:
@@ -154,17 +154,33 @@ def _rerun_output(
     return Output(RerunScene(recording), place, arrange, viewer is not None, viewer)
 
 
-def _mcap_file(path: Path, layout: Path | None) -> Output:
+def mcap_file(path: Path, layout: Path | None, place: str | None = None) -> Output:
+    """Return the output to an MCAP file, and to a file with the layout."""
     from cdff_dev.view.foxglove_scene import mcap_scene
 
-    return Output(mcap_scene(path), str(path), _layout_writer(layout))
+    return Output(mcap_scene(path), place or str(path), _layout_writer(layout))
 
 
 def _foxglove_server(port: int, layout: Path | None) -> Output:
+    """Return the output to a server that sends what is put, for the running system."""
     from cdff_dev.view.foxglove_scene import server_scene
 
     scene = server_scene(_LOOPBACK, port)
     return Output(scene, f"ws://{_LOOPBACK}:{port}", _layout_writer(layout), serves=True)
+
+
+def play_in_foxglove(path: Path, port: int) -> None:
+    """Serve an MCAP file, which its clients play, until interrupted."""
+    from cdff_dev.view.foxglove_playback import PlaybackServer
+
+    server = PlaybackServer(path, _LOOPBACK, port)
+    try:
+        while True:
+            time.sleep(0.5)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        server.close()
 
 
 def _layout_writer(path: Path | None) -> Callable[[Contents], None]:
