@@ -9,6 +9,7 @@ The viewer Rerun draws with a software implementation of Vulkan: lavapipe (Debia
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import subprocess
 import sys
@@ -16,6 +17,8 @@ import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
+
+from PIL import Image
 
 from cdff_common.errors import UnavailableError
 from cdff_dev.ports import free_port
@@ -82,6 +85,13 @@ def take_picture(recording: Path, size: str, driver: Mapping[str, str]) -> bytes
     raise UnavailableError(f"no picture of the viewer within {_TIMEOUT_S:.0f} s: {failure}")
 
 
+def with_palette(png: bytes) -> bytes:
+    """Return a picture with 256 colours, a third of its size."""
+    out = io.BytesIO()
+    Image.open(io.BytesIO(png)).convert("RGB").quantize(256).save(out, format="png", optimize=True)
+    return out.getvalue()
+
+
 def main() -> int:
     """Draw the logs of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -106,7 +116,7 @@ def main() -> int:
             str(recording),
         ]
         subprocess.run(view, check=True)
-        args.out.write_bytes(take_picture(recording, args.size, driver))
+        args.out.write_bytes(with_palette(take_picture(recording, args.size, driver)))
     return 0
 
 

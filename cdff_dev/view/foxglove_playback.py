@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Playback of an MCAP file by a WebSocket server of Foxglove: play, pause, speed and seek by its clients."""
+"""Playback of an MCAP file by a WebSocket server of Foxglove: play, pause, speed and jumps by its clients."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class PlaybackServer(ServerListener):
         self._server.stop()
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Send what is shown now when the subscriptions are complete; start with the first client."""
+        """Send the current state when the subscriptions are complete; start with the first client."""
         with self._changed:
             if self._refresh is not None:
                 self._refresh.cancel()
@@ -136,14 +136,14 @@ class PlaybackServer(ServerListener):
             self._changed.notify_all()
 
     def _run(self) -> None:
-        """Play until closed; each seek is a new pass through the file."""
+        """Play until closed; each jump is a new pass through the file."""
         start_ns = self._awaited_seek()
         while start_ns is not None:
             self._send_until(start_ns)
             start_ns = self._play_from(start_ns)
 
     def _play_from(self, start_ns: int) -> int | None:
-        """Send the messages from a time on; return the time of a seek, or None if closed."""
+        """Send the messages from a time on; return the time of a jump, or None if closed."""
         for channel_id, stamp_ns, data in self._messages(start_ns + 1, self._t1_ns + 1):
             with self._changed:
                 while self._seek_ns is None and not self._is_closed:
@@ -165,13 +165,13 @@ class PlaybackServer(ServerListener):
         return self._awaited_seek()
 
     def _awaited_seek(self) -> int | None:
-        """Wait for a seek; return its time, or None if closed."""
+        """Wait for a jump; return its time, or None if closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._is_closed or self._seek_ns is not None)
             return self._taken_seek()
 
     def _send_until(self, stamp_ns: int) -> None:
-        """Send what is shown at a time: the transforms, and the last message of each other topic."""
+        """Send the state at a time: the transforms, and the last message of each other topic."""
         last: dict[int, tuple[int, bytes]] = {}
         for channel_id, log_ns, data in self._messages(self._t0_ns, stamp_ns + 1):
             if self._channels[channel_id].topic() == _TRANSFORMS:

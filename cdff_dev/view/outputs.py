@@ -162,7 +162,7 @@ def mcap_file(path: Path, layout: Path | None, place: str | None = None) -> Outp
 
 
 def _foxglove_server(port: int, layout: Path | None) -> Output:
-    """Return the output to a server that sends what is put, for the running system."""
+    """Return the output to a server that sends each layer at once, for the running system."""
     from cdff_dev.view.foxglove_scene import server_scene
 
     scene = server_scene(_LOOPBACK, port)

@@ -33,7 +33,7 @@ class Selection:
     profile : Profile or None
         Fixed frames of the robots.
     derived : collection of str
-        ``disparity``, ``features``: what is computed from the images.
+        ``disparity``, ``features``: to be computed from the images.
     """
 
     streams: Collection[str] | None = None
