@@ -9,17 +9,17 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import apsw
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag1 import ReaderError as Bag1Error
 from rosbags.rosbag2 import ReaderError as Bag2Error
-from rosbags.rosbag2.storage_sqlite3 import sqlite3  # type: ignore[attr-defined]
 
 from cdff_common.errors import CodecError
 from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Recording
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
-_ERRORS = (*PARSER_ERRORS, AnyReaderError, Bag1Error, Bag2Error, sqlite3.Error)
+_ERRORS = (*PARSER_ERRORS, AnyReaderError, Bag1Error, Bag2Error, apsw.Error)
 
 
 class BagRecording(Recording):
