@@ -17,7 +17,7 @@ from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.mission_replay.mission import LogClock, MissionReplay, RecordedSample
 from cdff_dev.mission_replay.report import write_answers
 from cdff_dev.mission_replay.script import read_script
-from cdff_dev.play.player import playable
+from cdff_dev.play.start import playable
 from cdff_dev.replay.output import ReplayOutput
 from dpm_store import Store, open_store
 
