@@ -155,9 +155,9 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
+    from cdff_common.progress import Progress
     from cdff_dev.compilation import compilation_notice
     from cdff_dev.play.log_part import LogPart
-    from cdff_dev.progress import Progress
     from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
     from cdff_dev.replay.tap import Tap
