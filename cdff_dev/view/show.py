@@ -12,9 +12,9 @@ from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.progress import Progress
 from cdff_dev.logs import open_log
 from cdff_dev.logs.source import LogSample, LogSource
-from cdff_dev.progress import Progress
 from cdff_dev.view.derived import Deriver
 from cdff_dev.view.feed import Contents, Feed, path_interval, sources_of
 from cdff_dev.view.outputs import Output
