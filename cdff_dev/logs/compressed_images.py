@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+import struct
 import warnings
 from typing import Any
 
@@ -16,6 +17,7 @@ from cdff_common.errors import CodecError
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 #: Largest image: 64 million pixels of 3 bytes are 200 MB.
 _MAX_PIXELS = 1 << 26
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 #: Largest compression of PNG: 1032 bytes of 8 pixels per byte (https://zlib.net/zlib_tech.html).
 _PNG_PIXELS_PER_BYTE = 8 * 1032
 
@@ -53,8 +55,24 @@ def _check_size(data: bytes, name: str) -> None:
             f"{name}: not an image that can be decoded ({type(error).__name__}); expected one of "
             f"{', '.join(_FORMATS)}"
         ) from error
+    if image.format == "PNG":
+        _check_png_chunks(data, name)
     limit = min(_MAX_PIXELS, _PNG_PIXELS_PER_BYTE * len(data) if image.format == "PNG" else _MAX_PIXELS)
     if image.width * image.height > limit:
         raise CodecError(
             f"{name}: {image.width} x {image.height} pixels in {len(data)} bytes, expected at most {limit}"
         )
+
+
+def _check_png_chunks(data: bytes, name: str) -> None:
+    """Refuse a chunk that ends after the file, for whose stated size OpenCV allocates memory."""
+    at = len(_PNG_MAGIC)
+    while at + 8 <= len(data):
+        (size,) = struct.unpack_from(">I", data, at)
+        if at + size + 12 > len(data):
+            raise CodecError(
+                f"{name}: byte {at}: a chunk of {size} bytes in a PNG of {len(data)}; the file is damaged"
+            )
+        if data[at + 4 : at + 8] == b"IEND":
+            return
+        at += size + 12

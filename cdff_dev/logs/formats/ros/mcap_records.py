@@ -155,6 +155,7 @@ def _decompressed(body: memoryview, is_verified: bool) -> memoryview:
     chunk = body[at + _SIZE.size : at + _SIZE.size + data_size]
     if size > _MAX_BYTES:
         raise ValueError(f"a chunk of {size} bytes, expected at most {_MAX_BYTES}")
+    data: bytes | memoryview
     if compression == "zstd":
         data = zstandard.ZstdDecompressor().stream_reader(chunk).read(size)
     elif compression == "lz4":
