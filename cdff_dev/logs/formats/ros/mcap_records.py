@@ -152,7 +152,10 @@ def _decompressed(body: memoryview, is_verified: bool) -> memoryview:
     at = _CHUNK.size + name_size
     compression = bytes(body[_CHUNK.size : at]).decode("utf-8")
     (data_size,) = _SIZE.unpack_from(body, at)
-    chunk = body[at + _SIZE.size : at + _SIZE.size + data_size]
+    at += _SIZE.size
+    if data_size > len(body) - at:
+        raise ValueError(f"{data_size} bytes of records in a chunk that has {len(body) - at}")
+    chunk = body[at : at + data_size]
     if size > _MAX_BYTES:
         raise ValueError(f"a chunk of {size} bytes, expected at most {_MAX_BYTES}")
     data: bytes | memoryview
