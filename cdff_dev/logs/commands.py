@@ -92,9 +92,15 @@ def _count(*logs: LogSource) -> int:
 def _info(args: argparse.Namespace) -> int:
     from cdff_common.progress import counted, elapsed
     from cdff_dev.logs import LogReader, open_log
+    from cdff_dev.logs.content import describe
+    from cdff_dev.logs.formats import LogLocation, is_log
     from cdff_dev.logs.information import size_bytes, stream_reports
     from cdff_dev.logs.mapping import map_text, topic_map
 
+    location = LogLocation.of(args.log)
+    if not is_log(location) and (content := describe(location)) is not None:
+        print(json.dumps({"streams": {}, "content": content}) if args.json else f"no recording: {content}")
+        return 0
     if args.json:
         logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
     with closing(open_log(args.log, args.calibration)) as log:
