@@ -101,9 +101,12 @@ def _info(args: argparse.Namespace) -> int:
     if not is_log(location) and (content := describe(location)) is not None:
         print(json.dumps({"streams": {}, "content": content}) if args.json else f"no recording: {content}")
         return 0
-    if args.json:
-        logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
-    with closing(open_log(args.log, args.calibration)) as log:
+    with ExitStack() as stack:
+        if args.json:  # the quirks are in the JSON
+            logger = logging.getLogger("cdff_dev.logs")
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.ERROR)
+        log = stack.enter_context(closing(open_log(args.log, args.calibration)))
         if args.map:
             print(map_text(log.streams, topic_map(log.streams)))
             return 0
