@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One recording in several formats: ``cdff slam`` and ``cdff vo`` give the result of the compound on its own.
 
-The sweeps and stereo pairs of KITTI are converted to a ROS 1 bag and MCAP, the sweeps also to PLY. The trajectory of each is
-compared with that of ``cdff replay`` on the original files.
+The sweeps and stereo pairs of KITTI are converted to a ROS 1 bag and MCAP, the sweeps also to PLY. The
+trajectory of each is compared with that of ``cdff replay`` on the original files.
 """
 
 from __future__ import annotations
@@ -118,11 +118,16 @@ def _run(*arguments: str) -> str:
 
 def table(figures: Mapping[str, Any]) -> str:
     """Return the table of results."""
-    lines = [
-        "| recording | format | command | poses | path, m | difference from the compound on its own | RMSE of "
-        "positions and orientations, drift | CPU, s |",
-        "|---" * 8 + "|",
-    ]
+    columns = (
+        "recording",
+        "format",
+        "command",
+        "poses",
+        "path, m",
+        "difference from the compound on its own",
+    )
+    columns += ("RMSE of positions and orientations, drift", "CPU, s")
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for recording in RECORDINGS:
         for name, row in figures[recording.folder].items():
             statuses = ", ".join(f"{n} {status}" for status, n in sorted(row["statuses"].items()))
@@ -131,8 +136,15 @@ def table(figures: Mapping[str, Any]) -> str:
             errors = "no true poses"
             if row["rmse_m"] is not None:
                 errors = f"{row['rmse_m']:.4f} m, {row['rmse_deg']:.3f}°, {row['drift_percent']:.3f} %"
-            lines.append(
-                f"| {recording.folder} | {name} | `cdff {recording.command}` | {row['poses']} ({statuses}) | "
-                f"{row['path_length_m']:.3f} | {'none' if equal else difference} | {errors} | {row['cpu_s']:.1f} |"
+            cells = (
+                recording.folder,
+                name,
+                f"`cdff {recording.command}`",
+                f"{row['poses']} ({statuses})",
+                f"{row['path_length_m']:.3f}",
+                "none" if equal else difference,
+                errors,
+                f"{row['cpu_s']:.1f}",
             )
+            lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -116,13 +116,13 @@ def _info(args: argparse.Namespace) -> int:
         with elapsed("reading the stamps"):
             reports = stream_reports(log)
         if args.json:
-            content = {
+            document = {
                 "streams": {name: report.to_json() for name, report in reports.items()},
                 "quirks": dict(log.quirks.counts) if isinstance(log, LogReader) else {},
                 "unconverted": {name: asdict(item) for name, item in log.unconverted.items()},
                 "bytes": size_bytes(args.log),
             }
-            print(json.dumps(content))
+            print(json.dumps(document))
             return 0
         width = max((len(name) for name in reports), default=0)
         for name, report in reports.items():

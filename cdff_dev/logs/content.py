@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Description of files and folders that are no recordings, in one line: what they hold, and what reads them."""
+"""Description of files and folders that are no recordings, in one line: content, command that reads it."""
 
 from __future__ import annotations
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Control of a running player by HTTP on this machine: a page, the status, and the verbs of ``control``.
 
-``GET /status`` and ``POST /{verb}``, with the parameters of the calls on the bus, answer with the status. Requests
-with the ``Host`` of another machine, and writes from pages of another origin, are refused, as by the DPM.
+``GET /status`` and ``POST /{verb}``, with the parameters of the calls on the bus, answer with the status.
+Requests with the ``Host`` of another machine, and writes from pages of another origin, are refused, as by the
+DPM.
 """
 
 from __future__ import annotations

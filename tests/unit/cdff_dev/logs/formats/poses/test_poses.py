@@ -15,6 +15,7 @@ from cdff_dev.logs import open_log
 
 NAME = "/robot/truth.pose"
 KITTI = "1 0 0 2 0 1 0 3 0 0 1 4\n"
+MATRIX = [f"T{row}{col}" for row in range(3) for col in range(4)]
 IMAGES = "image,qw,qx,qy,qz,tx_km,ty_km,tz_km\n"
 
 
@@ -43,7 +44,7 @@ IMAGES = "image,qw,qx,qy,qz,tx_km,ty_km,tz_km\n"
         ),
         (
             "truth.csv",
-            f"frame,{','.join(f'T{r}{c}' for r in range(3) for c in range(4))}\n7,{KITTI.strip().replace(' ', ',')}\n",
+            f"frame,{','.join(MATRIX)}\n7,{KITTI.strip().replace(' ', ',')}\n",
             [700_000_000],
             [2, 3, 4],
         ),
