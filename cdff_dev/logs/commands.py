@@ -10,7 +10,7 @@ import heapq
 import json
 import logging
 import math
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,11 +91,12 @@ def _count(*logs: LogSource) -> int:
 
 def _info(args: argparse.Namespace) -> int:
     from cdff_common.progress import counted, elapsed
-    from cdff_dev.logs import LogReader, open_log
+    from cdff_dev.logs import LogReader
     from cdff_dev.logs.content import describe
     from cdff_dev.logs.formats import LogLocation, is_log
     from cdff_dev.logs.information import size_bytes, stream_reports
     from cdff_dev.logs.mapping import map_text, topic_map
+    from cdff_dev.logs.opened import opened
 
     location = LogLocation.of(args.log)
     if not is_log(location) and (content := describe(location)) is not None:
@@ -106,7 +107,7 @@ def _info(args: argparse.Namespace) -> int:
             logger = logging.getLogger("cdff_dev.logs")
             stack.callback(logger.setLevel, logger.level)
             logger.setLevel(logging.ERROR)
-        log = stack.enter_context(closing(open_log(args.log, args.calibration)))
+        log = stack.enter_context(opened(args.log, args.calibration))
         if args.map:
             print(map_text(log.streams, topic_map(log.streams)))
             return 0
@@ -135,9 +136,9 @@ def _info(args: argparse.Namespace) -> int:
 
 def _cat(args: argparse.Namespace) -> int:
     from cdff_common.clock import format_stamp
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
 
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         for i, sample in enumerate(_selected_samples(log, args)):
             if args.limit is not None and i >= args.limit:
                 break
@@ -180,10 +181,11 @@ def _jsonable(value: Any) -> Any:
 
 def _cut(args: argparse.Namespace) -> int:
     from cdff_common.progress import counted
-    from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.logs.opened import opened
     from cdff_dev.logs.sinks import refuse_own_input
 
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         refuse_own_input(log, Path(args.out))
         with LogWriter(args.out) as writer:
             for sample in counted(_selected_samples(log, args), 0, "samples"):
@@ -194,14 +196,15 @@ def _cut(args: argparse.Namespace) -> int:
 def _merge(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
     from cdff_common.progress import counted
-    from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.logs.opened import opened
     from cdff_dev.logs.sinks import refuse_own_input
 
     with ExitStack() as stack:
         logs = []
         path_of: dict[str, str] = {}
         for path in args.logs:
-            log = stack.enter_context(closing(open_log(path)))
+            log = stack.enter_context(opened(path))
             refuse_own_input(log, Path(args.out))
             for name in log.streams:
                 if name in path_of:
