@@ -9,6 +9,7 @@ DPM.
 
 from __future__ import annotations
 
+import logging
 import socket
 import threading
 from collections.abc import Iterator
@@ -85,6 +86,7 @@ def served(player: Player, stop: threading.Event, port: int) -> Iterator[str]:
     config = uvicorn.Config(
         create_app(player, stop), log_config=None, access_log=False, lifespan="off", server_header=False
     )
+    logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True)
     thread.start()
