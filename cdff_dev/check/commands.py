@@ -22,12 +22,14 @@ def register(nouns: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print every fault; return 1 if there is one."""
     from cdff_common.interfaces.registry import Registry
+    from cdff_common.progress import elapsed
     from cdff_dev.check import descriptions, requirements
     from cdff_dev.tree import Tree
 
     root = Tree.here().root
     registry = Registry.default()
-    faults = descriptions.faults(root, registry) + requirements.faults(root, verified=args.verified)
+    with elapsed("check"):
+        faults = descriptions.faults(root, registry) + requirements.faults(root, verified=args.verified)
     if args.json:
         print(json.dumps(faults, indent=1))
     else:
