@@ -24,9 +24,8 @@ def classes(
     out = np.zeros(4, int)
     for x, y, z in se3.transform_points(T, points[visible[view]]):
         column, row = (int(np.floor((c / z - low) / PIXEL)) for c, low in ((x, LOW[0]), (y, LOW[1])))
-        if z <= 0.0 or not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]):
-            out[UNKNOWN] += 1
-        elif np.isinf(depth[row, column]):
+        inside = z > 0.0 and 0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]
+        if not inside or np.isinf(depth[row, column]):
             out[UNKNOWN] += 1
         else:
             difference = depth[row, column] - z
@@ -41,7 +40,10 @@ def test_visible_points_are_classified_by_the_depth_of_their_pixel() -> None:
     points, directions = rng.normal(0.0, 0.6, (50, 3)), sphere_directions(7)
     visible = rng.random((7, 50)) < 0.6
     poses = np.array(
-        [se3.exp_se3([*rng.normal(0.0, 0.2, 2), z, *rng.normal(size=3)]) for z in (3.0, 2.8, 3.2, 0.3, -3.0)]
+        [
+            se3.transform(se3.exp_so3(rng.normal(size=3)), [*rng.normal(0.0, 0.2, 2), z])
+            for z in (3.0, 2.8, 3.2, 0.3, -3.0)
+        ]
     )
     out = _counts(depth, LOW, PIXEL, poses, points, directions, visible, 0.2)
     expected = [classes(depth, T, points, directions, visible, 0.2) for T in poses]

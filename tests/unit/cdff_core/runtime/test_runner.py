@@ -5,6 +5,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -124,6 +125,28 @@ def test_a_requested_map_has_the_frame_resolution_and_interval_of_its_cells(dfpc
 @pytest.mark.parametrize("value", [3, {"count": 2}, sample(5000).value.transform])
 def test_a_requested_value_without_frame_or_time_has_only_its_producer(dfpc: Dfpc, value: object) -> None:
     assert Runner(dfpc).provenance("count", value).keys() == {"producer", "config_hash"}
+
+
+@pytest.mark.parametrize("given", [{"frame": "site"}, {"stamp_ns": 5000}, {"frame": "", "stamp_ns": 5000}])
+def test_a_requested_value_needs_a_frame_and_a_time_for_a_header(
+    dfpc: Dfpc, given: dict[str, object]
+) -> None:
+    value = SimpleNamespace(**given, extent_m=lambda: None)
+    assert Runner(dfpc).provenance("part", value).keys() == {"producer", "config_hash"}
+
+
+def test_a_requested_value_without_extent_has_no_box(dfpc: Dfpc) -> None:
+    value = SimpleNamespace(frame="mana/base", stamp_ns=0, extent_m=lambda: None)
+    header = Runner(dfpc).provenance("part", value)
+    assert (header["frame"], header["t0_ns"], header["t1_ns"]) == ("mana/base", 0, 0)
+    assert header.get("box_m") is None
+    assert header.get("resolution_m") is None
+    assert header.get("child") is None
+    geometry = SimpleNamespace(frame="mana/odom", resolution_m=0.5)
+    header = Runner(dfpc).provenance(
+        "part", SimpleNamespace(geometry=geometry, stamp_ns=5000, extent_m=lambda: None)
+    )
+    assert (header["frame"], header["resolution_m"], header["t0_ns"]) == ("mana/odom", 0.5, 5000)
 
 
 def test_an_unordered_port_accepts_older_samples_and_drops_repeated_ones(
