@@ -72,3 +72,6 @@ def test_the_least_fraction_of_known_cells_is_included() -> None:
         assert out[0, 0] == pytest.approx(expected)
     out = residuals(heights, np.zeros(2), CELL_M, T[None], turn, points[:2], CUTOFF_M, 0.0)
     assert out[0, 0] == np.inf
+    assert residuals(heights, np.zeros(2), CELL_M, T[None], turn, points[2:3], CUTOFF_M, 1.0)[
+        0, 0
+    ] == pytest.approx(0.1)
