@@ -180,6 +180,28 @@ def test_one_future_stamp_and_some_late_ones_do_not_reset_a_port(dfpc: Dfpc) -> 
     assert not runner.push(sample(3000))
 
 
+def test_samples_that_are_late_by_up_to_ten_seconds_never_reset_a_port(dfpc: Dfpc) -> None:
+    runner, hour_ns, limit_ns = Runner(dfpc), 3_600_000_000_000, 10_000_000_000
+    assert runner.push(sample(hour_ns))
+    assert not any(runner.push(sample(hour_ns - limit_ns + 1000 * k)) for k in range(6))
+    assert [runner.push(sample(hour_ns - limit_ns - 4000 + 1000 * k)) for k in range(3)] == [
+        False,
+        False,
+        True,
+    ]
+
+
+def test_an_unordered_port_remembers_the_last_1024_samples(dfpc: Dfpc) -> None:
+    (port,) = dfpc.description.input_ports
+    dfpc.description = dfpc.description.model_copy(
+        update={"input_ports": (port.model_copy(update={"ordered": False}),)}
+    )
+    runner = Runner(dfpc)
+    assert all(runner.push(sample(5000, seq=k)) for k in range(1025))
+    assert not runner.push(sample(5000, seq=1))
+    assert runner.push(sample(5000, seq=0))
+
+
 def test_a_replayed_log_is_accepted_again_by_an_unordered_port(dfpc: Dfpc) -> None:
     (port,) = dfpc.description.input_ports
     dfpc.description = dfpc.description.model_copy(

@@ -60,3 +60,6 @@ def test_cells_along_a_line_and_too_few_cells_have_no_plane() -> None:
     assert rms[0, 0] == pytest.approx(0.0, abs=1e-7)
     assert middle[0, 0] == pytest.approx(1.0)
     assert leverage[0, 0] == pytest.approx(1.0)
+    single = np.full((3, 3), np.nan)
+    single[1, 1] = 1.0
+    assert np.all(np.isnan(fit_planes(single, 1, 1)[2]))
