@@ -63,3 +63,10 @@ def test_cells_along_a_line_and_too_few_cells_have_no_plane() -> None:
     single = np.full((3, 3), np.nan)
     single[1, 1] = 1.0
     assert np.all(np.isnan(fit_planes(single, 1, 1)[2]))
+    wide = np.full((13, 13), np.nan)
+    wide[6] = 0.1 * np.arange(13)
+    wide[5, 6] = 0.6
+    assert plane(wide, 6, 6, 6, 3)[3] == np.inf  # the ratio of 0.02 is below the limit of 0.05
+    assert np.isnan(fit_planes(wide, 6, 3)[2][6, 6])
+    wide[4:9, 6] = 0.6
+    np.testing.assert_allclose(fit_planes(wide, 6, 3)[2][6, 6], plane(wide, 6, 6, 6, 3)[2])
