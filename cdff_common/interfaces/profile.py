@@ -8,24 +8,24 @@ It holds no host values: endpoints, keys and folders are process settings (``CDF
 from __future__ import annotations
 
 import base64
+import logging
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
 from cdff_common.contract.names import FRAME_ID, MAX_FRAME_LENGTH, NAME, RESERVED_SCOPES, ROBOT_ID
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.urdf import read_urdf
-from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.map_merging import MergingConfig
-from cdff_common.interfaces.registry import Registry
-from cdff_common.interfaces.yaml_file import read_mapping
-from cdff_common.resources import resolve
+
+logger = logging.getLogger(__name__)
 
 RobotId = Annotated[str, Field(pattern=rf"^{ROBOT_ID}$")]
 Name = Annotated[str, Field(pattern=rf"^{NAME}$")]
@@ -35,6 +35,14 @@ ModeNames = Annotated[str, Field(pattern=rf"^{NAME}(\|{NAME})*$")]
 Count = Annotated[int, Field(ge=1)]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
 Vector3 = tuple[float, float, float]
+
+#: Key of a validation context without checks across sensors, DFPCs and robots, which
+#: ``cdff_common.interfaces.profile_checks`` makes for a file.
+LENIENT = "lenient"
+
+
+def _is_lenient(info: ValidationInfo) -> bool:
+    return bool(info.context and info.context.get(LENIENT))
 
 
 class FrameEdge(StrictModel):
@@ -256,6 +264,20 @@ class DfpcEntry(StrictModel):
     step_timeout_s: PositiveFloat = 10.0
 
 
+#: Limits of a robot with their meaning; the unit is in the name.
+ROBOT_LIMITS = {
+    "max_slope_deg": "steepest slope",
+    "max_step_m": "highest step",
+    "max_roughness_m": "largest roughness below the robot",
+    "width_m": "width",
+    "length_m": "length",
+    "height_m": "height, free space above the ground",
+    "max_speed_m_s": "speed, for the area in reach",
+    "memory_mb": "memory of all DFPCs together",
+    "cpu_cores": "CPU time of all DFPCs together, seconds per second",
+}
+
+
 class Robot(StrictModel):
     """A robot: frames, sensors, limits, DFPCs.
 
@@ -274,7 +296,9 @@ class Robot(StrictModel):
     urdf: str = ""
 
     @model_validator(mode="after")
-    def _names_are_wired(self) -> Robot:
+    def _names_are_wired(self, info: ValidationInfo) -> Robot:
+        if _is_lenient(info):
+            return self
         if self.id in RESERVED_SCOPES:
             raise ValueError(f"robot id {self.id!r} is reserved")
         names = [d.name for d in self.dfpcs]
@@ -482,14 +506,18 @@ class Profile(StrictModel):
     sign: bool = False
 
     @model_validator(mode="after")
-    def _robots_are_unique(self) -> Profile:
+    def _robots_are_unique(self, info: ValidationInfo) -> Profile:
+        if _is_lenient(info):
+            return self
         ids = [r.id for r in self.robots]
         if len(set(ids)) != len(ids):
             raise ValueError(f"a robot is named twice: {ids}")
         return self
 
     @model_validator(mode="after")
-    def _history_streams_exist(self) -> Profile:
+    def _history_streams_exist(self, info: ValidationInfo) -> Profile:
+        if _is_lenient(info):
+            return self
         for policy in self.history:
             robots = [r for r in self.robots if policy.robot in (None, r.id)]
             if not any(policy.stream in r.sensors.get(policy.sensor, _NO_SENSOR).streams for r in robots):
@@ -529,56 +557,25 @@ def read_mask(path: Path) -> str:
         ) from error
 
 
-def _with_mask_images(robot: Robot, folder: Path) -> Robot:
-    """Return the robot with its mask images loaded from ``folder``; raises ConfigurationError."""
-    sensors = {}
-    for name, sensor in robot.sensors.items():
-        if sensor.mask == URDF_MASK and not robot.urdf:
-            raise ConfigurationError(f"{robot.id}.{name}: mask {URDF_MASK!r}, but the robot has no URDF")
-        loaded = {
-            field: read_mask(folder / value)
-            for field, value in (("mask", sensor.mask), ("mask_right", sensor.mask_right))
-            if value and value != URDF_MASK
-        }
-        sensors[name] = sensor.model_copy(update=loaded)
-    return robot.model_copy(update={"sensors": sensors})
+def load_profile(path: str | Path, *, complete: bool = False) -> Profile:
+    """Read and validate a profile: fields, names across sensors and DFPCs, types of the wiring, frames.
 
-
-def _with_files(profile: Profile, path: Path) -> Profile:
-    """Replace the paths of URDF documents and mask images by their content; raises ConfigurationError."""
-    robots = []
-    for robot in profile.robots:
-        robot = _with_mask_images(robot, path.parent)
-        if robot.urdf:
-            try:
-                text = (path.parent / robot.urdf).read_text(encoding="utf-8")
-            except (OSError, UnicodeDecodeError) as error:
-                raise ConfigurationError(f"profile {path}: {robot.id}.urdf: {error}") from error
-            read_urdf(text)
-            robot = robot.model_copy(update={"urdf": text})
-        robots.append(robot)
-    return profile.model_copy(update={"robots": tuple(robots)})
-
-
-def load_profile(path: str | Path) -> Profile:
-    """Read and validate a profile, including DFPC names and ports.
+    Parameters
+    ----------
+    complete : bool
+        Also check the body and the parameters of the DFPCs, which imports their modules, and log a warning
+        for each implausible value.
 
     Raises
     ------
     ConfigurationError
-        With the file, the key, the value and the expectation.
+        If the file cannot be read, or a FaultsError with file, line, key, value and expectation of every
+        fault.
     """
-    path = resolve("profiles", path)
-    profile = _with_files(validated(Profile, read_mapping(path), f"profile {path}"), path)
-    registry = Registry.default()
-    for robot in profile.robots:
-        for entry in robot.dfpcs:
-            description = registry.dfpc(entry.name)
-            known = {p.attribute for p in description.input_ports}
-            for port in entry.inputs:
-                if port not in known:
-                    raise ConfigurationError(
-                        f"profile {path}: {robot.id}.{entry.name} has no input port {port!r}; "
-                        f"it has {', '.join(sorted(known))}"
-                    )
+    from cdff_common.interfaces.profile_checks.check import check_profile
+
+    checked = check_profile(path, complete=complete)
+    profile = checked.valid_profile()
+    for warning in checked.warnings if complete else ():
+        logger.warning("%s", warning)
     return profile

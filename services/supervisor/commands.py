@@ -67,7 +67,7 @@ def run_up(args: argparse.Namespace) -> int:
             "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
         )
     path = resolve("profiles", args.profile)
-    profile = load_profile(path)
+    profile = load_profile(path, complete=True)
     data_dir = make_folder(data_dir_of(args.data_dir))
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
     default = SECURE_ENDPOINT if args.secure else DEFAULT_ENDPOINT
