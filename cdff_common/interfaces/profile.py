@@ -48,9 +48,20 @@ def _is_lenient(info: ValidationInfo) -> bool:
 class FrameEdge(StrictModel):
     """A fixed transform ``T_parent_child``.
 
-    Rotation is given by ``quaternion_xyzw`` or by ``rpy_deg`` (roll, pitch, yaw about x, y, z, applied in
-    that order). ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis; both 0 means known
-    exactly.
+    Attributes
+    ----------
+    parent, child : str
+        Frames; each child has one parent.
+    translation_m : 3 numbers
+        Origin of the child in the parent, metres.
+    quaternion_xyzw : 4 numbers or None
+        Rotation of the child in the parent, a unit quaternion; only one of this and ``rpy_deg``.
+    rpy_deg : 3 numbers or None
+        The rotation as roll, pitch, yaw about x, y, z, applied in that order, degrees. A positive pitch
+        lowers the x axis.
+    sigma_m, sigma_deg : float
+        Standard deviation per axis of the translation, metres, and of the rotation, degrees; both 0 means
+        known exactly.
     """
 
     parent: FrameId
@@ -99,6 +110,8 @@ class SensorMode(StrictModel):
         Stereo camera: true for both cameras, false for one.
     exposure : str or None
         Exposure class: short, normal, long or auto.
+    doc : str
+        Description for operators.
     """
 
     on: bool = True
@@ -111,7 +124,19 @@ class SensorMode(StrictModel):
 
 
 class ModeNeed(StrictModel):
-    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted."""
+    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted.
+
+    Attributes
+    ----------
+    min_rate_hz, max_rate_hz : float or None
+        Bounds of the rate, samples per second.
+    min_width_px, min_height_px : int
+        Least resolution, pixels.
+    stereo : bool or None
+        Stereo camera: true for both cameras, false for one; None accepts both.
+    exposure : list of str
+        Accepted exposure classes; empty for all.
+    """
 
     min_rate_hz: NonNegativeFloat = 0.0
     max_rate_hz: PositiveFloat | None = None
@@ -138,10 +163,17 @@ class Sensor(StrictModel):
 
     Attributes
     ----------
+    kind : str
+        Kind of the sensor; ``other`` for joints, GNSS and whatever has no kind.
+    frame : str
+        Frame of the samples, below ``{robot}/base``: x right, y down, z forward for a camera (the left one of
+        a stereo camera), x forward, y left, z up for the others. For wheels ``{robot}/base``.
     streams : mapping
         Stream name to the type of its samples.
-    modes, initial_mode
-        Modes, and the mode at the start and when the sensor is not used.
+    modes : mapping of mode to SensorMode
+        Modes by name.
+    initial_mode : str
+        Mode at the start and when the sensor is not used.
     switch_s : float
         Duration of a mode change, seconds.
     transitions : mapping of mode to mapping of mode to float
@@ -151,11 +183,13 @@ class Sensor(StrictModel):
         Modes that the sensor refuses at present.
     range_m : float or None
         Range, metres; None if unknown.
-    mask, mask_right : str
-        Pixels that always show the robot, in the left and the right image of a stereo camera. Either the path
-        of an image file, relative to the profile, in which these pixels are black (0); or, for ``mask`` only,
-        ``urdf``: the shapes of the robot's URDF are projected into both images. In a loaded profile the path
-        is replaced by the file in base64.
+    mask : str
+        Pixels that always show the robot, in the left image of a stereo camera. Either the path of an image
+        file, relative to the profile, in which these pixels are black (0); or ``urdf``: the shapes of the
+        robot's URDF are projected into both images. In a loaded profile the path is replaced by the file in
+        base64.
+    mask_right : str
+        The same for the right image, as an image file.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -233,6 +267,12 @@ class DfpcEntry(StrictModel):
 
     Attributes
     ----------
+    name : str
+        Name of an installed DFPC; see ``cdff dfpc list``.
+    implementation : str or None
+        Variant of the DFPC; None for its first one.
+    parameters : mapping
+        Parameters of the DFPC, and of a DFN under the name of its slot; see ``cdff dfpc show NAME``.
     inputs : mapping of port to source
         ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}`` of the same robot, or
         ``dpm/{robot}/{product}``, a stored product of any robot, such as ``dpm/orbiter/dem``, read at
@@ -247,6 +287,16 @@ class DfpcEntry(StrictModel):
         Activated by the orchestrator for requests, or active from the start.
     linger_s : float
         Time for which it stays active after its last request, seconds.
+    process : str or None
+        Process that hosts it, shared by all DFPCs of the robot with this name; None for one of its own.
+    seed : int
+        Seed of its random numbers.
+    queue : int
+        Samples of each input that can wait for a step; with more the oldest is dropped and counted.
+    reorder_s : float
+        Time for which a sample waits for earlier ones of other inputs, seconds.
+    step_timeout_s : float
+        Longest step, seconds; after it the process is restarted.
     """
 
     name: Name
@@ -281,10 +331,25 @@ ROBOT_LIMITS = {
 class Robot(StrictModel):
     """A robot: frames, sensors, limits, DFPCs.
 
-    ``limits`` holds motion limits for the DFPCs and budgets for the orchestrator: ``memory_mb`` and
-    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for the area in reach. ``urdf`` is the file of its
-    joints, relative to the profile; once loaded, it holds the document. Its fixed joints are frames like
-    ``frames``.
+    Attributes
+    ----------
+    id : str
+        Name of the robot in keys, frames and requests.
+    doc : str
+        Description for operators.
+    frames : list of FrameEdge
+        Mounts of the sensors below ``{robot}/base``, and the start pose ``site`` to ``{robot}/odom``.
+    sensors : mapping of name to Sensor
+        Sensors by name.
+    limits : mapping of limit to float
+        Motion limits for the DFPCs and budgets for the orchestrator: ``max_slope_deg``, ``max_step_m``,
+        ``max_roughness_m``, ``width_m``, ``length_m``, ``height_m``, ``max_speed_m_s`` (for the area in
+        reach), ``memory_mb`` and ``cpu_cores`` (of all DFPCs together).
+    dfpcs : list of DfpcEntry
+        DFPCs that run for the robot.
+    urdf : str
+        File of its joints, relative to the profile; once loaded, the document. Its fixed joints are frames
+        like ``frames``.
     """
 
     id: RobotId
@@ -367,9 +432,16 @@ _NO_SENSOR = Sensor(kind="other", frame="none", streams={})
 class SiteAnchor(StrictModel):
     """Location of a site on the body.
 
-    Longitude is east positive, latitude as defined by the CRS of the body, height above its surface in
-    metres; ``azimuth_deg`` is the bearing of the site's y axis, clockwise from north. ``sigma_m`` and
-    ``sigma_deg`` are one standard deviation per axis.
+    Attributes
+    ----------
+    lon_deg, lat_deg : float
+        Longitude, east positive, and latitude as defined by the CRS of the body, degrees.
+    height_m : float
+        Height above the surface of the body, metres.
+    azimuth_deg : float
+        Bearing of the site's y axis, clockwise from north, degrees.
+    sigma_m, sigma_deg : float
+        Standard deviation per axis of position, metres, and orientation, degrees.
     """
 
     lon_deg: AngleDeg
@@ -394,6 +466,12 @@ class Body(StrictModel):
         Geographic CRS in place of the registry's: ``authority:code``, WKT2 or PROJJSON.
     radii_m : tuple of 3 float, or None
         Semi-axes of a custom body, metres.
+    site_lon_deg, site_lat_deg : float or None
+        Longitude, east positive, and latitude of the frame ``site``, degrees; both or none.
+    site_height_m : float
+        Height of ``site`` above the surface, metres.
+    site_azimuth_deg : float
+        Bearing of the y axis of ``site``, clockwise from north, degrees.
     sites : mapping of frame to SiteAnchor
         Sites in addition to ``site``.
     """
@@ -438,7 +516,7 @@ class History(StrictModel):
     robot : str or None
         None selects every robot with the stream.
     sensor, stream : str
-        Names in ``sensors`` of the robot.
+        Sensor of the robot, and its stream.
     every_n : int
         Archive each n-th sample.
     every_s : float
@@ -459,11 +537,26 @@ class History(StrictModel):
 
 
 class Retention(StrictModel):
-    """Retention rule for the products of a type (``*``: all types together); types without a rule are kept.
+    """Retention rule for the products of a type; types without a rule are kept.
 
-    ``max_age_s`` is in seconds of mission time; the quotas ``max_bytes`` and ``max_count`` hold for each
-    robot; the density is at most ``per_cell`` products per cell of ``cell_m`` metres and span of ``span_s``
-    seconds. ``prefer`` selects the products to keep.
+    Attributes
+    ----------
+    product : str
+        Product type, or ``*`` for all types together.
+    robot, dfpc, port : str or None
+        Only products of this robot, DFPC or output port; None for all.
+    max_age_s : float or None
+        Greatest age, seconds of mission time.
+    max_bytes, max_count : int or None
+        Quotas of each robot: size of the payloads, bytes, and number of products.
+    per_cell : int or None
+        Density: largest number of products in a cell of ``cell_m`` and a span of ``span_s``.
+    cell_m : float or None
+        Cell of the density, metres.
+    span_s : float or None
+        Span of the density, seconds of capture time.
+    prefer : str
+        Products to keep: the newest, or the best by status, resolution and time.
     """
 
     product: str
@@ -488,10 +581,29 @@ class Retention(StrictModel):
 class Profile(StrictModel):
     """Profile of a mission.
 
-    ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
-    are optional; omit the section to disable merging. ``clock`` is the name of the only identity that may
-    publish the mission clock on a secured bus. With ``sign``, products carry a signature by the identity of
-    their producer (``CDFF_IDENTITY``).
+    Attributes
+    ----------
+    name : str
+        Name of the mission.
+    doc : str
+        Description; its first sentence is listed by ``cdff profile list``.
+    body : Body
+        Body of the mission and location of the site.
+    robots : list of Robot
+        Robots, at least one.
+    retention : list of Retention
+        Rules for the deletion of products.
+    history : list of History
+        Sensor streams that the DPM archives.
+    threads_per_process : int
+        Threads of the numeric libraries in each process.
+    merging : MergingConfig or None
+        Merging of the maps of several robots (``services.map_merging``). All its fields are optional; omit
+        the section to disable merging.
+    clock : str
+        Name of the only identity that may publish the mission clock on a secured bus.
+    sign : bool
+        Products carry a signature by the identity of their producer (``CDFF_IDENTITY``).
     """
 
     name: Name
