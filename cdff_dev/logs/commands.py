@@ -85,7 +85,12 @@ def _selected_samples(log: LogSource, args: argparse.Namespace) -> Any:
         yield sample
 
 
+def _count(*logs: LogSource) -> int:
+    return sum(info.count for log in logs for info in log.streams.values())
+
+
 def _info(args: argparse.Namespace) -> int:
+    from cdff_common.progress import counted, elapsed
     from cdff_dev.logs import LogReader, open_log
     from cdff_dev.logs.information import size_bytes, stream_reports
     from cdff_dev.logs.mapping import map_text, topic_map
@@ -97,9 +102,10 @@ def _info(args: argparse.Namespace) -> int:
             print(map_text(log.streams, topic_map(log.streams)))
             return 0
         if args.deep:
-            for _ in log.samples():
+            for _ in counted(log.samples(), _count(log), "samples"):
                 pass
-        reports = stream_reports(log)
+        with elapsed("reading the stamps"):
+            reports = stream_reports(log)
         if args.json:
             content = {
                 "streams": {name: report.to_json() for name, report in reports.items()},
@@ -164,19 +170,21 @@ def _jsonable(value: Any) -> Any:
 
 
 def _cut(args: argparse.Namespace) -> int:
+    from cdff_common.progress import counted
     from cdff_dev.logs import LogWriter, open_log
     from cdff_dev.logs.sinks import refuse_own_input
 
     with closing(open_log(args.log, args.calibration)) as log:
         refuse_own_input(log, Path(args.out))
         with LogWriter(args.out) as writer:
-            for sample in _selected_samples(log, args):
+            for sample in counted(_selected_samples(log, args), 0, "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0
 
 
 def _merge(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
+    from cdff_common.progress import counted
     from cdff_dev.logs import LogWriter, open_log
     from cdff_dev.logs.sinks import refuse_own_input
 
@@ -195,6 +203,6 @@ def _merge(args: argparse.Namespace) -> int:
             logs.append(log)
         ordered = heapq.merge(*(log.samples() for log in logs), key=lambda s: (s.stamp_ns, s.stream, s.seq))
         with LogWriter(args.out) as writer:
-            for sample in ordered:
+            for sample in counted(ordered, _count(*logs), "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0

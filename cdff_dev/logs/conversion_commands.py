@@ -98,11 +98,16 @@ def _convert(args: argparse.Namespace) -> int:
 
 
 def _diff(args: argparse.Namespace) -> int:
+    from cdff_common.progress import elapsed
     from cdff_dev.logs import open_log
     from cdff_dev.logs.differences import EXACT, ROUNDING
     from cdff_dev.logs.log_comparison import log_differences
 
-    with closing(open_log(args.first)) as first, closing(open_log(args.second)) as second:
+    with (
+        elapsed("comparison"),
+        closing(open_log(args.first)) as first,
+        closing(open_log(args.second)) as second,
+    ):
         lines = log_differences(first, second, ROUNDING if args.rounding else EXACT)
     if args.json:
         print(json.dumps({"differences": lines}))
@@ -112,10 +117,11 @@ def _diff(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    from cdff_common.progress import elapsed
     from cdff_dev.logs import open_log
     from cdff_dev.logs.export import export_stream
 
-    with closing(open_log(args.log, args.calibration)) as log:
+    with elapsed("export"), closing(open_log(args.log, args.calibration)) as log:
         count = export_stream(log, args.stream, args.out)
     print(f"{args.out}: {count} samples of {args.stream}")
     return 0

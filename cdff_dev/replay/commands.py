@@ -64,7 +64,11 @@ def register(nouns: Any) -> None:
         "calib_kitti.txt, calib.txt)",
     )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
-    parser.add_argument("--start", type=float, metavar="S", help="begin S seconds after the first sample")
+    parser.add_argument(
+        "--start",
+        metavar="S",
+        help="begin S seconds after the first sample, before the end if negative (--start=-10), or at a time",
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="replay S seconds of the log")
     parser.add_argument(
         "--until",
@@ -152,9 +156,9 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
+    from cdff_common.progress import Progress
     from cdff_dev.compilation import compilation_notice
     from cdff_dev.play.log_part import LogPart
-    from cdff_dev.progress import Progress
     from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
     from cdff_dev.replay.tap import Tap
@@ -186,7 +190,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     tap = Tap(args.tap, (*wired, *outputs), partial(print, file=sys.stderr if args.json else sys.stdout))
     part: LogSource = log
     if args.start is not None or args.duration is not None:
-        part = LogPart(log, list(wired.values()), args.start or 0.0, args.duration)
+        part = LogPart(log, list(wired.values()), args.start or "0", args.duration)
     progress = Progress(sum(log.streams[s].count for s in wired.values()), "samples")
 
     def on_sample(sample: Sample) -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Lidar SLAM under its supervisor on a machine that is slowed down until a step takes too long, and after a kill."""
+"""Lidar SLAM under its supervisor while its steps exceed their time limit, and after a kill."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from cdff_common.errors import InputError
+from cdff_common.errors import CodecError, InputError
 
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSource
@@ -118,7 +118,13 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
         raise InputError(
             f"log {path}: its format ({chosen.name}) contains its own cameras; expected no calibration"
         )
-    return chosen.open(location, calibration)
+    try:
+        return chosen.open(location, calibration)
+    except InputError as error:
+        if location.name in str(error):
+            raise
+        kind = CodecError if isinstance(error, CodecError) else InputError
+        raise kind(f"log {location.name}: {error}") from error
 
 
 def _format_of(location: LogLocation) -> LogFormat | None:

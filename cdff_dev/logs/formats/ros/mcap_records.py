@@ -19,13 +19,14 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from cdff_common.errors import CodecError
+from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS
 
 MAGIC = b"\x89MCAP0\r\n"
 #: Largest record and decompressed chunk; writers make chunks of some megabytes.
 _MAX_BYTES = 256 << 20
 _PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_ERRORS = (McapError, ValueError, EOFError, RuntimeError, struct.error, zstandard.ZstdError)
+_ERRORS = (*PARSER_ERRORS, McapError, zstandard.ZstdError)
 
 Record = Schema | Channel | tuple[int, int, memoryview]
 

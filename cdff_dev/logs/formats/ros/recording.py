@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import heapq
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,6 +89,48 @@ class Recording(Protocol):
 
     def close(self) -> None:
         """Close the files."""
+
+
+class JoinedRecording(Recording):
+    """Several files of one recording: messages in the order of time, if those of each file are."""
+
+    def __init__(self, name: str, parts: Sequence[Recording], missing: Mapping[str, Unconverted]) -> None:
+        self._name, self._parts, self._missing = name, parts, missing
+        self._owners = {id(channel): part for part in parts for channel in part.channels}
+
+    @property
+    def name(self) -> str:
+        """Path of the folder or first file."""
+        return self._name
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        """Types and topics of the messages of all files."""
+        return [channel for part in self._parts for channel in part.channels]
+
+    @property
+    def unconverted(self) -> Mapping[str, Unconverted]:
+        """Damaged parts of the files, and files that are not read."""
+        found = dict(self._missing)
+        for part in self._parts:
+            prefix = f"{Path(part.name).name}: " if len(self._parts) > 1 else ""
+            found |= {f"{prefix}{name}": item for name, item in part.unconverted.items()}
+        return found
+
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+        """Yield channel, time of recording and encoded message."""
+        of_parts = [[c for c in channels if self._owners[id(c)] is part] for part in self._parts]
+        found = [part.messages(chosen) for part, chosen in zip(self._parts, of_parts, strict=True)]
+        return heapq.merge(*found, key=lambda message: message[1])
+
+    def decode(self, channel: Channel, raw: bytes) -> Any:
+        """Return a message; raises CodecError if it is damaged."""
+        return self._owners[id(channel)].decode(channel, raw)
+
+    def close(self) -> None:
+        """Close the files."""
+        for part in self._parts:
+            part.close()
 
 
 def encoded_stamp_ns(encoding: str, raw: bytes) -> int:

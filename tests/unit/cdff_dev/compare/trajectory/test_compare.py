@@ -65,6 +65,23 @@ def test_yaw_alignment_keeps_tilt_as_an_error() -> None:
     assert compare(track(tilted), track(T), align="yaw").results["ate"]["translation_m"]["rmse"] > 0.1
 
 
+def test_orientations_of_a_straight_path_are_compared_after_their_own_alignment(
+    rng: np.random.Generator,
+) -> None:
+    T = se3.transform(np.eye(3), np.arange(100.0)[:, None] * [1.0, 0.0, 0.0])
+    noisy, rolled = T.copy(), T.copy()
+    noisy[:, 1:3, 3] += rng.normal(0.0, 1e-3, (100, 2))
+    rolled[:, 1:3, 3] += rng.normal(0.0, 1e-3, (100, 2))
+    rolled[:, :3, :3] = se3.exp_so3([0.01, 0.0, 0.0]) @ se3.exp_so3(rng.normal(0.0, 1e-3, (100, 3)))
+    results = compare(track(rolled), track(noisy)).results
+    assert results["ate"]["rotation_aligned_deg"]["rmse"] == pytest.approx(
+        np.degrees(np.sqrt(3) * 1e-3), rel=0.2
+    )
+    assert results["ate"]["rotation_deg"]["rmse"] > 1.0
+    assert f"differs by {results['alignment']['orientations_deg']:.2f} deg" in table(results)
+    assert "differs by" not in table(compare(track(rolled), track(noisy), align="none").results)
+
+
 def test_a_scale_error_is_estimated_if_requested() -> None:
     T = bend()
     scaled = T.copy()
