@@ -79,10 +79,11 @@ def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _error_rows(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     position, rotation = results["ate"]["translation_m"], results["ate"]["rotation_aligned_deg"]
+    alignment = ALIGNMENTS[results["alignment"]["mode"]]
     poses, share = results["poses"], results["ate"]["rmse_percent_of_path"]
     rows = [
         ("Poses compared", f"{poses['compared']} of {poses['estimate']}"),
-        ("Estimate", f"{ALIGNMENTS[results[\'alignment\'][\'mode\']]}; orientations by their mean rotation"),
+        ("Estimate", f"{alignment}; orientations by their mean rotation"),
         ("Position", f"RMSE {position['rmse']:.3f} m, largest {position['max']:.3f} m"),
         ("Orientation", f"RMSE {rotation['rmse']:.3f} degrees, largest {rotation['max']:.3f} degrees"),
     ]
