@@ -22,7 +22,7 @@ def read_cloud(s: Source, fmt: str) -> CloudArrays:
 
 
 def _from_npz(s: Source) -> CloudArrays:
-    arrays = read_npz(s.data)
+    arrays = read_npz(s)
     points = next((arrays[name] for name in ("points_m", "points") if name in arrays), None)
     if points is None:
         candidates = [a for a in arrays.values() if a.ndim == 2 and a.shape[1] == 3 and a.dtype.kind == "f"]

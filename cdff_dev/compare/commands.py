@@ -33,8 +33,10 @@ def register(nouns: Any) -> None:
 
 def _run(compare: Callable[[argparse.Namespace], Results], args: argparse.Namespace) -> int:
     from cdff_common.json_form import jsonable
+    from cdff_common.progress import elapsed
 
-    results, table = compare(args)
+    with elapsed("comparison"):
+        results, table = compare(args)
     print(json.dumps(jsonable(results), indent=1) if args.json else table(results))
     return 0
 

@@ -78,11 +78,12 @@ def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _error_rows(results: Mapping[str, Any]) -> list[tuple[str, str]]:
-    position, rotation = results["ate"]["translation_m"], results["ate"]["rotation_deg"]
+    position, rotation = results["ate"]["translation_m"], results["ate"]["rotation_aligned_deg"]
+    alignment = ALIGNMENTS[results["alignment"]["mode"]]
     poses, share = results["poses"], results["ate"]["rmse_percent_of_path"]
     rows = [
         ("Poses compared", f"{poses['compared']} of {poses['estimate']}"),
-        ("Estimate", ALIGNMENTS[results["alignment"]["mode"]]),
+        ("Estimate", f"{alignment}; orientations by their mean rotation"),
         ("Position", f"RMSE {position['rmse']:.3f} m, largest {position['max']:.3f} m"),
         ("Orientation", f"RMSE {rotation['rmse']:.3f} degrees, largest {rotation['max']:.3f} degrees"),
     ]

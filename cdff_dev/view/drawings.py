@@ -52,8 +52,8 @@ class Surface:
 class Picture:
     """Image ``(rows, cols)`` or ``(rows, cols, 3)`` red, green, blue, 8 bits.
 
-    ``camera_matrix`` is that of the pinhole camera, None if unknown. ``picture`` is the layer of the image with
-    the same pixels that it is laid over, empty if none.
+    ``camera_matrix`` is that of the pinhole camera, None if unknown. ``picture`` is the layer of the image
+    with the same pixels that it is laid over, empty if none.
     """
 
     pixels: NDArray[np.uint8]

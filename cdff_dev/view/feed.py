@@ -50,7 +50,8 @@ class Contents:
     spatial, pictures, numbers : dict of str to str
         Frame of each layer in space, of each image, and of each plot ("").
     overlays : dict of str to str
-        Image under each layer of marks, rectangles or a further image of the same camera; "" if there is none.
+        Image under each layer of marks, rectangles or a further image of the same camera; empty if there is
+        none.
     notes : set of str
         Layers with texts.
     not_drawn : Counter

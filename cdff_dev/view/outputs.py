@@ -70,8 +70,8 @@ class Output:
 def output_of(args: argparse.Namespace) -> Output:
     """Return the output of the arguments of ``cdff view``.
 
-    Raises StorageError for a file that cannot be written, and InputError for a layout of Rerun, which is part of
-    its recording.
+    Raises StorageError for a file that cannot be written, and InputError for a layout of Rerun, which is
+    part of its recording.
     """
     form = None if args.save is None else format_of_suffix(args.save, ("rrd", "mcap"), "view")
     if args.layout is not None and not (args.foxglove or form == "mcap"):

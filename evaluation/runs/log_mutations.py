@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import logging
 import resource
-import shutil
 import signal
 import subprocess
 import sys
@@ -94,22 +93,33 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
 
 
 def outcome(files: Files, number: int | None, folder: Path) -> str:
-    """Write a copy of a recording with one damaged file, read it, and return how far that was possible.
+    """Damage one file of the recording in a folder, read it, and return how far that was possible.
 
-    Without a number it is not damaged.
+    The folder is written if it does not exist. Without a number no file is damaged.
     """
+    if not folder.is_dir():
+        for path, content in files.items():
+            (folder / path).parent.mkdir(parents=True, exist_ok=True)
+            (folder / path).write_bytes(content)
+    if number is None:
+        return _read(files, folder)
     rng = np.random.default_rng(number)
     name = sorted(files)[rng.integers(len(files))]
-    shutil.rmtree(folder, ignore_errors=True)
-    for path, content in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(mutated(content, rng) if path == name and number is not None else content)
-    target = folder / name if len(files) == 1 else folder
+    (folder / name).write_bytes(mutated(files[name], rng))
+    try:
+        return _read(files, folder)
+    finally:
+        (folder / name).write_bytes(files[name])
+
+
+def _read(files: Files, folder: Path) -> str:
+    """Read the recording in a folder, and return how far that was possible."""
+    target = folder / next(iter(files)) if len(files) == 1 else folder
     samples = 0
     try:
         with open_log(target) as log:
-            for stream in log.streams:
-                samples += sum(1 for _ in log.samples([stream]))
+            for _ in log.samples():
+                samples += 1
             is_whole = not any(item.type_name.startswith("damaged") for item in log.unconverted.values())
     except CdffError as error:
         if folder.name not in str(error):
@@ -122,10 +132,10 @@ def main(name: str, first: str, last: str, state: str, data: str) -> None:
     """Open the copies and print the outcomes."""
     logging.disable(logging.CRITICAL)
     available = recordings(Path(data) if data else None, name)
-    chosen = [(known, files) for known, all_files in available.items() for files in all_files]
     with tempfile.TemporaryDirectory() as parent:
-        folder = Path(parent) / "recording"
-        for _, files in chosen:
+        recorded = [(known, files) for known, all_files in available.items() for files in all_files]
+        chosen = [(*each, Path(parent) / f"recording_{k}") for k, each in enumerate(recorded)]
+        for _, files, folder in chosen:
             outcome(files, None, folder)  # import the libraries
         before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -134,7 +144,7 @@ def main(name: str, first: str, last: str, state: str, data: str) -> None:
         faults = []
         for number in range(int(first), int(last)):
             Path(state).write_text(str(number))
-            known, files = chosen[number % len(chosen)]
+            known, files, folder = chosen[number % len(chosen)]
             signal.setitimer(signal.ITIMER_PROF, CPU_LIMIT_S)
             try:
                 outcomes[outcome(files, number, folder)] += 1

@@ -58,7 +58,7 @@ def test_the_viewer_draws_a_map_and_features_over_their_image_without_a_display(
     (BUILD / "viewer.png").write_bytes(png)
     pixels = read_image(png).astype(int)
     red, green, blue = np.moveaxis(pixels, -1, 0)
-    # The user interface is grey. The highest cells are yellow, in the left half; features are green, in the right.
+    # The user interface is grey. The highest cells are yellow, on the left; features are green, on the right.
     is_yellow = (red > blue + 60) & (green > blue + 60)
     is_green = (green > red + 60) & (green > blue + 60)
     half = pixels.shape[1] // 2

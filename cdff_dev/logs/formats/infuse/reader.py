@@ -139,7 +139,10 @@ class LogReader(IndexedLog):
                 f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the remainder is ignored"
             )
             n = min(n, len(times))
-        type_name = base_type(message_node(meta["type"]).name)
+        try:
+            type_name = base_type(message_node(meta["type"]).name)
+        except InputError as error:
+            raise CodecError(f"{path}: {name}.meta: {error}") from error
         if self._types.setdefault(name, type_name) != type_name:
             raise CodecError(f"{path}: {name} is a {type_name}, expected {self._types[name]} as before")
         if meta["type"] != type_name:
@@ -169,7 +172,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         if after < 0:
             quirks.record(f"{path.name}: truncated; the remainder is lost")
             return metas, extents
-        key = unpack(buffer[at:after].tobytes())
+        key = _unpacked(buffer, at, int(after), path)
         at = int(after)
         if not isinstance(key, str):
             raise CodecError(f"{path}: key {key!r}, expected a stream's name")
@@ -178,7 +181,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
             if after < 0:
                 quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
                 return metas, extents
-            metas[key.removesuffix(".meta")] = unpack(buffer[at:after].tobytes())
+            metas[key.removesuffix(".meta")] = _unpacked(buffer, at, int(after), path)
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")
@@ -216,6 +219,14 @@ def _skip_samples(file: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
         at = int(part[-1])
         file.release_before(at)
     return done
+
+
+def _unpacked(buffer: NDArray[np.uint8], at: int, after: int, path: Path) -> Any:
+    """Return the value between two offsets; raises CodecError with the offset if it is damaged."""
+    try:
+        return unpack(buffer[at:after].tobytes())
+    except CodecError as error:
+        raise CodecError(f"{path}: byte {at}: {error}; expected an InFuse log") from error
 
 
 def _container(buffer: NDArray[np.uint8], at: int, path: Path, kind: str) -> tuple[int, int]:

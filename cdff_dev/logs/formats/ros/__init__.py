@@ -7,38 +7,30 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cdff_common.errors import InputError
 from cdff_dev.logs.formats import LogFormat, LogLocation
 from cdff_dev.logs.names import robot_name
 
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSource
 
-#: First bytes of a ROS 1 bag, of an MCAP file, and of the SQLite database of a ROS 2 bag.
-_MCAP = b"\x89MCAP0\r\n"
-_MAGIC = (b"#ROSBAG V2.0\n", _MCAP, b"SQLite format 3\0")
+#: First bytes of a ROS 1 bag of any version, of an MCAP file, and of the SQLite database of a ROS 2 bag.
+_MAGIC = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")
+#: Files of which a folder has one if it is a recording; a recorder that was ended has written no metadata.
+_FOLDER_PATTERNS = ("metadata.yaml", "*.bag", "*.db3", "*.db3.zstd", "*.mcap.zstd")
 
 
 def _is_ros(location: LogLocation) -> bool:
     if location.folder is not None:
-        return (location.folder / "metadata.yaml").is_file() or any(location.folder.glob("*.bag"))
+        return any(any(location.folder.glob(pattern)) for pattern in _FOLDER_PATTERNS)
     return location.head(16).startswith(_MAGIC)
 
 
 def _open(location: LogLocation, _: Path | None) -> LogSource:
-    from cdff_dev.logs.formats.ros.bags import BagRecording
+    from cdff_dev.logs.formats.ros.bags import open_files, open_folder
     from cdff_dev.logs.formats.ros.original_names import open_recording
 
-    folder, files = location.folder, list(location.files)
-    if folder is not None:
-        files = [folder] if (folder / "metadata.yaml").is_file() else sorted(folder.glob("*.bag"))
-    elif location.head(len(_MCAP)) == _MCAP:
-        from cdff_dev.logs.formats.ros.mcap_file import McapRecording
-
-        if len(files) > 1:
-            raise InputError(f"{location.name}: {len(files)} MCAP files; expected one")
-        return open_recording(McapRecording(files[0]), robot_name(files[0]))
-    return open_recording(BagRecording(files), robot_name(files[0]))
+    recording = open_files(location.files) if location.folder is None else open_folder(location.folder)
+    return open_recording(recording, robot_name(Path(recording.name)))
 
 
 FORMAT = LogFormat(

@@ -1,94 +1,158 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags of ROS 1 and ROS 2, read by rosbags."""
+"""Files and folders of ROS 1 and ROS 2 bags, and MCAP files."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from pathlib import Path
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path, PurePath
 from typing import Any
 
-from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.rosbag1 import ReaderError as Bag1Error
-from rosbags.rosbag2 import ReaderError as Bag2Error
-from rosbags.rosbag2.storage_sqlite3 import sqlite3  # type: ignore[attr-defined]
+import yaml
+import zstandard
 
 from cdff_common.errors import CodecError
-from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Recording
+from cdff_dev.logs.file_stamps import natural_order
+from cdff_dev.logs.formats.ros import mcap_records
+from cdff_dev.logs.formats.ros.bag1_file import Bag1Recording
+from cdff_dev.logs.formats.ros.bag1_records import MAGIC
+from cdff_dev.logs.formats.ros.bag2_database import Bag2Database
+from cdff_dev.logs.formats.ros.mcap_file import McapRecording
+from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Encoded, JoinedRecording, Recording
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
-_ERRORS = (*PARSER_ERRORS, AnyReaderError, Bag1Error, Bag2Error, sqlite3.Error)
+METADATA = "metadata.yaml"
+_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+#: Largest ratio of the size of a compressed file to that in the folder, before it is refused as damaged.
+_MAX_RATIO = 1000
 
 
-class BagRecording(Recording):
-    """One or several ROS 1 bags of one recording, or one ROS 2 bag: its folder, or a single file.
+def open_folder(folder: Path) -> Recording:
+    """Open the ROS 2 bag or the ROS 1 bags of a folder.
 
     Raises
     ------
     CodecError
-        If a file is not a bag, or its message definitions are missing.
+        If no file can be read.
     """
+    found = [path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)]
+    if not found and not (folder / METADATA).is_file():
+        return open_files(sorted(folder.glob("*.bag")))
+    return _open_bag2(folder, sorted(found, key=natural_order))
 
-    def __init__(self, files: list[Path]) -> None:
-        self._name = str(files[0])
-        self._unconverted: dict[str, Unconverted] = {}
+
+def open_files(files: Sequence[Path]) -> Recording:
+    """Open files of one recording by their content.
+
+    Raises
+    ------
+    CodecError
+        If no file can be read.
+    """
+    return _joined(str(files[0]), [(path, partial(_open, path)) for path in files], {})
+
+
+def _open_bag2(folder: Path, found: Sequence[Path]) -> Recording:
+    """Open a ROS 2 bag; without metadata, its files are those of the folder."""
+    missing: dict[str, Unconverted] = {}
+    information = _metadata(folder / METADATA, missing)
+    named = [folder / PurePath(str(path)).name for path in information.get("relative_file_paths") or ()]
+    mode = str(information.get("compression_mode") or "").lower()
+    for path in found if named else ():
+        if path not in named:
+            missing[path.name] = Unconverted("file", 1, f"{METADATA} does not name it")
+    openers = [
+        (path, partial(_open_compressed if path.suffix == ".zstd" else _open, path, mode))
+        for path in named or found
+    ]
+    return _joined(str(folder), openers, missing)
+
+
+def _metadata(path: Path, missing: dict[str, Unconverted]) -> Mapping[str, Any]:
+    """Return the information about a bag; none if the recording was not completed or it is damaged."""
+    try:
+        information = yaml.load(path.read_bytes(), yaml.CSafeLoader)["rosbag2_bagfile_information"]
+        if isinstance(information, dict) and isinstance(information.get("relative_file_paths"), list):
+            return information
+        reason = "no list relative_file_paths"
+    except (yaml.YAMLError, *PARSER_ERRORS) as error:
+        reason = " ".join(str(error).split())[:200]
+    _log.warning("%s: %s; the files of the folder are read", path, reason)
+    missing[path.name] = Unconverted("damaged part", 1, f"{reason}; the files of the folder are read")
+    return {}
+
+
+def _joined(
+    name: str, openers: Sequence[tuple[Path, Callable[[], Recording]]], missing: dict[str, Unconverted]
+) -> Recording:
+    """Open files; those that cannot be read are listed if others can."""
+    parts: list[Recording] = []
+    errors: list[Exception] = []
+    for path, opener in openers:
         try:
-            self._reader = AnyReader(files)
-            self._reader.open()
-        except _ERRORS as error:
-            raise CodecError(f"{self._name}: not a readable bag: {_text(error)}") from error
-        encoding = "cdr" if self._reader.is2 else "ros1"
-        self._channels = {
-            id(c): Channel(c.topic, c.msgtype, c.msgcount, c, encoding) for c in self._reader.connections
-        }
+            parts.append(opener())
+        except (CodecError, OSError) as error:
+            errors.append(error)
+            missing[path.name] = Unconverted("damaged part", 1, str(error))
+    if not parts:
+        reasons = "; ".join(str(reason) for reason in errors)
+        raise CodecError(f"{name}: no readable bag: {reasons or 'no .db3, .mcap or .bag file'}")
+    for reason in errors:
+        _log.warning("%s", reason)
+    is_alone = [part.name for part in parts] == [name] and not missing
+    return parts[0] if is_alone else JoinedRecording(name, parts, missing)
 
-    @property
-    def name(self) -> str:
-        """Path of the file or folder."""
-        return self._name
 
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """Types and topics of the messages."""
-        return list(self._channels.values())
+def _open(path: Path, compression_mode: str = "") -> Recording:
+    """Open a file by its content."""
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head.startswith(mcap_records.MAGIC[:5]):
+        return McapRecording(path)
+    if head.startswith(MAGIC[:7]):
+        return Bag1Recording(path)
+    return Bag2Database(path, compression_mode == "message")
 
-    @property
-    def unconverted(self) -> Mapping[str, Unconverted]:
-        """The end of a damaged bag."""
-        return self._unconverted
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
-        """Yield channel, time of recording and encoded message in the order of time, up to any damage."""
-        messages = self._reader.messages([channel.key for channel in channels]) if channels else iter(())
-        while True:
-            try:
-                connection, recorded_ns, raw = next(messages)
-            except StopIteration:
-                return
-            except _ERRORS as error:
-                self._report(_text(error))
-                return
-            yield self._channels[id(connection)], recorded_ns, bytes(raw)
+def _open_compressed(path: Path, _: str) -> Recording:
+    return _Decompressed(path, _MAX_RATIO * path.stat().st_size)
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+
+class _Decompressed(JoinedRecording):
+    """The copy of a file that the recorder has compressed, which is removed when it is closed."""
+
+    def __init__(self, path: Path, limit: int) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="cdff_bag_")
+        copy = Path(self._folder.name) / path.stem
+        missing: dict[str, Unconverted] = {}
+        try:
+            with path.open("rb") as source, copy.open("wb") as target:
+                reader = zstandard.ZstdDecompressor().stream_reader(source)
+                while block := reader.read(1 << 20):
+                    if target.tell() > limit:
+                        raise ValueError(f"more than {limit} bytes after decompression")
+                    target.write(block)
+        except (zstandard.ZstdError, ValueError) as error:
+            _log.warning("%s: %s; the part before is read", path, error)
+            missing[path.name] = Unconverted("damaged part", 1, f"{error}; the part before is read")
+        try:
+            super().__init__(str(path), [_open(copy, "")], missing)
+        except CodecError as error:
+            self._folder.cleanup()
+            raise CodecError(f"{path}: {error}") from error
+
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message; raises CodecError if it is damaged."""
         try:
-            return self._reader.deserialize(raw, channel.type_name)
-        except _ERRORS as error:
-            raise CodecError(f"{self._name}: {channel.topic}: {_text(error)}") from error
+            return super().decode(channel, raw)
+        except CodecError as error:
+            raise CodecError(f"{self.name}: {error}") from error
 
     def close(self) -> None:
-        """Close the files."""
-        if self._reader.stack:
-            self._reader.close()
-
-    def _report(self, reason: str) -> None:
-        if not self._unconverted:
-            _log.warning("%s: damaged; messages after the damage are not read: %s", self._name, reason)
-            self._unconverted["damage"] = Unconverted("damaged part", 1, f"{reason}; the remainder is lost")
-
-
-def _text(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}"
+        """Close and remove the copy."""
+        super().close()
+        self._folder.cleanup()

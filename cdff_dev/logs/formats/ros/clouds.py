@@ -114,6 +114,14 @@ def _structured(message: Any) -> NDArray[Any]:
     """Return the points as a structured array ``(n,)``."""
     order = ">" if message.is_bigendian else "<"
     fields = [f for f in message.fields if f.datatype in _TYPES]
+    # The check of numpy overflows for offsets near 2**31: its array would read memory of others.
+    for field in fields:
+        end = field.offset + np.dtype(_TYPES[field.datatype]).itemsize
+        if not 0 <= field.offset < end <= message.point_step:
+            raise InputError(
+                f"field {field.name!r} at byte {field.offset}: expected a field within the "
+                f"{message.point_step} bytes of a point"
+            )
     dtype = np.dtype(
         {
             "names": [f.name for f in fields],

@@ -7,23 +7,32 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from cdff_common.errors import InputError
+from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Encoded
 
 #: Returns the message of encoded bytes.
-Decoder = Callable[[bytes], Any]
+Decoder = Callable[[Encoded], Any]
+#: Errors of damaged schemas and messages.
+DECODER_ERRORS = (*PARSER_ERRORS, InputError, DecodeError, SerdeError, TypesysError)
 #: Types are names in Python code that rosbags generates.
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,2}")
 _IDL_SEPARATOR = "=" * 80 + "\n"
 _MAX_SCHEMA_BYTES = 4 << 20
 
 
-def decoder(message_encoding: str, schema_encoding: str, name: str, schema: bytes) -> Decoder:
-    """Return the decoder of a channel.
+@lru_cache(maxsize=256)
+def decoder(
+    message_encoding: str, schema_encoding: str, name: str, schema: bytes, digest: str = ""
+) -> Decoder:
+    """Return the decoder of a channel; decoders are kept, since files of a robot have the same types.
 
     Parameters
     ----------
@@ -32,17 +41,20 @@ def decoder(message_encoding: str, schema_encoding: str, name: str, schema: byte
     name : str
         Name of the schema, the type of the messages.
     schema : bytes
+    digest : str, optional
+        MD5 sum of ROS 1 or hash of ROS 2 (REP-2011) of the schema, which is compared with it.
 
     Raises
     ------
     InputError
-        If the encodings are not supported, or the schema has another name.
+        If the encodings are not supported, or the schema has another name or digest.
     """
     if len(schema) > _MAX_SCHEMA_BYTES:
         raise InputError(f"schema of {len(schema)} bytes, expected at most {_MAX_SCHEMA_BYTES}")
     encodings = (message_encoding, schema_encoding)
     if encodings in (("ros1", "ros1msg"), ("cdr", "ros2msg"), ("cdr", "ros2idl")):
-        return _ros_decoder(message_encoding, schema_encoding, ros_type(name), schema.decode("utf-8"))
+        text = schema.decode("utf-8")
+        return _ros_decoder(message_encoding, schema_encoding, ros_type(name), text, digest)
     if encodings == ("protobuf", "protobuf"):
         return _protobuf_decoder(name, schema)
     if encodings == ("json", "jsonschema"):
@@ -63,7 +75,30 @@ def ros_type(name: str) -> str:
     return name if "/" in last else f"{package}/msg/{last}"
 
 
-def _ros_decoder(encoding: str, schema_encoding: str, name: str, schema: str) -> Decoder:
+def decoder_or_fault(create: Callable[[], Decoder]) -> Decoder | str:
+    """Return the decoder that a function returns, or the reason why there is none."""
+    try:
+        return create()
+    except DECODER_ERRORS as error:
+        return f"{error}" if isinstance(error, InputError) else f"schema: {type(error).__name__}: {error}"
+
+
+@lru_cache(maxsize=256)
+def standard_decoder(name: str) -> Decoder:
+    """Return the decoder of a standard type of ROS 2, for bags without schemas (before ROS 2 Iron).
+
+    Raises InputError for other types.
+    """
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    if name not in store.fielddefs:
+        raise InputError(
+            f"the bag does not define {name}, which is no standard type: record it with ROS 2 Iron or later, "
+            "or convert it there"
+        )
+    return lambda raw: store.deserialize_cdr(raw, name)
+
+
+def _ros_decoder(encoding: str, schema_encoding: str, name: str, schema: str, digest: str) -> Decoder:
     types: dict[str, Any] = {}
     if schema_encoding != "ros2idl":
         types.update(get_types_from_msg(schema, name))
@@ -76,6 +111,10 @@ def _ros_decoder(encoding: str, schema_encoding: str, name: str, schema: str) ->
         ros_type(found)
     store = get_typestore(Stores.EMPTY)
     store.register(types)
+    if digest:
+        found_digest = store.generate_msgdef(name)[1] if encoding == "ros1" else store.hash_rihs01(name)
+        if found_digest != digest:
+            raise InputError(f"schema of {name} with digest {found_digest}, expected {digest}")
     decode = store.deserialize_ros1 if encoding == "ros1" else store.deserialize_cdr
     return lambda raw: decode(raw, name)
 
@@ -93,8 +132,8 @@ def _protobuf_decoder(name: str, schema: bytes) -> Decoder:
             raise InputError(f"schema of {name}: files that include each other: {', '.join(waiting)}")
         for file in ready:
             pool.Add(waiting.pop(file.name))
-    decode: Decoder = GetMessageClass(pool.FindMessageTypeByName(name)).FromString
-    return decode
+    message = GetMessageClass(pool.FindMessageTypeByName(name))
+    return lambda raw: message.FromString(bytes(raw))
 
 
 class _JsonObject(SimpleNamespace):
@@ -104,5 +143,5 @@ class _JsonObject(SimpleNamespace):
         raise AttributeError(f"no field {name!r} in an object with {', '.join(self.__dict__)}")
 
 
-def _from_json(raw: bytes) -> Any:
-    return json.loads(raw, object_hook=lambda fields: _JsonObject(**fields))
+def _from_json(raw: Encoded) -> Any:
+    return json.loads(bytes(raw), object_hook=lambda fields: _JsonObject(**fields))

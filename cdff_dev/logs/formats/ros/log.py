@@ -26,6 +26,7 @@ from cdff_dev.logs.formats.ros.pairs import PairAssembly
 from cdff_dev.logs.formats.ros.recording import (
     PARSER_ERRORS,
     Channel,
+    Encoded,
     Recording,
     encoded_stamp_ns,
 )
@@ -53,9 +54,9 @@ class _Part(NamedTuple):
     content: Any
 
 
-class _Encoded(NamedTuple):
+class _EncodedMessage(NamedTuple):
     channel: Channel
-    raw: bytes
+    raw: Encoded
 
 
 class RosLog(LogSource):
@@ -209,12 +210,12 @@ class RosLog(LogSource):
                 if streams is None or part.stream in streams:
                     yield part
 
-    def _parts_of(self, channel: Channel, recorded_ns: int, raw: bytes) -> list[_Part]:
+    def _parts_of(self, channel: Channel, recorded_ns: int, raw: Encoded) -> list[_Part]:
         """Return the samples of a message, which may be several of different streams."""
         topic = self._topics[id(channel)]
         if topic.conversion.split is None:
             stamp_ns = self._stamp_ns(channel, topic, recorded_ns, raw)
-            return [_Part(topic.stream, stamp_ns, topic, _Encoded(channel, raw))]
+            return [_Part(topic.stream, stamp_ns, topic, _EncodedMessage(channel, raw))]
         return [
             _Part(
                 topic.stream_of(message), _rounded(_header_ns(message.header) or recorded_ns), topic, message
@@ -246,7 +247,7 @@ class RosLog(LogSource):
                 if camera.stream in chosen:
                     yield _Part(camera.stream, stamp_ns, camera, contents)
 
-    def _stamp_ns(self, channel: Channel, topic: Topic, recorded_ns: int, raw: bytes) -> int:
+    def _stamp_ns(self, channel: Channel, topic: Topic, recorded_ns: int, raw: Encoded) -> int:
         """Return the stamp of the header; without one, or if it is zero, the time of recording."""
         if not topic.conversion.has_header:
             return _rounded(recorded_ns)
@@ -266,6 +267,16 @@ class RosLog(LogSource):
         CodecError
             If a message cannot be decoded or converted.
         """
+        return (self._sample(seq, part) for seq, part in self._ordered_parts(streams))
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, in the order of ``samples``; earlier ones are not decoded."""
+        for seq, part in self._ordered_parts(streams):
+            if part.stamp_ns >= stamp_ns:
+                yield self._sample(seq, part)
+
+    def _ordered_parts(self, streams: Collection[str] | None) -> Iterator[tuple[int, _Part]]:
+        """Yield the number in its stream of each sample, and the sample, in the order of ``samples``."""
         chosen = set(chosen_streams(self.streams, streams))
         stamps_ns = self._stamps_ns[np.isin(self._names, list(chosen))]
         earliest_later = np.minimum.accumulate(stamps_ns[::-1])[::-1]
@@ -274,16 +285,16 @@ class RosLog(LogSource):
         # In a damaged bag some streams alone can be read further than all together: the index is the limit.
         for part, earliest_ns in zip(self._parts(chosen) if chosen else (), earliest_later, strict=False):
             while waiting and waiting[0][0] < earliest_ns:
-                yield self._sample(*heapq.heappop(waiting)[2:])
+                yield heapq.heappop(waiting)[2:]
             heapq.heappush(waiting, (part.stamp_ns, part.stream, seqs[part.stream], part))
             seqs[part.stream] += 1
         while waiting:
-            yield self._sample(*heapq.heappop(waiting)[2:])
+            yield heapq.heappop(waiting)[2:]
 
     def _sample(self, seq: int, part: _Part) -> LogSample:
         source, name, stamp_ns = part.source, part.stream, part.stamp_ns
         encoded = part.content if isinstance(source, StereoTopics) else [part.content]
-        messages = [self._recording.decode(*m) if isinstance(m, _Encoded) else m for m in encoded]
+        messages = [self._recording.decode(*m) if isinstance(m, _EncodedMessage) else m for m in encoded]
         try:
             if isinstance(source, StereoTopics):
                 left, right = messages

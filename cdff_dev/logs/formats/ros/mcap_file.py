@@ -11,19 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import mcap.records
-from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
-from rosbags.serde import SerdeError
-from rosbags.typesys import TypesysError
 
-from cdff_common.errors import CodecError, InputError
-from cdff_dev.logs.formats.ros.decoders import Decoder, decoder, ros_type
+from cdff_common.errors import CodecError
+from cdff_dev.logs.formats.ros.decoders import DECODER_ERRORS, Decoder, decoder, decoder_or_fault, ros_type
 from cdff_dev.logs.formats.ros.foxglove import FOXGLOVE
 from cdff_dev.logs.formats.ros.mcap_records import McapRecords
-from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Recording
+from cdff_dev.logs.formats.ros.recording import Channel, Encoded, Recording, kept
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
-_ERRORS = (*PARSER_ERRORS, InputError, DecodeError, SerdeError, TypesysError)
 
 
 class McapRecording(Recording):
@@ -78,22 +74,22 @@ class McapRecording(Recording):
         """Attachments, and damaged parts."""
         return self._unconverted
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message in the order of the file."""
         chosen = {channel.key: channel for channel in channels}
         if not chosen:
             return
-        for record in self._records:
+        for record in self._records.records(set(chosen)):
             if isinstance(record, tuple) and (channel := chosen.get(record[0])) is not None:
-                yield channel, record[1], bytes(record[2])
+                yield channel, record[1], kept(record[2])
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message with the fields of its type in ROS; raises CodecError if it is damaged."""
         try:
             message = self._decoders[channel.key](raw)
             adapted = FOXGLOVE.get(channel.original_type)
             return message if adapted is None else adapted[1](message)
-        except _ERRORS as error:
+        except DECODER_ERRORS as error:
             reason = f"{type(error).__name__}: {error}"
             raise CodecError(f"{self._path}: {channel.topic}: damaged message: {reason}") from error
 
@@ -135,7 +131,4 @@ def _decoder_or_fault(encoding: str, schema: mcap.records.Schema | None) -> Deco
     """Return the decoder of messages, or the reason why they cannot be decoded."""
     if schema is None:
         return f"messages in {encoding!r} without a schema"
-    try:
-        return decoder(encoding, schema.encoding, schema.name, schema.data)
-    except _ERRORS as error:
-        return f"{error}" if isinstance(error, InputError) else f"schema: {type(error).__name__}: {error}"
+    return decoder_or_fault(lambda: decoder(encoding, schema.encoding, schema.name, schema.data))

@@ -121,7 +121,7 @@ def test_more_than_five_percent_of_failed_poses_are_too_many() -> None:
 def test_a_folder_that_cannot_be_written_is_reported_before_the_work(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cdff_dev.logs.open_log", lambda *_: pytest.fail("the log was opened"))
+    monkeypatch.setattr("cdff_dev.logs.opened.open_log", lambda *_: pytest.fail("the log was opened"))
     (tmp_path / "file").write_text("", encoding="utf-8")
     assert main(["vo", str(drive), "--out", str(tmp_path / "file" / "out")]) == EXIT_ERROR
     assert "cannot be written" in capsys.readouterr().err

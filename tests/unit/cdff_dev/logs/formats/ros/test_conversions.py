@@ -92,6 +92,14 @@ def test_clouds_without_coordinates_or_with_missing_data_are_refused() -> None:
         lidar_scan(short, TOPIC, STAMP_NS)
 
 
+@pytest.mark.parametrize("offset", [2**31 - 1, 2**31 - 4, 2**32 - 1, -4, 23])
+def test_fields_outside_a_point_are_refused(offset: int) -> None:
+    message = cloud(lidar_points("time", [0.0, 0.0, 0.0]))
+    message.fields[1].offset = offset
+    with pytest.raises(InputError, match=rf"field 'y' at byte {offset}: .* 26 bytes"):
+        lidar_scan(message, TOPIC, STAMP_NS)
+
+
 @pytest.mark.parametrize(
     ("encoding", "shape", "dtype"),
     [("mono8", (2, 3), "u1"), ("mono16", (2, 3), "<u2"), ("bgr8", (2, 3, 3), "u1")],
