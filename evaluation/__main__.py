@@ -54,7 +54,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, help="folder of the real data sets; CDFF_DATA, ../shared/data")
     parser.add_argument("--seed", type=int, help="seed of the sample, for evaluations that draw one")
     parser.add_argument("--count", type=int, help="size of the sample, for evaluations that draw one")
+    parser.add_argument("--module", help="file of which mutation draws all mutants; with --draft only")
     args = parser.parse_args(argv)
+    if args.module and not args.draft:
+        raise InputError(f"--module {args.module}: not a sample of the whole code, expected --draft")
     data = args.data or Path(os.environ.get("CDFF_DATA") or ROOT.parent / "shared" / "data")
     if not data.is_dir():
         raise InputError(f"real data {data}: not a folder; name it with --data or CDFF_DATA")

@@ -8,6 +8,7 @@ nearest to the changed function, in a copy of the tree.
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 from collections import Counter
@@ -17,11 +18,12 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from cdff_common.errors import InputError
 from evaluation.runs.mutants import Mutant, mutants
 from evaluation.runs.mutation_progress import MutationProgress
 from evaluation.runs.mutation_tests import MutationTests
 
-OPTIONS = {"seed": 1, "count": 200}
+OPTIONS = {"seed": 1, "count": 200, "module": ""}
 ROOT = Path(__file__).resolve().parents[1]
 #: Mutants that change no result, with the reason, by ``Mutant.key``.
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
@@ -38,14 +40,17 @@ _NOT_SAMPLED = {"commands.py", "__main__.py", "migrations"}
 
 
 def evaluate(
-    data: Path, progress: Callable[[str], None], seed: int = OPTIONS["seed"], count: int = OPTIONS["count"]
+    data: Path, progress: Callable[[str], None], seed: int = 1, count: int = 200, module: str = ""
 ) -> dict[str, Any]:
-    """Return the outcome of each sampled mutant: killed, timeout, survived or equivalent."""
+    """Return the outcome of each sampled mutant: killed, timeout, survived or equivalent.
+
+    With ``module``, a file relative to the root of the tree, all mutants are from this file.
+    """
     equivalent = json.loads(EQUIVALENT.read_text(encoding="utf-8"))
     known = MutationProgress(ROOT)
     results = []
     with MutationTests(ROOT) as tests:
-        for number, (part, mutant) in enumerate(sample(ROOT, seed, count)):
+        for number, (part, mutant) in enumerate(sample(ROOT, seed, count, module)):
             progress(f"mutation: {number + 1} of {count}, {mutant.path}")
             answer = known.answer(mutant.key) or known.add(mutant.key, tests.run(mutant))
             row: dict[str, Any] = {"part": part, "line": mutant.line, "mutant": mutant.key} | answer
@@ -54,12 +59,31 @@ def evaluate(
             results.append(row)
         tests.check_without_change(row["test"] for row in results)
     counts = Counter(row["outcome"] for row in results)
-    return {"seed": seed, "count": count, "killed_ratio": killed_ratio(counts), "mutants": results}
+    return {
+        "seed": seed,
+        "count": len(results),
+        "module": module,
+        "killed_ratio": killed_ratio(counts),
+        "mutants": results,
+    }
 
 
-def sample(root: Path, seed: int, count: int) -> Iterator[tuple[str, Mutant]]:
-    """Yield ``count`` mutants with their part of the code; a smaller sample is the start of a larger one."""
-    drawn = {part: _drawn(root, part, seed) for part in PARTS_OF_CODE}
+def sample(root: Path, seed: int, count: int, module: str = "") -> Iterator[tuple[str, Mutant]]:
+    """Yield ``count`` mutants with their part of the code; a smaller sample is the start of a larger one.
+
+    With ``module``, the mutants are from this file, fewer than ``count`` if it has no more.
+
+    Raises
+    ------
+    InputError
+        If the module is not a Python file of a part of the code.
+    """
+    if module:
+        part = _part_of(root, module)
+        for mutant in itertools.islice(_drawn(root, [module], f"{seed} {module}"), count):
+            yield part, mutant
+        return
+    drawn = {part: _drawn(root, _files(root, part), f"{seed} {part}") for part in PARTS_OF_CODE}
     sizes = dict.fromkeys(PARTS_OF_CODE, 0)
     for number in range(1, count + 1):
         part = max(sizes, key=lambda p: PARTS_OF_CODE[p][0] * number - sizes[p])
@@ -67,16 +91,29 @@ def sample(root: Path, seed: int, count: int) -> Iterator[tuple[str, Mutant]]:
         yield part, next(drawn[part])
 
 
-def _drawn(root: Path, part: str, seed: int) -> Iterator[Mutant]:
-    """Yield the valid mutants of a part of the code in random order."""
+def _files(root: Path, part: str) -> list[str]:
+    """Return the files of a part of the code that are sampled, relative to the root of the tree."""
     files = sorted(file for folder in PARTS_OF_CODE[part][1] for file in (root / folder).rglob("*.py"))
-    sources = {
-        str(file.relative_to(root)): file.read_bytes()
-        for file in files
-        if not _NOT_SAMPLED & {*file.relative_to(root).parts}
-    }
+    names = [file.relative_to(root) for file in files]
+    return [str(name) for name in names if not _NOT_SAMPLED & {*name.parts}]
+
+
+def _part_of(root: Path, module: str) -> str:
+    """Return the part of the code that a file belongs to."""
+    for part in PARTS_OF_CODE:
+        if module in _files(root, part):
+            return part
+    raise InputError(
+        f"module {module!r}: expected a Python file of a part of the code, such as "
+        f"{_files(root, next(iter(PARTS_OF_CODE)))[0]}"
+    )
+
+
+def _drawn(root: Path, files: list[str], seed: str) -> Iterator[Mutant]:
+    """Yield the valid mutants of files in random order."""
+    sources = {name: (root / name).read_bytes() for name in files}
     candidates = [mutant for path, source in sources.items() for mutant in mutants(path, source)]
-    random.Random(f"{seed} {part}").shuffle(candidates)
+    random.Random(seed).shuffle(candidates)
     yield from (mutant for mutant in candidates if _is_valid(mutant, sources[mutant.path]))
 
 

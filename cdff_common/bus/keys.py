@@ -74,7 +74,7 @@ def icu_rpc(scope: str, verb: str) -> str:
 
 
 def player_rpc(scope: str, verb: str) -> str:
-    """Return the call key of a player of a log: ``status pause resume step speed stop``."""
+    """Return the call key of a player of a log: ``status pause resume step speed seek loop stop``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/player/@rpc/{_chunk('verb', verb)}"
 
 

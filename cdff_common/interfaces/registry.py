@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
@@ -88,7 +89,7 @@ class Registry:
         folder = self._folder(self.dfpcs, name)
         if folder in self.dfpcs:
             return "dfpc", folder
-        return "dfn", self._find(self.dfns, name, "DFN or DFPC").description.folder
+        return "dfn", self._find(self.dfns, name, "DFN or DFPC", self.dfpcs).description.folder
 
     def make_dfn(self, name: str, implementation: str | None = None) -> Dfn[Any, Any, Any]:
         """Create an unconfigured DFN; raises ConfigurationError if it or its implementation is unknown.
@@ -132,14 +133,20 @@ class Registry:
             (folder for folder in candidates if folder in packages or folder in self.failures), folder_name
         )
 
-    def _find(self, packages: dict[str, DiscoveredPackage], name: str, what: str) -> DiscoveredPackage:
+    def _find(
+        self, packages: dict[str, DiscoveredPackage], name: str, what: str, others: Collection[str] = ()
+    ) -> DiscoveredPackage:
+        """Return a package by a name or alias; raises ConfigurationError, which also names ``others``."""
         folder = self._folder(packages, name)
         if folder in packages:
             return packages[folder]
         if folder in self.failures:
             raise ConfigurationError(f"{what} {name!r} did not load: {self.failures[folder]}")
+        from cdff_common.command_parser import suggestion
+
+        known = sorted({*packages, *others})
         raise ConfigurationError(
-            f"no {what} {name!r}; expected one of {', '.join(sorted(packages)) or 'none'}"
+            f"no {what} {name!r}; expected one of {', '.join(known) or 'none'}{suggestion(name, known)}"
         )
 
     def _add(self, package: str, path: Path, kind: str) -> None:

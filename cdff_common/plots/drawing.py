@@ -44,7 +44,7 @@ def draw_cloud(figure: Any, axes: Any, points_m: NDArray[Any], plane: tuple[int,
     finite = points_m[np.isfinite(points_m).all(axis=1)]
     drawn = finite[:: max(1, len(finite) // _MAX_POINTS)]
     drawn = drawn[np.argsort(drawn[:, z])]
-    low, high = _colour_range(drawn[:, z])
+    low, high = colour_range(drawn[:, z])
     size = float(np.clip(2e4 / max(len(drawn), 1), 0.3, 12.0))
     points = axes.scatter(
         drawn[:, x], drawn[:, y], c=drawn[:, z], s=size, lw=0, vmin=low, vmax=high, cmap="viridis"
@@ -53,12 +53,21 @@ def draw_cloud(figure: Any, axes: Any, points_m: NDArray[Any], plane: tuple[int,
     _metres(axes, plane)
 
 
-def draw_heights(figure: Any, axes: Any, heights_m: NDArray[Any], geometry: GridGeometry) -> None:
-    """Draw the known heights of ``(rows, cols)`` in colours under a relief lit from the north-west."""
+def draw_heights(
+    figure: Any,
+    axes: Any,
+    heights_m: NDArray[Any],
+    geometry: GridGeometry,
+    limits_m: tuple[float, float] | None = None,
+) -> None:
+    """Draw the known heights of ``(rows, cols)`` in colours under a relief lit from the north-west.
+
+    ``limits_m`` are the heights at the ends of the colours, by default quantiles of the heights.
+    """
     step, extent = _step(heights_m), _extent(geometry)
     cells = np.asarray(heights_m, dtype=np.float64)[::step, ::step]
     edge_m = geometry.resolution_m * step
-    low, high = _colour_range(cells)
+    low, high = limits_m or colour_range(cells)
     image = axes.imshow(cells, cmap="terrain", vmin=low, vmax=high, extent=extent)
     shade = hillshade(cells, edge_m, exaggeration=_EXAGGERATION)
     relief = np.where(np.isfinite(cells) & (shade > 0), shade.astype(np.float64), np.nan)
@@ -70,6 +79,22 @@ def draw_heights(figure: Any, axes: Any, heights_m: NDArray[Any], geometry: Grid
         x_m, y_m = geometry.xmin_m + cols * edge_m, geometry.ymax_m - rows * edge_m
         axes.set(xlim=(x_m.min(), x_m.max() + edge_m), ylim=(y_m.min() - edge_m, y_m.max()))
         axes.set_aspect("equal", adjustable="box")
+
+
+def draw_differences(
+    figure: Any, axes: Any, differences_m: NDArray[Any], geometry: GridGeometry, label: str
+) -> None:
+    """Draw differences ``(rows, cols)`` of two maps, red above and blue below zero, which is white."""
+    step = _step(differences_m)
+    cells = np.asarray(differences_m, dtype=np.float64)[::step, ::step]
+    finite = np.abs(cells[np.isfinite(cells)])
+    limit = float(np.quantile(finite, _COLOUR_QUANTILES[1])) if len(finite) else 1.0
+    limit = limit or 1.0
+    image = axes.imshow(cells, cmap="RdBu_r", vmin=-limit, vmax=limit, extent=_extent(geometry))
+    axes.set_facecolor("lightgray")  # unknown, unlike zero
+    figure.colorbar(image, ax=axes, label=label, extend="both")
+    _metres(axes, (0, 1))
+    axes.set_aspect("equal", adjustable="box")
 
 
 def draw_classes(figure: Any, axes: Any, classes: NDArray[Any], geometry: GridGeometry) -> None:
@@ -95,7 +120,7 @@ def draw_image(figure: Any, axes: Any, image: NDArray[Any], label: str = "value"
         axes.imshow(pixels, cmap="gray", vmin=0, vmax=255, extent=extent)
     else:
         values = np.where(np.isfinite(pixels), pixels, np.nan)
-        low, high = _colour_range(values)
+        low, high = colour_range(values)
         drawn = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, extent=extent)
         figure.colorbar(drawn, ax=axes, label=label)
     axes.set(xlabel="column, px", ylabel="row, px")
@@ -124,7 +149,7 @@ def _step(raster: NDArray[Any]) -> int:
     return max(1, -(-max(int(side) for side in raster.shape[:2]) // _MAX_SIDE))
 
 
-def _colour_range(values: NDArray[Any]) -> tuple[float, float]:
+def colour_range(values: NDArray[Any]) -> tuple[float, float]:
     """Return quantiles of the finite values as the ends of the colours."""
     finite = values[np.isfinite(values)]
     low, high = np.quantile(finite, _COLOUR_QUANTILES) if len(finite) else (0.0, 1.0)

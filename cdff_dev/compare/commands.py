@@ -33,10 +33,31 @@ def register(nouns: Any) -> None:
 
 def _run(compare: Callable[[argparse.Namespace], Results], args: argparse.Namespace) -> int:
     from cdff_common.json_form import jsonable
+    from cdff_common.progress import elapsed
 
-    results, table = compare(args)
+    with elapsed("comparison"):
+        results, table = compare(args)
     print(json.dumps(jsonable(results), indent=1) if args.json else table(results))
     return 0
+
+
+def _add_plot(parser: argparse.ArgumentParser, content: str) -> None:
+    parser.add_argument("--plot", type=Path, metavar="FILE", help=f"draw {content}: .png or .svg")
+
+
+def _check_plot(path: Path | None) -> None:
+    """Raise an error if a plot cannot be written, before the comparison."""
+    if path is not None:
+        from cdff_common.plots import check_plot_file
+
+        check_plot_file(path)
+
+
+def _write_plot(path: Path | None, draw: Callable[[], Any]) -> None:
+    if path is not None:
+        from cdff_common.plots import write_figure
+
+        write_figure(path, draw())
 
 
 def _add_stream(parser: argparse.ArgumentParser, option: str, log: str) -> None:
@@ -66,16 +87,21 @@ def _add_dem(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--least-count", type=int, default=1, metavar="N", help="ignore cells with fewer measurements"
     )
+    _add_plot(parser, "both maps and the errors")
     return parser
 
 
 def _dem(args: argparse.Namespace) -> Results:
-    from cdff_dev.compare.elevation.compare import compare, table
+    from cdff_dev.compare.elevation.compare import accuracy_of, errors_of, table
+    from cdff_dev.compare.elevation.plot import draw
     from cdff_dev.compare.elevation.read import read_dem
 
+    _check_plot(args.plot)
     dem = read_dem(args.map, args.map_stream)
     truth = read_dem(args.truth, args.truth_stream, frame=dem.frame)
-    results = compare(dem, truth, remove_shift=args.remove_shift, least_count=args.least_count)
+    errors = errors_of(dem, truth, remove_shift=args.remove_shift, least_count=args.least_count)
+    results = accuracy_of(errors)
+    _write_plot(args.plot, partial(draw, errors, results))
     return results, table
 
 
@@ -121,13 +147,16 @@ def _add_registration(verbs: Any) -> argparse.ArgumentParser:
         help="largest error of a correct pose, metres and degrees (default 0.3,3 and 0.02,0.1); may be "
         "repeated",
     )
+    _add_plot(parser, "the errors of each pair")
     return parser
 
 
 def _registration(args: argparse.Namespace) -> Results:
     from cdff_common.errors import InputError
     from cdff_dev.compare.registration import compare, read_pairs, table
+    from cdff_dev.compare.registration.plot import draw
 
+    _check_plot(args.plot)
     gates = []
     for text in args.gate or ("0.3,3", "0.02,0.1"):
         try:
@@ -138,7 +167,9 @@ def _registration(args: argparse.Namespace) -> Results:
             ) from error
         gates.append((metres, degrees))
     estimate = read_pairs(args.estimate, args.est_stream, args.port)
-    results = compare(estimate, read_pairs(args.truth, args.truth_stream, args.port), gates)
+    truth = read_pairs(args.truth, args.truth_stream, args.port)
+    results = compare(estimate, truth, gates)
+    _write_plot(args.plot, partial(draw, estimate, truth, gates))
     return results, table
 
 
@@ -186,15 +217,14 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
         help="segment lengths for the drift, m, such as 100,200; default: 100 to 800 as KITTI if the path is "
         "longer than 100 m, else 5,10,20,50,100",
     )
-    parser.add_argument(
-        "--plot", type=Path, metavar="FILE", help="draw both paths and the errors by axis: .png or .svg"
-    )
+    _add_plot(parser, "both paths and the errors by axis")
     return parser
 
 
 def _trajectory(args: argparse.Namespace) -> Results:
     from cdff_common.errors import InputError
     from cdff_dev.compare.trajectory.compare import compare
+    from cdff_dev.compare.trajectory.plot import draw
     from cdff_dev.compare.trajectory.read import read_track
     from cdff_dev.compare.trajectory.report import table
 
@@ -202,10 +232,7 @@ def _trajectory(args: argparse.Namespace) -> Results:
         segments = None if args.segments_m is None else [float(w) for w in args.segments_m.split(",")]
     except ValueError as error:
         raise InputError(f"--segments-m {args.segments_m}: expected metres separated by commas") from error
-    if args.plot is not None:
-        from cdff_common.plots import check_plot_file
-
-        check_plot_file(args.plot)
+    _check_plot(args.plot)
     comparison = compare(
         read_track(args.estimate, args.est_stream),
         read_track(args.reference, args.ref_stream),
@@ -216,9 +243,5 @@ def _trajectory(args: argparse.Namespace) -> Results:
         all_pairs=args.all_pairs,
         segments_m=segments,
     )
-    if args.plot is not None:
-        from cdff_common.plots import write_figure
-        from cdff_dev.compare.trajectory.plot import draw
-
-        write_figure(args.plot, draw(comparison))
+    _write_plot(args.plot, partial(draw, comparison))
     return comparison.results, table

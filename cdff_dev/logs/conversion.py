@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.product import Header
+from cdff_common.progress import counted
 from cdff_dev.logs.mapping import LogMap, stream_map, topic_map
 from cdff_dev.logs.restored import with_texts
 from cdff_dev.logs.sinks import Loss, create_log, refuse_own_input
@@ -119,10 +121,12 @@ def convert_log(
     names = (stream_map if is_infuse else topic_map)(infos, mapping)
     start_ns, end_ns = (span or TimeSpan()).interval_ns(log, chosen)
     written: Counter[str] = Counter()
-    with create_log(path, names) as sink:
-        for sample in log.samples(chosen):
-            if sample.stamp_ns < start_ns:
-                continue
+    total = sum(info.count for info in infos.values())
+    with (
+        create_log(path, names) as sink,
+        closing(counted(log.samples_from(start_ns, chosen), total, "samples")) as samples,
+    ):
+        for sample in samples:
             if end_ns is not None and sample.stamp_ns >= end_ns:
                 break
             stream, value, header = sample.stream, sample.value, sample.header

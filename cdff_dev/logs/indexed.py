@@ -80,13 +80,18 @@ class IndexedLog(LogSource):
         CodecError
             If a sample cannot be read.
         """
+        return self.samples_from(np.iinfo(np.int64).min, streams)
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, in the order of ``samples``; earlier ones are not read."""
         names = chosen_streams(self._indexed, streams)
         chosen = [self._indexed[name] for name in names]
         counts = [len(stream.stamps_ns) for stream in chosen]
         rank = np.repeat(np.arange(len(chosen)), counts)
         seq = np.concatenate([np.arange(0), *(np.arange(n) for n in counts)])
         stamps_ns = np.concatenate([np.arange(0), *(stream.stamps_ns for stream in chosen)])
-        for i in np.lexsort((seq, rank, stamps_ns)):
+        order = np.lexsort((seq, rank, stamps_ns))
+        for i in order[np.searchsorted(stamps_ns[order], stamp_ns) :]:
             stream, number = chosen[rank[i]], int(seq[i])
             yield LogSample(
                 names[rank[i]],

@@ -120,9 +120,20 @@ class RestoredLog(LogSource):
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
-        chosen = chosen_streams(self._read_as, streams)
+        return self._in_order(self._log.samples(self._names_of(streams)))
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, in the order of ``samples``."""
+        return self._in_order(self._log.samples_from(stamp_ns, self._names_of(streams)))
+
+    def _names_of(self, streams: Collection[str] | None) -> list[str]:
+        """Return the names in the converted log."""
+        return [self._read_as[name] for name in chosen_streams(self._read_as, streams)]
+
+    def _in_order(self, samples: Iterator[LogSample]) -> Iterator[LogSample]:
+        """Yield samples with their original content; those of the same time by their original names."""
         together: list[tuple[str, int, LogSample]] = []
-        for sample in self._log.samples([self._read_as[name] for name in chosen]):
+        for sample in samples:
             if together and together[0][2].stamp_ns < sample.stamp_ns:
                 yield from (item[2] for item in sorted(together, key=lambda item: item[:2]))
                 together = []

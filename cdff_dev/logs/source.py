@@ -169,6 +169,10 @@ class LogSource(Protocol):
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
 
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, in the order of ``samples``; by default others are read too."""
+        return (sample for sample in self.samples(streams) if sample.stamp_ns >= stamp_ns)
+
     def stamps_ns(self, stream: str) -> NDArray[np.int64]:
         """Return the stamps of a stream in the order of writing; by default all its samples are read."""
         stamps = sorted((sample.seq, sample.stamp_ns) for sample in self.samples([stream]))

@@ -13,11 +13,12 @@ from typing import Any
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.plots import figure_of, write_figure
+from cdff_common.progress import counted
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.mission_replay.mission import LogClock, MissionReplay, RecordedSample
 from cdff_dev.mission_replay.report import write_answers
 from cdff_dev.mission_replay.script import read_script
-from cdff_dev.play.player import playable
+from cdff_dev.play.start import playable
 from cdff_dev.replay.output import ReplayOutput
 from dpm_store import Store, open_store
 
@@ -75,7 +76,8 @@ def replay_mission(
         replay = MissionReplay(
             profile, start_ns, open_dpm_store, journal, lambda product: output.write([product])
         )
-        answers = write_answers(out, replay.run(_samples(log, streams), script), start_ns)
+        samples = counted(_samples(log, streams), sum(log.streams[s].count for s in streams), "samples")
+        answers = write_answers(out, replay.run(samples, script), start_ns)
         stored = sum(replay.store.statistics().products.values())
     if plot is not None:
         write_figure(plot, figure_of(output.drawn_values()))

@@ -12,6 +12,7 @@ from cdff_common.bus import Bus
 from cdff_common.clock import NS_PER_S
 from cdff_common.errors import FrameNotFoundError, InputError, UnavailableError
 from cdff_common.mission_clock import MissionClock
+from cdff_common.progress import progress_of
 from cdff_common.resources import resolve
 from cdff_dev.missions.map_sharing import assess_shared_map
 from cdff_dev.missions.report import Report, elevation_around, resource_usage, write_report
@@ -19,7 +20,6 @@ from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, 
 from cdff_dev.missions.script import Script, load_script
 from cdff_dev.missions.stage import Stage
 from cdff_dev.missions.tracks import Track, estimated_track, read_truth
-from cdff_dev.progress import progress_of
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.store import simulated_log
 

@@ -15,8 +15,9 @@ def register(nouns: Any) -> None:
         "play",
         help="publish the sensor samples of a log on the bus, with the mission clock",
         description="Publish the sensor samples of a log on the bus, with the mission clock. Keys on a "
-        "terminal control it (space: pause or resume, s: step, + and -: speed, q: end); programs call "
-        "cdff/@v1/ground/player/@rpc/{status|pause|resume|step|speed?x=2|stop}.",
+        "terminal control it (space: pause or resume, s: step, + and -: speed, < and >: seek by 10 s, l: "
+        "loop, q: end); programs call cdff/@v1/ground/player/@rpc/"
+        "{status|pause|resume|step|speed?x=2|seek?to=30|loop?on=true|stop}, or --http with the same verbs.",
     )
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
     parser.add_argument(
@@ -46,7 +47,10 @@ def register(nouns: Any) -> None:
         "--topics", nargs="+", default=[], metavar="PATTERN", help="streams to play, such as '*/navcam.*'"
     )
     parser.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="start S seconds after the first sample"
+        "--start",
+        default="0",
+        metavar="S",
+        help="start S seconds after the first sample, before the end if negative (--start=-10), or at a time",
     )
     parser.add_argument("--duration", type=float, metavar="S", help="play S seconds of the log")
     parser.add_argument("--loop", action="store_true", help="repeat the log; mission time continues")
@@ -56,6 +60,12 @@ def register(nouns: Any) -> None:
         action=argparse.BooleanOptionalAction,
         default=True,
         help="publish the mission clock (default)",
+    )
+    parser.add_argument(
+        "--http",
+        type=int,
+        metavar="PORT",
+        help="control by a page and calls on this port of this machine; 0 for a free one",
     )
     parser.add_argument("--connect", help="the router's endpoint (default: CDFF_CONNECT)")
     parser.add_argument(
@@ -69,25 +79,25 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from contextlib import ExitStack, closing
+    from contextlib import ExitStack
 
     from cdff_common.bus import Bus
     from cdff_common.cli import key_values
     from cdff_common.process import run_service
-    from cdff_dev.logs import LogSource, open_log
+    from cdff_dev.logs.opened import opened as opened_log
     from cdff_dev.play.control import keyboard, serve_control
     from cdff_dev.play.log_part import LogPart
     from cdff_dev.play.looped_log import LoopedLog
-    from cdff_dev.play.player import Player, wait_for
+    from cdff_dev.play.player import Player
+    from cdff_dev.play.start import wait_for
 
     endpoint_of = key_values(args.via, "--via", "ID=ENDPOINT, such as mana=tcp/127.0.0.1:7448")
 
     def body(stop: threading.Event) -> None:
         with ExitStack() as stack:
-            opened = stack.enter_context(closing(open_log(args.log)))
-            log: LogSource = LogPart(opened, args.topics, args.start, args.duration)
-            if args.loop:
-                log = LoopedLog(log)
+            opened = stack.enter_context(opened_log(args.log))
+            part = LogPart(opened, args.topics, args.start, args.duration)
+            log = LoopedLog(part, is_repeated=args.loop)
             bus = stack.enter_context(Bus.open(args.connect, name="player"))
             via = {
                 robot: stack.enter_context(Bus.open(endpoint, name=f"player of {robot}"))
@@ -106,6 +116,11 @@ def _run(args: argparse.Namespace) -> int:
                     has_clock=args.clock,
                 )
                 serve_control(bus, player, stop)
+                if args.http is not None:
+                    from cdff_dev.play.http_control import served
+
+                    url = stack.enter_context(served(player, stop, args.http))
+                    print(f"control at {url}", flush=True)
                 with keyboard(player, stop):
                     player.run(stop, stay=not args.exit_at_end)
 

@@ -44,6 +44,11 @@ class SensorGate:
         with self._lock:
             self._states[robot, sensor] = SensorState(on, None if rate_hz is None else float(rate_hz))
 
+    def clear_times(self) -> None:
+        """Clear the times of the rate limits, after a jump of mission time."""
+        with self._lock:
+            self._passed_ns.clear()
+
     def is_on(self, robot: str, sensor: str) -> bool:
         """Return True if a sensor currently delivers samples."""
         with self._lock:

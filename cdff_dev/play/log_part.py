@@ -4,38 +4,40 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
+from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from cdff_dev.logs import LogSample, LogSource, StreamInfo
 from cdff_dev.logs.source import Unconverted
 
 
 class LogPart(LogSource):
-    """The streams of a log that match a pattern, from ``start_s`` for ``duration_s``.
+    """The streams of a log that match a pattern, from ``start`` for ``duration_s``.
 
     Parameters
     ----------
     patterns : collection of str
         Patterns of stream names such as ``*/navcam.*``; empty for all streams.
-    start_s : float
-        Seconds after the first sample of the log.
+    start : str
+        Seconds after the first sample of the streams, negative ones before the last, or a time (RFC 3339).
     duration_s : float, optional
         Default: to the end.
 
     Raises
     ------
     InputError
-        If no stream matches, or no sample is in the interval.
+        If no stream matches, ``start`` has another form, or no sample is in the interval.
     """
 
     def __init__(
         self,
         log: LogSource,
         patterns: Collection[str] = (),
-        start_s: float = 0.0,
+        start: str = "0",
         duration_s: float | None = None,
     ) -> None:
         self._log = log
@@ -46,11 +48,11 @@ class LogPart(LogSource):
             )
         first_ns = min((i.t0_ns for i in infos.values() if not i.is_empty), default=0)
         last_ns = max(i.t1_ns for i in infos.values())
-        self._t0_ns = first_ns + int(start_s * 1e9)
+        self._t0_ns = _start_ns(start, first_ns, last_ns)
         self._t1_ns = last_ns if duration_s is None else min(last_ns, self._t0_ns + int(duration_s * 1e9))
         if not first_ns <= self._t0_ns <= self._t1_ns:
             raise InputError(
-                f"--start {start_s:g}, --duration {duration_s}: the log has {(last_ns - first_ns) / 1e9:g} s"
+                f"--start {start}, --duration {duration_s}: the log has {(last_ns - first_ns) / 1e9:g} s"
             )
         self._infos = {name: self._restricted(info) for name, info in infos.items()}
 
@@ -66,12 +68,15 @@ class LogPart(LogSource):
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of the part in the order of the log."""
+        return self.samples_from(self._t0_ns, streams)
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples of the part from a stamp on, in the order of the log."""
         names = list(self._infos) if streams is None else [n for n in streams if n in self._infos]
-        for sample in self._log.samples(names):
+        for sample in self._log.samples_from(max(stamp_ns, self._t0_ns), names):
             if sample.stamp_ns > self._t1_ns:
                 return
-            if sample.stamp_ns >= self._t0_ns:
-                yield sample
+            yield sample
 
     def close(self) -> None:
         """Close the files."""
@@ -84,6 +89,19 @@ class LogPart(LogSource):
             if t0_ns <= t1_ns
             else replace(info, count=0, t0_ns=0, t1_ns=0)
         )
+
+
+def _start_ns(start: str, first_ns: int, last_ns: int) -> int:
+    """Return the stamp of a start; raises InputError."""
+    if "T" in start:
+        return parse_stamp(start, "--start")
+    try:
+        seconds = float(start)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise InputError(f"--start {start!r}: expected seconds, or a time such as 2026-01-01T00:00:00Z")
+    return (last_ns if seconds < 0 else first_ns) + int(seconds * 1e9)
 
 
 def _matches(name: str, patterns: Collection[str]) -> bool:

@@ -25,25 +25,31 @@ class LoopedLog(LogSource):
     Poses of wheel odometry are multiplied by the motion of the previous laps, because odometry does not
     return to its start. All other samples repeat, also if the robot does not return to its start.
 
+    ``is_repeated`` is False for a log that ends with the current lap; it may change between reads.
+
     Raises InputError for a log without samples.
     """
 
-    def __init__(self, log: LogSource) -> None:
-        self._log = log
+    def __init__(self, log: LogSource, *, is_repeated: bool = True) -> None:
+        self._log, self.is_repeated = log, is_repeated
         infos = [info for info in log.streams.values() if not info.is_empty]
         if not infos:
             raise InputError("a log without samples cannot be repeated")
         spacings_ns = [(i.t1_ns - i.t0_ns) // (i.count - 1) for i in infos if i.count > 1]
         # The first sample of a lap follows the last one of the lap before after the shortest period.
         step_ns = max(min(spacings_ns, default=0) // 1000 * 1000, 1000)
-        self._period_ns = max(i.t1_ns for i in infos) - min(i.t0_ns for i in infos) + step_ns
-        self._T_lap: dict[str, UncertainTransform] = {}
+        self._t0_ns = min(i.t0_ns for i in infos)
+        self._period_ns = max(i.t1_ns for i in infos) - self._t0_ns + step_ns
+        #: Motion of the laps before each lap, by stream of odometry: T_first_start.
+        self._T_laps: list[dict[str, UncertainTransform]] = [{}]
+        self._T_one: dict[str, UncertainTransform] | None = None
 
     @property
     def streams(self) -> dict[str, StreamInfo]:
-        """Streams by name; their end is that of the last possible lap."""
+        """Streams by name; the end of a repeated log is that of the last possible lap."""
+        later_ns = _LAPS * self._period_ns if self.is_repeated else 0
         return {
-            name: dataclasses.replace(info, t1_ns=info.t1_ns + _LAPS * self._period_ns)
+            name: dataclasses.replace(info, t1_ns=info.t1_ns + later_ns)
             for name, info in self._log.streams.items()
         }
 
@@ -54,33 +60,47 @@ class LoopedLog(LogSource):
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of lap after lap."""
+        return self.samples_from(self._t0_ns, streams)
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, which may be in a later lap."""
         counts = {name: info.count for name, info in self._log.streams.items()}
-        for lap in range(_LAPS):
-            newest: dict[str, Any] = {}
-            for sample in self._log.samples(streams):
-                is_odometry = sample.stream.endswith("/wheels.odometry")
-                if is_odometry:
-                    newest[sample.stream] = sample.value
-                value = self._continued(sample) if is_odometry else sample.value
+        first = max((stamp_ns - self._t0_ns) // self._period_ns, 0)
+        for lap in range(first, _LAPS):
+            T_lap = self._motion_before(lap)
+            start_ns = max(stamp_ns - lap * self._period_ns, self._t0_ns)
+            for sample in self._log.samples_from(start_ns, streams):
+                done = T_lap.get(sample.stream)
+                value = sample.value if done is None else _continued(sample, done)
                 yield self._later(sample, value, lap, counts[sample.stream])
-            for stream, last in newest.items():
-                done = self._T_lap.get(stream)
-                self._T_lap[stream] = last.transform if done is None else done @ last.transform
+            if not self.is_repeated:
+                return
+
+    def lap_end_ns(self, stamp_ns: int) -> int:
+        """Return the last stamp of the lap that contains a stamp."""
+        lap = max((stamp_ns - self._t0_ns) // self._period_ns, 0)
+        return max(i.t1_ns for i in self._log.streams.values()) + lap * self._period_ns
 
     def close(self) -> None:
         """Close the files."""
         self._log.close()
 
-    def _continued(self, sample: LogSample) -> TransformWithCovariance:
-        """Return a pose of odometry after the motion of the previous laps."""
-        pose: TransformWithCovariance = sample.value
-        done = self._T_lap.get(sample.stream)
-        if done is None:
-            return pose
-        moved = TransformWithCovariance.from_transform(
-            done @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns
-        )
-        return dataclasses.replace(pose, data=moved.data)
+    def _motion_before(self, lap: int) -> dict[str, UncertainTransform]:
+        """Return the motion of the laps before a lap by stream of odometry; empty for the first lap."""
+        while lap >= len(self._T_laps):
+            before, T_lap = self._T_laps[-1], {}
+            for stream, last in self._motion_of_a_lap().items():
+                T_lap[stream] = before[stream] @ last if before else last
+            self._T_laps.append(T_lap)
+        return self._T_laps[lap]
+
+    def _motion_of_a_lap(self) -> dict[str, UncertainTransform]:
+        """Return the last pose of each stream of odometry."""
+        if self._T_one is None:
+            odometry = [n for n, i in self._log.streams.items() if n.endswith("/wheels.odometry") and i.count]
+            last = {sample.stream: sample.value.transform for sample in self._log.samples(odometry)}
+            self._T_one = last
+        return self._T_one
 
     def _later(self, sample: LogSample, value: Any, lap: int, count: int) -> LogSample:
         shift_ns = lap * self._period_ns
@@ -97,6 +117,15 @@ class LoopedLog(LogSource):
         return dataclasses.replace(
             sample, stamp_ns=stamp_ns, seq=seq, value=_shifted(value, shift_ns // 1000), header=header
         )
+
+
+def _continued(sample: LogSample, done: UncertainTransform) -> TransformWithCovariance:
+    """Return a pose of odometry after the motion ``done`` of the previous laps."""
+    pose: TransformWithCovariance = sample.value
+    moved = TransformWithCovariance.from_transform(
+        done @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns
+    )
+    return dataclasses.replace(pose, data=moved.data)
 
 
 def _shifted(value: Any, shift_us: int) -> Any:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from cdff_common.clock import NS_PER_S, monotonic_s
 
@@ -69,6 +70,14 @@ class Pace:
                 self._held_s += now_s - self._anchor_s
                 self._anchor_ns, self._anchor_s = max(self._anchor_ns, stamp_ns), now_s
 
+    def jump_to(self, stamp_ns: int) -> None:
+        """Set the clock to any mission time; a running clock continues from there."""
+        with self._lock:
+            now_s = monotonic_s()
+            if self._rate == 0.0:
+                self._held_s += now_s - self._anchor_s
+            self._anchor_ns, self._anchor_s = stamp_ns, now_s
+
     def now_ns(self) -> int:
         """Return the mission time, a multiple of 1000 ns."""
         with self._lock:
@@ -78,12 +87,14 @@ class Pace:
         """Return the seconds of real time since a mission time, negative before it."""
         return (self.now_ns() - stamp_ns) / NS_PER_S / self.speed
 
-    def wait_until(self, stamp_ns: int, stop: threading.Event) -> bool:
-        """Wait until mission time ``stamp_ns``; return False if ``stop`` is set."""
-        while (late_s := self.late_s(stamp_ns)) < 0.0:
+    def wait_until(
+        self, stamp_ns: int, stop: threading.Event, is_interrupted: Callable[[], bool] = lambda: False
+    ) -> bool:
+        """Wait until mission time ``stamp_ns``; return False if ``stop`` is set or it is interrupted."""
+        while (late_s := self.late_s(stamp_ns)) < 0.0 and not is_interrupted():
             if stop.wait(min(-late_s, _STEP_S)):
                 return False
-        return not stop.is_set()
+        return not (stop.is_set() or is_interrupted())
 
     def _set_rate(self, rate: float) -> None:
         with self._lock:

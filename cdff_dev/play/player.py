@@ -18,19 +18,21 @@ from cdff_common.bus import Bus, Message, Qos, keys
 from cdff_common.bus.message import unpack
 from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.errors import CdffError, InputError, UnavailableError
-from cdff_common.interfaces.registry import Registry
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.play.backlog import Backlog
+from cdff_dev.play.feed import Feed
 from cdff_dev.play.gate import SensorGate
+from cdff_dev.play.looped_log import LoopedLog
 from cdff_dev.play.mission_clock import Pace
-from cdff_dev.play.prefetch import Item, Prefetch
+from cdff_dev.play.prefetch import Item
+from cdff_dev.play.start import playable
 
 logger = logging.getLogger(__name__)
 
 CLOCK_PERIOD_S = 0.05
 PROGRESS_PERIOD_S = 1.0
-#: Mission time for which samples are encoded before the clock starts, ns, and longest wait for that, seconds.
-AHEAD_NS, AHEAD_TIMEOUT_S = 3 * NS_PER_S, 30.0
+#: Longest time in which a seek waits until the next sample is read, seconds.
+_SEEK_TIMEOUT_S = 30.0
 #: Largest delay of a sample, seconds of real time; a later one is dropped.
 LATE_LIMIT_S = 1.0
 
@@ -58,46 +60,6 @@ class Progress:
     worst_lag_s: float = 0.0
     held_s: float = 0.0
     ended: bool = False
-
-
-def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]:
-    """Return the streams of sensors that have samples, without truth and products, of ``robots`` if given.
-
-    Raises
-    ------
-    InputError
-        If a robot is not in the log, or no stream remains.
-    """
-    dfpcs = set(Registry.default().dfpcs)
-    found = {}
-    for stream, info in log.streams.items():
-        robot, sensor, _ = split_stream(stream)
-        if sensor != "truth" and sensor not in dfpcs and not info.is_empty:
-            found[stream] = robot
-    missing = sorted(set(robots or ()) - set(found.values()))
-    if missing:
-        raise InputError(
-            f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(found.values()))) or 'none'}"
-        )
-    chosen = [stream for stream, robot in found.items() if robots is None or robot in robots]
-    if not chosen:
-        raise InputError(f"no sensor streams to play; the log holds {', '.join(log.streams) or 'none'}")
-    return chosen
-
-
-def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: threading.Event) -> None:
-    """Wait until every key expression matches a liveliness token, or ``stop`` is set.
-
-    Raises UnavailableError after ``timeout_s``.
-    """
-    deadline_s = monotonic_s() + timeout_s
-    missing = list(keyexprs)
-    while missing:
-        missing = [k for k in missing if not bus.alive(k)]
-        if missing and monotonic_s() > deadline_s:
-            raise UnavailableError(f"no answer to {', '.join(missing)} after {timeout_s:g} s")
-        if missing and stop.wait(0.2):
-            return
 
 
 class Player:
@@ -146,7 +108,7 @@ class Player:
         self._bus, self._via = bus, dict(via or {})
         self._log = log
         self._patience_s, self._has_clock = patience_s, has_clock
-        self._ready_ns, self._ahead_bytes = ready_ns, ahead_bytes
+        self._ready_ns = ready_ns
         self._streams = playable(log, robots)
         self._robots = sorted({split_stream(s)[0] for s in self._streams})
         unknown = sorted(set(self._via) - set(self._robots))
@@ -157,8 +119,9 @@ class Player:
         self.start_ns = min(i.t0_ns for i in infos)
         self.progress = Progress(now_ns=self.start_ns, t_end_ns=max(i.t1_ns for i in infos))
         self._pace = Pace(self.start_ns, speed)
+        self._feed = Feed(log, self._streams, self.gate.is_on, ahead_bytes)
         self._is_paused = is_paused
-        self._next_ns = self.start_ns
+        self._next_ns, self._has_next = self.start_ns, threading.Event()
         self._backlog = Backlog()
 
     def now_ns(self) -> int:
@@ -166,9 +129,15 @@ class Player:
         return self._pace.now_ns()
 
     def status(self) -> dict[str, Any]:
-        """Return the progress with the speed and whether the player is paused."""
+        """Return the progress with the start, the speed, and whether the player is paused and repeats."""
         self.progress.now_ns, self.progress.held_s = self.now_ns(), self._pace.held_s
-        return {**asdict(self.progress), "speed": self._pace.speed, "paused": self._is_paused}
+        return {
+            **asdict(self.progress),
+            "start_ns": self.start_ns,
+            "speed": self._pace.speed,
+            "paused": self._is_paused,
+            "loop": isinstance(self._log, LoopedLog) and self._log.is_repeated,
+        }
 
     def pause(self) -> None:
         """Hold the clock until ``resume``."""
@@ -189,35 +158,88 @@ class Player:
         """Change the speed, seconds of mission time per second."""
         self._pace.set_speed(speed)
 
+    def seek(self, stamp_ns: int) -> None:
+        """Continue at another mission time, also an earlier one; a paused player stays paused.
+
+        Raises InputError if the log has no such time, or is computed while it is played.
+        """
+        if self._ready_ns is not None:
+            raise InputError("seek: this log is computed while it is played; expected a recorded log")
+        if not self.start_ns <= stamp_ns <= self.progress.t_end_ns:
+            last_s = (self.progress.t_end_ns - self.start_ns) / NS_PER_S
+            raise InputError(
+                f"seek to {(stamp_ns - self.start_ns) / NS_PER_S:g} s after the first sample: expected 0 to "
+                f"{last_s:g}"
+            )
+        self._has_next.clear()
+        self._feed.request(stamp_ns // 1000 * 1000)
+        self._has_next.wait(_SEEK_TIMEOUT_S)
+
+    def set_loop(self, is_repeated: bool) -> None:
+        """Repeat the log after its end, or end after the current lap; raises InputError if it cannot be."""
+        if not isinstance(self._log, LoopedLog):
+            raise InputError("loop: this log is computed while it is played; expected a recorded log")
+        self._log.is_repeated = is_repeated
+        last_ns = max(info.t1_ns for info in self._log.streams.values())
+        self.progress.t_end_ns = last_ns if is_repeated else self._log.lap_end_ns(self.now_ns())
+        if is_repeated and self.progress.ended:
+            self.seek(self._next_ns + 1000)
+
     def run(self, stop: threading.Event, stay: bool = True) -> Progress:
         """Play the log to its end; if ``stay``, keep the clock running until ``stop`` is set."""
         self._follow_modes(stop)
         if self._patience_s is not None:
             for bus in (self._bus, *self._via.values()):
                 bus.subscribe(keys.dfpc_status("*", "*"), self._on_status)
-        prefetch = Prefetch(self._log.samples(self._streams), self.gate.is_on, self._ahead_bytes)
-        prefetch.wait_filled(AHEAD_NS, AHEAD_TIMEOUT_S)
+        items = self._feed.items_from(self.start_ns)
         self._pace.start()
         if self._is_paused:
             self._pace.hold()
         clock_thread = threading.Thread(target=self._tick, args=(stop,), name="clock", daemon=True)
         clock_thread.start()
         try:
-            self._play(iter(prefetch), stop)
-            self.progress.ended = not stop.is_set()
-            logger.info("played", extra=asdict(self.progress))
-            if stay:
-                stop.wait()
+            while True:
+                self._play(items, stop)
+                position_ns = self._next_position_ns(stop, stay)
+                if position_ns is None:
+                    break
+                items = self._feed.items_from(position_ns)
         finally:
             stop.set()
-            prefetch.close()
+            self._has_next.set()
+            self._feed.close()
             clock_thread.join(2.0)
         return self.progress
 
+    def _next_position_ns(self, stop: threading.Event, stay: bool) -> int | None:
+        """Return the stamp from which the log is played next; None if the player ends.
+
+        After the end of the log it waits for a seek if ``stay``.
+        """
+        if not stop.is_set() and not self._feed.is_requested:
+            if isinstance(self._log, LoopedLog) and self._log.is_repeated:
+                return self._next_ns + 1000  # repetition was switched on after the last sample was read
+            self.progress.ended = True
+            self._has_next.set()
+            logger.info("played", extra=asdict(self.progress))
+            while stay and not self._feed.is_requested and not stop.wait(CLOCK_PERIOD_S):
+                pass
+        if stop.is_set() or (position_ns := self._feed.take_request()) is None:
+            return None
+        self.progress.ended = False
+        self.gate.clear_times()
+        self._pace.hold()
+        self._pace.jump_to(position_ns)
+        return position_ns
+
     def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
         for item in items:
+            if item.stamp_ns > self.progress.t_end_ns and self._ready_ns is None:
+                return  # repetition was switched off after the next lap was read
             self._next_ns = item.stamp_ns
-            if not self._pace.wait_until(item.stamp_ns, stop):
+            if self._feed.is_ready:
+                self._has_next.set()
+            if not self._pace.wait_until(item.stamp_ns, stop, lambda: self._feed.is_requested):
                 return
             if not self.gate.passes(item.robot, item.sensor, item.stream, item.stamp_ns):
                 self.progress.gated += 1
@@ -255,7 +277,8 @@ class Player:
         now_ns = self.now_ns()
         lag_s = 0.0 if self._patience_s is None else self._backlog.lag_s(now_ns)
         is_lagging = self._patience_s is not None and lag_s > self._patience_s
-        if self._is_paused or is_lagging or self._is_at_end_of_growing_log(now_ns):
+        is_waiting = self._is_paused or not self._feed.is_ready
+        if is_waiting or is_lagging or self._is_at_end_of_growing_log(now_ns):
             self._pace.hold()
         elif self._patience_s is None or lag_s <= self._patience_s / 2:
             self._pace.resume()

@@ -64,7 +64,11 @@ def register(nouns: Any) -> None:
         "calib_kitti.txt, calib.txt)",
     )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
-    parser.add_argument("--start", type=float, metavar="S", help="begin S seconds after the first sample")
+    parser.add_argument(
+        "--start",
+        metavar="S",
+        help="begin S seconds after the first sample, before the end if negative (--start=-10), or at a time",
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="replay S seconds of the log")
     parser.add_argument(
         "--until",
@@ -83,7 +87,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="folder for outputs.msg, summary.json, <port>.tum and the last maps, graphs and clouds",
+        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose) and the last maps, graphs "
+        "and clouds",
     )
     add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -92,10 +97,8 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; return 0, or raise RefusedError (exit code 3) if every output of the DFPC is FAILED."""
-    from contextlib import closing
-
     from cdff_common.errors import InputError
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
 
     if args.plot is not None:
         from cdff_common.plots import check_plot_file
@@ -103,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 
 
@@ -123,7 +126,7 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
     summary = replay_mission(
-        log, load_profile(args.profile), Path(args.requests), Path(args.out), store, args.plot
+        log, load_profile(args.profile, complete=True), Path(args.requests), Path(args.out), store, args.plot
     )
     if args.json:
         print(json.dumps(summary, sort_keys=True))
@@ -151,9 +154,9 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
     from cdff_common.interfaces.yaml_file import read_mapping
+    from cdff_common.progress import Progress
     from cdff_dev.compilation import compilation_notice
     from cdff_dev.play.log_part import LogPart
-    from cdff_dev.progress import Progress
     from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
     from cdff_dev.replay.tap import Tap
@@ -167,7 +170,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     context, entry, implementation = DfpcContext(robot), None, args.implementation
     parameters: dict[str, Any] = {}
     if args.profile:
-        profile_robot = load_profile(args.profile).robot(robot)
+        profile_robot = load_profile(args.profile, complete=True).robot(robot)
         entry = profile_robot.dfpc(dfpc.name)
         context, parameters = profile_robot.context(entry), dict(entry.parameters)
         implementation = implementation or entry.implementation
@@ -185,7 +188,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     tap = Tap(args.tap, (*wired, *outputs), partial(print, file=sys.stderr if args.json else sys.stdout))
     part: LogSource = log
     if args.start is not None or args.duration is not None:
-        part = LogPart(log, list(wired.values()), args.start or 0.0, args.duration)
+        part = LogPart(log, list(wired.values()), args.start or "0", args.duration)
     progress = Progress(sum(log.streams[s].count for s in wired.values()), "samples")
 
     def on_sample(sample: Sample) -> None:

@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     """Read the inputs, run, and write the outputs; return 0, or 3 if the algorithm refused."""
     from cdff_common.cli import key_values
     from cdff_common.output import is_standard_output
+    from cdff_common.progress import elapsed
     from cdff_dev.run.execution import execute
     from cdff_dev.run.outputs import drawn_values, output_document, write_outputs
     from cdff_dev.run.parameters import parameters
@@ -74,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     out = Path(args.out)
     config = parameters(args.config, [item for group in args.settings for item in group])
-    result = execute(args.name, key_values(args.inputs, "input", "PORT=FILE"), config, args.implementation)
+    inputs = key_values(args.inputs, "input", "PORT=FILE")
+    with elapsed(args.name):
+        result = execute(args.name, inputs, config, args.implementation)
     to_stdout = is_standard_output(out)
     report = output_document(result) if to_stdout else write_outputs(result, out)
     failed = report["quality"]["status"] == "FAILED"

@@ -37,7 +37,7 @@ def register(nouns: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder, storage_errors
-    from cdff_dev.progress import progress_of
+    from cdff_common.progress import progress_of
     from cdff_dev.simulate.scenario import load_scenario
     from cdff_dev.simulate.store import cache_folder, check_free, deliver, simulated_log
 

@@ -17,11 +17,11 @@ from cdff_common.interfaces.dfpc import Dfpc, DfpcContext
 from cdff_common.interfaces.product import Product, Status
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.interfaces.registry import Registry
+from cdff_common.progress import Progress
 from cdff_core.runtime import Runner
 from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.compilation import compilation_notice
 from cdff_dev.logs.source import LogSource, only_stream
-from cdff_dev.progress import Progress
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.replay.wiring import robot_of, wire
 from cdff_dev.slam.methods import Method

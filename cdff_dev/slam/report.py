@@ -33,9 +33,11 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
 def _truth_line(results: Mapping[str, Any]) -> str:
     ate_m = results["ate"]["translation_m"]["rmse"]
     share = 100.0 * ate_m / max(results["path_length_m"], 1e-9)
+    rotation_deg = results["ate"]["rotation_aligned_deg"]["rmse"]
     return (
-        f"against the true poses (aligned): RMSE of the positions {ate_m:.3f} m, {share:.2f} % of "
-        f"{results['path_length_m']:.1f} m, {results['poses']['compared']} poses compared"
+        f"against the true poses (positions and orientations aligned): RMSE {ate_m:.3f} m, {share:.2f} % of "
+        f"{results['path_length_m']:.1f} m, and {rotation_deg:.2f}°, {results['poses']['compared']} poses "
+        "compared"
     )
 
 

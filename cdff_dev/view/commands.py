@@ -31,6 +31,18 @@ def register(nouns: Any) -> None:
         "--foxglove", action="store_true", help="serve Foxglove's WebSocket protocol on this machine"
     )
     parser.add_argument("--port", type=int, metavar="N", help="with --foxglove: TCP port (default: 8765)")
+    parser.add_argument(
+        "--layout",
+        metavar="FILE",
+        type=Path,
+        help="with Foxglove: also write its layout, to be imported there",
+    )
+    parser.add_argument(
+        "--derive",
+        action="append",
+        choices=("disparity", "features"),
+        help="compute this from the stereo pairs or images and show it over them; may be repeated",
+    )
     parser.add_argument("--profile", metavar="FILE", help="profile with the fixed frames of the robots")
     parser.add_argument("--stream", action="append", metavar="NAME", help="only this stream; may be repeated")
     parser.add_argument("--t0", metavar="TIME", help="earliest stamp: nanoseconds or RFC 3339")
@@ -57,6 +69,7 @@ def _run(args: argparse.Namespace) -> int:
         t0_ns=None if args.t0 is None else parse_stamp(args.t0, "--t0"),
         t1_ns=None if args.t1 is None else parse_stamp(args.t1, "--t1"),
         profile=None if args.profile is None else load_profile(args.profile),
+        derived=args.derive or (),
     )
     output = output_of(args)
     if args.live:

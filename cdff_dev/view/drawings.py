@@ -52,18 +52,37 @@ class Surface:
 class Picture:
     """Image ``(rows, cols)`` or ``(rows, cols, 3)`` red, green, blue, 8 bits.
 
-    ``camera_matrix`` is that of the pinhole camera, None if unknown.
+    ``camera_matrix`` is that of the pinhole camera, None if unknown. ``picture`` is the layer of the image with
+    the same pixels that it is laid over, empty if none.
     """
 
     pixels: NDArray[np.uint8]
     camera_matrix: Floats | None = None
+    picture: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """Positions ``(n, 2)`` in an image, pixels."""
+    """Positions ``(n, 2)`` in an image, pixels, with lines to other positions ``(n, 2)`` if there are any.
+
+    ``picture`` is the layer of the image, empty if it is not known.
+    """
 
     pixels: Floats
+    ends: Floats | None = None
+    picture: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rectangles:
+    """Rectangles ``(n, 4)`` in an image, left, top, width and height in pixels, with labels.
+
+    ``picture`` is the layer of the image, empty if it is not known.
+    """
+
+    rectangles_px: Floats
+    labels: tuple[str, ...]
+    picture: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +127,9 @@ class Note:
     text: str
 
 
-Drawing = Points | Lines | Surface | Picture | Marks | Transform | Ellipsoid | Boxes | Number | Note
+Drawing = (
+    Points | Lines | Surface | Picture | Marks | Rectangles | Transform | Ellipsoid | Boxes | Number | Note
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cdff_common.geometry import FrameGraph
+from cdff_common.interfaces.product import Status
 from cdff_common.world.history import POSE_TYPES, frames_of_pose, is_truth
 from cdff_dev.logs.source import LogSample
 from cdff_dev.view.drawings import (
@@ -20,14 +21,18 @@ from cdff_dev.view.drawings import (
     Ellipsoid,
     Layer,
     Lines,
+    Marks,
+    Note,
     Number,
     Picture,
     Points,
+    Rectangles,
     Scene,
     Surface,
     Transform,
 )
 from cdff_dev.view.layers import is_drawn, layers_of
+from cdff_dev.view.overlays import Overlays
 
 #: Updates of the path of a moving frame; each is the whole path so far.
 _PATH_UPDATES = 100
@@ -44,6 +49,8 @@ class Contents:
         Parent of each frame.
     spatial, pictures, numbers : dict of str to str
         Frame of each layer in space, of each image, and of each plot ("").
+    overlays : dict of str to str
+        Image under each layer of marks, rectangles or a further image of the same camera; "" if there is none.
     notes : set of str
         Layers with texts.
     not_drawn : Counter
@@ -54,6 +61,7 @@ class Contents:
     spatial: dict[str, str] = field(default_factory=dict)
     pictures: dict[str, str] = field(default_factory=dict)
     numbers: dict[str, str] = field(default_factory=dict)
+    overlays: dict[str, str] = field(default_factory=dict)
     notes: set[str] = field(default_factory=set)
     not_drawn: Counter[str] = field(default_factory=Counter)
 
@@ -70,14 +78,23 @@ class Contents:
 
     def robots(self) -> list[str]:
         """Return the first parts of the names of all layers."""
-        names = {*self.spatial, *self.pictures, *self.numbers, *self.notes}
+        names = {*self.spatial, *self.pictures, *self.overlays, *self.numbers, *self.notes}
         return sorted({name.split("/")[1] for name in names})
+
+    @property
+    def size(self) -> int:
+        """Number of layers."""
+        return sum(map(len, (self.spatial, self.pictures, self.overlays, self.numbers, self.notes)))
 
     def add(self, layer: Layer) -> None:
         """Include a layer."""
         drawing = layer.drawing
         if isinstance(drawing, Picture):
             self.pictures[layer.path] = layer.frame
+            if drawing.picture:
+                self.overlays[layer.path] = drawing.picture
+        elif isinstance(drawing, (Marks, Rectangles)):
+            self.overlays[layer.path] = drawing.picture
         elif isinstance(drawing, Number):
             self.numbers[layer.path] = ""
         elif isinstance(drawing, _SPATIAL):
@@ -104,7 +121,8 @@ class Feed:
         self._path_every = max(1, path_every)
         self._paths: dict[str, list[np.ndarray]] = {}
         self._last_ns: dict[str, int] = {}
-        self._graph = FrameGraph()
+        self._overlays = Overlays()
+        self._is_ok: dict[str, bool] = {}
         self.contents = Contents()
 
     def add_fixed(self, graph: FrameGraph, stamp_ns: int) -> None:
@@ -117,24 +135,41 @@ class Feed:
     def add(self, sample: LogSample) -> None:
         """Add a sample: its layers, the path of a pose, and the time since the previous sample."""
         path = path_of(sample.stream)
-        if not is_drawn(sample.value):
+        if sample.value is not None and not is_drawn(sample.value):
             self.contents.not_drawn[sample.type_name] += 1
         for layer in layers_of(path, sample.value, sample.header):
             if isinstance(layer.drawing, Transform) and layer.path == path:
                 self._add_pose(sample.stamp_ns, layer, sample.stream)
             else:
-                self._put(sample.stamp_ns, layer)
+                self.add_layer(sample.stamp_ns, layer)
+        self._add_recovery(path, sample)
         previous_ns = self._last_ns.get(sample.stream)
         if previous_ns is not None:
             period_s = (sample.stamp_ns - previous_ns) * 1e-9
             self._put(sample.stamp_ns, Layer(f"{path}/timing/period_s", "", Number(period_s)))
         self._last_ns[sample.stream] = sample.stamp_ns
 
+    def add_layer(self, stamp_ns: int, layer: Layer) -> None:
+        """Add a layer, over the image of its camera if it is one of an image."""
+        for placed_ns, placed in self._overlays.place(stamp_ns, layer):
+            self._put(placed_ns, placed)
+
     def close(self) -> None:
-        """Draw the ends of the paths."""
+        """Draw the ends of the paths, and the marks without an image."""
+        for stamp_ns, layer in self._overlays.end():
+            self._put(stamp_ns, layer)
         for path, positions in self._paths.items():
             if positions:
                 self._put_path(self._last_ns_of(path), path, positions)
+
+    def _add_recovery(self, path: str, sample: LogSample) -> None:
+        """Add a message if the status of a product is OK again."""
+        if sample.header is None:
+            return
+        is_ok = sample.header.quality.status == Status.OK
+        if is_ok and not self._is_ok.get(path, True):
+            self._put(sample.stamp_ns, Layer(f"{path}/notes", "", Note("INFO", "OK again")))
+        self._is_ok[path] = is_ok
 
     def _add_pose(self, stamp_ns: int, layer: Layer, stream: str) -> None:
         edge = layer.drawing

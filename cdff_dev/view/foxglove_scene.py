@@ -28,6 +28,7 @@ from cdff_dev.view.drawings import (
     Number,
     Picture,
     Points,
+    Rectangles,
     Surface,
     Transform,
 )
@@ -168,15 +169,34 @@ class FoxgloveScene:
 
     @_put.register
     def _(self, drawing: Marks, layer: Layer, stamp_ns: int) -> None:
-        points = messages.PointsAnnotation(
-            timestamp=_stamp(stamp_ns),
-            type=messages.PointsAnnotationType.Points,
-            points=[messages.Point2(x=float(x), y=float(y)) for x, y in drawing.pixels],
-            outline_color=_colour(GREEN),
-            thickness=_MARK_PX,
-        )
+        kind = messages.PointsAnnotationType
+        parts = [_annotation(kind.Points, drawing.pixels, stamp_ns, _MARK_PX)]
+        if drawing.ends is not None:
+            segments = np.stack([drawing.pixels, drawing.ends], axis=1).reshape(-1, 2)
+            parts.append(_annotation(kind.LineList, segments, stamp_ns, _LINE_PX))
         channel = self._channel(channels.ImageAnnotationsChannel, layer.path)
-        channel.log(messages.ImageAnnotations(points=[points]), log_time=stamp_ns)
+        channel.log(messages.ImageAnnotations(points=parts), log_time=stamp_ns)
+
+    @_put.register
+    def _(self, drawing: Rectangles, layer: Layer, stamp_ns: int) -> None:
+        left, top, width, height = drawing.rectangles_px.T
+        corners = np.array(
+            [[left, top], [left + width, top], [left + width, top + height], [left, top + height]]
+        )
+        loop = messages.PointsAnnotationType.LineLoop
+        outlines = [_annotation(loop, corners[:, :, i].copy(), stamp_ns, _LINE_PX) for i in range(len(left))]
+        texts = [
+            messages.TextAnnotation(
+                timestamp=_stamp(stamp_ns),
+                position=messages.Point2(x=float(x), y=float(y)),
+                text=label,
+                font_size=12.0,
+                text_color=_colour(ORANGE),
+            )
+            for x, y, label in zip(left, top, drawing.labels, strict=True)
+        ]
+        channel = self._channel(channels.ImageAnnotationsChannel, layer.path)
+        channel.log(messages.ImageAnnotations(points=outlines, texts=texts), log_time=stamp_ns)
 
     @_put.register
     def _(self, drawing: Transform, layer: Layer, stamp_ns: int) -> None:
@@ -230,6 +250,16 @@ class FoxgloveScene:
             timestamp=_stamp(stamp_ns), level=_LEVELS[drawing.level], message=drawing.text, name=layer.path
         )
         self._channel(channels.LogChannel, layer.path).log(note, log_time=stamp_ns)
+
+
+def _annotation(kind: Any, pixels: NDArray[Any], stamp_ns: int, width_px: float) -> messages.PointsAnnotation:
+    return messages.PointsAnnotation(
+        timestamp=_stamp(stamp_ns),
+        type=kind,
+        points=[messages.Point2(x=float(x), y=float(y)) for x, y in pixels],
+        outline_color=_colour(GREEN),
+        thickness=width_px,
+    )
 
 
 def _stamp(stamp_ns: int) -> messages.Timestamp:

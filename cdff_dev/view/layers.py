@@ -30,6 +30,7 @@ from cdff_dev.view.drawings import (
     Number,
     Picture,
     Points,
+    Rectangles,
     Surface,
     Transform,
     colours_of,
@@ -59,7 +60,7 @@ def layers_of(path: str, value: Any, header: Header | None = None) -> list[Layer
     for mount in mounts_of(value):
         if mount.parent_frame and mount.child_frame:
             edge = Transform(mount.parent_frame, mount.child_frame, mount.transform.matrix)
-            layers.append(Layer(f"{path}/mount/{mount.child_frame}", mount.parent_frame, edge))
+            layers.append(Layer(f"/frames/{mount.child_frame}", mount.parent_frame, edge))
     return [*layers, *_quality_layers(path, header)]
 
 
@@ -173,12 +174,12 @@ def _(value: types.DistanceImage, path: str, frame: str, header: Header | None) 
 def _(
     value: types.VisualPointFeatureVector2D, path: str, frame: str, header: Header | None
 ) -> Iterator[Layer]:
-    yield Layer(path, frame, Marks(np.array([item.point for item in value.items]).reshape(-1, 2)))
+    yield Layer(path, frame, Marks(value.points_px))
 
 
 @draw.register
 def _(value: types.CorrespondenceMap2D, path: str, frame: str, header: Header | None) -> Iterator[Layer]:
-    yield Layer(path, frame, Marks(np.array([item.source for item in value.items]).reshape(-1, 2)))
+    yield Layer(path, frame, Marks(value.sources_px, value.sinks_px))
 
 
 @draw.register
@@ -189,11 +190,11 @@ def _(value: types.ObjectDetections, path: str, frame: str, header: Header | Non
         labels = tuple(f"{item.label} {item.score:.2f}" for item in placed)
         sizes_m = _known_sizes(np.array([item.size for item in placed]))
         yield Layer(path, value.frame_id or frame, Boxes(poses, sizes_m, labels))
-    for number, item in enumerate(value.detections):
-        if item.image_box.any():
-            left, top, width, height = item.image_box
-            corners = np.array([[left, top], [left + width, top + height]])
-            yield Layer(f"{path}/image/{number}", "", Marks(corners))
+    seen = [item for item in value.detections if item.image_box.any()]
+    if seen:
+        rectangles_px = np.array([item.image_box for item in seen], dtype=np.float64)
+        labels = tuple(f"{item.label} {item.score:.2f}" for item in seen)
+        yield Layer(f"{path}/image", value.frame_id or frame, Rectangles(rectangles_px, labels))
 
 
 @draw.register

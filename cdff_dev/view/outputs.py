@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from cdff_common.errors import UnavailableError
-from cdff_common.output import check_file, format_of_suffix
+from cdff_common.errors import InputError, UnavailableError
+from cdff_common.output import check_file, format_of_suffix, write_file
 from cdff_dev.ports import free_port
 from cdff_dev.view.drawings import Scene
 
@@ -42,8 +42,8 @@ class Output:
     scene : Scene
     place : str
         File or URL, for the user.
-    finish : callable
-        Sends the layout and completes the file.
+    arrange : callable
+        Sends or writes the layout for the contents so far.
     serves : bool
         Whether this process serves it until it is interrupted.
     viewer : subprocess.Popen or None
@@ -52,7 +52,7 @@ class Output:
 
     scene: Scene
     place: str
-    finish: Callable[[Contents], None]
+    arrange: Callable[[Contents], None]
     serves: bool = False
     viewer: subprocess.Popen[bytes] | None = None
 
@@ -68,14 +68,22 @@ class Output:
 
 
 def output_of(args: argparse.Namespace) -> Output:
-    """Return the output of the arguments of ``cdff view``; raises StorageError for an unwritable file."""
-    if args.save is not None:
-        check_file(args.save)
-        form = format_of_suffix(args.save, ("rrd", "mcap"), "view")
-        return _mcap_file(args.save) if form == "mcap" else rerun_file(args.save)
+    """Return the output of the arguments of ``cdff view``.
+
+    Raises StorageError for a file that cannot be written, and InputError for a layout of Rerun, which is part of
+    its recording.
+    """
+    form = None if args.save is None else format_of_suffix(args.save, ("rrd", "mcap"), "view")
+    if args.layout is not None and not (args.foxglove or form == "mcap"):
+        raise InputError(f"--layout {args.layout}: only with --foxglove or --save NAME.mcap")
+    for path in (args.save, args.layout):
+        if path is not None:
+            check_file(path)
     if args.foxglove:
-        return _foxglove_server(_FOXGLOVE_PORT if args.port is None else args.port)
-    return rerun_viewer(web=args.web)
+        return _foxglove_server(_FOXGLOVE_PORT if args.port is None else args.port, args.layout)
+    if args.save is None:
+        return rerun_viewer(web=args.web)
+    return _mcap_file(args.save, args.layout) if form == "mcap" else rerun_file(args.save)
 
 
 def rerun_file(path: Path) -> Output:
@@ -139,22 +147,32 @@ def _rerun_output(
     from cdff_dev.view.blueprint import blueprint
     from cdff_dev.view.rerun_scene import RerunScene
 
-    def finish(contents: Contents) -> None:
+    def arrange(contents: Contents) -> None:
         recording.send_blueprint(blueprint(contents), make_active=True)
         recording.flush()
 
-    return Output(RerunScene(recording), place, finish, viewer is not None, viewer)
+    return Output(RerunScene(recording), place, arrange, viewer is not None, viewer)
 
 
-def _mcap_file(path: Path) -> Output:
+def _mcap_file(path: Path, layout: Path | None) -> Output:
     from cdff_dev.view.foxglove_scene import mcap_scene
 
-    scene = mcap_scene(path)
-    return Output(scene, str(path), lambda _: scene.close())
+    return Output(mcap_scene(path), str(path), _layout_writer(layout))
 
 
-def _foxglove_server(port: int) -> Output:
+def _foxglove_server(port: int, layout: Path | None) -> Output:
     from cdff_dev.view.foxglove_scene import server_scene
 
     scene = server_scene(_LOOPBACK, port)
-    return Output(scene, f"ws://{_LOOPBACK}:{port}", lambda _: None, serves=True)
+    return Output(scene, f"ws://{_LOOPBACK}:{port}", _layout_writer(layout), serves=True)
+
+
+def _layout_writer(path: Path | None) -> Callable[[Contents], None]:
+    """Return a function that writes the layout for Foxglove to a file, if there is one."""
+    from cdff_dev.view.foxglove_layout import layout_of
+
+    def write(contents: Contents) -> None:
+        if path is not None:
+            write_file(path, layout_of(contents).to_json().encode())
+
+    return write

@@ -23,6 +23,7 @@ from cdff_dev.view.drawings import (
     Number,
     Picture,
     Points,
+    Rectangles,
     Surface,
     Transform,
 )
@@ -30,7 +31,7 @@ from cdff_dev.view.drawings import (
 TIMELINE = "mission_time"
 #: Length of the axes of a frame, metres; radii of points and lines, pixels of the user interface.
 _AXES_M = 0.5
-_POINT_RADIUS, _LINE_RADIUS, _MARK_RADIUS = (rr.Radius.ui_points(r) for r in (1.2, 1.5, 3.0))
+_POINT_RADIUS, _LINE_RADIUS, _MARK_RADIUS = (rr.Radius.ui_points(r) for r in (1.2, 1.5, 1.5))
 #: Distance of the drawn image plane of a camera, metres.
 _IMAGE_PLANE_M = 1.0
 
@@ -80,9 +81,17 @@ class RerunScene:
         )
         self._log(layer, mesh)
 
+    def _log_over(self, path: str, picture: str, *parts: Any) -> None:
+        """Log archetypes in the pixels of the image of another layer."""
+        pixels_frame = self._frame_of.get(picture, f"tf#{picture}") if picture else ""
+        self._log(Layer(path, pixels_frame, parts[0]), *parts)
+
     @_put.register
     def _(self, drawing: Picture, layer: Layer) -> None:
         image = rr.Image(drawing.pixels, "L" if drawing.pixels.ndim == 2 else "RGB")
+        if drawing.picture:
+            self._log_over(layer.path, drawing.picture, image)
+            return
         if drawing.camera_matrix is None or not layer.frame:
             self._recording.log(layer.path, image)
             return
@@ -99,7 +108,23 @@ class RerunScene:
 
     @_put.register
     def _(self, drawing: Marks, layer: Layer) -> None:
-        self._recording.log(layer.path, rr.Points2D(drawing.pixels, colors=GREEN, radii=_MARK_RADIUS))
+        points = rr.Points2D(drawing.pixels, colors=GREEN, radii=_MARK_RADIUS)
+        self._log_over(layer.path, drawing.picture, points)
+        if drawing.ends is not None:
+            segments = np.stack([drawing.pixels, drawing.ends], axis=1)
+            lines = rr.LineStrips2D(segments, colors=GREEN, radii=_LINE_RADIUS)
+            self._log_over(f"{layer.path}/lines", drawing.picture, lines)
+
+    @_put.register
+    def _(self, drawing: Rectangles, layer: Layer) -> None:
+        boxes = rr.Boxes2D(
+            array=drawing.rectangles_px,
+            array_format=rr.Box2DFormat.XYWH,
+            colors=ORANGE,
+            radii=_LINE_RADIUS,
+            labels=drawing.labels,
+        )
+        self._log_over(layer.path, drawing.picture, boxes)
 
     @_put.register
     def _(self, drawing: Transform, layer: Layer) -> None:
@@ -141,4 +166,5 @@ class RerunScene:
 
     @_put.register
     def _(self, drawing: Note, layer: Layer) -> None:
-        self._recording.log(layer.path, rr.TextLog(drawing.text, level=drawing.level))
+        source = layer.path.split("/", 2)[-1].removesuffix("/notes")  # without the robot
+        self._recording.log(layer.path, rr.TextLog(f"{source}: {drawing.text}", level=drawing.level))

@@ -6,15 +6,16 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
-from cdff_dev.logs import open_log
+from cdff_common.progress import Progress
+from cdff_dev.logs.opened import opened
 from cdff_dev.logs.source import LogSample, LogSource
-from cdff_dev.progress import Progress
+from cdff_dev.view.derived import Deriver
 from cdff_dev.view.feed import Contents, Feed, path_interval, sources_of
 from cdff_dev.view.outputs import Output
 
@@ -31,12 +32,15 @@ class Selection:
         Interval of stamps.
     profile : Profile or None
         Fixed frames of the robots.
+    derived : collection of str
+        ``disparity``, ``features``: what is computed from the images.
     """
 
     streams: Collection[str] | None = None
     t0_ns: int | None = None
     t1_ns: int | None = None
     profile: Profile | None = None
+    derived: Collection[str] = ()
 
     def of(self, log: LogSource) -> list[str]:
         """Return the selected streams of a log."""
@@ -58,7 +62,7 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
         If no stream is selected, or no sample is in the interval.
     """
     with ExitStack() as stack:
-        logs = [stack.enter_context(closing(open_log(path, calibration))) for path, calibration in paths]
+        logs = [stack.enter_context(opened(path, calibration)) for path, calibration in paths]
         chosen = [(log, names) for log in logs if (names := selection.of(log))]
         infos = [log.streams[name] for log, names in chosen for name in names]
         if not infos:
@@ -69,42 +73,48 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
         feed = Feed(output.scene, sources, path_interval(max(info.count for info in infos)))
         samples = heapq.merge(*(log.samples(names) for log, names in chosen), key=_order)
         progress, count = Progress(n, "samples"), 0
+        deriver = Deriver(selection.derived)
         for sample in samples:
             progress.advance()
             if not selection.contains(sample.stamp_ns):
                 continue
             if not count:
                 _add_profile(feed, selection.profile, sample.stamp_ns)
-            feed.add(sample)
+            for item in (sample, *deriver.derived(sample)):
+                feed.add(item)
             count += 1
         progress.close()
+        deriver.close()
     if not count:
         raise InputError(f"{', '.join(path for path, _ in paths)}: no sample between --t0 and --t1")
     feed.close()
-    output.finish(feed.contents)
+    output.arrange(feed.contents)
     return summary_text(output, feed.contents, count)
 
 
 def show_live(output: Output, connect: str | None, selection: Selection, duration_s: float | None) -> str:
     """Show the published samples and products until interrupted, or until the duration is over."""
-    from cdff_dev.view.live import live_samples
+    from cdff_dev.view.live import live_updates
 
-    feed, count = Feed(output.scene), 0
+    feed, deriver, count, arranged = Feed(output.scene), Deriver(selection.derived), 0, 0
     try:
-        for sample in live_samples(connect, duration_s):
-            if selection.streams is not None and sample.stream not in selection.streams:
-                continue
-            if not count:
-                _add_profile(feed, selection.profile, sample.stamp_ns)
-            known = len(feed.contents.spatial) + len(feed.contents.pictures)
-            feed.add(sample)
-            count += 1
-            if len(feed.contents.spatial) + len(feed.contents.pictures) > known:
-                output.finish(feed.contents)  # the layout with the new layers
+        for update in live_updates(connect, duration_s):
+            if isinstance(update, tuple):
+                feed.add_layer(*update)
+            elif selection.streams is None or update.stream in selection.streams:
+                if not count:
+                    _add_profile(feed, selection.profile, update.stamp_ns)
+                for sample in (update, *deriver.derived(update)):
+                    feed.add(sample)
+                count += 1
+            if feed.contents.size > arranged:
+                arranged = feed.contents.size
+                output.arrange(feed.contents)  # the layout with the new layers
     except KeyboardInterrupt:
         pass
+    deriver.close()
     feed.close()
-    output.finish(feed.contents)
+    output.arrange(feed.contents)
     return summary_text(output, feed.contents, count)
 
 

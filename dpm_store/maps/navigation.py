@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cdff_common.raster.cell_selection import NavigationChoice
 from dpm_store.maps.patches import Patches, PatchSelection
-from dpm_store.maps.pyramid import FEW, tile_parts, tile_query
+from dpm_store.maps.tile_queries import FEW, tile_parts, tile_query
 from dpm_store.maps.windows import (
     PatchUsage,
     Window,

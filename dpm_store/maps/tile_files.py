@@ -4,7 +4,7 @@
 validity is uncertain.
 
 The files are valid only if the store was closed after the last of them was written: closing writes an index
-with the ordinal of the last event that the files include, and opening removes it.
+with the state of the store that the files include, and opening removes it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import zlib
 from collections import OrderedDict
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,15 @@ if TYPE_CHECKING:
 Key = tuple[str, int, int, int]
 
 _INDEX = "closed.json"
-_FORMAT = 1
+_FORMAT = 2
 _FLOATS = ("count", "mean", "m2", "minimum", "maximum")
+
+
+class StoreState(NamedTuple):
+    """Ordinals of the last event and of the last product of a state of the store."""
+
+    event: int
+    product: int
 
 
 class TileFiles:
@@ -40,31 +47,31 @@ class TileFiles:
         self._sizes: OrderedDict[Key, int] = OrderedDict()
         self._bytes = 0
 
-    def open(self, last_event: int) -> int:
-        """Read the index of the last ``close``; return the last event of the files, or ``last_event``."""
+    def open(self, state: StoreState) -> StoreState:
+        """Read the index of the last ``close``; return the state that the files include, or ``state``."""
         path = self._directory / _INDEX
         try:
             index = json.loads(path.read_text())
             path.unlink()
-            if index["format"] != _FORMAT or index["event"] > last_event:
+            if index["format"] != _FORMAT or index["event"] > state.event:
                 raise ValueError("of another store or version")
             for frame, z, x, y, size in index["tiles"]:
                 self._add((frame, z, x, y), size)
-            return int(index["event"])
+            return StoreState(int(index["event"]), int(index["product"]))
         except (OSError, ValueError, KeyError, TypeError):
             shutil.rmtree(self._directory, ignore_errors=True)
             self._sizes.clear()
             self._bytes = 0
-            return last_event
+            return state
 
-    def close(self, event: int) -> None:
+    def close(self, state: StoreState) -> None:
         """Write the index, without which the files are discarded."""
         if not self._sizes:
             return
         tiles = [[*key, size] for key, size in self._sizes.items()]
         try:
             (self._directory / _INDEX).write_text(
-                json.dumps({"format": _FORMAT, "event": event, "tiles": tiles})
+                json.dumps({"format": _FORMAT, **state._asdict(), "tiles": tiles})
             )
         except OSError as error:
             raise StorageError(f"{self._directory / _INDEX}: not written: {error.strerror}") from error

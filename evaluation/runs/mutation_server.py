@@ -94,7 +94,7 @@ def _scheduled_s(process: int) -> float:
 
 def _run_in_fork(arguments: list[str], answer: Path, cpu_s: int) -> None:
     """Run pytest in this process, write the answer and end the process."""
-    os.setsid()
+    os.setpgrp()  # not a new session, which would have a scheduling group and priority of its own
     started = time.process_time()
     resource.setrlimit(resource.RLIMIT_CPU, (int(started) + cpu_s, int(started) + cpu_s + 5))
     with Path(os.devnull).open("w") as nothing:

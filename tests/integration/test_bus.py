@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import threading
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 
 import pytest
+import zenoh
 
 from cdff_common.bus import Bus, Message, Reply, Request, keys
 from cdff_common.errors import DeadlineError, InputError, NoAnswerError, OverloadedError, UnavailableError
@@ -51,6 +54,32 @@ def test_a_bus_works_after_it_refused_an_encoding(pair: tuple[Bus, Bus], eventua
         with pytest.raises(InputError, match="at most 255"):
             client.call(STAT, encoding=encoding)
     assert client.call(STAT, encoding="e").encoding == "ee"
+
+
+def test_the_clock_of_a_machine_has_no_effect_on_its_messages(
+    router: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
+) -> None:
+    received: list[zenoh.Sample] = []
+    config = zenoh.Config()
+    settings = {"mode": "client", "connect/endpoints": [endpoint]}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    day_ahead = zenoh.Timestamp(datetime.now(UTC) + timedelta(days=1), b"\1")
+    with (
+        Bus.open(endpoint, name="mana", wait_s=10) as bus,
+        zenoh.open(config) as fast,
+        zenoh.open(config) as reader,
+    ):
+        reader.declare_subscriber(EVENT, received.append)
+
+        def both_arrive() -> bool:
+            bus.publish_map(EVENT, {})
+            fast.put(EVENT, b"", timestamp=day_ahead)
+            return {sample.timestamp is None for sample in received} == {True, False}
+
+        eventually(both_arrive)
+    stamps = {sample.timestamp.get_time() for sample in received if sample.timestamp is not None}
+    assert stamps == {day_ahead.get_time()}, "the router passes the message of a clock a day ahead as it is"
 
 
 def test_a_closed_bus_refuses_to_publish(endpoint: str, router: subprocess.Popen[bytes]) -> None:

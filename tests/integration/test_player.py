@@ -20,7 +20,8 @@ from cdff_common.errors import InputError, UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Frame, TransformWithCovariance
 from cdff_dev.logs import LogSource, LogWriter, open_log
-from cdff_dev.play.player import Player, playable, wait_for
+from cdff_dev.play.player import Player
+from cdff_dev.play.start import playable, wait_for
 
 T0 = 1_785_585_600_000_000_000
 MS = 1_000_000

@@ -14,6 +14,7 @@ import pytest
 
 from cdff_common.types import Pointcloud
 from cdff_dev.logs import LogWriter, open_log
+from cdff_dev.logs.source import recorded_header
 
 
 @pytest.fixture
@@ -31,10 +32,10 @@ def log(tmp_path: Path, rng: np.random.Generator) -> Path:
     return path
 
 
-def _replay(log: Path, out: Path, hash_seed: str) -> dict[str, object]:
+def _replay(log: Path, out: Path, hash_seed: str, *options: str) -> dict[str, object]:
     command = ["replay", str(log), "--dfpc", "digital_elevation_mapping", "--map", "cloud=/mana/lidar.cloud"]
     subprocess.run(
-        [sys.executable, "-m", "cdff_common.cli", *command, "--out", str(out)],
+        [sys.executable, "-m", "cdff_common.cli", *command, *options, "--out", str(out)],
         env=os.environ | {"PYTHONHASHSEED": hash_seed},
         check=True,
         capture_output=True,
@@ -54,3 +55,20 @@ def test_two_replays_in_two_processes_give_the_same_bytes(log: Path, tmp_path: P
     assert first["outputs"] == second["outputs"]
     with closing(open_log(tmp_path / "a" / "outputs.msg")) as outputs:
         assert outputs.streams["/mana/digital_elevation_mapping.map"].count >= 1
+
+
+@pytest.mark.integration
+@pytest.mark.slow
+def test_a_replay_from_a_position_gives_the_bytes_of_a_log_that_begins_there(
+    log: Path, tmp_path: Path
+) -> None:
+    part = tmp_path / "part.msg"
+    with closing(open_log(log)) as whole, LogWriter(part) as writer:
+        for sample in list(whole.samples())[3:]:
+            header = recorded_header(sample.stream, sample.seq, sample.stamp_ns)
+            writer.write(sample.stream, sample.value, sample.stamp_ns, header)
+    from_start = _replay(log, tmp_path / "a", "1", "--start", "0.3")
+    from_end = _replay(log, tmp_path / "b", "2", "--start=-0.2")
+    assert from_start["samples"] == from_end["samples"] == _replay(part, tmp_path / "c", "3")["samples"] == 3
+    first, second, third = ((tmp_path / name / "outputs.msg").read_bytes() for name in "abc")
+    assert first == second == third

@@ -12,6 +12,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,10 +33,38 @@ _MAX_ITERATIONS = 30
 _MAX_ERROR_NMAD = 3.0
 
 
-def compare(
+@dataclass(frozen=True, slots=True, eq=False)
+class MapErrors:
+    """Errors of the observed part of a map.
+
+    Attributes
+    ----------
+    geometry : GridGeometry
+        Cells of the part.
+    mean, true, error, variance : ndarray, shape (rows, cols)
+        Heights of the map and true heights, metres; their difference; its variance, m². NaN where unknown.
+    interval_of : str
+        Layer of the variance, empty if there is none.
+    shift : ndarray, shape (5,)
+        Correction of the best fit: east, north, up, metres; rise to the east and to the north, radians.
+    is_shifted : bool
+        Whether the error is that of the corrected map.
+    """
+
+    geometry: GridGeometry
+    mean: Grid
+    true: Grid
+    error: Grid
+    variance: Grid
+    interval_of: str
+    shift: NDArray[np.float64]
+    is_shifted: bool
+
+
+def errors_of(
     dem: ElevationMap, truth: ElevationMap, *, remove_shift: bool = False, least_count: int = 1
-) -> dict[str, Any]:
-    """Return the accuracy of a map.
+) -> MapErrors:
+    """Return the error of each observed cell of a map.
 
     Parameters
     ----------
@@ -50,16 +79,6 @@ def compare(
         both cases.
     least_count : int
         Cells with fewer measurements are ignored.
-
-    Returns
-    -------
-    dict
-        ``cells``, ``completeness`` (fraction of the true cells within the extent of the map that have a
-        height in the map), ``bias_m``, ``rmse_m``, ``nmad_m`` and ``le90_m`` [1]_, ``max_m``,
-        ``slope_rmse_deg``, ``within_90_percent`` (fraction of the true heights within 1.645 sigma, over the
-        cells with a variance), ``cells_without_interval`` (number of cells without a variance, if any),
-        ``chi2_per_cell``, and the correction of the best fit [2]_: ``shift_m`` (east, north, up) and
-        ``tilt_mrad`` (rise to the east, to the north).
 
     Raises
     ------
@@ -89,31 +108,56 @@ def compare(
     correction = shift if remove_shift else np.zeros(5)
     true = true_heights(observed, truth, correction[:2])
     error = mean + _added_height_m(observed, correction) - true
-    compared = np.isfinite(error)
-    if not compared.any():
+    if not np.isfinite(error).any():
         raise InputError("no cell of the map has a known true height: check that the two overlap")
-    e = error[compared]
+    interval = next((name for name in ("error_variance", "variance") if name in dem.layer_names), "")
+    variance = dem.layer(interval)[window].astype(np.float64) if interval else np.full(mean.shape, np.nan)
+    return MapErrors(observed, mean, true, error, variance, interval, shift, remove_shift)
+
+
+def compare(
+    dem: ElevationMap, truth: ElevationMap, *, remove_shift: bool = False, least_count: int = 1
+) -> dict[str, Any]:
+    """Return the accuracy of a map: ``accuracy_of`` of ``errors_of``."""
+    return accuracy_of(errors_of(dem, truth, remove_shift=remove_shift, least_count=least_count))
+
+
+def accuracy_of(errors: MapErrors) -> dict[str, Any]:
+    """Return the accuracy of a map from its errors.
+
+    Returns
+    -------
+    dict
+        ``cells``, ``completeness`` (fraction of the true cells within the extent of the map that have a
+        height in the map), ``bias_m``, ``rmse_m``, ``nmad_m`` and ``le90_m`` [1]_, ``max_m``,
+        ``slope_rmse_deg``, ``within_90_percent`` (fraction of the true heights within 1.645 sigma, over the
+        cells with a variance), ``cells_without_interval`` (number of cells without a variance, if any),
+        ``chi2_per_cell``, and the correction of the best fit [2]_: ``shift_m`` (east, north, up) and
+        ``tilt_mrad`` (rise to the east, to the north).
+    """
+    compared = np.isfinite(errors.error)
+    e, resolution_m = errors.error[compared], errors.geometry.resolution_m
+    mean = np.where(compared, errors.mean, np.nan)
     results: dict[str, Any] = {
         "cells": len(e),
-        "completeness": len(e) / max(1, int(np.count_nonzero(np.isfinite(true)))),
+        "completeness": len(e) / max(1, int(np.count_nonzero(np.isfinite(errors.true)))),
         "bias_m": float(e.mean()),
         "rmse_m": float(np.sqrt(np.mean(e**2))),
         "nmad_m": _nmad(e),
         "le90_m": float(np.percentile(np.abs(e), 90)),
         "max_m": float(np.abs(e).max()),
-        "slope_rmse_deg": _slope_rmse_deg(np.where(compared, mean, np.nan), true, g.resolution_m),
-        "shift_m": [float(v) for v in shift[:3]],
-        "tilt_mrad": [1e3 * float(v) for v in shift[3:]],
-        "shift_removed": remove_shift,
+        "slope_rmse_deg": _slope_rmse_deg(mean, errors.true, resolution_m),
+        "shift_m": [float(v) for v in errors.shift[:3]],
+        "tilt_mrad": [1e3 * float(v) for v in errors.shift[3:]],
+        "shift_removed": errors.is_shifted,
     }
-    interval = next((name for name in ("error_variance", "variance") if name in dem.layer_names), None)
-    if interval is not None:
-        variance = dem.layer(interval)[window].astype(np.float64)[compared]
+    if errors.interval_of:
+        variance = errors.variance[compared]
         has_variance = np.isfinite(variance)
         if not has_variance.all():  # a patch without variances was merged
             results["cells_without_interval"] = int(np.count_nonzero(~has_variance))
             e, variance = e[has_variance], variance[has_variance]
-        results["interval_of"] = interval
+        results["interval_of"] = errors.interval_of
         results["within_90_percent"] = float(np.mean(np.abs(e) <= _Z_90 * np.sqrt(variance)))
         results["chi2_per_cell"] = float(np.median(e**2 / np.maximum(variance, 1e-12)) / 0.4549)
     return results

@@ -92,6 +92,16 @@ def apply_alignment(estimate: Track, reference: Track, mode: Mode) -> tuple[Trac
     return Track(estimate.name, estimate.stamps_ns, matrices, covariances), A, scale
 
 
+def orientation_alignment(estimate: Track, reference: Track) -> Float:
+    """Return the rotation ``(3, 3)`` that aligns the orientations of a track with those of a reference.
+
+    Least squares over all poses in the chordal metric: Hartley et al. (2013), doi:10.1007/s11263-012-0601-0.
+    Positions of a nearly straight path do not determine the rotation about it; the orientations do.
+    """
+    products = reference.matrices[:, :3, :3] @ np.swapaxes(estimate.matrices[:, :3, :3], 1, 2)
+    return se3.normalise_rotation(products.mean(axis=0))
+
+
 def _umeyama(source: Float, target: Float, *, with_scale: bool) -> tuple[Float, float]:
     s, t = source - source.mean(axis=0), target - target.mean(axis=0)
     U, D, Vt = np.linalg.svd(t.T @ s / len(s))

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.geometry import se3
 from cdff_dev.compare.trajectory import errors
-from cdff_dev.compare.trajectory.alignment import Mode, apply_alignment, associate
+from cdff_dev.compare.trajectory.alignment import Mode, apply_alignment, associate, orientation_alignment
 from cdff_dev.compare.trajectory.track import Float, Track
 
 
@@ -72,6 +73,8 @@ def compare(
     dropped = {"estimate": estimate.dropped, "reference": reference.dropped}
     est, T_alignment, scale = apply_alignment(est, ref, align)
     metres, degrees = errors.absolute(est, ref)
+    R = orientation_alignment(est, ref)
+    own_degrees = errors.rotation_errors_deg(R @ est.matrices[:, :3, :3], ref.matrices[:, :3, :3])
     pairs = errors.pairs_apart(est, delta, delta_unit, all_pairs=all_pairs)
     relative_metres, relative_degrees = errors.relative(est, ref, pairs)
     path_length_m = float(ref.distances_m[-1])
@@ -83,10 +86,16 @@ def compare(
         "dropped": dropped,
         "path_length_m": path_length_m,
         "duration_s": float(ref.stamps_ns[-1] - ref.stamps_ns[0]) * 1e-9,
-        "alignment": {"mode": align, "T": T_alignment.tolist(), "scale": scale},
+        "alignment": {
+            "mode": align,
+            "T": T_alignment.tolist(),
+            "scale": scale,
+            "orientations_deg": float(np.degrees(se3.rotation_angle(R))),
+        },
         "ate": {
             "translation_m": errors.statistics(metres),
             "rotation_deg": errors.statistics(degrees),
+            "rotation_aligned_deg": errors.statistics(own_degrees),
             "rmse_by_axis_m": dict(zip("xyz", _axis_rmse_m(est, ref), strict=True)),
             "rmse_percent_of_path": 100.0 * errors.statistics(metres)["rmse"] / path_length_m
             if path_length_m > 0

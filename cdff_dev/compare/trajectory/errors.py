@@ -44,6 +44,11 @@ def absolute(estimate: Track, reference: Track) -> tuple[Float, Float]:
     return np.linalg.norm(E[:, :3, 3], axis=1), np.degrees(se3.rotation_angle(E[:, :3, :3]))
 
 
+def rotation_errors_deg(estimate: Float, reference: Float) -> Float:
+    """Return the angles ``(n,)`` in degrees between rotations ``(n, 3, 3)`` of each row."""
+    return np.asarray(np.degrees(se3.rotation_angle(np.swapaxes(reference, 1, 2) @ estimate)))
+
+
 def relative(estimate: Track, reference: Track, pairs: NDArray[np.int64]) -> tuple[Float, Float]:
     """Return the errors of the motion between the rows of each pair ``(k, 2)``, metres and degrees.
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
+#: Difference of the alignments of positions and orientations that is stated, degrees.
+_NOTED_DEG = 0.1
 _COLUMNS = ("rmse", "mean", "median", "std", "min", "max")
 
 
@@ -26,9 +28,12 @@ def table(results: dict[str, Any]) -> str:
         f"{'':24}" + "".join(f"{name:>12}" for name in _COLUMNS),
         _row("ATE m", results["ate"]["translation_m"]),
         _row("ATE deg", results["ate"]["rotation_deg"]),
+        _row("ATE deg, own alignment", results["ate"]["rotation_aligned_deg"]),
         _row(f"RPE m ({distance})", rpe["translation_m"]),
         _row(f"RPE deg ({distance})", rpe["rotation_deg"]),
     ]
+    if (turn := orientation_note(results)) is not None:
+        lines.append(turn)
     axes = results["ate"]["rmse_by_axis_m"]
     lines.append(f"{'RMSE of x, y, z, m':24}" + "".join(f"{axes[axis]:12.6f}" for axis in "xyz"))
     if results["drift"]["segments"]:
@@ -52,6 +57,17 @@ def table(results: dict[str, Any]) -> str:
             f"{100 * nees['inside_95']:.1f} % of the poses are inside the 95 % interval of a single pose",
         ]
     return "\n".join(lines)
+
+
+def orientation_note(results: dict[str, Any]) -> str | None:
+    """Return the angle between the alignments of positions and orientations; None if small or not aligned."""
+    angle_deg = results["alignment"]["orientations_deg"]
+    if results["alignment"]["mode"] not in ("se3", "sim3", "yaw") or angle_deg < _NOTED_DEG:
+        return None
+    return (
+        f"the rotation that aligns the positions differs by {angle_deg:.2f} deg from that which aligns the "
+        "orientations: ATE deg contains it, own alignment does not"
+    )
 
 
 def _row(name: str, statistics: dict[str, Any]) -> str:

@@ -129,9 +129,10 @@ def _export_arguments(parser: argparse.ArgumentParser) -> None:
 def run_export(args: argparse.Namespace) -> int:
     """Write files and list them."""
     from cdff_common.bus import Bus
+    from cdff_common.progress import elapsed
     from services.dpm.cli.export import export
 
-    with Bus.open(args.connect, name="cdff dpm") as bus:
+    with elapsed("export"), Bus.open(args.connect, name="cdff dpm") as bus:
         files = export(bus, args)
     if args.json:
         print(json.dumps({"files": files}))
@@ -247,10 +248,11 @@ def _show(args: argparse.Namespace, verb: str, parameters: dict[str, str]) -> in
 
 def run_verify(args: argparse.Namespace) -> int:
     """Print one line per problem; exit 1 if there is any."""
+    from cdff_common.progress import elapsed
     from dpm_store import open_store
     from services.dpm.settings import Settings
 
-    with open_store(Settings(data_dir_of(args.data_dir)).store_url) as store:
+    with elapsed("verification"), open_store(Settings(data_dir_of(args.data_dir)).store_url) as store:
         problems, count, unnamed = store.verify(), store.statistics().count, store.unnamed_payloads()
         signed = None
         if args.authority is not None:
@@ -276,9 +278,11 @@ def run_verify(args: argparse.Namespace) -> int:
 
 def run_rebuild(args: argparse.Namespace) -> int:
     """Rebuild a database and verify it; exit 1 if products are lost."""
+    from cdff_common.progress import elapsed
     from dpm_store.changes.rebuild import rebuild
 
-    result = rebuild(data_dir_of(args.data_dir), remove_unnamed=args.remove_unnamed)
+    with elapsed("rebuild"):
+        result = rebuild(data_dir_of(args.data_dir), remove_unnamed=args.remove_unnamed)
     if args.json:
         summary = {"products": result.products, "lost": result.lost, "replaced": str(result.replaced)}
         print(json.dumps(summary))
@@ -291,9 +295,11 @@ def run_rebuild(args: argparse.Namespace) -> int:
 
 def run_backup(args: argparse.Namespace) -> int:
     """Copy a store that may be in use."""
+    from cdff_common.progress import elapsed
     from dpm_store.history.backup import backup
 
-    copy = backup(data_dir_of(args.data_dir), args.out)
+    with elapsed("backup"):
+        copy = backup(data_dir_of(args.data_dir), args.out)
     summary = {
         "products": copy.products,
         "files": copy.files,
@@ -306,9 +312,11 @@ def run_backup(args: argparse.Namespace) -> int:
 
 def run_restore(args: argparse.Namespace) -> int:
     """Restore a store from a backup and verify it; exit 1 if there is a defect."""
+    from cdff_common.progress import elapsed
     from dpm_store.history.backup import backup
 
     target = data_dir_of(args.data_dir)
-    backup(args.backup, target)
+    with elapsed("restoration"):
+        backup(args.backup, target)
     args.data_dir, args.authority = str(target), None
     return run_verify(args)

@@ -21,7 +21,7 @@ from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.rendering import NAVIGATION, RELIEF_STYLE, RENDERINGS, LayerStyle, indices, relief
 from cdff_common.raster.tiles import Tile
 from dpm_store import Store
-from dpm_store.maps.pyramid import Change, tiles_of_change
+from dpm_store.maps.tile_changes import Change, tiles_of_change
 
 #: Layer of the coloured relief; its values are heights.
 RELIEF = "dem"

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from cdff_common.errors import InputError
 from evaluation import mutation
+from evaluation.__main__ import main
 from evaluation.runs.mutants import mutants
 
 SOURCE = b'''"""A text."""
@@ -88,6 +90,30 @@ def test_a_sample_is_repeated_by_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert drawn[0] == drawn[1] != drawn[2]
     assert Counter(part for part, _ in mutation.sample(tmp_path, 1, 8)) == {"a": 6, "b": 2}
     assert not any("commands" in key for key in itertools.chain(*drawn))
+
+
+def test_a_sample_of_one_module_is_repeated_by_its_seed_and_has_no_other_files(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(mutation, "PARTS_OF_CODE", {"a": (0.75, ("a",)), "b": (0.25, ("b",))})
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "ramp.py").write_bytes(SOURCE)
+    drawn = [
+        [m.key for _, m in mutation.sample(tmp_path, s, n, "b/ramp.py")] for s, n in ((1, 8), (1, 4), (2, 8))
+    ]
+    assert drawn[0][:4] == drawn[1]
+    assert drawn[0] != drawn[2]
+    assert {part for part, _ in mutation.sample(tmp_path, 1, 8, "b/ramp.py")} == {"b"}
+    everything = list(mutation.sample(tmp_path, 1, 1000, "b/ramp.py"))
+    assert {m.key for _, m in everything} == {m.key for m in mutants("b/ramp.py", SOURCE)}
+    with pytest.raises(InputError, match=r"c/ramp\.py"):
+        list(mutation.sample(tmp_path, 1, 8, "c/ramp.py"))
+
+
+def test_mutants_of_one_module_are_not_recorded_as_those_of_the_whole_code() -> None:
+    with pytest.raises(InputError, match="--draft"):
+        main(["mutation", "--module", "cdff_core/imaging/sampson.py"])
 
 
 def test_the_ratio_is_that_of_the_mutants_that_are_not_equivalent() -> None:

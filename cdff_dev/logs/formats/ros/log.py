@@ -267,6 +267,16 @@ class RosLog(LogSource):
         CodecError
             If a message cannot be decoded or converted.
         """
+        return (self._sample(seq, part) for seq, part in self._ordered_parts(streams))
+
+    def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
+        """Yield the samples from a stamp on, in the order of ``samples``; earlier ones are not decoded."""
+        for seq, part in self._ordered_parts(streams):
+            if part.stamp_ns >= stamp_ns:
+                yield self._sample(seq, part)
+
+    def _ordered_parts(self, streams: Collection[str] | None) -> Iterator[tuple[int, _Part]]:
+        """Yield the number in its stream of each sample, and the sample, in the order of ``samples``."""
         chosen = set(chosen_streams(self.streams, streams))
         stamps_ns = self._stamps_ns[np.isin(self._names, list(chosen))]
         earliest_later = np.minimum.accumulate(stamps_ns[::-1])[::-1]
@@ -275,11 +285,11 @@ class RosLog(LogSource):
         # In a damaged bag some streams alone can be read further than all together: the index is the limit.
         for part, earliest_ns in zip(self._parts(chosen) if chosen else (), earliest_later, strict=False):
             while waiting and waiting[0][0] < earliest_ns:
-                yield self._sample(*heapq.heappop(waiting)[2:])
+                yield heapq.heappop(waiting)[2:]
             heapq.heappush(waiting, (part.stamp_ns, part.stream, seqs[part.stream], part))
             seqs[part.stream] += 1
         while waiting:
-            yield self._sample(*heapq.heappop(waiting)[2:])
+            yield heapq.heappop(waiting)[2:]
 
     def _sample(self, seq: int, part: _Part) -> LogSample:
         source, name, stamp_ns = part.source, part.stream, part.stamp_ns

@@ -12,7 +12,7 @@ import pytest
 from cdff_common.errors import ConflictError, InputError
 from cdff_dev.logs import LogWriter, open_log
 from cdff_dev.missions.driven_log import GrowingLog
-from cdff_dev.play.player import playable
+from cdff_dev.play.start import playable
 from cdff_dev.simulate.scenario import load_scenario
 from cdff_dev.simulate.world import World
 

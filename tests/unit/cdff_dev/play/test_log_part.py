@@ -39,7 +39,7 @@ def log(tmp_path: Path) -> Iterator[LogSource]:
 
 
 def test_a_part_has_the_streams_and_the_interval_asked_for(log: LogSource) -> None:
-    part = LogPart(log, ["*/imu.*"], start_s=2.0, duration_s=3.0)
+    part = LogPart(log, ["*/imu.*"], "2", duration_s=3.0)
     samples = list(part.samples())
     assert {sample.stream for sample in samples} == {IMU} == set(part.streams)
     assert [samples[0].stamp_ns, samples[-1].stamp_ns] == [102 * S, 105 * S]
@@ -47,18 +47,23 @@ def test_a_part_has_the_streams_and_the_interval_asked_for(log: LogSource) -> No
 
 
 @pytest.mark.parametrize(
-    ("patterns", "start_s", "match"),
+    ("patterns", "start", "match"),
     [
-        (["*/lidar.*"], 0.0, "no stream matches"),
-        ([], 11.0, "the log has 10 s"),
-        ([], -1.0, "the log has 10 s"),
+        (["*/lidar.*"], "0", "no stream matches"),
+        ([], "11", "the log has 10 s"),
+        ([], "-11", "the log has 10 s"),
+        ([], "soon", "expected seconds"),
     ],
 )
 def test_a_part_without_samples_is_refused(
-    log: LogSource, patterns: list[str], start_s: float, match: str
+    log: LogSource, patterns: list[str], start: str, match: str
 ) -> None:
     with pytest.raises(InputError, match=match):
-        LogPart(log, patterns, start_s)
+        LogPart(log, patterns, start)
+
+
+def test_a_negative_start_counts_from_the_end(log: LogSource) -> None:
+    assert next(LogPart(log, start="-2.5").samples()).stamp_ns == 107 * S + S // 2
 
 
 def test_a_repeated_log_continues_time_and_odometry(log: LogSource) -> None:
@@ -72,3 +77,32 @@ def test_a_repeated_log_continues_time_and_odometry(log: LogSource) -> None:
     np.testing.assert_allclose(x_m[:12], [*range(11), 10.0], atol=1e-9)
     assert x_m[-1] == pytest.approx(30.0)
     assert len({sample.seq for sample in samples if sample.stream == IMU}) == 303
+
+
+def test_a_log_is_read_from_a_stamp_on_like_its_rest(log: LogSource) -> None:
+    later = [(s.stream, s.seq) for s in log.samples() if s.stamp_ns >= 104 * S]
+    assert [(s.stream, s.seq) for s in log.samples_from(104 * S)] == later
+    part = LogPart(log, ["*/imu.*"], "1970-01-01T00:01:42Z", duration_s=3.0)
+    assert [s.stamp_ns for s in part.samples_from(104 * S + S // 2)][::5] == [104 * S + S // 2, 105 * S]
+    assert next(part.samples_from(0)).stamp_ns == 102 * S
+
+
+def test_a_repeated_log_is_read_from_a_stamp_of_a_later_lap_on(log: LogSource) -> None:
+    whole = list(islice(LoopedLog(log).samples(), 300))
+    chosen = whole[250]
+    later = next(iter(LoopedLog(log).samples_from(chosen.stamp_ns)))
+    assert (later.stream, later.seq, later.stamp_ns) == (chosen.stream, chosen.seq, chosen.stamp_ns)
+    poses = (s for s in LoopedLog(log).samples_from(chosen.stamp_ns) if s.stream == ODOMETRY)
+    expected = next(s for s in whole[250:] if s.stream == ODOMETRY)
+    np.testing.assert_array_equal(next(poses).value.transform.matrix, expected.value.transform.matrix)
+
+
+def test_a_log_that_is_no_longer_repeated_ends_with_its_lap(log: LogSource) -> None:
+    looped = LoopedLog(log)
+    samples = looped.samples()
+    first = [next(samples) for _ in range(120)]
+    looped.is_repeated = False
+    assert len(first) + len(list(samples)) == 2 * 112
+    assert looped.lap_end_ns(first[0].stamp_ns) == 110 * S
+    assert looped.lap_end_ns(first[-1].stamp_ns) == 110 * S + 101 * S // 10
+    assert max(info.t1_ns for info in looped.streams.values()) == 110 * S

@@ -11,7 +11,7 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_dev.logs import open_log
-from cdff_dev.play.player import playable
+from cdff_dev.play.start import playable
 
 
 def test_a_stream_without_samples_is_not_played_and_does_not_set_the_start(tmp_path: Path) -> None:

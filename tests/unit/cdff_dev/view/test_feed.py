@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, Quality, Status
 from cdff_common.types import Pointcloud, Time, TransformWithCovariance
 from cdff_dev.logs.source import LogSample
-from cdff_dev.view.drawings import Layer, Lines, Number, Transform
+from cdff_dev.view.drawings import Layer, Lines, Note, Number, Transform
 from cdff_dev.view.feed import Feed, sources_of
 
 S = 1_000_000_000
@@ -100,3 +102,23 @@ def test_fixed_frames_of_a_profile_are_shown(tmp_path: Path) -> None:
     graph.set_static("mana/base", "mana/lidar", UncertainTransform.exact(np.eye(4)))
     Feed(scene).add_fixed(graph, 0)
     assert edges(scene) == {("mana/base", "mana/lidar")}
+
+
+def product(status: Status, second: int, value: Any) -> LogSample:
+    quality = Quality(status, () if status == Status.OK else ("few_inliers",))
+    header = Header("0" * 32, second, second * S, second * S, "site", "vo", quality=quality)
+    return LogSample("/mana/vo.cloud", "Pointcloud", second * S, second, value, header)
+
+
+def test_a_product_that_failed_has_a_message_and_one_when_it_is_ok_again() -> None:
+    scene = RecordingScene()
+    feed = Feed(scene)
+    cloud = Pointcloud.from_points(np.eye(3), frame="site", stamp_ns=0)
+    feed.add(product(Status.OK, 0, cloud))
+    feed.add(product(Status.FAILED, 1, None))
+    feed.add(product(Status.OK, 2, cloud))
+    feed.add(product(Status.OK, 3, cloud))
+    notes = [(stamp_ns // S, layer.drawing.level, layer.drawing.text) for stamp_ns, layer in scene.layers
+             if isinstance(layer.drawing, Note)]  # fmt: skip
+    assert notes == [(1, "ERROR", "FAILED: few_inliers"), (2, "INFO", "OK again")]
+    assert not feed.contents.not_drawn

@@ -16,6 +16,9 @@ from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_dev.logs import LogWriter
 from cdff_dev.view import drawings
 from cdff_dev.view.drawings import Layer
+from cdff_dev.view.feed import Contents, Feed
+from cdff_dev.view.panels import panels_of
+from tests.unit.cdff_dev.view.test_feed import RecordingScene
 
 S = 1_000_000_000
 T = 1_700_000_000 * S
@@ -34,6 +37,9 @@ DRAWINGS = (
     drawings.Boxes(np.eye(4)[None], np.ones((1, 3)), ("rock",)),
     drawings.Number(3.5),
     drawings.Note("WARN", "DEGRADED: few_inliers"),
+    drawings.Marks(np.array([[1.0, 2.0]]), np.array([[2.0, 2.0]]), "/mana/test/5"),
+    drawings.Rectangles(np.array([[1.0, 1.0, 3.0, 2.0]]), ("rock",), "/mana/test/5"),
+    drawings.Picture(np.zeros((4, 6, 3), np.uint8), picture="/mana/test/5"),
 )
 
 
@@ -64,6 +70,7 @@ def test_an_mcap_file_has_a_topic_for_each_layer_at_its_time(tmp_path: Path) -> 
     assert schema_of["/mana/test/1"] == "foxglove.PointCloud"
     assert schema_of["/mana/test/4"] == "foxglove.SceneUpdate"
     assert schema_of["/mana/test/5/calibration"] == "foxglove.CameraCalibration"
+    assert schema_of["/mana/test/13"] == "foxglove.ImageAnnotations"
     assert {f"/mana/test/{i}" for i in range(1, len(DRAWINGS))} <= set(schema_of)
 
 
@@ -122,8 +129,6 @@ def test_the_layout_has_a_space_for_each_root_and_a_tab_for_each_robot(log: Path
     pytest.importorskip("rerun")
     from cdff_dev.logs import open_log
     from cdff_dev.view.blueprint import blueprint
-    from cdff_dev.view.feed import Feed
-    from tests.unit.cdff_dev.view.test_feed import RecordingScene
 
     feed = Feed(RecordingScene())
     with open_log(log) as source:
@@ -137,6 +142,68 @@ def test_the_layout_has_a_space_for_each_root_and_a_tab_for_each_robot(log: Path
     assert len(side.contents) == 1  # the plots
 
 
+def contents_of_images() -> Contents:
+    """An image of a camera with features, boxes and a disparity, and features without an image."""
+    feed = Feed(RecordingScene())
+    image = drawings.Picture(np.zeros((4, 6), np.uint8), np.diag([5.0, 5.0, 1.0]))
+    disparity = drawings.Picture(np.zeros((4, 6, 3), np.uint8))
+    marks = drawings.Marks(np.array([[1.0, 2.0]]))
+    boxes = drawings.Rectangles(np.array([[1.0, 1.0, 3.0, 2.0]]), ("rock",))
+    for path, frame, drawing in (
+        ("/mana/a/features", "mana/camera", marks),  # waits for the image
+        ("/mana/b/image", "mana/camera", image),
+        ("/mana/b/disparity", "mana/camera", disparity),
+        ("/mana/c/boxes", "mana/camera", boxes),
+        ("/mana/d/features", "mana/other", marks),
+    ):
+        feed.add_layer(T, Layer(path, frame, drawing))
+    feed.close()
+    return feed.contents
+
+
+def test_features_boxes_and_disparities_are_over_the_image_of_their_camera() -> None:
+    (panels,) = panels_of(contents_of_images())
+    assert [(image.path, image.marks, image.pictures) for image in panels.images] == [
+        ("/mana/b/image", ("/mana/a/features", "/mana/c/boxes"), ("/mana/b/disparity",)),
+        ("/mana/b/disparity", (), ()),
+        ("/mana/d/features", (), ()),
+    ]
+
+
+def test_an_image_of_another_size_is_not_over_that_of_its_camera() -> None:
+    feed = Feed(RecordingScene())
+    for path, cols in (("/mana/b/image", 6), ("/mana/b/small", 3)):
+        pixels = np.zeros((4, cols), np.uint8)
+        feed.add_layer(T, Layer(path, "mana/camera", drawings.Picture(pixels)))
+    (panels,) = panels_of(feed.contents)
+    assert [image.pictures for image in panels.images] == [(), ()]
+
+
+def test_both_layouts_have_the_same_panels() -> None:
+    pytest.importorskip("rerun")
+    pytest.importorskip("foxglove")
+    import json
+
+    from cdff_dev.view.blueprint import blueprint
+    from cdff_dev.view.foxglove_layout import layout_of
+
+    contents = contents_of_images()
+    (tab,) = blueprint(contents).root_container.contents
+    (side,) = tab.contents
+    (images,) = side.contents
+    assert [view.name for view in images.contents] == ["b/image", "b/disparity", "d/features"]
+    assert "/mana/a/features/lines" in images.contents[0].contents
+    assert "/mana/b/disparity" in images.contents[0].contents
+    (robot,) = json.loads(layout_of(contents).to_json())["content"]["tabs"]
+    (column,) = robot["content"]["items"]
+    (row,) = column["content"]["items"]
+    mode = row["content"]["tabs"][0]["content"]["config"]["imageMode"]
+    assert robot["title"] == "mana"
+    assert mode["imageTopic"] == "/mana/b/image"
+    assert set(mode["annotations"]) == {"/mana/a/features", "/mana/c/boxes"}
+    assert [overlay["topic"] for overlay in mode["overlayTopics"]] == ["/mana/b/disparity"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -144,6 +211,7 @@ def test_the_layout_has_a_space_for_each_root_and_a_tab_for_each_robot(log: Path
         (["LOG", "--live"], "name logs or folders of runs"),
         (["LOG", "--save", "scene.txt"], "expected one of .rrd, .mcap"),
         (["LOG", "--port", "9"], "only with --foxglove"),
+        (["LOG", "--layout", "layout.json", "--save", "scene.rrd"], "only with --foxglove or --save"),
         (["LOG", "--stream", "/a/b.c", "--save", "OUT"], "the logs have /mana/lidar.cloud, /mana/vo.pose"),
         (["LOG", "--t0", "2030-01-01T00:00:00Z", "--save", "OUT"], "no sample between"),
     ],
@@ -151,6 +219,8 @@ def test_the_layout_has_a_space_for_each_root_and_a_tab_for_each_robot(log: Path
 def test_wrong_arguments_are_reported(
     log: Path, tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    if "OUT" in arguments:  # the output is opened before the logs are read
+        pytest.importorskip("foxglove")
     named = {"LOG": str(log), "OUT": str(tmp_path / "out.mcap")}
     assert main(["view", *(named.get(word, word) for word in arguments)]) == EXIT_ERROR
     assert message in capsys.readouterr().err

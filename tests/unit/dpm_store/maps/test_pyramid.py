@@ -4,13 +4,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cdff_common.clock import ManualClock
-from cdff_common.errors import InputError
+from cdff_common.errors import InputError, OverloadedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.raster import CellStatistics
 from cdff_common.raster.tiles import (
@@ -23,7 +28,10 @@ from cdff_common.raster.tiles import (
     tiles_over,
 )
 from dpm_store import Store, open_store
-from dpm_store.maps.pyramid import FEW, Change, tiles_of_change
+from dpm_store.maps.patches import Patches
+from dpm_store.maps.tile_changes import Change, tiles_of_change
+from dpm_store.maps.tile_queries import FEW
+from dpm_store.products.records import ProductRecord
 from tests.support.map_products import S, new_product_of, patch, put_patch
 
 
@@ -123,6 +131,74 @@ def test_insertions_and_deletions_change_tiles_at_every_level(store: Store, rng:
         assert_equal_to_points(store, tile, points)
 
 
+def test_only_new_patches_are_read_after_an_insertion(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = [put_many_patches(store, rng)]
+    tiles = [tile_at(z, 10.0, 10.0) for z in (14, 0)]
+    for tile in tiles:
+        cells(store, tile)
+    read, read_patches = [], Patches.read
+
+    def record(patches: Patches, records: Sequence[ProductRecord]) -> Any:
+        read.extend(r.id for r in records)
+        return read_patches(patches, records)
+
+    monkeypatch.setattr(Patches, "read", record)
+    new_ids = []
+    for seq in (900, 901):
+        new_id, more = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), seq)
+        new_ids.append(new_id)
+        points.append(more)
+    for tile in tiles:
+        assert_equal_to_points(store, tile, np.vstack(points))
+        cells(store, tile)
+    assert sorted(read) == sorted(2 * new_ids)
+
+
+def test_patches_inserted_while_a_tile_is_pooled_are_added_once(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = put_many_patches(store, rng)
+    more: list[np.ndarray] = []
+    read_patches = Patches.read
+
+    def insert_and_read(patches: Patches, records: Sequence[ProductRecord]) -> Any:
+        if len(more) < 20:
+            x, y = rng.uniform(0.0, 50.0, 2)
+            more.append(put_patch(store, rng, (x, y, x + 4.0, y + 4.0), 900 + len(more))[1])
+        return read_patches(patches, records)
+
+    monkeypatch.setattr(Patches, "read", insert_and_read)
+    tile = tile_at(0, 10.0, 10.0)
+    assert_equal_to_points(store, tile, before)
+    assert len(more) > 10
+    monkeypatch.undo()
+    for z in (14, 0):
+        assert_equal_to_points(store, tile_at(z, 10.0, 10.0), np.vstack([before, *more]))
+
+
+def test_a_request_is_refused_if_others_pool_tiles_for_too_long(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dpm_store.maps.pyramid._WAIT_S", 0.05)
+    put_patch(store, rng, (1.0, 1.0, 2.0, 2.0), 1)
+
+    def other_requests() -> None:
+        with ThreadPoolExecutor(1) as pool:
+            with pytest.raises(OverloadedError, match=r"for 0\.05 s"):
+                pool.submit(cells, store, tile_at(17, 1.0, 1.0)).result()
+            with pytest.raises(OverloadedError, match=r"for 0\.05 s"):
+                pool.submit(store.pyramid.sync).result()
+
+    put_patch(store, rng, (1.0, 1.0, 2.0, 2.0), 2)
+    put_third = partial(put_patch, store, rng, (1.0, 1.0, 2.0, 2.0), 3)
+    with ExitStack() as first_call:
+        first_call.callback(other_requests)
+        first_call.callback(put_third)
+        store.pyramid.without_changes("site", first_call.close)
+
+
 def test_a_change_invalidates_only_the_tiles_that_it_overlaps(store: Store, rng: np.random.Generator) -> None:
     changes: list[Change] = []
     store.pyramid.listen(changes.append)
@@ -185,3 +261,7 @@ def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np
     with open_store(url, ManualClock(S)) as store:
         _, more = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), 900)
         assert_equal_to_points(store, Tile(0, 0, 0), np.vstack([points, more]))
+        _, last = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), 901)
+        store.pyramid.sync()  # the files of the tile do not have the last patch
+    with open_store(url, ManualClock(S)) as store:
+        assert_equal_to_points(store, Tile(0, 0, 0), np.vstack([points, more, last]))

@@ -133,3 +133,20 @@ def test_the_command_prints_the_results(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["eval", "dem", *files]) == 0
     assert "completeness" in capsys.readouterr().out
     assert main(["eval", "dem", files[0], str(tmp_path / "none.tif")]) == 1
+
+
+def test_the_command_draws_both_maps_and_the_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "map.tif").write_bytes(write_map(elevation_map(GRID, up=0.25)))
+    (tmp_path / "truth.tif").write_bytes(write_map(TRUE))
+    plot = tmp_path / "errors.svg"
+    command = ["eval", "dem", str(tmp_path / "map.tif"), str(tmp_path / "truth.tif"), "--plot"]
+    assert main([*command, str(plot)]) == 0
+    assert "bias" in capsys.readouterr().out
+    text = plot.read_text()
+    assert text.startswith("<svg")
+    for label in ("map - truth, m", "true terrain", "LE90 0.250 m"):
+        assert label in text
+    assert main([*command, str(tmp_path / "errors.gif")]) == 1
+    assert "expected .png or .svg" in capsys.readouterr().err

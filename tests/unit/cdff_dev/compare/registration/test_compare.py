@@ -112,3 +112,30 @@ def test_clopper_pearson_has_the_published_values() -> None:
     """Compare with Clopper and Pearson (1934), values of R's binom.test: 0 of 500, and 15 of 20."""
     assert interval(0, 500)["high"] == pytest.approx(0.0074, abs=1e-4)
     assert (interval(15, 20)["low"], interval(15, 20)["high"]) == pytest.approx((0.5090, 0.9134), abs=1e-4)
+
+
+def test_the_command_draws_the_errors_with_the_gates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder in ("est", "truth"):
+        (tmp_path / folder).mkdir()
+    for number in range(3):
+        np.savetxt(tmp_path / "truth" / f"{number}.txt", T_TRUE)
+        if number:
+            np.savetxt(tmp_path / "est" / f"{number}.txt", T_TRUE @ se3.exp_se3([0.01 * number, *[0.0] * 5]))
+    plot = tmp_path / "errors.svg"
+    command = ["eval", "registration", str(tmp_path / "est"), str(tmp_path / "truth"), "--plot", str(plot)]
+    assert main([*command, "--gate", "0.015,1"]) == 0
+    capsys.readouterr()
+    text = plot.read_text()
+    for label in ("2 of 3 pairs", "0.015 m, 1°", "rotation error, degrees"):
+        assert label in text
+
+
+def test_errors_without_any_pair_are_not_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "est").mkdir()
+    (tmp_path / "truth").mkdir()
+    np.savetxt(tmp_path / "truth" / "a.txt", T_TRUE)
+    command = ["eval", "registration", str(tmp_path / "est"), str(tmp_path / "truth")]
+    assert main([*command, "--plot", str(tmp_path / "plot.png")]) == 1
+    assert "nothing to draw" in capsys.readouterr().err

@@ -65,6 +65,23 @@ def test_yaw_alignment_keeps_tilt_as_an_error() -> None:
     assert compare(track(tilted), track(T), align="yaw").results["ate"]["translation_m"]["rmse"] > 0.1
 
 
+def test_orientations_of_a_straight_path_are_compared_after_their_own_alignment(
+    rng: np.random.Generator,
+) -> None:
+    T = se3.transform(np.eye(3), np.arange(100.0)[:, None] * [1.0, 0.0, 0.0])
+    noisy, rolled = T.copy(), T.copy()
+    noisy[:, 1:3, 3] += rng.normal(0.0, 1e-3, (100, 2))
+    rolled[:, 1:3, 3] += rng.normal(0.0, 1e-3, (100, 2))
+    rolled[:, :3, :3] = se3.exp_so3([0.01, 0.0, 0.0]) @ se3.exp_so3(rng.normal(0.0, 1e-3, (100, 3)))
+    results = compare(track(rolled), track(noisy)).results
+    assert results["ate"]["rotation_aligned_deg"]["rmse"] == pytest.approx(
+        np.degrees(np.sqrt(3) * 1e-3), rel=0.2
+    )
+    assert results["ate"]["rotation_deg"]["rmse"] > 1.0
+    assert f"differs by {results['alignment']['orientations_deg']:.2f} deg" in table(results)
+    assert "differs by" not in table(compare(track(rolled), track(noisy), align="none").results)
+
+
 def test_a_scale_error_is_estimated_if_requested() -> None:
     T = bend()
     scaled = T.copy()
@@ -167,9 +184,17 @@ def test_repeated_and_unordered_stamps_are_dropped_and_counted() -> None:
     T = np.tile(np.eye(4), (6, 1, 1))
     T[:, 0, 3] = np.arange(6)
     shuffled = Track.of_ascending("log", stamps_ns, T)
-    assert shuffled.stamps_ns.tolist() == [10**9, 2 * 10**9, 5 * 10**9, 6 * 10**9]
-    assert shuffled.positions_m[:, 0].tolist() == [0.0, 1.0, 3.0, 5.0]
+    assert shuffled.stamps_ns.tolist() == [10**9, 2 * 10**9, 4 * 10**9, 6 * 10**9]
+    assert shuffled.positions_m[:, 0].tolist() == [0.0, 1.0, 4.0, 5.0]
     assert shuffled.dropped == 2
     results = compare(shuffled, shuffled, align="none").results
     assert "2 poses of the estimate are dropped" in table(results)
     assert results["ate"]["rmse_by_axis_m"] == {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def test_one_stamp_far_ahead_does_not_drop_the_poses_after_it() -> None:
+    stamps_ns = np.arange(10, dtype=np.int64)
+    stamps_ns[3] = 10**9
+    kept = Track.of_ascending("log", stamps_ns, np.tile(np.eye(4), (10, 1, 1)))
+    assert kept.stamps_ns.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert kept.dropped == 1

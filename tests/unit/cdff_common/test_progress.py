@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import io
+import threading
 
 import pytest
 
-from cdff_dev import progress
-from cdff_dev.progress import Progress, progress_of
+from cdff_common import progress
+from cdff_common.progress import Progress, counted, elapsed, progress_of
 
 
 class _Terminal(io.StringIO):
@@ -60,8 +61,37 @@ def test_without_a_total_only_count_and_rate_are_shown(clock: list[float]) -> No
 def test_a_callback_of_numbers_shows_progress_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     lines = io.StringIO()
     monkeypatch.setattr("sys.stderr", lines)
-    monkeypatch.setattr("cdff_dev.progress._LINES_S", 0.0)
+    monkeypatch.setattr("cdff_common.progress._LINES_S", 0.0)
     report = progress_of("scans")
     for done in (1, 2):
         report(done, 2)
     assert [line.split(",")[0] for line in lines.getvalue().splitlines()] == ["1/2 scans", "2/2 scans"]
+
+
+def test_items_are_counted_while_they_are_used(clock: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    lines = io.StringIO()
+    monkeypatch.setattr("sys.stderr", lines)
+    for _ in counted(range(4), 4, "samples"):
+        clock[0] += 6.0
+    assert lines.getvalue().splitlines() == ["2/4 samples, 0.2/s, 12 s left", "4/4 samples, 0.2/s, 0 s left"]
+
+
+@pytest.mark.parametrize(("out", "text"), [(io.StringIO(), "export: 0 s\n"), (_Terminal(), "\rexport: 0 s")])
+def test_the_time_of_work_without_a_count_is_shown(
+    out: io.StringIO, text: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = threading.Event()
+    monkeypatch.setattr(out, "flush", shown.set, raising=False)
+    for name in ("_SILENT_S", "_LINES_S"):
+        monkeypatch.setattr(f"cdff_common.progress.{name}", 0.01)
+    with elapsed("export", out):
+        assert shown.wait(10.0)
+    assert out.getvalue().startswith(text)
+    assert out.getvalue().endswith("\n" if text.endswith("\n") else "\r\x1b[K")
+
+
+def test_quick_work_shows_nothing() -> None:
+    out = io.StringIO()
+    with elapsed("export", out):
+        pass
+    assert out.getvalue() == ""

@@ -5,15 +5,21 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
-from collections.abc import Callable
-from typing import TextIO
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
+from typing import TextIO, TypeVar
 
 from cdff_common.terminal import is_quiet
+
+_Item = TypeVar("_Item")
 
 _BAR_WIDTH = 30
 #: Seconds between updates on a terminal, and between lines elsewhere.
 _ON_TERMINAL_S, _LINES_S = 0.2, 10.0
+#: Time after which a terminal shows the elapsed time of work without a count, seconds.
+_SILENT_S = 2.0
 
 
 class Progress:
@@ -72,6 +78,56 @@ class Progress:
         if self._total:
             line += f", {max(0, self._total - self._count) / rate:.0f} s left"
         return line
+
+
+def counted(items: Iterable[_Item], total: int, unit: str) -> Generator[_Item]:
+    """Yield items and show their progress; ``total`` is 0 if it is unknown."""
+    progress = Progress(total, unit)
+    try:
+        for item in items:
+            yield item
+            progress.advance()
+    finally:
+        progress.close()
+
+
+@contextmanager
+def elapsed(work: str, out: TextIO | None = None) -> Iterator[None]:
+    """Show the elapsed time of work whose steps cannot be counted; nothing may be printed meanwhile.
+
+    Parameters
+    ----------
+    work : str
+        Name of the work, such as "verification".
+    out : TextIO, optional
+        By default standard error.
+    """
+    stream, ended = sys.stderr if out is None else out, threading.Event()
+    if is_quiet():
+        yield
+        return
+    is_terminal, start_s = stream.isatty(), time.monotonic()
+
+    def show() -> None:
+        if ended.wait(_SILENT_S if is_terminal else _LINES_S):
+            return
+        while True:
+            line = f"{work}: {time.monotonic() - start_s:.0f} s"
+            stream.write(f"\r{line}" if is_terminal else f"{line}\n")
+            stream.flush()
+            if ended.wait(1.0 if is_terminal else _LINES_S):
+                break
+        if is_terminal:
+            stream.write("\r\x1b[K")
+            stream.flush()
+
+    thread = threading.Thread(target=show, name="elapsed", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def progress_of(unit: str) -> Callable[[int, int], None]:
