@@ -128,6 +128,12 @@ def _read(files: Files, folder: Path) -> str:
     return "read" if is_whole else "read without the damaged part"
 
 
+def _peak_kb() -> int:
+    """Return the largest resident memory of this process; that of ``getrusage`` includes its parent's."""
+    with Path("/proc/self/status").open(encoding="ascii") as status:
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM"))
+
+
 def main(name: str, first: str, last: str, state: str, data: str) -> None:
     """Open the copies and print the outcomes."""
     logging.disable(logging.CRITICAL)
@@ -137,7 +143,7 @@ def main(name: str, first: str, last: str, state: str, data: str) -> None:
         chosen = [(*each, Path(parent) / f"recording_{k}") for k, each in enumerate(recorded)]
         for _, files, folder in chosen:
             outcome(files, None, folder)  # import the libraries
-        before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before_kb = _peak_kb()
         size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY_BYTES, size + MEMORY_BYTES))
         outcomes: Counter[str] = Counter()
@@ -158,7 +164,7 @@ def main(name: str, first: str, last: str, state: str, data: str) -> None:
                         "reason": f"{type(error).__name__} {where}: {error}"[:300],
                     }
                 )
-    grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb
+    grown_kb = _peak_kb() - before_kb
     sys.stdout.write(json.dumps({"outcomes": outcomes, "faults": faults, "memory_mb": grown_kb / 1024}))
 
 

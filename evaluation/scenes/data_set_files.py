@@ -172,3 +172,17 @@ def images() -> Files:
     files = {f"{side}/{k}.png": encoded_png() for side in ("left", "right") for k in (1, 2)}
     truth = b"image,qw,qx,qy,qz,tx_m,ty_m,tz_m\n1.png,1,0,0,0,0,0,0\n"
     return files | {"camera.yaml": stereo.encode(), "left/times.txt": b"0.1\n0.2\n", "truth.csv": truth}
+
+
+def poses() -> list[Files]:
+    """A file of two poses in each format."""
+    tum = "1600000000.1 1 2 3 0 0 0 1\n1600000000.2 1 2 3 0 0 0 1\n"
+    named = "".join(f"{time},1,2,3,0,0,0,1\n" for time in _TIMES_NS)
+    images = "1.png,1,0,0,0,0,0,0\n2.png,1,0,0,0,0,0,1\n"
+    texts = {
+        "1.tum": tum,
+        "2.txt": "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n",
+        "3.csv": f"timestamp_ns,tx_m,ty_m,tz_m,qx,qy,qz,qw\n{named}",
+        "4.csv": f"image,qw,qx,qy,qz,tx_m,ty_m,tz_m\n{images}",
+    }
+    return [{name: text.encode()} for name, text in texts.items()]

@@ -248,6 +248,7 @@ _BUILDERS: dict[str, Callable[[], list[Files]]] = {
     "7-Scenes": lambda: [data_set_files.seven_scenes(), data_set_files.seven_scenes_extract()],
     "BOP": lambda: [data_set_files.bop_scene(), data_set_files.bop_frame()],
     "SPEED": lambda: [data_set_files.speed()],
+    "poses": data_set_files.poses,
 }
 #: Formats with simulated recordings.
 SIMULATED = tuple(_BUILDERS)

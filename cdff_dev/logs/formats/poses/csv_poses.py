@@ -38,7 +38,7 @@ def read_pose_csv(source: Source) -> tuple[NDArray[np.int64], NDArray[np.float64
             continue
         try:
             stamp = words[columns["time"]]
-            stamps.append(round(float(stamp) * 1e9) if is_in_seconds else int(stamp))
+            stamps.append(np.int64(round(float(stamp) * 1e9) if is_in_seconds else int(stamp)))
             rows.append([float(words[columns[name]]) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")])
         except (ValueError, IndexError, OverflowError) as error:
             raise source.error(f"line {number}: {error}; expected {', '.join(header)}") from error
