@@ -28,7 +28,7 @@ COUNT, SIZE = np.array([2, 6, 8]), 14
 
 @dataclass
 class Scene:
-    """Rotations to the cameras, positions, lenses (fx fy cx cy k1 k2 p1 p2 k3 baseline), points and pixels."""
+    """Rotations, positions, lenses (fx fy cx cy k1 k2 p1 p2 k3 baseline), points and pixels."""
 
     R: Array
     c: Array
@@ -177,8 +177,9 @@ def test_the_inverse_of_a_matrix_is_that_of_numpy_and_zero_if_singular() -> None
     M, out = A @ A.T, np.full((3, 3), NAN)
     assert kernels.invert_3x3(M, out)
     np.testing.assert_allclose(out, np.linalg.inv(M), rtol=1e-10)
-    for singular in (np.zeros((3, 3)), np.diag([1.0, 1.0, 0.0]), -np.eye(3), np.diag([-1.0, -1.0, 1.0]),
-                     np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])):  # fmt: skip
+    diagonals = [(0, 0, 0), (1, 1, 0), (-1, -1, -1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]
+    ones = np.ones((3, 3))
+    for singular in (*(np.diag(np.array(d, dtype=np.float64)) for d in diagonals), ones):
         out[:] = NAN
         assert not kernels.invert_3x3(singular, out)
         assert not out.any()
