@@ -17,13 +17,12 @@ NAN = float("nan")
 CAM, PT = np.array([0, 1, 2, 0, 2, 1, 2, 0]), np.array([0, 0, 0, 1, 1, 2, 2, 2])
 START = np.array([0, 3, 5, 8])
 LENS_OF_CAMERA = np.array([0, 1, 0])
-#: Adjusted columns of each camera: number in the Jacobian, and in the system; camera 0 is fixed.
-COLUMNS = np.array(
-    [[[6, 12], [7, 13], [0, 0], [0, 0], [0, 0], [0, 0], [0, 0], [0, 0]],
-     [[0, 0], [1, 1], [2, 2], [3, 3], [4, 4], [5, 5], [0, 0], [0, 0]],
-     [[0, 6], [1, 7], [2, 8], [3, 9], [4, 10], [5, 11], [6, 12], [7, 13]]]
-)  # fmt: skip
-COUNT, SIZE = np.array([2, 6, 8]), 14
+#: Adjusted columns of each camera: number in the Jacobian, and in the system. The pose of camera 0 is fixed,
+#: cameras 0 and 2 have one lens, and of the lens of camera 1 only k1 and p2 are adjusted.
+_LENS = [(6 + i, 12 + i) for i in range(8)]
+_ADJUSTED = (_LENS, [(i, i) for i in range(6)] + [(9, 20), (13, 21)], [(i, 6 + i) for i in range(6)] + _LENS)
+COLUMNS = np.array([columns + [(0, 0)] * (14 - len(columns)) for columns in _ADJUSTED])
+COUNT, SIZE = np.array([len(columns) for columns in _ADJUSTED]), 22
 
 
 @dataclass
@@ -95,12 +94,14 @@ def test_residuals_and_costs_are_those_of_the_distorted_projection(seed: int, ki
     assert cost == pytest.approx(0.5 * losses[:, 0].sum())
     assert plain == pytest.approx(0.5 * squares.sum())
     assert behind == 0
-    s.X[1, 2] = -5.0
-    assert residuals(s, kind, 2.5)[4] == 2
+    s.R[:], s.c[:] = np.eye(3), 0.0
+    for depth_m, count in ((0.5, 0), (-0.5, 2)):
+        s.X[1] = [0.0, 0.0, depth_m]
+        assert residuals(s, kind, 2.5)[4] == count
 
 
 def dense(s: Scene, weights: Array, r: Array) -> tuple[Array, Array]:
-    """Return the matrix (23, 23) and gradient (23,) of all adjusted columns and of the three points."""
+    """Return the matrix (31, 31) and gradient (31,) of all adjusted columns and of the three points."""
     H, g, h = np.zeros((SIZE + 9, SIZE + 9)), np.zeros(SIZE + 9), 1e-6
     for k in range(8):
         J = np.column_stack(
