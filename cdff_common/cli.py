@@ -23,7 +23,7 @@ from typing import Any, TextIO
 from cdff_common.command_parser import CommandParser
 from cdff_common.command_table import GROUPS, SUMMARIES
 from cdff_common.completion import complete, is_completing
-from cdff_common.errors import CdffError, InputError, RefusedError
+from cdff_common.errors import CdffError, FaultsError, InputError, RefusedError
 from cdff_common.extras import missing_extra
 from cdff_common.terminal import set_verbosity, styled
 
@@ -232,8 +232,11 @@ def _register(entry: EntryPoint, nouns: Nouns, *, tolerant: bool = False) -> Non
 
 def _report(error: CdffError) -> int:
     message = missing_extra(error.__cause__) or str(error)
-    line = " ".join(message.split()) or type(error).__name__
-    print(f"{styled('cdff:', 'red', sys.stderr)} {line}", file=sys.stderr)
+    # One line for each fault of a profile, one for every other error.
+    texts = [str(fault) for fault in error.faults] if isinstance(error, FaultsError) else [message]
+    for text in texts:
+        line = " ".join(text.split()) or type(error).__name__
+        print(f"{styled('cdff:', 'red', sys.stderr)} {line}", file=sys.stderr)
     return EXIT_REFUSED if isinstance(error, RefusedError) else EXIT_ERROR
 
 

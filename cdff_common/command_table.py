@@ -41,7 +41,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "new": "write the files of a new DFN or DFPC (description, interface, skeleton, test, page), or a "
         "profile from a log",
         "generate": "generate files from descriptions: types, interfaces, skeletons, reference pages",
-        "check": "compare descriptions with the code, requirements with the tests",
+        "check": "check a profile (--profile), or this checkout: descriptions, requirements",
         "completion": "print the completion script of a shell: bash, zsh or fish",
     },
 }

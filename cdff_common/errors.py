@@ -6,6 +6,7 @@
 
     CdffError
     ├── ConfigurationError        fix the configuration, profile or description
+    │   └── FaultsError           all faults of a profile, one line each
     ├── InputError                fix the input data
     │   └── CodecError            the bytes do not match their type and encoding
     ├── RefusedError              the algorithm cannot give a trustworthy result (status FAILED)
@@ -48,6 +49,20 @@ class CdffError(Exception):
 
 class ConfigurationError(CdffError):
     """Invalid configuration, profile or description."""
+
+
+class FaultsError(ConfigurationError):
+    """Several faults of one file; the text has one line for each.
+
+    Attributes
+    ----------
+    faults : tuple
+        Faults, each with a text for a message.
+    """
+
+    def __init__(self, faults: Sequence[object]) -> None:
+        super().__init__("\n".join(str(fault) for fault in faults))
+        self.faults = tuple(faults)
 
 
 class InputError(CdffError):

@@ -118,7 +118,8 @@ def run_service(name: str, body: Callable[[threading.Event], None]) -> int:
         if stop.is_set():  # an interruption by the stop event is not a failure
             logger.info("%s", error)
             return 0
-        logger.error("%s", error)  # one line for a known error, no traceback
+        for line in str(error).splitlines():  # one line for a known error or fault, no traceback
+            logger.error("%s", line)
         return 1
     sys.stdout.flush()
     return 0

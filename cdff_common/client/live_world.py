@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cdff_common.codecs.wire_types import base_type
 from cdff_common.contract.limits import MAX_PAGE
-from cdff_common.errors import ExtrapolationError, FrameNotFoundError
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 from cdff_common.world import World, WorldEdge, WorldItem
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 
 #: Call of the DPM with a verb and its parameters; returns the body of the reply.
 DpmCall = Callable[[str, Mapping[str, object]], Any]
+
+
+#: Refusals of a pose: NOT_FOUND is read from the bus as ProductNotFoundError, whatever was not found.
+_NO_POSE = (ExtrapolationError, FrameNotFoundError, ProductNotFoundError)
 
 
 def retrieve_world(client: Client, dpm: DpmCall, t_ns: int | None, *, values: bool) -> World:
@@ -88,7 +92,7 @@ def _moving(
     for (parent, child), name in sorted(pose_frames.items()):
         try:
             body = dpm("pose", {"parent": parent, "child": child, "t": t_ns})
-        except (ExtrapolationError, FrameNotFoundError) as error:
+        except _NO_POSE as error:
             omitted[f"{parent} to {child} by {name}"] = str(error)
             continue
         yield WorldEdge(parent, child, _transform(body), name)

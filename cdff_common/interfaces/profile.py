@@ -8,24 +8,24 @@ It holds no host values: endpoints, keys and folders are process settings (``CDF
 from __future__ import annotations
 
 import base64
+import logging
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
 from cdff_common.contract.names import FRAME_ID, MAX_FRAME_LENGTH, NAME, RESERVED_SCOPES, ROBOT_ID
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.urdf import read_urdf
-from cdff_common.interfaces.dfn import StrictModel, validated
+from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.map_merging import MergingConfig
-from cdff_common.interfaces.registry import Registry
-from cdff_common.interfaces.yaml_file import read_mapping
-from cdff_common.resources import resolve
+
+logger = logging.getLogger(__name__)
 
 RobotId = Annotated[str, Field(pattern=rf"^{ROBOT_ID}$")]
 Name = Annotated[str, Field(pattern=rf"^{NAME}$")]
@@ -36,13 +36,32 @@ Count = Annotated[int, Field(ge=1)]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
 Vector3 = tuple[float, float, float]
 
+#: Key of a validation context without checks across sensors, DFPCs and robots, which
+#: ``cdff_common.interfaces.profile_checks`` makes for a file.
+LENIENT = "lenient"
+
+
+def _is_lenient(info: ValidationInfo) -> bool:
+    return bool(info.context and info.context.get(LENIENT))
+
 
 class FrameEdge(StrictModel):
     """A fixed transform ``T_parent_child``.
 
-    Rotation is given by ``quaternion_xyzw`` or by ``rpy_deg`` (roll, pitch, yaw about x, y, z, applied in
-    that order). ``sigma_m`` and ``sigma_deg`` are one standard deviation per axis; both 0 means known
-    exactly.
+    Attributes
+    ----------
+    parent, child : str
+        Frames; each child has one parent.
+    translation_m : 3 numbers
+        Origin of the child in the parent, metres.
+    quaternion_xyzw : 4 numbers or None
+        Rotation of the child in the parent, a unit quaternion; only one of this and ``rpy_deg``.
+    rpy_deg : 3 numbers or None
+        The rotation as roll, pitch, yaw about x, y, z, applied in that order, degrees. A positive pitch
+        lowers the x axis.
+    sigma_m, sigma_deg : float
+        Standard deviation per axis of the translation, metres, and of the rotation, degrees; both 0 means
+        known exactly.
     """
 
     parent: FrameId
@@ -91,6 +110,8 @@ class SensorMode(StrictModel):
         Stereo camera: true for both cameras, false for one.
     exposure : str or None
         Exposure class: short, normal, long or auto.
+    doc : str
+        Description for operators.
     """
 
     on: bool = True
@@ -103,7 +124,19 @@ class SensorMode(StrictModel):
 
 
 class ModeNeed(StrictModel):
-    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted."""
+    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted.
+
+    Attributes
+    ----------
+    min_rate_hz, max_rate_hz : float or None
+        Bounds of the rate, samples per second.
+    min_width_px, min_height_px : int
+        Least resolution, pixels.
+    stereo : bool or None
+        Stereo camera: true for both cameras, false for one; None accepts both.
+    exposure : list of str
+        Accepted exposure classes; empty for all.
+    """
 
     min_rate_hz: NonNegativeFloat = 0.0
     max_rate_hz: PositiveFloat | None = None
@@ -130,10 +163,17 @@ class Sensor(StrictModel):
 
     Attributes
     ----------
+    kind : str
+        Kind of the sensor; ``other`` for joints, GNSS and whatever has no kind.
+    frame : str
+        Frame of the samples, below ``{robot}/base``: x right, y down, z forward for a camera (the left one of
+        a stereo camera), x forward, y left, z up for the others. For wheels ``{robot}/base``.
     streams : mapping
         Stream name to the type of its samples.
-    modes, initial_mode
-        Modes, and the mode at the start and when the sensor is not used.
+    modes : mapping of mode to SensorMode
+        Modes by name.
+    initial_mode : str
+        Mode at the start and when the sensor is not used.
     switch_s : float
         Duration of a mode change, seconds.
     transitions : mapping of mode to mapping of mode to float
@@ -143,11 +183,13 @@ class Sensor(StrictModel):
         Modes that the sensor refuses at present.
     range_m : float or None
         Range, metres; None if unknown.
-    mask, mask_right : str
-        Pixels that always show the robot, in the left and the right image of a stereo camera. Either the path
-        of an image file, relative to the profile, in which these pixels are black (0); or, for ``mask`` only,
-        ``urdf``: the shapes of the robot's URDF are projected into both images. In a loaded profile the path
-        is replaced by the file in base64.
+    mask : str
+        Pixels that always show the robot, in the left image of a stereo camera. Either the path of an image
+        file, relative to the profile, in which these pixels are black (0); or ``urdf``: the shapes of the
+        robot's URDF are projected into both images. In a loaded profile the path is replaced by the file in
+        base64.
+    mask_right : str
+        The same for the right image, as an image file.
     """
 
     kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
@@ -225,6 +267,12 @@ class DfpcEntry(StrictModel):
 
     Attributes
     ----------
+    name : str
+        Name of an installed DFPC; see ``cdff dfpc list``.
+    implementation : str or None
+        Variant of the DFPC; None for its first one.
+    parameters : mapping
+        Parameters of the DFPC, and of a DFN under the name of its slot; see ``cdff dfpc show NAME``.
     inputs : mapping of port to source
         ``sensor/{sensor}/{stream}`` or ``product/{dfpc}/{port}`` of the same robot, or
         ``dpm/{robot}/{product}``, a stored product of any robot, such as ``dpm/orbiter/dem``, read at
@@ -239,6 +287,16 @@ class DfpcEntry(StrictModel):
         Activated by the orchestrator for requests, or active from the start.
     linger_s : float
         Time for which it stays active after its last request, seconds.
+    process : str or None
+        Process that hosts it, shared by all DFPCs of the robot with this name; None for one of its own.
+    seed : int
+        Seed of its random numbers.
+    queue : int
+        Samples of each input that can wait for a step; with more the oldest is dropped and counted.
+    reorder_s : float
+        Time for which a sample waits for earlier ones of other inputs, seconds.
+    step_timeout_s : float
+        Longest step, seconds; after it the process is restarted.
     """
 
     name: Name
@@ -256,13 +314,42 @@ class DfpcEntry(StrictModel):
     step_timeout_s: PositiveFloat = 10.0
 
 
+#: Limits of a robot with their meaning; the unit is in the name.
+ROBOT_LIMITS = {
+    "max_slope_deg": "steepest slope",
+    "max_step_m": "highest step",
+    "max_roughness_m": "largest roughness below the robot",
+    "width_m": "width",
+    "length_m": "length",
+    "height_m": "height, free space above the ground",
+    "max_speed_m_s": "speed, for the area in reach",
+    "memory_mb": "memory of all DFPCs together",
+    "cpu_cores": "CPU time of all DFPCs together, seconds per second",
+}
+
+
 class Robot(StrictModel):
     """A robot: frames, sensors, limits, DFPCs.
 
-    ``limits`` holds motion limits for the DFPCs and budgets for the orchestrator: ``memory_mb`` and
-    ``cpu_cores`` for all DFPCs together, ``max_speed_m_s`` for the area in reach. ``urdf`` is the file of its
-    joints, relative to the profile; once loaded, it holds the document. Its fixed joints are frames like
-    ``frames``.
+    Attributes
+    ----------
+    id : str
+        Name of the robot in keys, frames and requests.
+    doc : str
+        Description for operators.
+    frames : list of FrameEdge
+        Mounts of the sensors below ``{robot}/base``, and the start pose ``site`` to ``{robot}/odom``.
+    sensors : mapping of name to Sensor
+        Sensors by name.
+    limits : mapping of limit to float
+        Motion limits for the DFPCs and budgets for the orchestrator: ``max_slope_deg``, ``max_step_m``,
+        ``max_roughness_m``, ``width_m``, ``length_m``, ``height_m``, ``max_speed_m_s`` (for the area in
+        reach), ``memory_mb`` and ``cpu_cores`` (of all DFPCs together).
+    dfpcs : list of DfpcEntry
+        DFPCs that run for the robot.
+    urdf : str
+        File of its joints, relative to the profile; once loaded, the document. Its fixed joints are frames
+        like ``frames``.
     """
 
     id: RobotId
@@ -274,7 +361,9 @@ class Robot(StrictModel):
     urdf: str = ""
 
     @model_validator(mode="after")
-    def _names_are_wired(self) -> Robot:
+    def _names_are_wired(self, info: ValidationInfo) -> Robot:
+        if _is_lenient(info):
+            return self
         if self.id in RESERVED_SCOPES:
             raise ValueError(f"robot id {self.id!r} is reserved")
         names = [d.name for d in self.dfpcs]
@@ -343,9 +432,16 @@ _NO_SENSOR = Sensor(kind="other", frame="none", streams={})
 class SiteAnchor(StrictModel):
     """Location of a site on the body.
 
-    Longitude is east positive, latitude as defined by the CRS of the body, height above its surface in
-    metres; ``azimuth_deg`` is the bearing of the site's y axis, clockwise from north. ``sigma_m`` and
-    ``sigma_deg`` are one standard deviation per axis.
+    Attributes
+    ----------
+    lon_deg, lat_deg : float
+        Longitude, east positive, and latitude as defined by the CRS of the body, degrees.
+    height_m : float
+        Height above the surface of the body, metres.
+    azimuth_deg : float
+        Bearing of the site's y axis, clockwise from north, degrees.
+    sigma_m, sigma_deg : float
+        Standard deviation per axis of position, metres, and orientation, degrees.
     """
 
     lon_deg: AngleDeg
@@ -370,6 +466,12 @@ class Body(StrictModel):
         Geographic CRS in place of the registry's: ``authority:code``, WKT2 or PROJJSON.
     radii_m : tuple of 3 float, or None
         Semi-axes of a custom body, metres.
+    site_lon_deg, site_lat_deg : float or None
+        Longitude, east positive, and latitude of the frame ``site``, degrees; both or none.
+    site_height_m : float
+        Height of ``site`` above the surface, metres.
+    site_azimuth_deg : float
+        Bearing of the y axis of ``site``, clockwise from north, degrees.
     sites : mapping of frame to SiteAnchor
         Sites in addition to ``site``.
     """
@@ -414,7 +516,7 @@ class History(StrictModel):
     robot : str or None
         None selects every robot with the stream.
     sensor, stream : str
-        Names in ``sensors`` of the robot.
+        Sensor of the robot, and its stream.
     every_n : int
         Archive each n-th sample.
     every_s : float
@@ -435,11 +537,26 @@ class History(StrictModel):
 
 
 class Retention(StrictModel):
-    """Retention rule for the products of a type (``*``: all types together); types without a rule are kept.
+    """Retention rule for the products of a type; types without a rule are kept.
 
-    ``max_age_s`` is in seconds of mission time; the quotas ``max_bytes`` and ``max_count`` hold for each
-    robot; the density is at most ``per_cell`` products per cell of ``cell_m`` metres and span of ``span_s``
-    seconds. ``prefer`` selects the products to keep.
+    Attributes
+    ----------
+    product : str
+        Product type, or ``*`` for all types together.
+    robot, dfpc, port : str or None
+        Only products of this robot, DFPC or output port; None for all.
+    max_age_s : float or None
+        Greatest age, seconds of mission time.
+    max_bytes, max_count : int or None
+        Quotas of each robot: size of the payloads, bytes, and number of products.
+    per_cell : int or None
+        Density: largest number of products in a cell of ``cell_m`` and a span of ``span_s``.
+    cell_m : float or None
+        Cell of the density, metres.
+    span_s : float or None
+        Span of the density, seconds of capture time.
+    prefer : str
+        Products to keep: the newest, or the best by status, resolution and time.
     """
 
     product: str
@@ -464,10 +581,29 @@ class Retention(StrictModel):
 class Profile(StrictModel):
     """Profile of a mission.
 
-    ``merging`` enables the merging of the maps of several robots (``services.map_merging``). All its fields
-    are optional; omit the section to disable merging. ``clock`` is the name of the only identity that may
-    publish the mission clock on a secured bus. With ``sign``, products carry a signature by the identity of
-    their producer (``CDFF_IDENTITY``).
+    Attributes
+    ----------
+    name : str
+        Name of the mission.
+    doc : str
+        Description; its first sentence is listed by ``cdff profile list``.
+    body : Body
+        Body of the mission and location of the site.
+    robots : list of Robot
+        Robots, at least one.
+    retention : list of Retention
+        Rules for the deletion of products.
+    history : list of History
+        Sensor streams that the DPM archives.
+    threads_per_process : int
+        Threads of the numeric libraries in each process.
+    merging : MergingConfig or None
+        Merging of the maps of several robots (``services.map_merging``). All its fields are optional; omit
+        the section to disable merging.
+    clock : str
+        Name of the only identity that may publish the mission clock on a secured bus.
+    sign : bool
+        Products carry a signature by the identity of their producer (``CDFF_IDENTITY``).
     """
 
     name: Name
@@ -482,14 +618,18 @@ class Profile(StrictModel):
     sign: bool = False
 
     @model_validator(mode="after")
-    def _robots_are_unique(self) -> Profile:
+    def _robots_are_unique(self, info: ValidationInfo) -> Profile:
+        if _is_lenient(info):
+            return self
         ids = [r.id for r in self.robots]
         if len(set(ids)) != len(ids):
             raise ValueError(f"a robot is named twice: {ids}")
         return self
 
     @model_validator(mode="after")
-    def _history_streams_exist(self) -> Profile:
+    def _history_streams_exist(self, info: ValidationInfo) -> Profile:
+        if _is_lenient(info):
+            return self
         for policy in self.history:
             robots = [r for r in self.robots if policy.robot in (None, r.id)]
             if not any(policy.stream in r.sensors.get(policy.sensor, _NO_SENSOR).streams for r in robots):
@@ -529,56 +669,25 @@ def read_mask(path: Path) -> str:
         ) from error
 
 
-def _with_mask_images(robot: Robot, folder: Path) -> Robot:
-    """Return the robot with its mask images loaded from ``folder``; raises ConfigurationError."""
-    sensors = {}
-    for name, sensor in robot.sensors.items():
-        if sensor.mask == URDF_MASK and not robot.urdf:
-            raise ConfigurationError(f"{robot.id}.{name}: mask {URDF_MASK!r}, but the robot has no URDF")
-        loaded = {
-            field: read_mask(folder / value)
-            for field, value in (("mask", sensor.mask), ("mask_right", sensor.mask_right))
-            if value and value != URDF_MASK
-        }
-        sensors[name] = sensor.model_copy(update=loaded)
-    return robot.model_copy(update={"sensors": sensors})
+def load_profile(path: str | Path, *, complete: bool = False) -> Profile:
+    """Read and validate a profile: fields, names across sensors and DFPCs, types of the wiring, frames.
 
-
-def _with_files(profile: Profile, path: Path) -> Profile:
-    """Replace the paths of URDF documents and mask images by their content; raises ConfigurationError."""
-    robots = []
-    for robot in profile.robots:
-        robot = _with_mask_images(robot, path.parent)
-        if robot.urdf:
-            try:
-                text = (path.parent / robot.urdf).read_text(encoding="utf-8")
-            except (OSError, UnicodeDecodeError) as error:
-                raise ConfigurationError(f"profile {path}: {robot.id}.urdf: {error}") from error
-            read_urdf(text)
-            robot = robot.model_copy(update={"urdf": text})
-        robots.append(robot)
-    return profile.model_copy(update={"robots": tuple(robots)})
-
-
-def load_profile(path: str | Path) -> Profile:
-    """Read and validate a profile, including DFPC names and ports.
+    Parameters
+    ----------
+    complete : bool
+        Also check the body and the parameters of the DFPCs, which imports their modules, and log a warning
+        for each implausible value.
 
     Raises
     ------
     ConfigurationError
-        With the file, the key, the value and the expectation.
+        If the file cannot be read, or a FaultsError with file, line, key, value and expectation of every
+        fault.
     """
-    path = resolve("profiles", path)
-    profile = _with_files(validated(Profile, read_mapping(path), f"profile {path}"), path)
-    registry = Registry.default()
-    for robot in profile.robots:
-        for entry in robot.dfpcs:
-            description = registry.dfpc(entry.name)
-            known = {p.attribute for p in description.input_ports}
-            for port in entry.inputs:
-                if port not in known:
-                    raise ConfigurationError(
-                        f"profile {path}: {robot.id}.{entry.name} has no input port {port!r}; "
-                        f"it has {', '.join(sorted(known))}"
-                    )
+    from cdff_common.interfaces.profile_checks.check import check_profile
+
+    checked = check_profile(path, complete=complete)
+    profile = checked.valid_profile()
+    for warning in checked.warnings if complete else ():
+        logger.warning("%s", warning)
     return profile

@@ -29,10 +29,10 @@ from cdff_dev.mission_replay.sensors import ReplayedIcu
 from cdff_dev.mission_replay.virtual import Scheduler, VirtualTiming
 from cdff_dev.play.gate import SensorGate
 from dpm_store import Store
-from services.dpm.__main__ import anchor
 from services.dpm.bus.retention import rules_of
 from services.dpm.bus.service import serve
 from services.dpm.operations.dpm import Dpm
+from services.dpm.operations.profile_entry import enter
 from services.orchestrator.service import Orchestrator
 
 #: Period of the status of the DFPCs, virtual seconds; capacity of the orchestrator, jobs.
@@ -123,7 +123,7 @@ class MissionReplay:
         self._undistributed: deque[Product] = deque()
         self.delivered = self.gated = 0
         self.store = open_store(clock)
-        anchor(self.store, profile)
+        enter(self.store, profile)
         self.dpm = Dpm(self.store)
         bus = cast(Bus, self.bus)  # LocalBus has every method that the services call
         serve(bus, self.dpm, profile.robot_ids, rules_of(profile))

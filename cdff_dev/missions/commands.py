@@ -95,7 +95,7 @@ def running_system(
     from cdff_common.interfaces.profile import load_profile
     from cdff_dev.missions.stage import Stage
 
-    profile, connect = load_profile(profile_path), args.connect or DEFAULT_ENDPOINT
+    profile, connect = load_profile(profile_path, complete=True), args.connect or DEFAULT_ENDPOINT
     # Ctrl-C and SIGTERM raise KeyboardInterrupt in the main thread, so that the stage ends its processes.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)

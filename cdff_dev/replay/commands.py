@@ -87,7 +87,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="folder for outputs.msg, summary.json, <port>.tum and the last maps, graphs and clouds",
+        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose) and the last maps, graphs "
+        "and clouds",
     )
     add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
@@ -96,10 +97,8 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; return 0, or raise RefusedError (exit code 3) if every output of the DFPC is FAILED."""
-    from contextlib import closing
-
     from cdff_common.errors import InputError
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
 
     if args.plot is not None:
         from cdff_common.plots import check_plot_file
@@ -107,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 
 
@@ -127,7 +126,7 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
     summary = replay_mission(
-        log, load_profile(args.profile), Path(args.requests), Path(args.out), store, args.plot
+        log, load_profile(args.profile, complete=True), Path(args.requests), Path(args.out), store, args.plot
     )
     if args.json:
         print(json.dumps(summary, sort_keys=True))
@@ -171,7 +170,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     context, entry, implementation = DfpcContext(robot), None, args.implementation
     parameters: dict[str, Any] = {}
     if args.profile:
-        profile_robot = load_profile(args.profile).robot(robot)
+        profile_robot = load_profile(args.profile, complete=True).robot(robot)
         entry = profile_robot.dfpc(dfpc.name)
         context, parameters = profile_robot.context(entry), dict(entry.parameters)
         implementation = implementation or entry.implementation

@@ -32,14 +32,17 @@ class ModeAlarms:
         self._lock = threading.Lock()
         self._failed_s: dict[tuple[str, str], float] = {}
 
+    def is_expected(self, error: CdffError) -> bool:
+        """Return True for a unit that does not run yet, in the first ``START_S`` seconds."""
+        return isinstance(error, NoAnswerError) and self._timing.now_s() - self._started_s < START_S
+
     def report(self, sensor: SensorId, mode: str, error: CdffError) -> None:
         """Begin the alarm of a failed demand; a lost sensor and other demands are none of the unit.
 
         The services of a system start together: a demand to a unit that does not run yet is repeated.
         """
         kind = _kind(error)
-        is_starting = self._timing.now_s() - self._started_s < START_S
-        if kind and not (is_starting and isinstance(error, NoAnswerError)):
+        if kind and not self.is_expected(error):
             source = _source(sensor, mode)
             with self._lock:
                 self._failed_s[kind, source] = self._timing.now_s()

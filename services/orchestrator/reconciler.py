@@ -118,7 +118,8 @@ class Reconciler:
             _check_confirmation(reply, mode)
         except CdffError as error:
             self._journal.append("mode", sensor=str(sensor), mode=mode, ok=False, reason=str(error))
-            logger.warning("mode %s of %s: %s", mode, sensor, error)
+            level = logging.INFO if self._mode_alarms.is_expected(error) else logging.WARNING
+            logger.log(level, "mode %s of %s: %s", mode, sensor, error)
             self._mode_alarms.report(sensor, mode, error)
             reason = f"sensor {sensor} mode {mode}: {error}"
             if isinstance(error, DeniedError):

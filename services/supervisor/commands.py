@@ -61,13 +61,14 @@ def run_up(args: argparse.Namespace) -> int:
     from services.supervisor.plan import first_scope, plan
     from services.supervisor.readiness import ready_line
     from services.supervisor.supervisor import Supervisor
+    from services.supervisor.vacancy import check_vacant
 
     if not args.profile:
         raise ConfigurationError(
             "no profile: give --profile FILE or set CDFF_PROFILE, as deploy/profiles/rover_traverse.yaml"
         )
     path = resolve("profiles", args.profile)
-    profile = load_profile(path)
+    profile = load_profile(path, complete=True)
     data_dir = make_folder(data_dir_of(args.data_dir))
     log_dir = None if args.log_dir is None else make_folder(Path(args.log_dir))
     default = SECURE_ENDPOINT if args.secure else DEFAULT_ENDPOINT
@@ -84,6 +85,8 @@ def run_up(args: argparse.Namespace) -> int:
         dpm_options=("--new",) if args.new else (),
         secrets=None if args.secure is None else Path(args.secure),
     )
+    has_dpm = any(spec.name == "dpm" for spec in specs)
+    check_vacant(connect, args.http if has_dpm else None, data_dir)
     os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
     link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
     line = ready_line(specs, link[0], args.http, is_secure=args.secure is not None)

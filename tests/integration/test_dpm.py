@@ -40,6 +40,7 @@ robots:
 - id: mana
   frames:
   - {parent: mana/base, child: mana/lidar, translation_m: [0.0, 0.0, 2.0]}
+  - {parent: mana/base, child: mana/imu}
   sensors:
     imu: {kind: imu, frame: mana/imu, streams: {sample: IMUSensors}}
 - id: minnie

@@ -31,6 +31,8 @@ PROFILE = f"""
 name: slow_machine
 robots:
 - id: mana
+  frames:
+  - {{parent: mana/base, child: mana/lidar}}
   sensors:
     lidar: {{kind: lidar, frame: mana/lidar, streams: {{scan: LidarScan}}}}
   dfpcs:

@@ -16,8 +16,8 @@ from cdff_common.clock import ManualClock
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.profile import Profile
 from cdff_common.types import Pointcloud
-from services.dpm.__main__ import anchor
 from services.dpm.operations.dpm import Dpm
+from services.dpm.operations.profile_entry import enter
 from services.dpm.queries.bodies import FrameEdge
 
 from .conftest import S, TestClient, elevation, pose, put_arguments
@@ -250,7 +250,7 @@ def test_a_profile_anchors_its_sites_and_describes_its_robots(dpm: Dpm, tmp_path
         }
     )
     for _ in range(2):
-        anchor(dpm.store, profile)
+        enter(dpm.store, profile)
     assert dpm.store.anchors.of("mana/odom").lonlat([[0, 0]])[0, :2] == pytest.approx([10.1, -80.0])
     T = dpm.store.poses.at(0, "site", "crater")
     assert isinstance(T, UncertainTransform)

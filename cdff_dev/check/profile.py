@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""``cdff check --profile FILE [--log LOG]``: report of a profile, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile_checks.check import CheckedProfile, check_profile
+from cdff_dev.check.log import StreamFinding, log_findings, stream_line
+
+if TYPE_CHECKING:
+    from cdff_dev.logs.information import StreamReport
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileReport:
+    """Faults of a profile, and of a log against it.
+
+    Attributes
+    ----------
+    checked : CheckedProfile
+    log : str or None
+        Path of the log.
+    streams : mapping of str to StreamReport
+        Streams of the log.
+    findings : tuple of StreamFinding
+        Differences between log and profile; empty if the profile has errors.
+    """
+
+    checked: CheckedProfile
+    log: str | None
+    streams: Mapping[str, StreamReport]
+    findings: tuple[StreamFinding, ...]
+
+    @property
+    def has_errors(self) -> bool:
+        """True if the profile, or the log for this profile, is refused."""
+        return bool(self.checked.errors) or any(f.severity == "error" for f in self.findings)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        return {
+            "profile": str(self.checked.path),
+            "faults": [fault.to_json() for fault in self.checked.faults],
+            "streams": {name: stream.to_json() for name, stream in self.streams.items()},
+            "log_faults": [finding.to_json() for finding in self.findings],
+        }
+
+    def lines(self) -> Iterator[str]:
+        """Yield the report in words."""
+        yield from map(str, self.checked.faults)
+        if self.checked.profile is not None and not self.checked.errors:
+            yield from _description(self.checked.profile)
+        elif self.log is not None:
+            yield "the log is not compared until the profile has no errors"
+        if self.streams:
+            yield f"log {self.log}:"
+        for name, stream in self.streams.items():
+            yield f"  {stream_line(name, stream)}"
+        yield from map(str, self.findings)
+        severities = [fault.severity for fault in (*self.checked.faults, *self.findings)]
+        counts = [_count(severities.count(kind), kind) for kind in ("error", "warning")]
+        subject = f"{self.checked.path}{'' if self.log is None else f' with {self.log}'}"
+        yield f"{subject}: {', '.join(counts)}"
+
+
+def report(path: str, log: str | None) -> ProfileReport:
+    """Return the report of a profile and of a log against it.
+
+    Raises
+    ------
+    ConfigurationError, InputError
+        If the profile or the log cannot be read.
+    """
+    checked = check_profile(path)
+    streams = {} if log is None else _stream_reports(log)
+    findings: tuple[StreamFinding, ...] = ()
+    if streams and checked.profile is not None and not checked.errors:
+        findings = tuple(log_findings(checked.profile, streams))
+    return ProfileReport(checked, log, streams, findings)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+
+
+def _stream_reports(log: str) -> dict[str, StreamReport]:
+    from cdff_dev.logs import open_log
+    from cdff_dev.logs.information import stream_reports
+
+    with closing(open_log(log)) as source:
+        return stream_reports(source)
+
+
+def _description(profile: Profile) -> Iterator[str]:
+    """Yield the robots, sensors and DFPCs of a profile in words."""
+    anchors = ", ".join(profile.body.anchors) or "no anchored site"
+    yield f"profile {profile.name}: body {profile.body.name}, {anchors}"
+    for robot in profile.robots:
+        yield f"robot {robot.id}: {len(robot.sensors)} sensors, {len(robot.dfpcs)} DFPCs"
+        for name, sensor in robot.sensors.items():
+            rates = [f"{mode} {m.rate_hz:g} Hz" for mode, m in sensor.modes.items() if m.on and m.rate_hz]
+            streams = ", ".join(f"{stream} ({type_name})" for stream, type_name in sensor.streams.items())
+            yield f"  {name}: {sensor.kind} in {sensor.frame}, {streams}{'; ' if rates else ''}{', '.join(rates)}"
+        for entry in robot.dfpcs:
+            inputs = ", ".join(f"{port} ← {source}" for port, source in entry.inputs.items())
+            yield f"  {entry.name}: {inputs or 'no inputs'}"

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Check that no other system uses the addresses and the data directory, before a process is started."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+
+from cdff_common.errors import UnavailableError
+from cdff_common.process import lock_file
+
+_TIMEOUT_S = 1.0
+_ALL_INTERFACES = {"0.0.0.0": "127.0.0.1", "[::]": "::1"}
+
+
+def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
+    """Raise UnavailableError if another process uses an address or the data directory.
+
+    Parameters
+    ----------
+    endpoint : str
+        Endpoint of the router, as ``tcp/127.0.0.1:7447``.
+    http : str or None
+        ``host:port`` of the HTTP server and with it the store in ``data_dir``; None if no DPM is started.
+    """
+    protocol, _, address = endpoint.partition("/")
+    if protocol in ("tcp", "tls") and _is_served(address):
+        raise UnavailableError(
+            f"router {endpoint}: another process listens there, such as a running `cdff up`; end it, or choose "
+            "another endpoint with --connect tcp/127.0.0.1:PORT"
+        )
+    if http is None:
+        return
+    if _is_served(http):
+        raise UnavailableError(
+            f"HTTP {http}: another process listens there; end it, or choose another address with --http"
+        )
+    if (data_dir / "store.lock").exists():
+        os.close(
+            lock_file(data_dir / "store.lock", str(os.getpid()), lambda holder: _in_use(data_dir, holder))
+        )
+
+
+def _in_use(data_dir: Path, holder: str) -> str:
+    return f"data directory {data_dir}: in use by process {holder}; end it, or choose another one with --data-dir"
+
+
+def _is_served(address: str) -> bool:
+    """Return True if a process accepts connections at ``host:port``."""
+    host, _, port = address.partition("#")[0].rpartition(":")
+    if not port.isdigit():
+        return False
+    host = _ALL_INTERFACES.get(host, host).strip("[]")
+    try:
+        socket.create_connection((host, int(port)), timeout=_TIMEOUT_S).close()
+    except OSError:
+        return False
+    return True
