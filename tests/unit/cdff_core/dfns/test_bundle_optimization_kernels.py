@@ -17,18 +17,17 @@ NAN = float("nan")
 CAM, PT = np.array([0, 1, 2, 0, 2, 1, 2, 0]), np.array([0, 0, 0, 1, 1, 2, 2, 2])
 START = np.array([0, 3, 5, 8])
 LENS_OF_CAMERA = np.array([0, 1, 0])
-#: Adjusted columns of each camera: number in the Jacobian, and in the system; camera 0 is fixed.
-COLUMNS = np.array(
-    [[[6, 12], [7, 13], [0, 0], [0, 0], [0, 0], [0, 0], [0, 0], [0, 0]],
-     [[0, 0], [1, 1], [2, 2], [3, 3], [4, 4], [5, 5], [0, 0], [0, 0]],
-     [[0, 6], [1, 7], [2, 8], [3, 9], [4, 10], [5, 11], [6, 12], [7, 13]]]
-)  # fmt: skip
-COUNT, SIZE = np.array([2, 6, 8]), 14
+#: Adjusted columns of each camera: number in the Jacobian, and in the system. The pose of camera 0 is fixed,
+#: cameras 0 and 2 have one lens, and of the lens of camera 1 only k1 and p2 are adjusted.
+_LENS = [(6 + i, 12 + i) for i in range(8)]
+_ADJUSTED = (_LENS, [(i, i) for i in range(6)] + [(9, 20), (13, 21)], [(i, 6 + i) for i in range(6)] + _LENS)
+COLUMNS = np.array([columns + [(0, 0)] * (14 - len(columns)) for columns in _ADJUSTED])
+COUNT, SIZE = np.array([len(columns) for columns in _ADJUSTED]), 22
 
 
 @dataclass
 class Scene:
-    """Rotations to the cameras, positions, lenses (fx fy cx cy k1 k2 p1 p2 k3 baseline), points and pixels."""
+    """Rotations, positions, lenses (fx fy cx cy k1 k2 p1 p2 k3 baseline), points and pixels."""
 
     R: Array
     c: Array
@@ -95,12 +94,14 @@ def test_residuals_and_costs_are_those_of_the_distorted_projection(seed: int, ki
     assert cost == pytest.approx(0.5 * losses[:, 0].sum())
     assert plain == pytest.approx(0.5 * squares.sum())
     assert behind == 0
-    s.X[1, 2] = -5.0
-    assert residuals(s, kind, 2.5)[4] == 2
+    s.R[:], s.c[:] = np.eye(3), 0.0
+    for depth_m, count in ((0.5, 0), (-0.5, 2)):
+        s.X[1] = [0.0, 0.0, depth_m]
+        assert residuals(s, kind, 2.5)[4] == count
 
 
 def dense(s: Scene, weights: Array, r: Array) -> tuple[Array, Array]:
-    """Return the matrix (23, 23) and gradient (23,) of all adjusted columns and of the three points."""
+    """Return the matrix (31, 31) and gradient (31,) of all adjusted columns and of the three points."""
     H, g, h = np.zeros((SIZE + 9, SIZE + 9)), np.zeros(SIZE + 9), 1e-6
     for k in range(8):
         J = np.column_stack(
@@ -177,8 +178,9 @@ def test_the_inverse_of_a_matrix_is_that_of_numpy_and_zero_if_singular() -> None
     M, out = A @ A.T, np.full((3, 3), NAN)
     assert kernels.invert_3x3(M, out)
     np.testing.assert_allclose(out, np.linalg.inv(M), rtol=1e-10)
-    for singular in (np.zeros((3, 3)), np.diag([1.0, 1.0, 0.0]), -np.eye(3), np.diag([-1.0, -1.0, 1.0]),
-                     np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0]), np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])):  # fmt: skip
+    diagonals = [(0, 0, 0), (1, 1, 0), (-1, -1, -1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]
+    ones = np.ones((3, 3))
+    for singular in (*(np.diag(np.array(d, dtype=np.float64)) for d in diagonals), ones):
         out[:] = NAN
         assert not kernels.invert_3x3(singular, out)
         assert not out.any()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled searches of image features agree with exhaustive distances by numpy, with and without a geometry."""
+"""Compiled searches of image features agree with exhaustive distances by numpy."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ NO_LIMITS = {"iterations": 20, "max_cosine": 1.0, "max_residual_px": 1e6, "min_d
 
 
 def rig(seed: int, cameras: int = 5) -> tuple[Array, Array, Array]:
-    """Return T_camera_frame (k, 3, 4), positions (k, 3) and focal lengths (k, 2) of cameras around a scene."""
+    """Return T_camera_frame (k, 3, 4), positions (k, 3) and focal lengths (k, 2) of cameras."""
     rng = np.random.default_rng(seed)
     poses = [
         se3.transform(se3.exp_so3(rng.normal(0.0, 0.15, 3)), rng.normal(0.0, 0.8, 3)) for _ in range(cameras)
@@ -103,7 +103,7 @@ PAIR = (np.array([np.eye(4)[:3], np.column_stack([np.eye(3), [-1.0, 0.0, 0.0]])]
 
 
 def of_pair(X: list[float], shift_y: float = 0.0, **limits: float) -> tuple[int, Array, float, float]:
-    """Return status, covariance, cost and angle of a point; the second camera observes it ``shift_y`` lower."""
+    """Return status, covariance, cost and angle of a point, seen ``shift_y`` lower by one camera."""
     xy = np.array([projected(P, np.array(X)) for P in PAIR[0]])
     xy[1, 1] += shift_y
     _, covariances, costs, angles, status = run(np.array([0, 2]), np.array([0, 1]), xy, PAIR, **limits)

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The motion between stereo pairs and its covariance agree with weighted least squares by numeric derivatives.
+"""Stereo motion and its covariance agree with weighted least squares by numeric derivatives.
 
-The prediction, its noise and the sums over points are written here from their definition, one point at a time.
+The prediction, its noise and the sums are written from their definition, one point at a time.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def moved_error(T: Array, x: Array) -> Array:
 def expected_common_response(
     inputs: StereoMotionEstimationInputs, out: StereoMotionEstimationOutputs, at: Sums, gain: Array
 ) -> Array:
-    """Return the effect of one standard deviation of each common error; ``gain`` maps gradients to the motion."""
+    """Return the effect of one standard deviation of each common error (6, 14)."""
     basis = [
         0.0 if b is None else b @ out.calibration for b in (inputs.reference_basis, inputs.current_basis)
     ]
@@ -290,7 +290,7 @@ def test_the_rotation_of_the_guess_is_normalised() -> None:
 
 
 def test_a_step_that_increases_the_cost_is_not_taken() -> None:
-    """Near the minimum of the cost the step is not zero, as it does not include the derivative of the noise."""
+    """Near the minimum the step is not zero: it does not include the derivative of the noise."""
     inputs = scenario(4, 0.4, 0)
     estimate = solved(inputs).motion
     T, none = se3.inverse(estimate), np.zeros(0)

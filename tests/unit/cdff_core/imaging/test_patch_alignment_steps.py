@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Each Gauss-Newton step of the compiled alignments equals that of dense least squares, written from Baker and
-Matthews 2004 with homogeneous matrices; the limits of images, structure and slope are exact.
+"""Each Gauss-Newton step of the compiled alignments equals that of dense least squares with homogeneous
+matrices (Baker and Matthews 2004); the limits of images, structure and slope are exact.
 """
 
 from __future__ import annotations

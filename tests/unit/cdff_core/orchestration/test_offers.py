@@ -22,8 +22,8 @@ def example() -> World:
     """Return a robot with a DEM from lidar and poses, and another robot with a pose only."""
     here = world(
         provider(
-            "dem", "dem", from_sensor("scan", "lidar"), from_provider("poses", "position"), implementation="A",
-            cpu=0.123456, memory_mb=12.5, ready_s=1.23456, resolution_m=0.1,
+            "dem", "dem", from_sensor("scan", "lidar"), from_provider("poses", "position"),
+            implementation="A", cpu=0.123456, memory_mb=12.5, ready_s=1.23456, resolution_m=0.1,
         ),
         provider("position", "pose", from_sensor("x", "wheels"), active=True, cpu=0.5),
         sensor("lidar"),

@@ -25,7 +25,7 @@ def test_the_aligning_rotation_maps_a_normal_to_x(normal: tuple[float, float, fl
 
 
 def feature(p: Array, n: Array, q: Array, m: Array, step_m: float, bins: int) -> int | None:
-    """Return the number of a pair's distance and angles (Drost et al. 2010, eq. 2), 15 bins for each angle."""
+    """Return the number of a pair's distance and angles (Drost et al. 2010), 15 bins per angle."""
     offset = q - p
     distance = float(np.linalg.norm(offset))
     if distance < step_m or int(distance / step_m) >= bins:
@@ -91,7 +91,7 @@ def votes_of(table: PairTable, points: Array, normals: Array, i: int, near: Arra
     ("seed", "in_plane", "noise_m"), [(2, 0, 0.0), (3, 0, 0.05), (4, 9, 0.05), (5, 9, 0.1)]
 )
 def test_the_poses_are_those_of_the_most_votes(seed: int, in_plane: int, noise_m: float) -> None:
-    """Pairs in a plane have so few features that these do not discriminate between points, and do not vote."""
+    """Pairs in a plane have few features, which do not discriminate between points and do not vote."""
     rng = np.random.default_rng(seed)
     points, normals = rng.normal(size=(15, 3)), unit_normals(rng, 15)
     points[:in_plane, 2], normals[:in_plane] = 0.0, [0.0, 0.0, 1.0]

@@ -302,3 +302,16 @@ def test_a_cloud_without_a_fixed_position_is_searched_without_the_region(frame: 
     found, _ = finder(dpm).find(request(**parameters), ("mana",), 1e9)
     assert (found is not None) == is_used
     assert ["region" in search for search in dpm.searches] == [True, False]
+
+
+@pytest.mark.parametrize("product", ["dem", "pointcloud", "navigation_map"])
+def test_a_region_without_products_has_no_match_and_coverage_0(product: str) -> None:
+    class Nothing(DpmDouble):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            return []
+
+    found, reason = finder(Nothing()).find(
+        request(type=product, robot="mana", region="bbox:0,0,1,1"), ("mana",), 1e9
+    )
+    assert found is None
+    assert reason == f"the DPM holds no {product} of mana in the region (coverage 0)"

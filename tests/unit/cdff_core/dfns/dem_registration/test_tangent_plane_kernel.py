@@ -68,7 +68,8 @@ def test_planes_are_those_of_least_squares(radius: int, unknown: float) -> None:
 def test_the_square_of_cells_lies_within_the_map() -> None:
     heights = np.zeros((5, 5), np.float32)
     for x, y, is_inside in (
-        (-0.75, 2.75, True), (-0.751, 2.5, False), (-0.5, 2.751, False), (-0.001, 2.001, True), (0.0, 2.5, False),
+        (-0.75, 2.75, True), (-0.751, 2.5, False), (-0.5, 2.751, False), (-0.001, 2.001, True),
+        (0.0, 2.5, False),
         (-0.5, 2.0, False),
     ):  # fmt: skip
         above, _, _ = computed(np.array([[x, y, 0.5]]), heights, 1)

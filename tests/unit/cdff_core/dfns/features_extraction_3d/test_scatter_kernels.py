@@ -22,8 +22,9 @@ def test_scatters_weight_each_neighbour_by_the_inverse_of_its_own_number() -> No
     for i, neighbours in enumerate(rows):
         weights = {j: 1.0 / len(rows[j]) for j in neighbours if j != i}
         total = sum(weights.values())
-        expected = sum((w * np.outer(points[j] - points[i], points[j] - points[i]) for j, w in weights.items()),
-                       np.zeros((3, 3)))  # fmt: skip
+        expected = np.zeros((3, 3))
+        for j, weight in weights.items():
+            expected += weight * np.outer(points[j] - points[i], points[j] - points[i])
         np.testing.assert_allclose(out[i], expected / total if total else expected, rtol=1e-12)
 
 

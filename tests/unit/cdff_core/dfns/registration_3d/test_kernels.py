@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled pairs and normal equations agree with sums over an exhaustive search, written from the formulas."""
+"""Compiled pairs and normal equations agree with sums over an exhaustive search."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_weights_are_those_of_the_named_kernel(name: str, sign: float) -> None:
 
 
 def expected_system(jacobians: Array, errors: Array, information: Array) -> tuple[Array, Array]:
-    """Return ``sum J^T A J`` and ``sum J^T A e`` of Jacobians (n, d, 6), errors (n, d) and weights (n, d, d)."""
+    """Return ``sum J^T A J`` and ``sum J^T A e`` of arrays (n, d, 6), (n, d) and (n, d, d)."""
     return (
         np.einsum("nia,nij,njb->ab", jacobians, information, jacobians),
         np.einsum("nia,nij,nj->a", jacobians, information, errors),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled steps of the registrations agree with their formulas; extrapolation and convergence at their limits."""
+"""Compiled steps of the registrations agree with their formulas and have exact limits."""
 
 from __future__ import annotations
 

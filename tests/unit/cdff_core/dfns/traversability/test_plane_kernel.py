@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 def plane(z: Array, r: int, c: int, half: int, min_cells: int) -> tuple[float, float, float, float]:
-    """Return slope, RMS, height at the cell and leverage of the plane through the observed cells around it."""
+    """Return slope, RMS, height at the cell and leverage of the plane through the cells around."""
     rows, cols = np.nonzero(np.isfinite(z))
     near = (np.abs(rows - r) <= half) & (np.abs(cols - c) <= half)
     A = np.column_stack([cols[near] - c, rows[near] - r, np.ones(near.sum())])
