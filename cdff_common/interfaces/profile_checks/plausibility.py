@@ -12,10 +12,11 @@ from cdff_common.errors import CdffError
 from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import read_urdf
-from cdff_common.interfaces.profile import Robot, Sensor
+from cdff_common.interfaces.profile import Robot
 from cdff_common.interfaces.profile_checks.faults import Finding
 from cdff_common.interfaces.profile_checks.frames import owner_of
 from cdff_common.interfaces.profile_checks.reading import Reading
+from cdff_common.interfaces.sensor_profile import Sensor
 from cdff_common.interfaces.yaml_file import Location
 
 #: Bounds of the mounts of rovers and servicers: farther from the base than 3 m, a baseline below 1 cm or over
