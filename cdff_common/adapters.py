@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common import clock
 from cdff_common.errors import InputError
 from cdff_common.extras import import_extra
 from cdff_common.output import check_file, format_of_suffix, write_file
@@ -22,6 +24,14 @@ _ARRAYS = (
     *("stamps_ns", "matrices", "covariances", "sources_px", "sinks_px", "probabilities", "points_px"),
     *("sources_m", "sinks_m", "descriptors"),
 )
+
+
+def to_datetime(value: Any) -> datetime:
+    """Return the stamp of a message in UTC; raises InputError if it has none."""
+    stamp_ns = getattr(value, "stamp_ns", None)
+    if not isinstance(stamp_ns, int):
+        raise InputError(f"a {type(value).__name__} has no stamp")
+    return clock.to_datetime(stamp_ns)
 
 
 def to_numpy(value: Any) -> dict[str, NDArray[Any]]:

@@ -28,7 +28,7 @@ _DRIVERS = (
     (Path("/usr/lib/chromium/vk_swiftshader_icd.json"), Path("/usr/lib/chromium/libvulkan.so.1")),
 )
 #: Longest time until the picture, and time after which the notices at the start have disappeared, seconds.
-_TIMEOUT_S, _NOTICES_S = 60.0, 6.0
+_TIMEOUT_S, _NOTICES_S = 120.0, 6.0
 
 
 def software_vulkan(folder: Path) -> dict[str, str] | None:
@@ -52,7 +52,7 @@ def take_picture(recording: Path, size: str, driver: Mapping[str, str]) -> bytes
     Raises
     ------
     UnavailableError
-        If the viewer does not start, or has not drawn within a minute.
+        If the viewer does not start, or has not drawn within two minutes.
     """
     from rerun.experimental import ViewerClient
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from cdff_common.codecs.wire_types import base_type
 from cdff_common.contract.limits import MAX_PAGE
-from cdff_common.errors import ExtrapolationError, FrameNotFoundError
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
+from cdff_common.interfaces.registry import Registry
 from cdff_common.world import World, WorldEdge, WorldItem
 
 if TYPE_CHECKING:
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 #: Call of the DPM with a verb and its parameters; returns the body of the reply.
 DpmCall = Callable[[str, Mapping[str, object]], Any]
+
+
+#: Refusals of a pose: NOT_FOUND is read from the bus as ProductNotFoundError, whatever was not found.
+_NO_POSE = (ExtrapolationError, FrameNotFoundError, ProductNotFoundError)
 
 
 def retrieve_world(client: Client, dpm: DpmCall, t_ns: int | None, *, values: bool) -> World:
@@ -36,21 +41,27 @@ def retrieve_world(client: Client, dpm: DpmCall, t_ns: int | None, *, values: bo
 def _products(
     client: Client, dpm: DpmCall, t_ns: int
 ) -> tuple[dict[str, Mapping[str, Any]], dict[tuple[str, str], str]]:
-    """Return the newest products by name, and the parent and child of every pose with its name.
-
-    Of each robot and product type, the newest ``MAX_PAGE`` products are searched.
-    """
+    """Return the newest products by name, and the parent and child of every pose with its name."""
     newest: dict[str, Mapping[str, Any]] = {}
     pose_frames: dict[tuple[str, str], str] = {}
     for robot, counts in dpm("stat", {})["by_robot"].items():
         for product in counts:
-            for found in client.search(product, robot=robot, t1=t_ns, limit=MAX_PAGE):
+            for found in _newest(client, product, robot, t_ns):
                 name = f"/{robot}/{found['dfpc']}.{found['port']}"
                 if found.get("child") and base_type(found["type_name"]) == "TransformWithCovariance":
                     pose_frames.setdefault((found["frame"], found["child"]), name)
                 if int(found["t1_ns"]) <= t_ns and found["quality"]["status"] != "FAILED":
                     newest.setdefault(name, found)
     return newest, pose_frames
+
+
+def _newest(client: Client, product: str, robot: str, t_ns: int) -> Iterator[Mapping[str, Any]]:
+    """Yield the newest ``MAX_PAGE`` products of a type and robot; if there are more, those of each DFPC."""
+    page = client.search(product, robot=robot, t1=t_ns, limit=MAX_PAGE)
+    yield from page
+    if len(page) == MAX_PAGE:
+        for dfpc in sorted(Registry.default().dfpcs):
+            yield from client.search(product, robot=robot, dfpc=dfpc, t1=t_ns, limit=MAX_PAGE)
 
 
 def _item(client: Client, found: Mapping[str, Any], *, values: bool) -> WorldItem:
@@ -88,7 +99,7 @@ def _moving(
     for (parent, child), name in sorted(pose_frames.items()):
         try:
             body = dpm("pose", {"parent": parent, "child": child, "t": t_ns})
-        except (ExtrapolationError, FrameNotFoundError) as error:
+        except _NO_POSE as error:
             omitted[f"{parent} to {child} by {name}"] = str(error)
             continue
         yield WorldEdge(parent, child, _transform(body), name)

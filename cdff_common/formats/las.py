@@ -92,6 +92,19 @@ def write_laz(cloud: CloudArrays) -> bytes:
     return out.getvalue()
 
 
+def _check_chunks(s: Source, start: int, count: int) -> None:
+    """Refuse a table of more chunks than points: lazrs allocates memory for all and ends the process."""
+    last = len(s.data) - 8
+    if 0 <= start <= last:
+        (at,) = struct.unpack_from("<q", s.data, start)
+        if at == -1:  # the writer could not go back
+            (at,) = struct.unpack_from("<q", s.data, last)
+        if 0 <= at <= last:
+            _, chunks = struct.unpack_from("<II", s.data, at)
+            if chunks > max(count, 1):
+                raise s.error(f"byte {at}: {chunks} chunks for {count} points, expected at most {count}")
+
+
 def _read_laz(s: Source) -> CloudArrays:
     try:
         import laspy
@@ -105,8 +118,12 @@ def _read_laz(s: Source) -> CloudArrays:
         records += struct.unpack_from("<I", s.data, 243)[0]
     if records * _VARIABLE_RECORD_BYTES > len(s.data):
         raise s.error(f"{len(s.data)} bytes, too few for {records} variable length records")
+    (start,) = struct.unpack_from("<I", s.data, 96)
     record_bytes, count = struct.unpack_from("<HI", s.data, 105)
+    if s.data[25] >= 4 and len(s.data) >= 375:
+        count = max(count, *struct.unpack_from("<Q", s.data, 247))
     s.check_claim(count * record_bytes, f"{count} points of {record_bytes} bytes")
+    _check_chunks(s, start, count)
     try:
         unpacked = laspy.read(io.BytesIO(s.data), laz_backend=laspy.LazBackend.Lazrs)
         points = np.stack([unpacked.x, unpacked.y, unpacked.z], axis=1).astype(np.float64)

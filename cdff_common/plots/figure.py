@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,31 @@ from cdff_common.extras import import_extra
 from cdff_common.output import check_file, write_file
 
 _DPI = 120
+_NOTEBOOK_DPI = 72
 _FORMATS = ("png", "svg")
 
 
 def new_figure(width_in: float = 9.0, height_in: float = 7.0) -> Any:
-    """Return an empty ``matplotlib.figure.Figure``; raises CdffError if matplotlib is not installed."""
-    return import_extra("matplotlib.figure").Figure(figsize=(width_in, height_in), layout="constrained")
+    """Return an empty ``matplotlib.figure.Figure``, which notebooks show as a picture.
+
+    Raises CdffError if matplotlib is not installed.
+    """
+    return _figure_class()(figsize=(width_in, height_in), layout="constrained")
+
+
+@cache
+def _figure_class() -> Any:
+    base: Any = import_extra("matplotlib.figure").Figure
+
+    class NotebookFigure(base):  # type: ignore[misc]
+        """Figure that notebooks show without a backend of matplotlib."""
+
+        def _repr_png_(self) -> bytes:
+            out = io.BytesIO()
+            self.savefig(out, format="png", dpi=_NOTEBOOK_DPI)
+            return out.getvalue()
+
+    return NotebookFigure
 
 
 def figure_bytes(figure: Any, form: str = "png") -> bytes:

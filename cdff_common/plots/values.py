@@ -118,6 +118,22 @@ def _image(figure: Any, axes: Any, value: types.Frame) -> None:
     drawing.draw_image(figure, axes, value.image[:, :, ::-1] if is_reversed else value.image)
 
 
+def _distances(figure: Any, axes: Any, value: types.DistanceImage) -> None:
+    distances_m = np.asarray(value.data).reshape(value.height, value.width)
+    drawing.draw_image(figure, axes, np.where(distances_m > 0.0, distances_m, np.nan), "distance, m")
+
+
+def _matches(_: Any, axes: Any, value: types.CorrespondenceMap2D) -> None:
+    """Draw the points of the first image, with lines to the same points of the second one."""
+    lines = np.full((len(value.sources_px), 3, 2), np.nan)  # a row of NaN separates the lines
+    lines[:, 0], lines[:, 1] = value.sources_px, value.sinks_px
+    axes.plot(lines[..., 0].ravel(), lines[..., 1].ravel(), color="C1", lw=0.8, label="to the second image")
+    axes.plot(*value.sources_px.T, "o", ms=2, color="C0", label="first image")
+    axes.set(xlabel="column, px", ylabel="row, px", aspect="equal")
+    axes.invert_yaxis()
+    axes.legend(fontsize=8)
+
+
 def _graph(_: Any, axes: Any, value: types.PoseGraph) -> None:
     positions_m = value.vertices.matrices[:, :3, 3]
     plane = drawing.widest_plane(positions_m) if len(positions_m) > 1 else (0, 1)
@@ -132,12 +148,17 @@ def _graph(_: Any, axes: Any, value: types.PoseGraph) -> None:
 
 
 _DRAWINGS: dict[str, Draw] = {
+    "CorrespondenceMap2D": _matches,
+    "DistanceImage": _distances,
     "ElevationMap": _elevation,
     "Frame": _image,
     "FramePair": lambda figure, axes, value: _image(figure, axes, value.left),
+    "LandmarkMap": lambda figure, axes, value: drawing.draw_cloud(figure, axes, value.data.positions),
     "LidarMap": _cloud,
     "LidarScan": _cloud,
+    "Mesh": lambda figure, axes, value: drawing.draw_cloud(figure, axes, value.data.vertices),
     "NavigationMap": _navigation,
+    "ObjectTrack": lambda _, axes, value: _poses(axes, value.matrices, "track"),
     "Pointcloud": _cloud,
     "PoseGraph": _graph,
     "PoseTrajectory": lambda _, axes, value: _poses(axes, value.matrices, "trajectory"),

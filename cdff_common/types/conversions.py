@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from numpy.typing import NDArray
 
 
@@ -15,6 +17,12 @@ class Conversions:
     """Mix-in of ``Message``; the libraries are imported when a method is called."""
 
     __slots__ = ()
+
+    def to_datetime(self) -> datetime:
+        """Return the stamp in UTC, ``stamp_ns`` in another form; raises InputError if there is none."""
+        from cdff_common import adapters
+
+        return adapters.to_datetime(self)
 
     def to_numpy(self) -> dict[str, NDArray[Any]]:
         """Return the arrays of the message by name: layers, points, image, poses."""

@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """Print every fault; return 1 if there is one."""
     from cdff_common.errors import InputError
     from cdff_common.interfaces.registry import Registry
+    from cdff_common.progress import elapsed
 
     if args.profile is not None:
         from cdff_dev.check.profile import report
@@ -51,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
 
     root = Tree.here().root
     registry = Registry.default()
-    faults = descriptions.faults(root, registry) + requirements.faults(root, verified=args.verified)
+    with elapsed("check"):
+        faults = descriptions.faults(root, registry) + requirements.faults(root, verified=args.verified)
     if args.json:
         print(json.dumps(faults, indent=1))
     else:

@@ -10,7 +10,7 @@ import heapq
 import json
 import logging
 import math
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,13 +91,23 @@ def _count(*logs: LogSource) -> int:
 
 def _info(args: argparse.Namespace) -> int:
     from cdff_common.progress import counted, elapsed
-    from cdff_dev.logs import LogReader, open_log
+    from cdff_dev.logs import LogReader
+    from cdff_dev.logs.content import describe
+    from cdff_dev.logs.formats import LogLocation, is_log
     from cdff_dev.logs.information import size_bytes, stream_reports
     from cdff_dev.logs.mapping import map_text, topic_map
+    from cdff_dev.logs.opened import opened
 
-    if args.json:
-        logging.getLogger("cdff_dev.logs").setLevel(logging.ERROR)  # the quirks are in the JSON
-    with closing(open_log(args.log, args.calibration)) as log:
+    location = LogLocation.of(args.log)
+    if not is_log(location) and (content := describe(location)) is not None:
+        print(json.dumps({"streams": {}, "content": content}) if args.json else f"no recording: {content}")
+        return 0
+    with ExitStack() as stack:
+        if args.json:  # the quirks are in the JSON
+            logger = logging.getLogger("cdff_dev.logs")
+            stack.callback(logger.setLevel, logger.level)
+            logger.setLevel(logging.ERROR)
+        log = stack.enter_context(opened(args.log, args.calibration))
         if args.map:
             print(map_text(log.streams, topic_map(log.streams)))
             return 0
@@ -107,13 +117,13 @@ def _info(args: argparse.Namespace) -> int:
         with elapsed("reading the stamps"):
             reports = stream_reports(log)
         if args.json:
-            content = {
+            document = {
                 "streams": {name: report.to_json() for name, report in reports.items()},
                 "quirks": dict(log.quirks.counts) if isinstance(log, LogReader) else {},
                 "unconverted": {name: asdict(item) for name, item in log.unconverted.items()},
                 "bytes": size_bytes(args.log),
             }
-            print(json.dumps(content))
+            print(json.dumps(document))
             return 0
         width = max((len(name) for name in reports), default=0)
         for name, report in reports.items():
@@ -126,9 +136,9 @@ def _info(args: argparse.Namespace) -> int:
 
 def _cat(args: argparse.Namespace) -> int:
     from cdff_common.clock import format_stamp
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
 
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         for i, sample in enumerate(_selected_samples(log, args)):
             if args.limit is not None and i >= args.limit:
                 break
@@ -171,10 +181,11 @@ def _jsonable(value: Any) -> Any:
 
 def _cut(args: argparse.Namespace) -> int:
     from cdff_common.progress import counted
-    from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.logs.opened import opened
     from cdff_dev.logs.sinks import refuse_own_input
 
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         refuse_own_input(log, Path(args.out))
         with LogWriter(args.out) as writer:
             for sample in counted(_selected_samples(log, args), 0, "samples"):
@@ -185,14 +196,15 @@ def _cut(args: argparse.Namespace) -> int:
 def _merge(args: argparse.Namespace) -> int:
     from cdff_common.errors import InputError
     from cdff_common.progress import counted
-    from cdff_dev.logs import LogWriter, open_log
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.logs.opened import opened
     from cdff_dev.logs.sinks import refuse_own_input
 
     with ExitStack() as stack:
         logs = []
         path_of: dict[str, str] = {}
         for path in args.logs:
-            log = stack.enter_context(closing(open_log(path)))
+            log = stack.enter_context(opened(path))
             refuse_own_input(log, Path(args.out))
             for name in log.streams:
                 if name in path_of:

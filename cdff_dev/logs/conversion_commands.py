@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -74,12 +73,12 @@ def _add_calibration(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace) -> int:
-    from cdff_dev.logs import open_log
     from cdff_dev.logs.conversion import TimeSpan, convert_log
     from cdff_dev.logs.mapping import read_map
+    from cdff_dev.logs.opened import opened
 
     mapping = None if args.map is None else read_map(args.map)
-    with closing(open_log(args.source, args.calibration)) as log:
+    with opened(args.source, args.calibration) as log:
         report = convert_log(
             log,
             args.target,
@@ -99,14 +98,14 @@ def _convert(args: argparse.Namespace) -> int:
 
 def _diff(args: argparse.Namespace) -> int:
     from cdff_common.progress import elapsed
-    from cdff_dev.logs import open_log
     from cdff_dev.logs.differences import EXACT, ROUNDING
     from cdff_dev.logs.log_comparison import log_differences
+    from cdff_dev.logs.opened import opened
 
     with (
+        opened(args.first) as first,
+        opened(args.second) as second,
         elapsed("comparison"),
-        closing(open_log(args.first)) as first,
-        closing(open_log(args.second)) as second,
     ):
         lines = log_differences(first, second, ROUNDING if args.rounding else EXACT)
     if args.json:
@@ -118,10 +117,10 @@ def _diff(args: argparse.Namespace) -> int:
 
 def _export(args: argparse.Namespace) -> int:
     from cdff_common.progress import elapsed
-    from cdff_dev.logs import open_log
     from cdff_dev.logs.export import export_stream
+    from cdff_dev.logs.opened import opened
 
-    with elapsed("export"), closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log, elapsed("export"):
         count = export_stream(log, args.stream, args.out)
     print(f"{args.out}: {count} samples of {args.stream}")
     return 0

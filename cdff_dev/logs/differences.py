@@ -54,7 +54,7 @@ def _equal(a: Any, b: Any, tolerance: tuple[float, float]) -> bool:
         if a.shape != b.shape:
             return False
         is_float = a.dtype.kind == "f" and b.dtype.kind == "f"
-        if np.array_equal(a, b, equal_nan=is_float):
+        if np.array_equal(a, b) or (is_float and np.array_equal(a, b, equal_nan=True)):
             return True
         return is_float and np.allclose(a, b, *tolerance, equal_nan=True)
     if isinstance(a, float) and isinstance(b, float):

@@ -32,7 +32,7 @@ def read_rows(path: Path, columns: int) -> list[tuple[int, list[str]]]:
     rows = []
     for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
         words = _SEPARATOR.split(line.strip())
-        if line.startswith("#") or not line.strip() or (number == 1 and words[0][0].isalpha()):
+        if line.startswith("#") or not line.strip() or (number == 1 and words[0][:1].isalpha()):
             continue
         if len(words) < columns:
             raise InputError(f"{path}:{number}: {len(words)} columns, expected at least {columns}")
@@ -56,7 +56,7 @@ def read_times(path: Path, rows: list[tuple[int, list[str]]], unit_ns: int) -> S
             stamp_ns = Decimal(words[0]) * unit_ns
             if not 0 <= stamp_ns <= _MAX_NS:
                 raise InvalidOperation
-        except InvalidOperation:
+        except ArithmeticError:
             raise InputError(f"{path}:{number}: {words[0]!r}, expected a time since 1970") from None
         stamps_ns.append((int(stamp_ns) + 500) // 1000 * 1000)
     return np.array(stamps_ns, np.int64)

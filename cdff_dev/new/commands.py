@@ -37,19 +37,18 @@ def _run(args: argparse.Namespace) -> int:
 def write_profile(args: argparse.Namespace) -> int:
     """Write a profile for the robots of a log; raises InputError if the file exists."""
     import re
-    from contextlib import closing
 
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.output import write_file
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
     from cdff_dev.new.profile import profile_text
 
     stem = re.sub(r"[^a-z0-9_]+", "_", Path(args.name).resolve().stem.lower()).strip("_") or "robot"
     out: Path = args.out or Path(f"{stem}.yaml")
     if out.exists():
         raise InputError(f"{out} exists: name another file with --out")
-    with closing(open_log(args.name)) as log:
+    with opened(args.name) as log:
         write_file(out, profile_text(log, args.name, stem).encode())
     profile = load_profile(out)
     names = ", ".join(entry.name for robot in profile.robots for entry in robot.dfpcs) or "none"

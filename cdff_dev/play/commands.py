@@ -79,12 +79,12 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from contextlib import ExitStack, closing
+    from contextlib import ExitStack
 
     from cdff_common.bus import Bus
     from cdff_common.cli import key_values
     from cdff_common.process import run_service
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened as opened_log
     from cdff_dev.play.control import keyboard, serve_control
     from cdff_dev.play.log_part import LogPart
     from cdff_dev.play.looped_log import LoopedLog
@@ -95,7 +95,7 @@ def _run(args: argparse.Namespace) -> int:
 
     def body(stop: threading.Event) -> None:
         with ExitStack() as stack:
-            opened = stack.enter_context(closing(open_log(args.log)))
+            opened = stack.enter_context(opened_log(args.log))
             part = LogPart(opened, args.topics, args.start, args.duration)
             log = LoopedLog(part, is_repeated=args.loop)
             bus = stack.enter_context(Bus.open(args.connect, name="player"))

@@ -45,7 +45,7 @@ def serve_control(bus: Bus, player: Player, stop: threading.Event) -> None:
 
 
 def control(player: Player, stop: threading.Event, verb: str, value: str = "") -> None:
-    """Execute a verb with the value of its parameter; raises InputError for an unknown one, or a wrong value."""
+    """Execute a verb with the value of its parameter; raises InputError if either is wrong."""
     if verb == "pause":
         player.pause()
     elif verb == "resume":

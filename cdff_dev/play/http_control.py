@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Control of a running player by HTTP on this machine: a page, the status, and the verbs of ``control``.
 
-``GET /status`` and ``POST /{verb}``, with the parameters of the calls on the bus, answer with the status. Requests
-with the ``Host`` of another machine, and writes from pages of another origin, are refused, as by the DPM.
+``GET /status`` and ``POST /{verb}``, with the parameters of the calls on the bus, answer with the status.
+Requests with the ``Host`` of another machine, and writes from pages of another origin, are refused, as by the
+DPM.
 """
 
 from __future__ import annotations
 
+import logging
 import socket
 import threading
 from collections.abc import Iterator
@@ -84,6 +86,7 @@ def served(player: Player, stop: threading.Event, port: int) -> Iterator[str]:
     config = uvicorn.Config(
         create_app(player, stop), log_config=None, access_log=False, lifespan="off", server_header=False
     )
+    logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, name="http", daemon=True)
     thread.start()

@@ -23,7 +23,7 @@ class LogPart(LogSource):
     patterns : collection of str
         Patterns of stream names such as ``*/navcam.*``; empty for all streams.
     start : str
-        Seconds after the first sample of the streams, negative ones before the last sample, or a time (RFC 3339).
+        Seconds after the first sample of the streams, negative ones before the last, or a time (RFC 3339).
     duration_s : float, optional
         Default: to the end.
 

@@ -103,6 +103,9 @@ class LoopedLog(LogSource):
         return self._T_one
 
     def _later(self, sample: LogSample, value: Any, lap: int, count: int) -> LogSample:
+        """Return a sample of a lap; those of the first lap stay as they are, with the id of their header."""
+        if lap == 0:
+            return sample
         shift_ns = lap * self._period_ns
         stamp_ns, seq = sample.stamp_ns + shift_ns, sample.seq + lap * count
         header = sample.header

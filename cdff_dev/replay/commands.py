@@ -97,10 +97,8 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay; return 0, or raise RefusedError (exit code 3) if every output of the DFPC is FAILED."""
-    from contextlib import closing
-
     from cdff_common.errors import InputError
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
 
     if args.plot is not None:
         from cdff_common.plots import check_plot_file
@@ -108,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     if args.dfpc and args.store:
         raise InputError("--store needs --requests; the outputs of one DFPC are written to --out only")
-    with closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log:
         return _replay(args, log) if args.dfpc else _mission(args, log)
 
 

@@ -48,20 +48,23 @@ def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
 
 
 def _run(name: str, args: argparse.Namespace) -> int:
-    from contextlib import closing, suppress
+    from contextlib import suppress
 
+    from cdff_common.extras import import_extra
     from cdff_common.output import make_folder
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
     from cdff_dev.slam.elevation import map_elevation
     from cdff_dev.slam.estimation import estimate
     from cdff_dev.slam.files import write_files
     from cdff_dev.slam.methods import METHODS, method_for
     from cdff_dev.slam.report import summary_text
 
+    if args.view:
+        import_extra("rerun")  # a missing viewer is reported before the work
     out: Path = args.out or _default_folder(name, Path(args.log).resolve())
     make_folder(out)  # a folder that cannot be written is reported before the work
     try:
-        with closing(open_log(args.log, args.calibration)) as log:
+        with opened(args.log, args.calibration) as log:
             method = METHODS[name] if name in METHODS else method_for(log)
             estimation, elevation = estimate(method, log, args.log, args.profile, args.stream), None
             if name == "dem":

@@ -25,7 +25,7 @@ from cdff_dev.logs.source import LogSource
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.slam.estimation import Estimation
 
-_DFPC = "digital_elevation_mapping"
+ELEVATION_DFPC = "digital_elevation_mapping"
 #: Variant with a map of the whole traverse, for both sensors.
 _IMPLEMENTATION = "LidarGlobal"
 #: Axes of a level camera: x right, y down, z forward; of the base: x forward, y left, z up.
@@ -40,11 +40,14 @@ class Elevation:
     ----------
     map : ElevationMap
         Frame ``{robot}/start``: z up, x forward at the first pose.
+    T_start_origin : ndarray, shape (4, 4)
+        Pose of the frame of the trajectory in the frame of the map.
     run : dict
         Configuration and counts, for ``run.json``.
     """
 
     map: ElevationMap
+    T_start_origin: se3.FloatArray
     run: dict[str, Any]
 
 
@@ -87,13 +90,14 @@ def map_elevation(
     if all(product.header.quality.status is Status.FAILED for product in patches):
         raise RefusedError(f"no elevation map: {', '.join(reasons) or 'no patch was made'}")
     elevation: ElevationMap = dfpc.call("get_whole_map", {})
-    return Elevation(elevation, _summary(dfpc, elevation, patches, reasons))
+    T_start_origin = T_base_child @ se3.inverse(estimation.track.matrices[0])
+    return Elevation(elevation, T_start_origin, _summary(dfpc, elevation, patches, reasons))
 
 
 def _configured(
     estimation: Estimation, robot: str, resolution_m: float, profile: str | None, T_base_child: se3.FloatArray
 ) -> Dfpc:
-    dfpc = Registry.default().make_dfpc(_DFPC)
+    dfpc = Registry.default().make_dfpc(ELEVATION_DFPC)
     parameters: dict[str, Any] = {"resolution_m": resolution_m}
     if profile is None:
         frames = FrameGraph()
@@ -101,7 +105,7 @@ def _configured(
         context = DfpcContext(robot, frames)
     else:
         of_robot = load_profile(profile).robot(robot)
-        entry = next((entry for entry in of_robot.dfpcs if entry.name == _DFPC), None)
+        entry = next((entry for entry in of_robot.dfpcs if entry.name == ELEVATION_DFPC), None)
         context = of_robot.context(of_robot.dfpc(estimation.method.dfpc) if entry is None else entry)
         parameters |= {} if entry is None else dict(entry.parameters)
     with compilation_notice(dfpc.name):

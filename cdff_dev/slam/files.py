@@ -17,12 +17,13 @@ from cdff_common.formats.geotiff import write_map
 from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose_graph import write_pose_graph
 from cdff_common.formats.tum import write_tum
-from cdff_common.geometry import se3
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.json_form import jsonable
 from cdff_common.output import make_folder, write_file
+from cdff_common.types import TransformWithCovariance
 from cdff_dev.compare.trajectory.compare import Comparison, compare
 from cdff_dev.logs import LogWriter
-from cdff_dev.slam.elevation import Elevation
+from cdff_dev.slam.elevation import ELEVATION_DFPC, Elevation
 from cdff_dev.slam.estimation import Estimation
 from cdff_dev.slam.html_report import run_report
 from cdff_dev.slam.pictures import elevation_picture, map_picture, trajectory_picture
@@ -50,7 +51,7 @@ def write_files(estimation: Estimation, folder: Path, elevation: Elevation | Non
     if elevation is not None:
         write_file(folder / "dem.tif", write_map(elevation.map))
         write_file(folder / "dem.png", elevation_picture(elevation.map))
-    _write_outputs(estimation, folder / "outputs.msg")
+    _write_outputs(estimation, elevation, folder / "outputs.msg")
     comparison, reason = _comparison(estimation)
     write_file(folder / "trajectory.png", trajectory_picture(track, comparison))
     summary = {
@@ -68,12 +69,28 @@ def write_files(estimation: Estimation, folder: Path, elevation: Elevation | Non
     return document
 
 
-def _write_outputs(estimation: Estimation, path: Path) -> None:
-    """Write the poses with their quality, and the last products of the other ports, as a log."""
+def _write_outputs(estimation: Estimation, elevation: Elevation | None, path: Path) -> None:
+    """Write the poses with their quality, the last products of the other ports, and the map, as a log."""
     with LogWriter(path) as writer:
         for product in sorted(estimation.products, key=lambda item: item.header.t1_ns):
             name = f"/{product.robot}/{product.dfpc}.{product.port}"
             writer.write(name, product.value, product.header.t1_ns, product.header)
+        if elevation is not None:
+            _write_elevation(estimation, elevation, writer)
+
+
+def _write_elevation(estimation: Estimation, elevation: Elevation, writer: LogWriter) -> None:
+    """Write the elevation map, and the pose of the frame of the trajectory in that of the map."""
+    pose = next(product for product in estimation.products if product.header.child)
+    t0_ns, t1_ns = (int(estimation.track.stamps_ns[i]) for i in (0, -1))
+    origin = TransformWithCovariance.from_transform(
+        UncertainTransform(elevation.T_start_origin),
+        parent=elevation.map.frame,
+        child=pose.header.frame,
+        stamp_ns=t0_ns,
+    )
+    writer.write(f"/{pose.robot}/{ELEVATION_DFPC}.origin", origin, t0_ns)
+    writer.write(f"/{pose.robot}/{ELEVATION_DFPC}.map", elevation.map, t1_ns)
 
 
 def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:

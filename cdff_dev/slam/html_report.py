@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cdff_dev.compare.trajectory.compare import Comparison
+from cdff_dev.compare.trajectory.plot import ALIGNMENTS
 from cdff_dev.slam.estimation import Estimation
 from cdff_dev.slam.pictures import error_picture, timing_picture
 
@@ -78,14 +79,26 @@ def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _error_rows(results: Mapping[str, Any]) -> list[tuple[str, str]]:
     position, rotation = results["ate"]["translation_m"], results["ate"]["rotation_aligned_deg"]
+    alignment = ALIGNMENTS[results["alignment"]["mode"]]
     poses, share = results["poses"], results["ate"]["rmse_percent_of_path"]
     rows = [
         ("Poses compared", f"{poses['compared']} of {poses['estimate']}"),
-        ("Alignment", f"{results['alignment']['mode']}; orientations by their mean rotation"),
+        ("Estimate", f"{alignment}; orientations by their mean rotation"),
         ("Position", f"RMSE {position['rmse']:.3f} m, largest {position['max']:.3f} m"),
         ("Orientation", f"RMSE {rotation['rmse']:.3f} degrees, largest {rotation['max']:.3f} degrees"),
     ]
-    return rows if share is None else [*rows, ("RMSE by path length", f"{share:.2f} %")]
+    if share is not None:
+        rows.append(("RMSE by path length", f"{share:.2f} %"))
+    drift = results["drift"]
+    if drift["segments"]:
+        lengths_m = [segment["length_m"] for segment in drift["segments"]]
+        rows.append(
+            (
+                f"Drift over {min(lengths_m):g} to {max(lengths_m):g} m",
+                f"{drift['translation_percent']:.2f} %, {drift['rotation_deg_per_m']:.4f} degrees/m",
+            )
+        )
+    return rows
 
 
 def _configuration(run: Mapping[str, Any]) -> str:

@@ -37,7 +37,11 @@ def trajectory_picture(track: Track, comparison: Comparison | None) -> bytes:
 
 
 def error_picture(comparison: Comparison) -> bytes:
-    """Return a PNG of the errors along the path: position by axis of the true poses' frame, and rotation."""
+    """Return a PNG of the errors along the path: position by axis of the true poses' frame, and rotation.
+
+    The rotation error is that since the first pose: the alignment by positions leaves the rotation about a
+    straight path undetermined.
+    """
     figure = new_figure(10.4, 4.2)
     position, rotation = figure.subplots(1, 2)
     estimate, truth = comparison.estimate, comparison.reference
@@ -46,10 +50,17 @@ def error_picture(comparison: Comparison) -> bytes:
         position.plot(truth.distances_m, errors_m[:, axis], lw=1.2, label="xyz"[axis])
     position.set(xlabel="path length, m", ylabel="position error, m")
     position.legend(fontsize=8)
-    R = np.swapaxes(truth.matrices[:, :3, :3], 1, 2) @ estimate.matrices[:, :3, :3]
-    rotation.plot(truth.distances_m, np.degrees(se3.rotation_angle(R)), color="C3", lw=1.2)
-    rotation.set(xlabel="path length, m", ylabel="rotation error, degrees", ylim=(0.0, None))
+    R_true, R = (_since_start(track.matrices[:, :3, :3]) for track in (truth, estimate))
+    errors_deg = np.degrees(se3.rotation_angle(np.swapaxes(R_true, 1, 2) @ R))
+    rotation.plot(truth.distances_m, errors_deg, color="C3", lw=1.2)
+    rotation.set(xlabel="path length, m", ylabel="rotation error since the start, degrees", ylim=(0.0, None))
     return figure_bytes(figure)
+
+
+def _since_start(rotations: FloatArray) -> FloatArray:
+    """Return rotations ``(n, 3, 3)`` relative to the first one."""
+    relative: FloatArray = rotations[0].T @ rotations
+    return relative
 
 
 def timing_picture(step_s: FloatArray) -> bytes:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import queue
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -17,6 +17,7 @@ from cdff_common.codecs import decode_payload, parse_encoding
 from cdff_common.codecs.wire_types import base_type
 from cdff_common.errors import CdffError
 from cdff_common.interfaces.product import Header
+from cdff_common.mission_clock import ClockState
 from cdff_dev.logs.source import LogSample
 from cdff_dev.view.drawings import Layer, Note, Number
 
@@ -26,6 +27,8 @@ logger = logging.getLogger(__name__)
 _WAITING = 256
 #: Numbers of the status of a DFPC that are plotted.
 _PLOTTED = ("mean_step_cpu_s", "pending", "dropped")
+#: Event that a player repeats with its progress.
+_PROGRESS = "playback"
 
 #: A sample, or a layer from a mission time on.
 Update = LogSample | tuple[int, Layer]
@@ -50,6 +53,7 @@ def live_updates(connect: str | None, duration_s: float | None = None) -> Iterat
     end_s = None if duration_s is None else time.monotonic() + duration_s
     with Bus.open(connect, name="cdff view") as bus:
         clock, states = bus.mission_clock, States()
+        timeline = Timeline()
         for key in (
             keys.sensor("*", "*", "*"),
             keys.product("*", "*", "*"),
@@ -62,7 +66,8 @@ def live_updates(connect: str | None, duration_s: float | None = None) -> Iterat
                 with suppress(queue.Empty):
                     message = waiting.get(timeout=0.2)
                     try:
-                        updates = [*updates_of(message, clock.now_ns(), states)]
+                        now_ns = None if clock.state == ClockState.WALL else clock.now_ns()
+                        updates = [*timeline.placed(updates_of(message, states), now_ns)]
                     except (CdffError, KeyError, TypeError, ValueError) as error:
                         logger.warning("%s is not shown: %s", message.key, error)
                         continue
@@ -74,17 +79,15 @@ def live_updates(connect: str | None, duration_s: float | None = None) -> Iterat
                 )
 
 
-def updates_of(message: Message, now_ns: int, states: States) -> Iterator[Update]:
-    """Yield the sample or the layers of a message; raises CdffError if it is malformed.
-
-    ``now_ns`` is the mission time, at which states and events are shown.
-    """
+def updates_of(message: Message, states: States) -> Iterator[LogSample | Layer]:
+    """Yield the sample or the layers of a message; raises CdffError if it is malformed."""
     _, _, scope, kind, *rest = message.key.split("/")
     if kind == "event":
-        yield now_ns, _event_layer(scope, rest[0], unpack(message.payload))
+        if rest[0] == _PROGRESS:
+            return
+        yield _event_layer(scope, rest[0], unpack(message.payload))
     elif kind == "dfpc":
-        for layer in states.layers(f"/{scope}/{rest[0]}", unpack(message.payload)):
-            yield now_ns, layer
+        yield from states.layers(f"/{scope}/{rest[0]}", unpack(message.payload))
     else:
         yield _sample_of(message, f"/{scope}/{rest[0]}.{rest[1]}")
 
@@ -103,6 +106,36 @@ def _event_layer(scope: str, kind: str, body: Mapping[str, Any]) -> Layer:
     values = (f"{name} {value}" for name, value in body.items() if value not in (None, "", [], {}))
     text = f"{kind}: {', '.join(values)}"
     return Layer(f"/{scope}/events/{kind}", "", Note("WARN" if is_warning else "INFO", text))
+
+
+class Timeline:
+    """Gives states and events their time: that of the mission clock, otherwise of the newest sample.
+
+    Before both are known they wait, because the wall clock can be years from the mission time.
+    """
+
+    def __init__(self) -> None:
+        self._newest_ns: int | None = None
+        self._waiting: dict[str, Layer] = {}
+
+    def placed(self, updates: Iterable[LogSample | Layer], now_ns: int | None) -> Iterator[Update]:
+        """Yield samples, and layers with their time; of those that wait, the last ones of each name."""
+        for update in updates:
+            if isinstance(update, LogSample):
+                self._newest_ns = max(update.stamp_ns, self._newest_ns or update.stamp_ns)
+                yield from self.end(now_ns or self._newest_ns)
+                yield update
+            elif (stamp_ns := now_ns or self._newest_ns) is None:
+                self._waiting[update.path] = update
+            else:
+                yield from self.end(stamp_ns)
+                yield stamp_ns, update
+
+    def end(self, stamp_ns: int) -> Iterator[Update]:
+        """Yield the layers that wait, at a time."""
+        waiting, self._waiting = self._waiting, {}
+        for layer in waiting.values():
+            yield stamp_ns, layer
 
 
 class States:

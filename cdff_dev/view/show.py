@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Collection, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.progress import Progress
-from cdff_dev.logs import open_log
+from cdff_dev.logs.opened import opened
 from cdff_dev.logs.source import LogSample, LogSource
 from cdff_dev.view.derived import Deriver
 from cdff_dev.view.feed import Contents, Feed, path_interval, sources_of
@@ -62,7 +62,7 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
         If no stream is selected, or no sample is in the interval.
     """
     with ExitStack() as stack:
-        logs = [stack.enter_context(closing(open_log(path, calibration))) for path, calibration in paths]
+        logs = [stack.enter_context(opened(path, calibration)) for path, calibration in paths]
         chosen = [(log, names) for log in logs if (names := selection.of(log))]
         infos = [log.streams[name] for log, names in chosen for name in names]
         if not infos:

@@ -67,14 +67,12 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
 
 def _worlds(args: argparse.Namespace, times: list[str | None]) -> list[World]:
     """Return the world of the arguments at each time."""
-    from contextlib import closing
-
     from cdff_common.clock import parse_stamp
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.progress import elapsed
     from cdff_common.world import read_world
-    from cdff_dev.logs import open_log
+    from cdff_dev.logs.opened import opened
     from cdff_dev.world.from_log import time_of, world_of_log
 
     if args.live == (args.log is not None):
@@ -90,7 +88,7 @@ def _worlds(args: argparse.Namespace, times: list[str | None]) -> list[World]:
             raise InputError(f"--at: {path} holds one time only")
         return [read_world(path.read_bytes()) for _ in times]
     profile = None if args.profile is None else load_profile(args.profile)
-    with elapsed("reading the log"), closing(open_log(args.log, args.calibration)) as log:
+    with opened(args.log, args.calibration) as log, elapsed("reading the log"):
         return [world_of_log(log, time_of(log, t, args.log), profile) for t in times]
 
 

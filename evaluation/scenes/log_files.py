@@ -12,7 +12,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import laspy
 import numpy as np
 from mcap.writer import CompressionType, Writer
@@ -27,9 +26,9 @@ from cdff_common.formats.ply import write_ply
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Frame, LidarScan, TransformWithCovariance
 from cdff_dev.logs.formats.infuse.writer import LogWriter
+from evaluation.scenes import data_set_files
+from evaluation.scenes.data_set_files import Files, encoded_png
 
-#: Files of a recording by their path in its folder; the path "" is the recording itself if it is one file.
-Files = dict[str, bytes]
 #: Format whose recordings are measured.
 POCOLOG = "pocolog (measured)"
 _START_NS = 1_600_000_000_000_000_000
@@ -45,10 +44,6 @@ def recordings(data: Path | None, name: str = "all") -> dict[str, list[Files]]:
         small = [path for path in sorted((data / "pocolog").glob("*.0.log")) if path.stat().st_size < 20_000]
         found[POCOLOG] = [{path.name: path.read_bytes()} for path in small]
     return found
-
-
-def _png(image: Any = _IMAGE) -> bytes:
-    return bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def _content(write: Callable[[Path], Path]) -> Files:
@@ -98,7 +93,7 @@ def _messages(store: Any) -> list[tuple[str, str, Any]]:
     if "tf2_msgs/msg/TFMessage" in types:
         tree = ("/tf", "tf2_msgs/msg/TFMessage", ([types[tree[1]](*tree[2])],))
     image = (header, 6, 8, "mono8", 0, 8, _IMAGE.ravel())
-    jpeg = (header, "png", np.frombuffer(_png(), np.uint8))
+    jpeg = (header, "png", np.frombuffer(encoded_png(), np.uint8))
     found = [
         ("/imu", "sensor_msgs/msg/Imu", imu),
         ("/points", "sensor_msgs/msg/PointCloud2", cloud),
@@ -180,73 +175,6 @@ def _mcap(compression: CompressionType) -> bytes:
     return file.getvalue()
 
 
-def _kitti() -> Files:
-    files = {f"image_{c}/{k:06d}.png": _png() for c in (0, 1) for k in range(2)}
-    scan = np.column_stack([_POINTS_M, [0.1, 0.5, 1.0]]).astype("<f4").tobytes()
-    return files | {
-        "calib.txt": f"P0: {_P0}\nP1: {_P1}\n".encode(),
-        "times.txt": b"0.0\n0.1\n",
-        "poses.txt": b"1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 1 0 0 0 0 1 1\n",
-        "velodyne/000001.bin": scan,
-    }
-
-
-def _kitti_raw() -> Files:
-    times = b"2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
-    scan = np.column_stack([_POINTS_M, [0.1, 0.5, 1.0]]).astype("<f4").tobytes()
-    K = b"7 0 4.5 0 7 2.8 0 0 1"
-    files = {f"image_0{c}/data/{k:010d}.png": _png() for c in (0, 1) for k in range(2)}
-    files |= {f"oxts/data/{k:010d}.txt": b"49.0 8.4 112.0" + b" 0.01" * 27 for k in range(2)}
-    files |= {f"velodyne_points/data/{k:010d}.bin": scan for k in range(2)}
-    files |= {f"{name}/timestamps.txt": times for name in ("image_00", "image_01", "oxts", "velodyne_points")}
-    lines = [b"calib_time: 09-Jan-2012 13:57:47"]
-    for k, P in enumerate((_P0, _P1)):
-        name = b"0%d" % k
-        lines += [b"S_%s: 8 6" % name, b"K_%s: %s" % (name, K), b"R_%s: 1 0 0 0 1 0 0 0 1" % name]
-        lines += [b"T_%s: 0 0 0" % name, b"S_rect_%s: 8 6" % name, b"P_rect_%s: %s" % (name, P.encode())]
-    place = b"R: 1 0 0 0 1 0 0 0 1\nT: -0.8 0.3 -0.8\n"
-    return files | {
-        "calib_cam_to_cam.txt": b"\n".join(lines),
-        "calib_imu_to_velo.txt": place,
-        "calib_velo_to_cam.txt": place,
-    }
-
-
-def _euroc() -> Files:
-    camera = "camera_model: pinhole\nintrinsics: [7, 7, 4.5, 2.8]\nresolution: [8, 6]\n"
-    camera += "distortion_model: radial-tangential\ndistortion_coefficients: [0, 0, 0, 0]\n"
-    files: Files = {}
-    for number, x in ((0, 0.0), (1, 0.11)):
-        pose = f"T_BS:\n  cols: 4\n  rows: 4\n  data: [1, 0, 0, {x}, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
-        files[f"mav0/cam{number}/sensor.yaml"] = (camera + pose).encode()
-        files[f"mav0/cam{number}/data.csv"] = b"#timestamp,filename\n%d,%d.png\n" % (_START_NS, _START_NS)
-        files[f"mav0/cam{number}/data/{_START_NS}.png"] = _png()
-    files["mav0/imu0/data.csv"] = b"#timestamp,w,a\n%d,0.1,0.2,0.3,1,2,9.8\n" % _START_NS
-    files["mav0/state_groundtruth_estimate0/data.csv"] = b"#t,p,q\n%d,1,2,3,1,0,0,0\n" % _START_NS
-    return files
-
-
-def _tum() -> Files:
-    depth = np.full((480, 640), 5000, np.uint16)
-    return {
-        "rgb.txt": b"# timestamp filename\n1600000000.1 rgb/1.png\n",
-        "depth.txt": b"1600000000.1 depth/1.png\n",
-        "groundtruth.txt": b"1600000000.1 1 2 3 0 0 0 1\n",
-        "accelerometer.txt": b"1600000000.1 1 2 3\n",
-        "rgb/1.png": _png(np.zeros((480, 640), np.uint8)),
-        "depth/1.png": _png(depth),
-    }
-
-
-def _images() -> Files:
-    matrix = "!!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [7, 0, 4.5, 0, 7, 2.8, 0, 0, 1]\n"
-    stereo = f"%YAML:1.0\n---\nM1: {matrix}M2: {matrix}D1: []\nD2: []\n"
-    stereo += "R: [1, 0, 0, 0, 1, 0, 0, 0, 1]\nT: [-0.2, 0, 0]\n"
-    files = {f"{side}/{k}.png": _png() for side in ("left", "right") for k in (1, 2)}
-    truth = b"image,qw,qx,qy,qz,tx_m,ty_m,tz_m\n1.png,1,0,0,0,0,0,0\n"
-    return files | {"camera.yaml": stereo.encode(), "left/times.txt": b"0.1\n0.2\n", "truth.csv": truth}
-
-
 def _clouds() -> dict[str, bytes]:
     cloud = CloudArrays.of(_POINTS_M, [10.0, 20.0, 30.0])
     npy, npz, las = io.BytesIO(), io.BytesIO(), io.BytesIO()
@@ -257,16 +185,25 @@ def _clouds() -> dict[str, bytes]:
     points = laspy.LasData(header)
     points.x, points.y, points.z = _POINTS_M.T
     points.write(las)
+    laz = io.BytesIO()
+    points.write(laz, do_compress=True)
     return {
         "bin": np.column_stack([_POINTS_M, [0.1, 0.5, 1.0]]).astype("<f4").tobytes(),
         "ply": write_ply(cloud),
         "pcd": write_pcd(cloud),
         "las": las.getvalue(),
+        "laz": laz.getvalue(),
         "npz": npz.getvalue(),
         "npy": npy.getvalue(),
         "xyz": b"x y z i\n5 1 -1.7 10\n3 4 0.5 20\n2 -3 0.1 30\n",
         "e57": _e57(),
     }
+
+
+def _sweeps() -> Files:
+    """A folder of scans with their times."""
+    scan = np.column_stack([_POINTS_M, [0.1, 0.5, 1.0]]).astype("<f4").tobytes()
+    return {"0.bin": scan, "1.bin": scan, "times.txt": b"0.1\n0.2\n"}
 
 
 def _e57() -> bytes:
@@ -301,13 +238,16 @@ _BUILDERS: dict[str, Callable[[], list[Files]]] = {
     "ROS 1 bag": lambda: [{"log.bag": _ros1(c)} for c in (None, "BZ2", "LZ4")],
     "ROS 2 bag": lambda: [_ros2(StoragePlugin.SQLITE3)],
     "MCAP": lambda: [*({"log.mcap": _mcap(c)} for c in CompressionType), _ros2(StoragePlugin.MCAP)],
-    "KITTI odometry": lambda: [_kitti()],
-    "KITTI raw": lambda: [_kitti_raw()],
-    "EuRoC": lambda: [_euroc()],
-    "TUM RGB-D": lambda: [_tum()],
-    "image folder": lambda: [_images()],
-    "scans": lambda: [{f"1.{suffix}": content} for suffix, content in _clouds().items()],
+    "KITTI odometry": lambda: [data_set_files.kitti()],
+    "KITTI raw": lambda: [data_set_files.kitti_raw()],
+    "EuRoC": lambda: [data_set_files.euroc(), data_set_files.euroc_pairs()],
+    "TUM RGB-D": lambda: [data_set_files.tum()],
+    "image folder": lambda: [data_set_files.images()],
+    "scans": lambda: [*({f"1.{suffix}": content} for suffix, content in _clouds().items()), _sweeps()],
     "pcap": lambda: [{"log.pcap": _pcap()}],
+    "7-Scenes": lambda: [data_set_files.seven_scenes(), data_set_files.seven_scenes_extract()],
+    "BOP": lambda: [data_set_files.bop_scene(), data_set_files.bop_frame()],
+    "SPEED": lambda: [data_set_files.speed()],
 }
 #: Formats with simulated recordings.
 SIMULATED = tuple(_BUILDERS)

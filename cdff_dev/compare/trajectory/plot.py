@@ -10,7 +10,8 @@ from cdff_common.plots import new_figure
 from cdff_common.plots.drawing import draw_path, widest_plane
 from cdff_dev.compare.trajectory.compare import Comparison
 
-_ALIGNMENTS = {
+#: Names of the alignments of the estimate, in words.
+ALIGNMENTS = {
     "se3": "aligned by rotation and translation",
     "yaw": "aligned by heading and translation",
     "sim3": "aligned by rotation, translation and scale",
@@ -23,7 +24,7 @@ def draw(comparison: Comparison) -> Any:
     """Return a ``matplotlib.figure.Figure``: both paths, and the position errors by axis with their norm."""
     reference, estimate = comparison.reference, comparison.estimate
     alignment = comparison.results["alignment"]
-    title = _ALIGNMENTS[alignment["mode"]]
+    title = ALIGNMENTS[alignment["mode"]]
     title += f" ({alignment['scale']:.4f})" if alignment["mode"] == "sim3" else ""
     figure = new_figure(10.4, 4.4)
     figure.suptitle(f"estimate {title}; {len(estimate)} poses compared", fontsize=10)

@@ -10,17 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from cdff_common.errors import CdffError, InputError
-from cdff_common.formats.file_source import Source, load
-from cdff_common.formats.tum import read_tum
-from cdff_common.geometry import se3
+from cdff_common.formats.file_source import load
 from cdff_common.types import PoseTrajectory
-from cdff_dev.compare.trajectory.csv_poses import is_pose_csv, read_pose_csv
 from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.logs import open_log
+from cdff_dev.logs.formats.poses.pose_files import first_numbers, pose_format, read_poses
 from cdff_dev.logs.source import LogSample, only_stream
 
-#: Assumed time between poses: KITTI pose files contain no times.
-KITTI_PERIOD_NS = 100_000_000
 _POSES = ("PoseTrajectory", "RigidBodyState", "TransformWithCovariance")
 
 
@@ -43,49 +39,14 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
     """
     if Path(path).is_file():
         source = load(path)
-        if is_pose_csv(source):
-            return Track.of_ascending(str(path), *read_pose_csv(source))
-        columns = _columns(source)
-        if columns == 8:
-            stamps_ns, matrices = read_tum(source)
-            return Track.of_ascending(str(path), stamps_ns, matrices)
-        if columns == 12:
-            return _kitti(source)
+        if pose_format(source) is not None:
+            return Track.of_ascending(str(path), *read_poses(source))
+        columns = len(first_numbers(source))
+        if columns in (8, 12):
+            raise source.error("the first line is no pose: its quaternion or matrix is no rotation")
         if columns:
             raise source.error(f"{columns} numbers in the first line, expected 8 (TUM) or 12 (KITTI)")
     return _from_log(path, stream)
-
-
-def _columns(source: Source) -> int:
-    """Return the number of numbers in the first line that is not a comment; 0 if it has other words."""
-    try:
-        head = source.data[: 1 << 16].decode("ascii")
-        for line in head.splitlines():
-            words = line.split("#")[0].replace(",", " ").split()
-            if words:
-                [float(word) for word in words]
-                return len(words)
-    except ValueError:  # not text, or not numbers
-        return 0
-    return 0
-
-
-def _kitti(source: Source) -> Track:
-    try:
-        table = np.loadtxt(source.data.decode().splitlines(), ndmin=2)
-        if table.shape[1] != 12:
-            raise ValueError(f"{table.shape[1]} numbers per line")
-        if not np.isfinite(table).all():
-            raise ValueError("numbers that are not finite")
-    except ValueError as error:
-        raise source.error(f"{error}; expected 12 numbers per line: the upper rows of a 4x4 pose") from error
-    rows = table.reshape(-1, 3, 4)
-    R = se3.normalise_rotation(rows[:, :, :3])
-    if np.abs(R - rows[:, :, :3]).max() > 1e-2:
-        raise source.error("a 3x3 block differs by more than 0.01 from a rotation")
-    return Track(
-        source.name, np.arange(len(rows), dtype=np.int64) * KITTI_PERIOD_NS, se3.transform(R, rows[:, :, 3])
-    )
 
 
 def _from_log(path: str | Path, stream: str | None) -> Track:

@@ -60,7 +60,7 @@ def table(results: dict[str, Any]) -> str:
 
 
 def orientation_note(results: dict[str, Any]) -> str | None:
-    """Return by how much the alignment of the positions turns the orientations; None if hardly or not aligned."""
+    """Return the angle between the alignments of positions and orientations; None if small or not aligned."""
     angle_deg = results["alignment"]["orientations_deg"]
     if results["alignment"]["mode"] not in ("se3", "sim3", "yaw") or angle_deg < _NOTED_DEG:
         return None

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,12 +42,14 @@ class Track:
     def of_ascending(
         cls, name: str, stamps_ns: NDArray[np.int64], matrices: Float, covariances: Float | None = None
     ) -> Track:
-        """Return the track without the poses whose stamp is repeated or earlier than a previous one.
+        """Return the track without the fewest poses that leave ascending stamps; ``dropped`` is their number.
 
-        ``dropped`` is their number.
+        Of poses with the same stamp the first one is kept.
         """
-        latest_ns = np.maximum.accumulate(stamps_ns[:-1])
-        kept = np.concatenate([np.ones(min(len(stamps_ns), 1), np.bool_), stamps_ns[1:] > latest_ns])
+        kept = np.ones(len(stamps_ns), np.bool_)
+        if np.any(np.diff(stamps_ns) <= 0):
+            kept[:] = False
+            kept[_longest_ascending(stamps_ns.tolist())] = True
         if covariances is not None:
             covariances = covariances[kept]
         return cls(name, stamps_ns[kept], matrices[kept], covariances, int(np.sum(~kept)))
@@ -81,3 +84,26 @@ class Track:
         """Return the track with the poses of the given rows."""
         covariances = None if self.covariances is None else self.covariances[index]
         return Track(self.name, self.stamps_ns[index], self.matrices[index], covariances, self.dropped)
+
+
+def _longest_ascending(values: list[int]) -> list[int]:
+    """Return the indices of a longest strictly ascending subsequence, by patience sorting.
+
+    Fredman (1975), doi:10.1016/0012-365X(75)90103-X.
+    """
+    smallest: list[int] = []  # last value of the best subsequence of each length
+    last: list[int] = []  # its index
+    previous: list[int] = []
+    for index, value in enumerate(values):
+        length = bisect_left(smallest, value)
+        previous.append(last[length - 1] if length else -1)
+        if length == len(smallest):
+            smallest.append(value)
+            last.append(index)
+        elif value < smallest[length]:  # of equal values the first one stays
+            smallest[length], last[length] = value, index
+    chosen, index = [], last[-1] if last else -1
+    while index >= 0:
+        chosen.append(index)
+        index = previous[index]
+    return chosen[::-1]

@@ -127,6 +127,11 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
         raise kind(f"log {location.name}: {error}") from error
 
 
+def is_log(location: LogLocation) -> bool:
+    """Return whether a format recognises a location, or one of its sub-folders."""
+    return any(_format_of(place) is not None for place in (location, *_sub_folders(location)))
+
+
 def _format_of(location: LogLocation) -> LogFormat | None:
     return next((found for found in log_formats() if found.recognises(location)), None)
 
@@ -141,6 +146,10 @@ def _unrecognised(location: LogLocation, logs_inside: list[str]) -> str:
         return f"log {location.name}: no such file or folder, and no file matches it as a pattern"
     if logs_inside:
         return f"log {location.name}: several logs: name one of {', '.join(logs_inside)}"
+    from cdff_dev.logs.content import TEXT, describe
+
+    if (content := describe(location)) not in (None, TEXT):
+        return f"log {location.name}: no recording: {content}"
     expected = "; ".join(f"{f.name} ({f.files})" for f in log_formats())
     return f"log {location.name}: none of the known formats: {_content(location)}; expected {expected}"
 

@@ -34,6 +34,14 @@ def test_arrays_have_the_names_of_layers_and_properties() -> None:
     assert set(PATH.to_numpy()) >= {"stamps_ns", "matrices"}
 
 
+def test_the_stamp_of_a_message_is_also_a_datetime() -> None:
+    cloud = types.Pointcloud.from_points(POINTS_M, frame="site", stamp_ns=1_700_000_000_500_000_000)
+    assert cloud.to_datetime().isoformat() == "2023-11-14T22:13:20.500000+00:00"
+    assert types.Time.from_ns(cloud.stamp_ns).to_datetime() == cloud.to_datetime()
+    with pytest.raises(InputError, match="a Vector3d has no stamp"):
+        types.Vector3d().to_datetime()
+
+
 def test_a_map_in_xarray_has_the_centres_of_its_cells() -> None:
     pytest.importorskip("xarray")
     data = DEM.to_xarray()

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from evaluation.log_mutations import table
-from evaluation.runs.log_mutations import MEMORY_BYTES, mutated, run
-from evaluation.scenes.log_files import SIMULATED
+from evaluation.runs.log_mutations import MEMORY_BYTES, mutated, outcome, run
+from evaluation.scenes.log_files import SIMULATED, recordings
 
 _FAST, _SLOW = 60, 2000
 
@@ -22,6 +22,12 @@ def test_copies_of_a_number_are_equal_and_mostly_differ_from_the_original() -> N
     copies = [mutated(content, np.random.default_rng(k)) for k in range(20)]
     assert copies == [mutated(content, np.random.default_rng(k)) for k in range(20)]
     assert sum(copy != content for copy in copies) >= 18
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_recordings_that_are_not_damaged_are_read(name: str, tmp_path: Path) -> None:
+    for k, files in enumerate(recordings(None, name)[name]):
+        assert outcome(files, None, tmp_path / f"recording_{k}") == "read"
 
 
 def test_readers_of_all_formats_pass(real_data: Callable[[str], Path]) -> None:

@@ -14,23 +14,25 @@ if TYPE_CHECKING:
 
 
 def _recognises(location: LogLocation) -> bool:
-    if location.folder is None:
-        return False
     from cdff_dev.logs.formats.images.sequences import image_sequences
+    from cdff_dev.logs.image_streams import IMAGE_SUFFIXES
 
+    if location.folder is None:
+        return bool(location.files) and all(f.suffix.lower() in IMAGE_SUFFIXES for f in location.files)
     return bool(image_sequences(location.folder))
 
 
 def _open(location: LogLocation, calibration: Path | None) -> IndexedLog:
-    from cdff_dev.logs.formats.images.folder import folder_log
+    from cdff_dev.logs.formats.images.folder import files_log, folder_log
 
-    assert location.folder is not None
+    if location.folder is None:
+        return files_log(location.files, calibration)
     return folder_log(location.folder, calibration)
 
 
 FORMAT = LogFormat(
     "image folder",
-    "images in a folder or its sub-folders, with camera.yaml or camera.json",
+    "an image, a pattern of images, or a folder of them or with sub-folders; camera.yaml or camera.json",
     _recognises,
     _open,
     takes_calibration=True,

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
 from cdff_common.errors import InputError
 from cdff_dev.logs.file_stamps import file_stamps
-from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences
+from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences, sequences_of
 from cdff_dev.logs.formats.images.stereo import (
     read_stereo_calibration,
     stereo_sequences,
@@ -86,6 +87,18 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         if without_image:
             content.unconverted[path.name] = Unconverted("pose", without_image, "without an image")
     _list_other_files(folder, content)
+    return IndexedLog(content.streams, content.unconverted)
+
+
+def files_log(files: Sequence[Path], calibration: Path | None = None) -> IndexedLog:
+    """Open images that are named one by one or by a pattern, with the calibrations of their folder.
+
+    Streams and stamps are those of ``folder_log``, but without ``times.txt``, true poses and pairs.
+    """
+    content = _Content()
+    for sequence in sequences_of(files):
+        chosen = _calibration_of(sequence, sequence.folder, calibration, content)
+        _add_stream(sequence, file_stamps(sequence.files), chosen, content)
     return IndexedLog(content.streams, content.unconverted)
 
 

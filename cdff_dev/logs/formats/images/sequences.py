@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,11 +48,16 @@ class ImageSequence:
 
 def image_sequences(folder: Path) -> list[ImageSequence]:
     """Return the sequences of a folder and of its sub-folders, one level deep, with different names."""
+    places = (folder, *sorted(path for path in folder.iterdir() if path.is_dir()))
+    files = (file for place in places for file in place.iterdir())
+    return sequences_of([f for f in files if f.suffix.lower() in IMAGE_SUFFIXES and f.is_file()])
+
+
+def sequences_of(files: Sequence[Path]) -> list[ImageSequence]:
+    """Return the sequences of images, with different names."""
     found: dict[tuple[Path, str], list[Path]] = defaultdict(list)
-    for place in (folder, *sorted(path for path in folder.iterdir() if path.is_dir())):
-        for file in place.iterdir():
-            if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file():
-                found[place, _NUMBER.sub("#", file.name)].append(file)
+    for file in files:
+        found[file.parent, _NUMBER.sub("#", file.name)].append(file)
     sequences: list[ImageSequence] = []
     for (place, pattern), files in found.items():
         alone = sum(other == place for other, _ in found) == 1

@@ -47,7 +47,7 @@ def truth_stream(
     key = "image" if "image" in rows[0] else "frame"
     try:
         names = [row[key] if key == "image" else int(row[key]) for row in rows]
-        T = _poses(rows)
+        T = table_poses(rows)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path}: {type(error).__name__} {error}; expected image or frame, and T00 to T23 or qw … tz_m"
@@ -67,7 +67,7 @@ def truth_stream(
     return name, stream, len(rows) - len(images)
 
 
-def _poses(rows: list[dict[str, str]]) -> FloatArray:
+def table_poses(rows: list[dict[str, str]]) -> FloatArray:
     """Return the poses ``(n, 4, 4)``, metres; raises KeyError or ValueError."""
     if "T00" in rows[0]:
         upper = _columns(rows, _MATRIX).reshape(-1, 3, 4)

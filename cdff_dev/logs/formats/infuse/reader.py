@@ -172,7 +172,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         if after < 0:
             quirks.record(f"{path.name}: truncated; the remainder is lost")
             return metas, extents
-        key = _unpacked(buffer, at, after, path)
+        key = _unpacked(buffer, at, int(after), path)
         at = int(after)
         if not isinstance(key, str):
             raise CodecError(f"{path}: key {key!r}, expected a stream's name")
@@ -181,7 +181,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
             if after < 0:
                 quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
                 return metas, extents
-            metas[key.removesuffix(".meta")] = _unpacked(buffer, at, after, path)
+            metas[key.removesuffix(".meta")] = _unpacked(buffer, at, int(after), path)
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")

@@ -14,7 +14,7 @@ from cdff_common.errors import CodecError
 from cdff_dev.logs.formats.ros.bag1_fields import Bag1Connection
 from cdff_dev.logs.formats.ros.bag1_records import Bag1Records
 from cdff_dev.logs.formats.ros.decoders import DECODER_ERRORS, Decoder, decoder, decoder_or_fault
-from cdff_dev.logs.formats.ros.recording import Channel, Recording
+from cdff_dev.logs.formats.ros.recording import Channel, Encoded, Recording, kept
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
@@ -66,16 +66,16 @@ class Bag1Recording(Recording):
         """Damaged parts, and the end of a bag that was not completed."""
         return self._unconverted
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message in the order of the file."""
         chosen = {channel.key: channel for channel in channels}
         if not chosen:
             return
         for record in self._records.messages(set(chosen)):
             if isinstance(record, tuple) and (channel := chosen.get(record[0])) is not None:
-                yield channel, record[1], bytes(record[2])
+                yield channel, record[1], kept(record[2])
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message with the fields of its type; raises CodecError if it is damaged."""
         try:
             return self._decoders[channel.key](raw)

@@ -23,7 +23,7 @@ from cdff_dev.logs.formats.ros.decoders import (
     decoder_or_fault,
     standard_decoder,
 )
-from cdff_dev.logs.formats.ros.recording import Channel, Recording
+from cdff_dev.logs.formats.ros.recording import Channel, Encoded, Recording
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
@@ -83,7 +83,7 @@ class Bag2Database(Recording):
         """Damaged parts."""
         return self._unconverted
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message in the order of recording."""
         chosen = {channel.key: channel for channel in channels}
         if not chosen:
@@ -100,7 +100,7 @@ class Bag2Database(Recording):
             else:
                 self._report("row", "its time is not a number, or its data are not bytes")
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message with the fields of its type; raises CodecError if it is damaged."""
         try:
             return self._decoders[channel.key](raw)

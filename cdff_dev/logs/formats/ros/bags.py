@@ -21,7 +21,7 @@ from cdff_dev.logs.formats.ros.bag1_file import Bag1Recording
 from cdff_dev.logs.formats.ros.bag1_records import MAGIC
 from cdff_dev.logs.formats.ros.bag2_database import Bag2Database
 from cdff_dev.logs.formats.ros.mcap_file import McapRecording
-from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, JoinedRecording, Recording
+from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Encoded, JoinedRecording, Recording
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
@@ -145,7 +145,7 @@ class _Decompressed(JoinedRecording):
             self._folder.cleanup()
             raise CodecError(f"{path}: {error}") from error
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message; raises CodecError if it is damaged."""
         try:
             return super().decode(channel, raw)

@@ -16,10 +16,10 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
 from cdff_common.errors import InputError
-from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS
+from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Encoded
 
 #: Returns the message of encoded bytes.
-Decoder = Callable[[bytes], Any]
+Decoder = Callable[[Encoded], Any]
 #: Errors of damaged schemas and messages.
 DECODER_ERRORS = (*PARSER_ERRORS, InputError, DecodeError, SerdeError, TypesysError)
 #: Types are names in Python code that rosbags generates.
@@ -132,8 +132,8 @@ def _protobuf_decoder(name: str, schema: bytes) -> Decoder:
             raise InputError(f"schema of {name}: files that include each other: {', '.join(waiting)}")
         for file in ready:
             pool.Add(waiting.pop(file.name))
-    decode: Decoder = GetMessageClass(pool.FindMessageTypeByName(name)).FromString
-    return decode
+    message = GetMessageClass(pool.FindMessageTypeByName(name))
+    return lambda raw: message.FromString(bytes(raw))
 
 
 class _JsonObject(SimpleNamespace):
@@ -143,5 +143,5 @@ class _JsonObject(SimpleNamespace):
         raise AttributeError(f"no field {name!r} in an object with {', '.join(self.__dict__)}")
 
 
-def _from_json(raw: bytes) -> Any:
-    return json.loads(raw, object_hook=lambda fields: _JsonObject(**fields))
+def _from_json(raw: Encoded) -> Any:
+    return json.loads(bytes(raw), object_hook=lambda fields: _JsonObject(**fields))

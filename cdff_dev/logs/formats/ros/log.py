@@ -26,6 +26,7 @@ from cdff_dev.logs.formats.ros.pairs import PairAssembly
 from cdff_dev.logs.formats.ros.recording import (
     PARSER_ERRORS,
     Channel,
+    Encoded,
     Recording,
     encoded_stamp_ns,
 )
@@ -53,9 +54,9 @@ class _Part(NamedTuple):
     content: Any
 
 
-class _Encoded(NamedTuple):
+class _EncodedMessage(NamedTuple):
     channel: Channel
-    raw: bytes
+    raw: Encoded
 
 
 class RosLog(LogSource):
@@ -209,12 +210,12 @@ class RosLog(LogSource):
                 if streams is None or part.stream in streams:
                     yield part
 
-    def _parts_of(self, channel: Channel, recorded_ns: int, raw: bytes) -> list[_Part]:
+    def _parts_of(self, channel: Channel, recorded_ns: int, raw: Encoded) -> list[_Part]:
         """Return the samples of a message, which may be several of different streams."""
         topic = self._topics[id(channel)]
         if topic.conversion.split is None:
             stamp_ns = self._stamp_ns(channel, topic, recorded_ns, raw)
-            return [_Part(topic.stream, stamp_ns, topic, _Encoded(channel, raw))]
+            return [_Part(topic.stream, stamp_ns, topic, _EncodedMessage(channel, raw))]
         return [
             _Part(
                 topic.stream_of(message), _rounded(_header_ns(message.header) or recorded_ns), topic, message
@@ -246,7 +247,7 @@ class RosLog(LogSource):
                 if camera.stream in chosen:
                     yield _Part(camera.stream, stamp_ns, camera, contents)
 
-    def _stamp_ns(self, channel: Channel, topic: Topic, recorded_ns: int, raw: bytes) -> int:
+    def _stamp_ns(self, channel: Channel, topic: Topic, recorded_ns: int, raw: Encoded) -> int:
         """Return the stamp of the header; without one, or if it is zero, the time of recording."""
         if not topic.conversion.has_header:
             return _rounded(recorded_ns)
@@ -293,7 +294,7 @@ class RosLog(LogSource):
     def _sample(self, seq: int, part: _Part) -> LogSample:
         source, name, stamp_ns = part.source, part.stream, part.stamp_ns
         encoded = part.content if isinstance(source, StereoTopics) else [part.content]
-        messages = [self._recording.decode(*m) if isinstance(m, _Encoded) else m for m in encoded]
+        messages = [self._recording.decode(*m) if isinstance(m, _EncodedMessage) else m for m in encoded]
         try:
             if isinstance(source, StereoTopics):
                 left, right = messages

@@ -7,7 +7,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,7 +16,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Schema
 
 from cdff_common.errors import CodecError
 from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS
@@ -26,6 +26,8 @@ MAGIC = b"\x89MCAP0\r\n"
 _MAX_BYTES = 256 << 20
 _PREFIX = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+#: A chunk: start and end time, size and checksum of its records, size of the name of the compression.
+_CHUNK, _SIZE = struct.Struct("<QQQII"), struct.Struct("<Q")
 _ERRORS = (*PARSER_ERRORS, McapError, zstandard.ZstdError)
 
 Record = Schema | Channel | tuple[int, int, memoryview]
@@ -51,30 +53,43 @@ class McapRecords:
     def __init__(self, path: Path, report: Callable[[int, str], None]) -> None:
         self._path, self._report = path, report
         self.attachments = 0
+        self._channels_of: dict[int, frozenset[int]] = {}
         with path.open("rb") as file:
             head = file.read(len(MAGIC))
         if head != MAGIC:
             raise CodecError(f"{path}: byte 0: {head!r}, expected the start of an MCAP file, {MAGIC!r}")
 
     def __iter__(self) -> Iterator[Record]:
-        """Yield schemas, channels, and messages as number of the channel, time of recording and content."""
+        """Yield all records, see ``records``."""
+        return self.records()
+
+    def records(self, wanted: Collection[int] | None = None) -> Iterator[Record]:
+        """Yield schemas, channels, and messages as number of the channel, time of recording and content.
+
+        After a complete pass, chunks without messages of ``wanted`` channels are not read again, and the
+        checksums of the others are not compared again.
+        """
         self.attachments = 0
         with self._path.open("rb") as file:
             size = file.seek(0, io.SEEK_END)
             at = file.seek(len(MAGIC))
             while True:
-                found = self._next(file, at, size)
+                known = self._channels_of.get(at)
+                is_needed = known is None or wanted is None or not known.isdisjoint(wanted)
+                found = self._next(file, at, size, is_needed)
                 if found is None:
                     return
                 opcode, body, after = found
                 try:
-                    yield from self._records(opcode, body)
+                    yield from self._records(at, opcode, body)
                 except _ERRORS as error:
                     self._report(at, f"damaged record of type {opcode}: {error}")
                 at = after
 
-    def _next(self, file: BinaryIO, at: int, size: int) -> tuple[int, bytes, int] | None:
-        """Return type, content and end of the record at an offset; None at the end of the data."""
+    def _next(
+        self, file: BinaryIO, at: int, size: int, is_needed: bool
+    ) -> tuple[int, memoryview, int] | None:
+        """Return type, content if it is needed, and end of a record; None at the end of the data."""
         file.seek(at)
         prefix = file.read(_PREFIX.size)
         if len(prefix) < _PREFIX.size:
@@ -89,20 +104,25 @@ class McapRecords:
             return None
         if opcode == Opcode.ATTACHMENT:
             self.attachments += 1
-        if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK):
-            return opcode, b"", after
+        if not is_needed or opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK):
+            return opcode, memoryview(b""), after
         if length > _MAX_BYTES:
             self._report(at, f"a record of {length} bytes, expected at most {_MAX_BYTES}")
-            return opcode, b"", after
-        return opcode, file.read(length), after
+            return opcode, memoryview(b""), after
+        return opcode, memoryview(file.read(length)), after
 
-    def _records(self, opcode: int, body: bytes) -> Iterator[Record]:
+    def _records(self, at: int, opcode: int, body: memoryview) -> Iterator[Record]:
         if not body:
             return
-        if opcode == Opcode.CHUNK:
-            yield from _chunk_records(_decompressed(Chunk.read(ReadDataStream(io.BytesIO(body)))))
-        else:
-            yield from _record(opcode, memoryview(body))
+        if opcode != Opcode.CHUNK:
+            yield from _record(opcode, body)
+            return
+        channels: set[int] = set()
+        for record in _chunk_records(_decompressed(body, is_verified=at in self._channels_of)):
+            if isinstance(record, tuple):
+                channels.add(record[0])
+            yield record
+        self._channels_of[at] = frozenset(channels)
 
 
 def _chunk_records(data: memoryview) -> Iterator[Record]:
@@ -126,21 +146,29 @@ def _record(opcode: int, body: memoryview) -> Iterator[Record]:
         yield Channel.read(ReadDataStream(io.BytesIO(bytes(body))))
 
 
-def _decompressed(chunk: Chunk) -> memoryview:
+def _decompressed(body: memoryview, is_verified: bool) -> memoryview:
     """Return the records of a chunk; raises ValueError if size or checksum differ."""
-    size = chunk.uncompressed_size
+    _, _, size, checksum, name_size = _CHUNK.unpack_from(body)
+    at = _CHUNK.size + name_size
+    compression = bytes(body[_CHUNK.size : at]).decode("utf-8")
+    (data_size,) = _SIZE.unpack_from(body, at)
+    at += _SIZE.size
+    if data_size > len(body) - at:
+        raise ValueError(f"{data_size} bytes of records in a chunk that has {len(body) - at}")
+    chunk = body[at : at + data_size]
     if size > _MAX_BYTES:
         raise ValueError(f"a chunk of {size} bytes, expected at most {_MAX_BYTES}")
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(chunk.data)).read(size)
-    elif chunk.compression == "lz4":
-        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size)
-    elif chunk.compression == "":
-        data = chunk.data
+    data: bytes | memoryview
+    if compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(chunk).read(size)
+    elif compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk, max_length=size)
+    elif compression == "":
+        data = chunk
     else:
-        raise ValueError(f"compression {chunk.compression!r}, expected zstd, lz4 or none")
+        raise ValueError(f"compression {compression!r}, expected zstd, lz4 or none")
     if len(data) != size:
         raise ValueError(f"{len(data)} bytes in a chunk, expected {size}")
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+    if checksum and not is_verified and zlib.crc32(data) != checksum:
         raise ValueError("checksum of a chunk differs")
     return memoryview(data)

@@ -15,6 +15,8 @@ import numpy as np
 
 from cdff_dev.logs.source import Unconverted
 
+#: An encoded message, which can be a part of a chunk.
+Encoded = bytes | memoryview
 #: Errors of the parsers of other projects for damaged bytes, besides their own.
 PARSER_ERRORS = (
     ArithmeticError,
@@ -33,6 +35,7 @@ PARSER_ERRORS = (
 #: Bytes of the stamp of a message that begins with a header: seconds and nanoseconds, in ROS 1 after the
 #: sequence number, in CDR after the encapsulation, whose second byte is the byte order.
 _STAMP = slice(4, 12)
+_SMALL_BYTES = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,10 +84,10 @@ class Recording(Protocol):
         """Content that is not a message, and damaged parts."""
         return {}
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message; ends at damaged content."""
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message with the fields of its type in ROS; raises CodecError if it is damaged."""
 
     def close(self) -> None:
@@ -117,13 +120,13 @@ class JoinedRecording(Recording):
             found |= {f"{prefix}{name}": item for name, item in part.unconverted.items()}
         return found
 
-    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message."""
         of_parts = [[c for c in channels if self._owners[id(c)] is part] for part in self._parts]
         found = [part.messages(chosen) for part, chosen in zip(self._parts, of_parts, strict=True)]
         return heapq.merge(*found, key=lambda message: message[1])
 
-    def decode(self, channel: Channel, raw: bytes) -> Any:
+    def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message; raises CodecError if it is damaged."""
         return self._owners[id(channel)].decode(channel, raw)
 
@@ -133,7 +136,12 @@ class JoinedRecording(Recording):
             part.close()
 
 
-def encoded_stamp_ns(encoding: str, raw: bytes) -> int:
+def kept(message: memoryview) -> Encoded:
+    """Return a message of a chunk: a small one as a copy, which does not hold the memory of its chunk."""
+    return bytes(message) if len(message) < _SMALL_BYTES else message
+
+
+def encoded_stamp_ns(encoding: str, raw: Encoded) -> int:
     """Return the stamp of an encoded ROS message that begins with a header; 0 if it is too short."""
     if len(raw) < _STAMP.stop:
         return 0

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -115,7 +115,8 @@ class McapStorage(MessageStorage):
 
     def write(self, key: Any, stamp_ns: int, data: memoryview | bytes) -> None:
         """Append a message."""
-        self._writer.add_message(key, stamp_ns, bytes(data), stamp_ns)
+        # The writer copies any buffer into its chunk.
+        self._writer.add_message(key, stamp_ns, cast("bytes", data), stamp_ns)
 
     def close(self) -> None:
         """Write the index and give the file its name."""

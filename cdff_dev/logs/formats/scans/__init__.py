@@ -35,7 +35,18 @@ def _is_text_cloud(path: Path) -> bool:
 
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
+    if len(head) < _HEAD_BYTES and _is_matrix(head):
+        return False
     return looks_like_xyz(head if len(head) == _HEAD_BYTES else head + b"\n\n")
+
+
+def _is_matrix(data: bytes) -> bool:
+    """Return whether a text is the matrix of a transform: four lines, the last of which is 0 0 0 1."""
+    rows = [line.split() for line in data.replace(b",", b" ").splitlines() if line.strip()]
+    try:
+        return len(rows) == 4 and [float(word) for word in rows[3]] == [0.0, 0.0, 0.0, 1.0]
+    except ValueError:
+        return False
 
 
 def _open(location: LogLocation, _: Path | None) -> IndexedLog:

@@ -28,6 +28,7 @@ _COLOUR, _DEPTH, _TRUTH = (f"/{ROBOT}/{name}" for name in ("colour.frame", "dept
 _COLOUR_CAMERA = CameraModel(480, 640, 525.0, 525.0, 320.0, 240.0)
 _DEPTH_CAMERA = CameraModel(480, 640, 585.0, 585.0, 320.0, 240.0)
 _DEPTH_UNIT_M = 1e-3
+_MAX_DIGITS = 6
 
 
 def sequence_log(frames: Path) -> IndexedLog:
@@ -78,8 +79,12 @@ def _poses(frames: Path, colour: dict[int, Path]) -> dict[int, FloatArray]:
     table = frames.parent / "truth.csv"
     if not table.is_file():
         return {}
-    rows = [words for _, words in read_rows(table, 13)]
-    return {int(words[0]): _pose(table, [words[1:5], words[5:9], words[9:13]]) for words in rows}
+    poses = {}
+    for number, words in read_rows(table, 13):
+        if not words[0].isdecimal() or len(words[0]) > _MAX_DIGITS:
+            raise InputError(f"{table}:{number}: {words[0]!r}, expected the number of a frame")
+        poses[int(words[0])] = _pose(table, [words[1:5], words[5:9], words[9:13]])
+    return poses
 
 
 def _pose(path: Path, rows: list[list[str]]) -> FloatArray:

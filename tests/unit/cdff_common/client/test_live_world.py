@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from cdff_common.client.live_world import retrieve_world
 from cdff_common.errors import ExtrapolationError
@@ -66,6 +67,27 @@ def test_fixed_frames_poses_and_newest_products_are_those_of_the_time() -> None:
     assert world.omitted == {"site to mana/arm by /mana/vo.arm": "site to mana/arm: 2 s outside"}
     cloud = world.item("/mana/lidar.cloud")
     assert (cloud.type_name, cloud.frame, cloud.value) == ("Pointcloud", "mana/lidar", CLOUD.id)
+
+
+def test_products_of_a_slow_dfpc_are_found_behind_a_full_page_of_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    names = {"robot": "mana", "port": "pose", "type_name": "TransformWithCovariance"}
+    fast = pose_header("mana/base", 3) | names | {"dfpc": "position_manager"}
+    slow = pose_header("mana/map", 1) | names | {"dfpc": "lidar_slam"}
+
+    class BusyDpm(StoredDpm):
+        def search(self, product: str, **parameters: object) -> list[dict[str, Any]]:
+            if product != "pose":
+                return []
+            found = {"": [fast, fast], "lidar_slam": [slow]}
+            return found.get(str(parameters.get("dfpc", "")), [])
+
+    monkeypatch.setattr("cdff_common.client.live_world.MAX_PAGE", 2)
+    dpm = BusyDpm()
+    world = retrieve_world(dpm, dpm.call, 3 * S, values=False)  # type: ignore[arg-type]
+    assert world.item("/mana/lidar_slam.pose").stamp_ns == S
+    assert world.item("/mana/position_manager.pose").stamp_ns == 3 * S
 
 
 def test_values_are_not_retrieved_unless_asked_for() -> None:

@@ -97,6 +97,15 @@ def laz_of(count: int, offset: int = 107) -> bytes:
     return bytes(data)
 
 
+def laz_of_chunks(count: int) -> bytes:
+    """Return a LAZ file of ten points whose table states a number of chunks."""
+    data = bytearray(laz_of(10))
+    (start,) = struct.unpack_from("<I", data, 96)
+    (table,) = struct.unpack_from("<q", data, start)
+    struct.pack_into("<I", data, table + 4, count)
+    return bytes(data)
+
+
 def ply_of(points: int) -> bytes:
     """Return a PLY header that declares a number of points."""
     lines = [
@@ -123,6 +132,7 @@ BOMBS: dict[str, tuple[Callable[[bytes], object], Callable[[], bytes]]] = {
     "a cloud of 4 G points as LAS": (read_las, lambda: las_of((1 << 32) - 1)),
     "a cloud of 4 G points as LAZ": (read_las, lambda: laz_of((1 << 32) - 1)),
     "a LAZ file with 4 G variable length records": (read_las, lambda: laz_of((1 << 32) - 1, offset=100)),
+    "a LAZ file with 4 G chunks": (read_las, lambda: laz_of_chunks((1 << 32) - 1)),
     "a cloud of 4 G points as PLY": (read_ply, lambda: ply_of((1 << 32) - 1)),
 }
 

@@ -53,6 +53,8 @@ VALUES: dict[str, Any] = {
     "cloud": types.Pointcloud.from_points(RNG.random((100, 3)), frame="site", stamp_ns=0),
     "image": types.Frame.from_image(np.zeros((20, 30), np.uint8), stamp_ns=0),
     "disparity": RNG.random((20, 30)).astype(np.float32),
+    "distances": types.DistanceImage(width=30, height=20, data=RNG.random(600)),
+    "matches": types.CorrespondenceMap2D.from_arrays(RNG.random((9, 2)), RNG.random((9, 2))),
     "points": RNG.random((100, 3)),
     "matrix": np.eye(4),
 }
@@ -82,8 +84,9 @@ def test_the_ellipse_of_a_pose_holds_95_percent_of_the_positions() -> None:
 
 
 def test_several_values_are_panels_and_others_are_omitted() -> None:
-    figure = figure_of({**VALUES, "text": types.Time(0)})
-    assert {axes.get_title() for axes in figure.axes} >= set(VALUES)
+    shown = dict(list(VALUES.items())[:9])  # a figure has at most nine panels
+    figure = figure_of({"text": types.Time(0), **shown})
+    assert {axes.get_title() for axes in figure.axes} >= set(shown)
     with pytest.raises(InputError, match="nothing to draw"):
         figure_of({"t": types.Time(0)})
 
@@ -94,3 +97,11 @@ def test_the_suffix_selects_png_or_svg(tmp_path: Path) -> None:
     assert (tmp_path / "a.svg").read_bytes().startswith(b"<svg")
     with pytest.raises(InputError, match=r"\.png or \.svg"):
         write_figure(tmp_path / "a.pdf", figure)
+
+
+def test_notebooks_show_a_figure_as_a_picture() -> None:
+    from matplotlib.figure import Figure
+
+    figure = VALUES["cloud"].plot()
+    assert isinstance(figure, Figure)
+    assert figure._repr_png_().startswith(b"\x89PNG")

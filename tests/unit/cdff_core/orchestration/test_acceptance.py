@@ -7,7 +7,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cdff_common.geometry.region import parse_region
-from cdff_core.orchestration.acceptance import ProductCandidate, assess, best_candidate, delivery_summary
+from cdff_core.orchestration.acceptance import (
+    Assessment,
+    ProductCandidate,
+    assess,
+    best_candidate,
+    delivery_summary,
+)
 from cdff_core.orchestration.request import ProductRequest
 
 NOW_NS = 1_000_000_000_000
@@ -51,6 +57,12 @@ def test_coarser_cells_are_delivered_and_reported_as_coarser() -> None:
     assert assessment.acceptable
     assert not assessment.satisfies
     assert "0.1 m" in assessment.shortfalls[0]
+
+
+def test_a_resolution_is_compared_only_if_it_is_requested_and_known() -> None:
+    for requested_m, actual_m in ((None, 0.5), (0.5, None), (None, None)):
+        request = replace(REQUEST, resolution_m=requested_m)
+        assert assess(replace(GOOD, resolution_m=actual_m), request, NOW_NS) == Assessment((), (), ())
 
 
 def test_a_degraded_product_may_be_delivered() -> None:

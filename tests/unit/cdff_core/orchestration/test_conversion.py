@@ -12,7 +12,16 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.region import parse_region
 from cdff_common.raster import GridGeometry
-from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, PoseTrajectory, RigidBodyState
+from cdff_common.types import (
+    Array3DDepthT,
+    ElevationMap,
+    MapTypeT,
+    NavigationMap,
+    Pointcloud,
+    PoseTrajectory,
+    RigidBodyState,
+    TransformWithCovariance,
+)
 from cdff_core.orchestration import conversion
 
 STAMP_NS = 1_500_000_000_000_000_000
@@ -36,6 +45,8 @@ def test_a_pose_as_transform_keeps_its_whole_covariance(rng: np.random.Generator
     T = some_transform(rng)
     value, reasons = conversion.pose_as(T, "site", "mana/base", STAMP_NS, "TransformWithCovariance", "me")
     assert reasons == ()
+    assert isinstance(value, TransformWithCovariance)
+    assert value.metadata.producer_id == "me"
     np.testing.assert_allclose(value.transform.covariance, T.covariance)
     np.testing.assert_allclose(value.transform.matrix, T.matrix, atol=1e-12)
 
@@ -129,6 +140,21 @@ def test_clouds_are_transformed_cropped_downsampled_and_merged_with_their_point_
     )
     with pytest.raises(InputError, match="frames"):
         conversion.merged_clouds([cloud, converted])
+    assert conversion.merged_clouds([cloud]) is cloud
+
+
+def test_a_thinned_cloud_has_the_point_nearest_to_the_mean_of_each_voxel(rng: np.random.Generator) -> None:
+    points = rng.uniform([3.0, -2.0, -2.0], [7.0, 2.0, 2.0], (80, 3))
+    cloud = Pointcloud.from_points(points, frame="site", stamp_ns=STAMP_NS, intensity=np.arange(80))
+    expected = set()
+    for cell in np.unique(np.floor(points / 1.5), axis=0):
+        rows = np.flatnonzero(np.all(np.floor(points / 1.5) == cell, axis=1))
+        expected.add(int(rows[np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1).argmin()]))
+    thinned = conversion.thinned_cloud(cloud, 1.5)
+    np.testing.assert_allclose(thinned.points_m, points[sorted(expected)])
+    np.testing.assert_array_equal(thinned.intensity, sorted(expected))
+    empty = conversion.thinned_cloud(conversion.cropped_cloud(cloud, parse_region("bbox:50,50,51,51")), 1.5)
+    assert len(empty.points_m) == 0
 
 
 def test_a_dem_as_infuse_map_has_the_position_of_its_first_cell(rng: np.random.Generator) -> None:
@@ -143,6 +169,13 @@ def test_a_dem_as_infuse_map_has_the_position_of_its_first_cell(rng: np.random.G
     heights = decoded.data.data.view("<f4").reshape(decoded.data.rows, decoded.data.cols)
     np.testing.assert_array_equal(heights, elevation().layer("mean"))
     assert decoded.metadata.scale == 0.5
+    assert decoded.metadata.type is MapTypeT.MAP_DEM
+    assert decoded.metadata.time_stamp.ns == STAMP_NS
+    data = decoded.data
+    assert (data.rows, data.cols, data.channels, data.row_size) == (4, 6, 1, 24)
+    assert data.depth is Array3DDepthT.DEPTH_32F
+    assert corner.metadata.producer_id == "me"
+    assert (corner.child_frame, corner.stamp_ns) == ("site/map", STAMP_NS)
 
 
 def test_a_dem_too_large_for_an_infuse_map_is_refused_with_alternatives() -> None:
@@ -234,4 +267,7 @@ def test_a_coarser_cell_has_the_worst_class() -> None:
         coarse.layer("slope_deg"), [[10, 10, np.nan], [10, 30, 10], [np.nan, 10, 10]]
     )
     assert conversion.coarser_map(fine, 0.15) is fine
+    assert conversion.coarser_map(fine, 0.2 * (1.0 - 1e-5)) is fine
+    assert conversion.coarser_map(fine, 0.2 * (1.0 - 1e-7)).geometry.resolution_m == pytest.approx(0.2)
+    assert conversion.coarser_map(fine, 0.2).geometry.resolution_m == pytest.approx(0.2)
     assert conversion.coarser_map(fine, None) is fine

@@ -5,6 +5,7 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -126,6 +127,28 @@ def test_a_requested_value_without_frame_or_time_has_only_its_producer(dfpc: Dfp
     assert Runner(dfpc).provenance("count", value).keys() == {"producer", "config_hash"}
 
 
+@pytest.mark.parametrize("given", [{"frame": "site"}, {"stamp_ns": 5000}, {"frame": "", "stamp_ns": 5000}])
+def test_a_requested_value_needs_a_frame_and_a_time_for_a_header(
+    dfpc: Dfpc, given: dict[str, object]
+) -> None:
+    value = SimpleNamespace(**given, extent_m=lambda: None)
+    assert Runner(dfpc).provenance("part", value).keys() == {"producer", "config_hash"}
+
+
+def test_a_requested_value_without_extent_has_no_box(dfpc: Dfpc) -> None:
+    value = SimpleNamespace(frame="mana/base", stamp_ns=0, extent_m=lambda: None)
+    header = Runner(dfpc).provenance("part", value)
+    assert (header["frame"], header["t0_ns"], header["t1_ns"]) == ("mana/base", 0, 0)
+    assert header.get("box_m") is None
+    assert header.get("resolution_m") is None
+    assert header.get("child") is None
+    geometry = SimpleNamespace(frame="mana/odom", resolution_m=0.5)
+    header = Runner(dfpc).provenance(
+        "part", SimpleNamespace(geometry=geometry, stamp_ns=5000, extent_m=lambda: None)
+    )
+    assert (header["frame"], header["resolution_m"], header["t0_ns"]) == ("mana/odom", 0.5, 5000)
+
+
 def test_an_unordered_port_accepts_older_samples_and_drops_repeated_ones(
     dfpc: Dfpc,
 ) -> None:
@@ -155,6 +178,28 @@ def test_one_future_stamp_and_some_late_ones_do_not_reset_a_port(dfpc: Dfpc) -> 
         assert not runner.push(sample(late))
     assert runner.push(sample(hour_ns + 1000))
     assert not runner.push(sample(3000))
+
+
+def test_samples_that_are_late_by_up_to_ten_seconds_never_reset_a_port(dfpc: Dfpc) -> None:
+    runner, hour_ns, limit_ns = Runner(dfpc), 3_600_000_000_000, 10_000_000_000
+    assert runner.push(sample(hour_ns))
+    assert not any(runner.push(sample(hour_ns - limit_ns + 1000 * k)) for k in range(6))
+    assert [runner.push(sample(hour_ns - limit_ns - 4000 + 1000 * k)) for k in range(3)] == [
+        False,
+        False,
+        True,
+    ]
+
+
+def test_an_unordered_port_remembers_the_last_1024_samples(dfpc: Dfpc) -> None:
+    (port,) = dfpc.description.input_ports
+    dfpc.description = dfpc.description.model_copy(
+        update={"input_ports": (port.model_copy(update={"ordered": False}),)}
+    )
+    runner = Runner(dfpc)
+    assert all(runner.push(sample(5000, seq=k)) for k in range(1025))
+    assert not runner.push(sample(5000, seq=1))
+    assert runner.push(sample(5000, seq=0))
 
 
 def test_a_replayed_log_is_accepted_again_by_an_unordered_port(dfpc: Dfpc) -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header
 from cdff_common.types import IMUSensors, Time, TransformWithCovariance
 from cdff_dev.logs import LogSource, open_log
 from cdff_dev.logs.formats.infuse.writer import LogWriter
@@ -106,3 +107,19 @@ def test_a_log_that_is_no_longer_repeated_ends_with_its_lap(log: LogSource) -> N
     assert looped.lap_end_ns(first[0].stamp_ns) == 110 * S
     assert looped.lap_end_ns(first[-1].stamp_ns) == 110 * S + 101 * S // 10
     assert max(info.t1_ns for info in looped.streams.values()) == 110 * S
+
+
+def test_the_first_lap_has_the_samples_and_headers_of_the_log(tmp_path: Path) -> None:
+    header = Header("00000000-0000-4000-8000-000000000001", 7, S, S, "mana/imu", "recorded")
+    with LogWriter(tmp_path / "b.msg") as writer:
+        for n in (1, 2):
+            value = IMUSensors(Time.from_ns(n * S), np.ones(3), np.zeros(3), np.zeros(3))
+            writer.write(IMU, value, n * S, header)
+    with open_log(tmp_path / "b.msg") as log:
+        samples = list(islice(LoopedLog(log).samples(), 4))
+    assert [sample.header.id == header.id for sample in samples if sample.header] == [
+        True,
+        True,
+        False,
+        False,
+    ]

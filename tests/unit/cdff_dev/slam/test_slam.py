@@ -52,7 +52,8 @@ def test_vo_writes_trajectory_picture_and_errors(drive: Path, tmp_path: Path) ->
     assert not (out / "map.ply").exists()
     report = (out / "report.html").read_text(encoding="utf-8")
     assert report.count("data:image/png;base64,") == 3  # trajectory, errors, timing
-    assert "Errors after alignment" in report
+    for text in ("Errors after alignment", "aligned by rotation and translation", "Drift over 5 to"):
+        assert text in report
     assert "http" not in report  # no external resources
     with open_log(out) as outputs:
         info = outputs.streams["/kitti/visual_odometry_sparse.pose"]
@@ -90,6 +91,11 @@ def test_dem_of_a_stereo_drive_has_the_road_below_the_camera(drive: Path, tmp_pa
     # The cameras are 1.65 m above the road and pitched by about a degree.
     assert np.nanmedian(elevation.layer("mean")[row, col]) == pytest.approx(-1.65, abs=0.2)
     assert (out / "dem.png").read_bytes().startswith(PNG)
+    with open_log(out) as outputs:  # for cdff view
+        assert outputs.streams["/kitti/digital_elevation_mapping.map"].type_name == "ElevationMap"
+        origin = next(outputs.samples(["/kitti/digital_elevation_mapping.origin"])).value
+    assert (origin.parent_frame, origin.child_frame) == ("kitti/start", "kitti/vo")
+    np.testing.assert_allclose(origin.transform.matrix[:3, :3] @ [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], atol=1e-9)
     run = json.loads((out / "run.json").read_text(encoding="utf-8"))
     assert run["dem"]["observed_cells"] > 1000
     assert run["dem"]["resolution_m"] == 0.2
@@ -115,7 +121,7 @@ def test_more_than_five_percent_of_failed_poses_are_too_many() -> None:
 def test_a_folder_that_cannot_be_written_is_reported_before_the_work(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cdff_dev.logs.open_log", lambda *_: pytest.fail("the log was opened"))
+    monkeypatch.setattr("cdff_dev.logs.opened.open_log", lambda *_: pytest.fail("the log was opened"))
     (tmp_path / "file").write_text("", encoding="utf-8")
     assert main(["vo", str(drive), "--out", str(tmp_path / "file" / "out")]) == EXIT_ERROR
     assert "cannot be written" in capsys.readouterr().err
@@ -164,3 +170,14 @@ def test_converted_scans_give_the_same_trajectory_and_map(
     np.testing.assert_allclose(*T, atol=1e-6)
     counts = [len(read_ply(tmp_path / out / "map.ply").points_m) for out in ("original", "out")]
     assert counts[0] == counts[1]
+
+
+def test_a_missing_viewer_is_reported_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["vo", str(tmp_path / "none"), "--out", str(tmp_path / "out"), "--view"]) == 1
+    assert "pip install 'cdff[view]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -16,18 +16,15 @@ from cdff_common.interfaces.product import Quality, Status
 from cdff_common.types import Pointcloud
 from cdff_dev.logs.source import LogSample, recorded_header
 from cdff_dev.view.drawings import Layer, Note, Number
-from cdff_dev.view.live import States, updates_of
+from cdff_dev.view.live import States, Timeline, updates_of
 
 NOW_NS = 5_000_000_000
 
 
 def layers(key: str, body: dict[str, Any], states: States | None = None) -> list[Layer]:
-    found = []
-    for update in updates_of(Message(key, pack(body), "", b""), NOW_NS, states or States()):
-        assert isinstance(update, tuple)
-        assert update[0] == NOW_NS
-        found.append(update[1])
-    return found
+    found = [*updates_of(Message(key, pack(body), "", b""), states or States())]
+    assert all(isinstance(update, Layer) for update in found)
+    return found  # type: ignore[return-value]
 
 
 def test_a_product_is_a_sample_and_a_failed_one_has_no_value() -> None:
@@ -35,12 +32,12 @@ def test_a_product_is_a_sample_and_a_failed_one_has_no_value() -> None:
     header = recorded_header("/mana/dem.cloud", 3, NOW_NS, frame="site")
     payload, encoding = encode_payload(cloud)
     key = keys.product("mana", "dem", "cloud")
-    (sample,) = updates_of(Message(key, payload, encoding, header.to_attachment()), NOW_NS, States())
+    (sample,) = updates_of(Message(key, payload, encoding, header.to_attachment()), States())
     assert isinstance(sample, LogSample)
     assert (sample.stream, sample.type_name, sample.seq) == ("/mana/dem.cloud", "Pointcloud", 3)
     np.testing.assert_allclose(sample.value.points_m, np.eye(3))
     failed = replace(header, quality=Quality(Status.FAILED, ("no_ground",)))
-    (sample,) = updates_of(Message(key, b"", encoding, failed.to_attachment()), NOW_NS, States())
+    (sample,) = updates_of(Message(key, b"", encoding, failed.to_attachment()), States())
     assert isinstance(sample, LogSample)
     assert sample.value is None
     assert sample.header is not None
@@ -73,3 +70,18 @@ def test_events_are_messages_and_active_alarms_warnings() -> None:
         assert isinstance(layer.drawing, Note)
         levels.append(layer.drawing.level)
     assert levels == ["WARN", "INFO"]
+
+
+def test_the_progress_of_a_player_is_no_message() -> None:
+    assert layers(keys.event("ground", "playback"), {"position_ns": 5}) == []
+
+
+def test_states_have_the_time_of_the_mission_not_of_this_machine() -> None:
+    timeline = Timeline()
+    early, late = (Layer("/mana/dem/notes", "", Note("INFO", text)) for text in ("early", "late"))
+    cloud = Pointcloud.from_points(np.eye(3), frame="site", stamp_ns=NOW_NS)
+    sample = LogSample("/mana/dem.cloud", "Pointcloud", NOW_NS, 0, cloud)
+    assert list(timeline.placed([early], None)) == []
+    assert list(timeline.placed([sample], None)) == [(NOW_NS, early), sample]
+    assert list(timeline.placed([late], None)) == [(NOW_NS, late)]
+    assert list(timeline.placed([late], NOW_NS + 1)) == [(NOW_NS + 1, late)]

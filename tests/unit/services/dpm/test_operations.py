@@ -10,6 +10,7 @@ from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from cdff_common.interfaces.product import Header, Quality, Status
 from cdff_common.types import Pointcloud
 from dpm_store import Event, Insertion, Query
+from dpm_store.frames.frames import HistoryView
 from services.dpm.operations import retrieval
 from services.dpm.operations.dpm import Dpm
 
@@ -160,6 +161,19 @@ def test_the_answer_to_a_pose_query_names_its_frames_time_revision_and_limit(dpm
     assert answer["frames_revision"] == dpm.store.frames.state()
     assert dpm.frames.pose("site", "mana/base", 2 * S)["robot"] == ""
     assert dpm.frames.pose("site", "mana/base", 2 * S)["limit_s"] == EXTRAPOLATION_LIMIT_NS / 1e9
+
+
+def test_the_answer_to_a_pose_query_of_an_earlier_state_names_that_state(dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(pose(2, 1.0), "pose", 2, child="mana/base"))
+    state = dpm.store.frames.state() + 7
+    answer = dpm.frames.pose("site", "mana/base", None, view=HistoryView(state=state))
+    assert answer["frames_revision"] == state
+
+
+@pytest.mark.parametrize(("parent", "child"), [("no frame", "mana/base"), ("site", "no frame")])
+def test_a_pose_query_with_an_invalid_frame_is_refused(dpm: Dpm, parent: str, child: str) -> None:
+    with pytest.raises(InputError, match="no frame"):
+        dpm.frames.pose(parent, child, None)
 
 
 def test_a_pose_of_unmoved_frames_is_that_of_now(dpm: Dpm) -> None:

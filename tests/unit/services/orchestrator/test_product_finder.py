@@ -16,8 +16,9 @@ from cdff_common.errors import ExtrapolationError, FrameNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, Quality, Status, product_id
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.types import Pointcloud
 from cdff_core.orchestration.request import ProductRequest, parse_request
-from services.orchestrator.dpm import StoredProduct
+from services.orchestrator.dpm import DERIVED_DFPC, StoredProduct
 from services.orchestrator.product_finder import ProductFinder
 from tests.support.dpm_products import S, elevation, navigation, pose
 
@@ -92,6 +93,9 @@ def test_elevation_of_any_robot_is_one_window_of_all_robots_in_the_requested_fra
     assert [w["robot"] for w in dpm.windows] == ["any"]
     assert dpm.windows[0]["frame"] == "site"
     assert dpm.windows[0]["region"] == "bbox:0,0,1,1"
+    assert dpm.searches[0] == {
+        "type": "dem", "robot": "any", "region": "bbox:0,0,1,1", "frame": "site", "limit": 5, "t1": None,
+    }  # fmt: skip
     assert found is not None
     assert found[0].robots == ()
     assert found[0].candidate.oldest_t1_ns == 90 * S
@@ -153,6 +157,16 @@ def test_failed_and_derived_products_are_not_used() -> None:
     found, reason = finder(DpmDouble(status="FAILED")).find(request(type="pose"), ROBOTS, 1e9)
     assert found is None
     assert reason == "the DPM holds no pose of mana for it; the DPM holds no pose of minnie for it"
+
+
+@pytest.mark.parametrize(("dfpc", "is_used"), [("a_dfpc", True), ("dpm", False), (DERIVED_DFPC, False)])
+def test_a_product_that_was_derived_from_others_is_not_used(dfpc: str, is_used: bool) -> None:
+    class Derived(DpmDouble):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            return [item | {"dfpc": dfpc} for item in super().search(until_s, **parameters)]
+
+    found, _ = finder(Derived()).find(request(type="navigation_map"), ("mana",), 1e9)
+    assert (found is not None) == is_used
 
 
 def test_a_degraded_product_is_delivered_as_degraded() -> None:
@@ -224,3 +238,67 @@ def test_navigation_maps_are_merged_up_to_the_largest_age(max_age_s: str, merged
     assert found is not None
     assert len(found[0].sources) == merged
     assert found[0].frame == "site"
+
+
+class TwoClouds(DpmDouble):
+    """DPM with a cloud of the left half of a square of 4 m, 2 s old, and one of its right half, 10 s old."""
+
+    def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+        (item,) = super().search(until_s, **parameters)
+        return [item | {"id": "left"}, item | {"id": "right", "t1_ns": (NOW_S - 10) * S}]
+
+    def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
+        x, y = np.meshgrid(np.arange(0.25, 2.0, 0.5), np.arange(0.25, 4.0, 0.5))
+        shift_m = 0.0 if stored == "left" else 2.0
+        points = np.column_stack([x.ravel() + shift_m, y.ravel(), np.zeros(x.size)])
+        cloud = Pointcloud.from_points(points, frame=self.frame, stamp_ns=98 * S)
+        header = replace(self._header(robot, "pointcloud"), id=stored)
+        if stored == "right":
+            header = replace(header, t0_ns=(NOW_S - 10) * S, t1_ns=(NOW_S - 10) * S)
+        return StoredProduct(header, robot, cloud, {}, b"", "")
+
+
+@pytest.mark.parametrize(("max_age_s", "names"), [("10", ["left", "right"]), ("9.999", ["left"])])
+def test_clouds_are_merged_up_to_the_largest_age_until_they_cover_the_region(
+    max_age_s: str, names: list[str]
+) -> None:
+    parameters = {"type": "pointcloud", "robot": "mana", "region": "bbox:0,0,4,4", "min_coverage": "0.9"}
+    dpm = TwoClouds(frame="site")
+    found, _ = finder(dpm).find(request(**parameters, max_age_s=max_age_s), ("mana",), 1e9)
+    assert found is not None
+    assert [header.id for header in found[0].sources] == names
+    candidate = found[0].candidate
+    assert candidate.coverage == pytest.approx(0.5 * len(names))
+    assert len(found[0].value.points_m) == 32 * len(names)
+    oldest_s = 98 if len(names) == 1 else NOW_S - 10
+    assert (candidate.t1_ns, candidate.oldest_t1_ns) == (98 * S, oldest_s * S)
+    assert dpm.searches[0]["limit"] == 8
+    enough, _ = finder(dpm).find(request(**parameters | {"min_coverage": "0.5"}), ("mana",), 1e9)
+    assert enough is not None
+    assert len(enough[0].sources) == 1
+
+
+def test_clouds_in_another_frame_are_moved_with_the_pose_at_their_time() -> None:
+    """The double's frames are 1 m apart along x and y, so that a part of the cloud leaves the region."""
+    parameters = {"type": "pointcloud", "robot": "mana", "region": "bbox:0,0,4,4"}
+    dpm = TwoClouds(frame="mana/odom")
+    found, _ = finder(dpm).find(request(**parameters), ("mana",), 1e9)
+    assert found is not None
+    assert dpm.poses[0] == ("mana", "site", "mana/odom", 98 * S)
+    assert found[0].frame == "site"
+    np.testing.assert_allclose(found[0].value.points_m.min(axis=0), [1.25, 1.25, 0.0])
+    assert found[0].moved_by is not None
+
+
+@pytest.mark.parametrize(("frame", "is_used"), [("mana/base", True), ("site", False)])
+def test_a_cloud_without_a_fixed_position_is_searched_without_the_region(frame: str, is_used: bool) -> None:
+    class OutsideOfRegions(TwoClouds):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            items = super().search(until_s, **parameters)
+            return [] if "region" in parameters else items
+
+    dpm = OutsideOfRegions(frame=frame)
+    parameters = {"type": "pointcloud", "robot": "mana", "region": "bbox:0,0,4,4"}
+    found, _ = finder(dpm).find(request(**parameters), ("mana",), 1e9)
+    assert (found is not None) == is_used
+    assert ["region" in search for search in dpm.searches] == [True, False]

@@ -184,9 +184,17 @@ def test_repeated_and_unordered_stamps_are_dropped_and_counted() -> None:
     T = np.tile(np.eye(4), (6, 1, 1))
     T[:, 0, 3] = np.arange(6)
     shuffled = Track.of_ascending("log", stamps_ns, T)
-    assert shuffled.stamps_ns.tolist() == [10**9, 2 * 10**9, 5 * 10**9, 6 * 10**9]
-    assert shuffled.positions_m[:, 0].tolist() == [0.0, 1.0, 3.0, 5.0]
+    assert shuffled.stamps_ns.tolist() == [10**9, 2 * 10**9, 4 * 10**9, 6 * 10**9]
+    assert shuffled.positions_m[:, 0].tolist() == [0.0, 1.0, 4.0, 5.0]
     assert shuffled.dropped == 2
     results = compare(shuffled, shuffled, align="none").results
     assert "2 poses of the estimate are dropped" in table(results)
     assert results["ate"]["rmse_by_axis_m"] == {"x": 0.0, "y": 0.0, "z": 0.0}
+
+
+def test_one_stamp_far_ahead_does_not_drop_the_poses_after_it() -> None:
+    stamps_ns = np.arange(10, dtype=np.int64)
+    stamps_ns[3] = 10**9
+    kept = Track.of_ascending("log", stamps_ns, np.tile(np.eye(4), (10, 1, 1)))
+    assert kept.stamps_ns.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert kept.dropped == 1

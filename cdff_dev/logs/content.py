@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Description of files and folders that are no recordings, in one line: content, command that reads it."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import zlib
+from collections import defaultdict
+from pathlib import Path
+
+from cdff_common.errors import CdffError
+from cdff_dev.logs.formats import LogLocation
+
+_HEAD_BYTES = 1 << 16
+#: Description of a text without a known structure.
+TEXT = "text"
+_GRAPH = "pose graph", "cdff run pose_graph_optimization graph=FILE"
+_BUNDLE = "bundle adjustment problem", "cdff run bundle_adjustment problem=FILE"
+_MODEL = "model of an object", "cdff run model_detection model=FILE"
+_CALIBRATION = "calibration of a camera", "its folder of images, or --calibration FILE"
+#: Content by suffix, for formats whose suffix is unambiguous.
+_BY_SUFFIX = {
+    ".g2o": _GRAPH,
+    ".obj": _MODEL,
+    ".stl": _MODEL,
+    ".wrl": _MODEL,
+    ".glb": _MODEL,
+    ".cao": ("model of an object in ViSP's format", ""),
+    ".mtl": ("material of a model", ""),
+    ".lbl": ("label of a raster (PDS)", ""),
+    ".img": ("raster (PDS)", ""),
+    ".md": (TEXT, ""),
+}
+_CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml", ".txt")
+
+
+def describe(location: LogLocation) -> str | None:
+    """Return the content of a location without streams in one line; None if any of its files is unknown."""
+    files = list(location.files)
+    if location.folder is not None:
+        files = sorted(path for path in location.folder.rglob("*") if path.is_file())
+    groups: dict[tuple[str, str], list[Path]] = defaultdict(list)
+    for file in files:
+        if (kind := _kind(file)) is None:
+            return None
+        groups[kind].append(file)
+    if not groups:
+        return None
+    if len(files) == 1:
+        (what, use), _ = next(iter(groups.items()))
+        return what + (f" (for {use})" if use else "")
+    kinds = sorted(groups.items(), key=lambda item: -len(item[1]))
+    return "; ".join(
+        f"{len(found)} x {what}" + (f" (for {use})" if use else "") for (what, use), found in kinds
+    )
+
+
+def _kind(path: Path) -> tuple[str, str] | None:
+    """Return what a file is and what reads it; None if it is unknown."""
+    suffix = path.suffix.lower()
+    if path.name.lower().startswith(("readme", "license")):
+        return TEXT, ""
+    if suffix in _BY_SUFFIX:
+        return _BY_SUFFIX[suffix]
+    if suffix in _CALIBRATION_SUFFIXES and _is_calibration(path):
+        return _CALIBRATION
+    return _by_content(path, suffix)
+
+
+def _is_calibration(path: Path) -> bool:
+    from cdff_common.camera import read_cameras
+
+    try:
+        cameras, _ = read_cameras(path)
+    except CdffError:
+        return False
+    return bool(cameras)
+
+
+def _by_content(path: Path, suffix: str) -> tuple[str, str] | None:
+    from cdff_common.formats.format_detection import detect
+
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if suffix == ".gz":
+        try:
+            with gzip.open(path) as compressed:
+                head = compressed.read(_HEAD_BYTES)
+        except (OSError, EOFError, zlib.error):
+            return None
+        text = _text(head)
+        return None if text is None else (f"compressed {_table_of(text)}", "")
+    try:
+        found = detect(path)
+    except CdffError:
+        found = ""
+    if found in ("bal", "libmv"):
+        return _BUNDLE
+    if found == "pose_txt":
+        return "pose as a matrix", "cdff run NAME guess=FILE"
+    text = _text(head)
+    if text is None:
+        return None
+    if suffix == ".csv":
+        return _table_of(text), ""
+    if found == "json":
+        return f"JSON with {_names(path)}", ""
+    if suffix in (".yaml", ".yml", ".xml"):
+        return f"{suffix[1:].upper()} settings", ""
+    return TEXT, ""
+
+
+def _text(head: bytes) -> str | None:
+    if b"\x00" in head:
+        return None
+    try:
+        return head.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return head[: error.start].decode("utf-8") if error.start >= len(head) - 4 else None
+
+
+def _table_of(text: str) -> str:
+    first = text.splitlines()[0] if text.strip() else ""
+    names = [word.strip() for word in first.lstrip("#").split(",")]
+    shown = ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+    return f"table with {shown}" if len(names) > 1 else TEXT
+
+
+def _names(path: Path) -> str:
+    content = json.loads(path.read_bytes())
+    if isinstance(content, dict):
+        names = list(content)
+        return f"the names {', '.join(names[:4])}" + (", …" if len(names) > 4 else "")
+    return f"{len(content)} items" if isinstance(content, list) else "one value"
