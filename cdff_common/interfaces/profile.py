@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import base64
 import logging
-from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
-from cdff_common.contract.names import FRAME_ID, MAX_FRAME_LENGTH, NAME, RESERVED_SCOPES, ROBOT_ID
+from cdff_common.contract.names import NAME, RESERVED_SCOPES, ROBOT_ID
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
@@ -24,15 +23,13 @@ from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.map_merging import MergingConfig
+from cdff_common.interfaces.sensor_profile import Count, FrameId, ModeNeed, Name, Sensor
 
 logger = logging.getLogger(__name__)
 
 RobotId = Annotated[str, Field(pattern=rf"^{ROBOT_ID}$")]
-Name = Annotated[str, Field(pattern=rf"^{NAME}$")]
-FrameId = Annotated[str, Field(pattern=rf"^{FRAME_ID}$", max_length=MAX_FRAME_LENGTH)]
 WiringText = Annotated[str, Field(pattern=rf"^{WIRING}$")]
 ModeNames = Annotated[str, Field(pattern=rf"^{NAME}(\|{NAME})*$")]
-Count = Annotated[int, Field(ge=1)]
 AngleDeg = Annotated[float, Field(ge=-360, le=360)]
 Vector3 = tuple[float, float, float]
 
@@ -88,178 +85,6 @@ class FrameEdge(StrictModel):
             R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
         sigma = [self.sigma_m] * 3 + [float(np.deg2rad(self.sigma_deg))] * 3
         return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
-
-
-#: Value of ``Sensor.mask`` that selects the shapes of the robot's URDF instead of an image.
-URDF_MASK = "urdf"
-Exposure = Literal["short", "normal", "long", "auto"]
-
-
-class SensorMode(StrictModel):
-    """A mode of a sensor that the ICU can set.
-
-    Attributes
-    ----------
-    on : bool
-        True if the sensor streams in this mode.
-    rate_hz : float or None
-        Samples per second.
-    width_px, height_px : int or None
-        Resolution of an image, or points per ring and number of rings of a lidar scan.
-    stereo : bool or None
-        Stereo camera: true for both cameras, false for one.
-    exposure : str or None
-        Exposure class: short, normal, long or auto.
-    doc : str
-        Description for operators.
-    """
-
-    on: bool = True
-    rate_hz: NonNegativeFloat | None = None
-    width_px: Count | None = None
-    height_px: Count | None = None
-    stereo: bool | None = None
-    exposure: Exposure | None = None
-    doc: str = ""
-
-
-class ModeNeed(StrictModel):
-    """Requirements of a DFPC for the mode of a sensor; any streaming mode that meets all is accepted.
-
-    Attributes
-    ----------
-    min_rate_hz, max_rate_hz : float or None
-        Bounds of the rate, samples per second.
-    min_width_px, min_height_px : int
-        Least resolution, pixels.
-    stereo : bool or None
-        Stereo camera: true for both cameras, false for one; None accepts both.
-    exposure : list of str
-        Accepted exposure classes; empty for all.
-    """
-
-    min_rate_hz: NonNegativeFloat = 0.0
-    max_rate_hz: PositiveFloat | None = None
-    min_width_px: Count = 1
-    min_height_px: Count = 1
-    stereo: bool | None = None
-    exposure: tuple[Exposure, ...] = ()
-
-    def is_met_by(self, mode: SensorMode) -> bool:
-        """Return True if a mode meets the requirements; an unspecified property does not."""
-        return (
-            mode.on
-            and (self.min_rate_hz == 0.0 or (mode.rate_hz or 0.0) >= self.min_rate_hz)
-            and (self.max_rate_hz is None or (mode.rate_hz is not None and mode.rate_hz <= self.max_rate_hz))
-            and (self.min_width_px == 1 or (mode.width_px or 0) >= self.min_width_px)
-            and (self.min_height_px == 1 or (mode.height_px or 0) >= self.min_height_px)
-            and (self.stereo is None or mode.stereo is self.stereo)
-            and (not self.exposure or mode.exposure in self.exposure)
-        )
-
-
-class Sensor(StrictModel):
-    """A sensor of a robot: kind, frame, streams and modes.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of the sensor; ``other`` for joints, GNSS and whatever has no kind.
-    frame : str
-        Frame of the samples, below ``{robot}/base``: x right, y down, z forward for a camera (the left one of
-        a stereo camera), x forward, y left, z up for the others. For wheels ``{robot}/base``.
-    streams : mapping
-        Stream name to the type of its samples.
-    modes : mapping of mode to SensorMode
-        Modes by name.
-    initial_mode : str
-        Mode at the start and when the sensor is not used.
-    switch_s : float
-        Duration of a mode change, seconds.
-    transitions : mapping of mode to mapping of mode to float
-        Mode -> next mode -> seconds. A listed mode has only these transitions; any other can change to every
-        mode in ``switch_s``. Modes without a direct transition are reached through others.
-    refuses : tuple of str
-        Modes that the sensor refuses at present.
-    range_m : float or None
-        Range, metres; None if unknown.
-    mask : str
-        Pixels that always show the robot, in the left image of a stereo camera. Either the path of an image
-        file, relative to the profile, in which these pixels are black (0); or ``urdf``: the shapes of the
-        robot's URDF are projected into both images. In a loaded profile the path is replaced by the file in
-        base64.
-    mask_right : str
-        The same for the right image, as an image file.
-    """
-
-    kind: Literal["stereo_camera", "camera", "lidar", "imu", "wheels", "other"]
-    frame: FrameId
-    streams: dict[Name, str]
-    modes: dict[Name, SensorMode] = {"off": SensorMode(on=False), "nominal": SensorMode()}
-    initial_mode: Name = "nominal"
-    switch_s: NonNegativeFloat = 0.5
-    transitions: dict[Name, dict[Name, NonNegativeFloat]] = {}
-    refuses: tuple[Name, ...] = ()
-    range_m: PositiveFloat | None = None
-    mask: str = ""
-    mask_right: str = ""
-
-    @model_validator(mode="after")
-    def _check_masks(self) -> Sensor:
-        if (self.mask or self.mask_right) and self.kind != "stereo_camera":
-            raise ValueError(f"mask of a sensor of kind {self.kind}: expected a stereo camera")
-        if self.mask_right and URDF_MASK in (self.mask, self.mask_right):
-            raise ValueError(f"mask_right: expected an image; `mask: {URDF_MASK}` applies to both images")
-        return self
-
-    @model_validator(mode="after")
-    def _modes_exist(self) -> Sensor:
-        named = [self.initial_mode, *self.refuses, *self.transitions]
-        for mode in (
-            *named,
-            *(name for targets in self.transitions.values() for name in targets),
-        ):
-            if mode not in self.modes:
-                raise ValueError(f"mode {mode!r} is not among modes {sorted(self.modes)}")
-        return self
-
-    def transitions_from(self, mode: str) -> dict[str, float]:
-        """Return the direct transitions of a mode with their duration, seconds."""
-        if mode in self.transitions:
-            return dict(self.transitions[mode])
-        return {m: self.switch_s for m in self.modes if m != mode}
-
-    @cached_property
-    def switch_durations_s(self) -> dict[str, dict[str, float]]:
-        """Durations of the fastest mode changes, seconds: mode -> reachable mode -> duration."""
-        paths = {start: {mode: self.mode_path(start, mode) for mode in self.modes} for start in self.modes}
-        return {
-            start: {
-                mode: sum(duration_s for _, duration_s in path)
-                for mode, path in targets.items()
-                if path is not None
-            }
-            for start, targets in paths.items()
-        }
-
-    def mode_path(self, start: str, target: str) -> tuple[tuple[str, float], ...] | None:
-        """Return the fastest path between two modes, as modes and seconds; None if there is none."""
-        best: dict[str, tuple[float, tuple[tuple[str, float], ...]]] = {start: (0.0, ())}
-        open_modes = {start}
-        while open_modes:
-            mode = min(open_modes, key=lambda m: (best[m][0], m))
-            if mode == target:
-                return best[mode][1]
-            open_modes.discard(mode)
-            elapsed_s, steps = best[mode]
-            for next_mode, duration_s in self.transitions_from(mode).items():
-                if next_mode not in best or elapsed_s + duration_s < best[next_mode][0]:
-                    best[next_mode] = (
-                        elapsed_s + duration_s,
-                        (*steps, (next_mode, duration_s)),
-                    )
-                    open_modes.add(next_mode)
-        return None
 
 
 class DfpcEntry(StrictModel):

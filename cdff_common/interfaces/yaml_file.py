@@ -31,7 +31,7 @@ class LocatedMapping:
     ----------
     data : dict
     lines : mapping of Location to int
-        Line of each key and list item; of a key that occurs twice in its mapping the last one, as in ``data``.
+        Line of each key and list item; of a repeated key the last one, as in ``data``.
     repeated : tuple of (Location, int)
         Keys that occur again in their mapping, with the line of their earlier occurrence.
     """
@@ -97,7 +97,7 @@ def _read(path: Path) -> tuple[dict[str, Any], yaml.Node]:
         raise ConfigurationError(f"{where}: is no YAML: {problem}") from error
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigurationError(f"{path}: {error}") from error
-    if not isinstance(data, dict):
+    if node is None or not isinstance(data, dict):
         raise ConfigurationError(f"{path}: contains a {type(data).__name__}, expected a mapping")
     return data, node
 

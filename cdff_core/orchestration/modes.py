@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cdff_common.errors import DeniedError, ProductNotFoundError, UnavailableError
-from cdff_common.interfaces.profile import Sensor
+from cdff_common.interfaces.sensor_profile import Sensor
 
 #: (state, event) -> state of a sensor. ``demand`` is a call, the others are events.
 MODE_TRANSITIONS: Mapping[tuple[str, str], str] = {

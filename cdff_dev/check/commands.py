@@ -14,9 +14,9 @@ def register(nouns: Any) -> None:
     parser = nouns.add_parser(
         "check",
         help="check a profile (--profile), or this checkout: descriptions, requirements",
-        description="With --profile: find the mistakes of a profile without driving, all at once, each with file, "
-        "line, key, value and expectation. Without: compare the descriptions of this checkout with the code, and "
-        "its requirements with the tests. Exit code 1 if there is an error.",
+        description="With --profile: find the mistakes of a profile without driving, all at once, each with "
+        "file, line, key, value and expectation. Without: compare the descriptions of this checkout with the "
+        "code, and its requirements with the tests. Exit code 1 if there is an error.",
     )
     parser.add_argument(
         "--profile", metavar="FILE", help="profile to check, e.g. deploy/profiles/rover_traverse.yaml"

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from cdff_common.errors import InputError
-from cdff_common.interfaces.profile import Profile, Robot, Sensor
+from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.profile_checks.faults import Severity, nearest_frame, nearest_name, one_of
+from cdff_common.interfaces.sensor_profile import Sensor
 from cdff_dev.logs.information import StreamReport
 from cdff_dev.logs.source import split_stream
 from cdff_dev.logs.timing import Timing

@@ -63,7 +63,8 @@ class ProfileReport:
         for name, stream in self.streams.items():
             yield f"  {stream_line(name, stream)}"
         yield from map(str, self.findings)
-        severities = [fault.severity for fault in (*self.checked.faults, *self.findings)]
+        severities = [fault.severity for fault in self.checked.faults]
+        severities += [finding.severity for finding in self.findings]
         counts = [_count(severities.count(kind), kind) for kind in ("error", "warning")]
         subject = f"{self.checked.path}{'' if self.log is None else f' with {self.log}'}"
         yield f"{subject}: {', '.join(counts)}"
@@ -106,7 +107,8 @@ def _description(profile: Profile) -> Iterator[str]:
         for name, sensor in robot.sensors.items():
             rates = [f"{mode} {m.rate_hz:g} Hz" for mode, m in sensor.modes.items() if m.on and m.rate_hz]
             streams = ", ".join(f"{stream} ({type_name})" for stream, type_name in sensor.streams.items())
-            yield f"  {name}: {sensor.kind} in {sensor.frame}, {streams}{'; ' if rates else ''}{', '.join(rates)}"
+            modes = f"; {', '.join(rates)}" if rates else ""
+            yield f"  {name}: {sensor.kind} in {sensor.frame}, {streams}{modes}"
         for entry in robot.dfpcs:
             inputs = ", ".join(f"{port} ← {source}" for port, source in entry.inputs.items())
             yield f"  {entry.name}: {inputs or 'no inputs'}"

@@ -28,8 +28,8 @@ def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
     protocol, _, address = endpoint.partition("/")
     if protocol in ("tcp", "tls") and _is_served(address):
         raise UnavailableError(
-            f"router {endpoint}: another process listens there, such as a running `cdff up`; end it, or choose "
-            "another endpoint with --connect tcp/127.0.0.1:PORT"
+            f"router {endpoint}: another process listens there, such as a running `cdff up`; end it, or "
+            "choose another endpoint with --connect tcp/127.0.0.1:PORT"
         )
     if http is None:
         return
@@ -44,7 +44,10 @@ def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
 
 
 def _in_use(data_dir: Path, holder: str) -> str:
-    return f"data directory {data_dir}: in use by process {holder}; end it, or choose another one with --data-dir"
+    return (
+        f"data directory {data_dir}: in use by process {holder}; end it, or choose another one with "
+        "--data-dir"
+    )
 
 
 def _is_served(address: str) -> bool:

@@ -20,7 +20,7 @@ from cdff_common.interfaces.yaml_file import Location
 _PATTERNS = {
     rf"^{NAME}$": "a name of lower-case letters, digits and _ that starts with a letter",
     rf"^{FRAME_ID}$": "a frame such as mana/base, in lower-case letters, digits, _ and /",
-    rf"^{WIRING}$": "sensor/SENSOR/STREAM, product/DFPC/PORT or dpm/ROBOT/PRODUCT, alternatives separated by |",
+    rf"^{WIRING}$": "sensor/SENSOR/STREAM, product/DFPC/PORT or dpm/ROBOT/PRODUCT, or several with |",
 }
 
 

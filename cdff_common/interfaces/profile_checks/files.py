@@ -8,8 +8,9 @@ from pathlib import Path
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry.urdf import read_urdf
-from cdff_common.interfaces.profile import URDF_MASK, Profile, Robot, Sensor, read_mask
+from cdff_common.interfaces.profile import Profile, Robot, read_mask
 from cdff_common.interfaces.profile_checks.faults import Finding
+from cdff_common.interfaces.sensor_profile import URDF_MASK, Sensor
 from cdff_common.interfaces.yaml_file import Location
 
 

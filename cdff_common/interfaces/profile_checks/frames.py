@@ -70,7 +70,7 @@ def frame_findings(reading: Reading) -> Iterator[Finding]:
 
 
 def owner_of(frame: str) -> str:
-    """Return the first part of a frame with several parts, else an empty string: ``mana`` of ``mana/base``."""
+    """Return ``mana`` of ``mana/base``, and an empty string for a frame with one part."""
     return frame.split("/", maxsplit=1)[0] if "/" in frame else ""
 
 

@@ -36,7 +36,7 @@ def parameter_findings(reading: Reading) -> Iterator[Finding]:
     for i, robot in enumerate(reading.profile.robots):
         for j, entry in enumerate(robot.dfpcs):
             description = description_of(entry.name)
-            variant = description and _variant(description, entry.implementation)
+            variant = None if description is None else _variant(description, entry.implementation)
             if description is None or variant is None:
                 continue
             place: Location = ("robots", i, "dfpcs", j, "parameters")

@@ -12,13 +12,14 @@ from cdff_common.errors import CdffError
 from cdff_common.geometry import FrameGraph, UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import read_urdf
-from cdff_common.interfaces.profile import Robot, Sensor
+from cdff_common.interfaces.profile import Robot
 from cdff_common.interfaces.profile_checks.faults import Finding
 from cdff_common.interfaces.profile_checks.frames import owner_of
 from cdff_common.interfaces.profile_checks.reading import Reading
+from cdff_common.interfaces.sensor_profile import Sensor
 from cdff_common.interfaces.yaml_file import Location
 
-#: Bounds of the mounts of rovers and servicers: farther from the base than 3 m, a baseline below 1 cm or above
+#: Bounds of the mounts of rovers and servicers: farther from the base than 3 m, a baseline below 1 cm or over
 #: 2 m, and an inclination above 60 degrees are rare.
 FARTHEST_MOUNT_M, SHORTEST_BASELINE_M, LONGEST_BASELINE_M, GREATEST_TILT_DEG = 3.0, 0.01, 2.0, 60.0
 
@@ -50,8 +51,8 @@ def _baseline_findings(robot: Robot, i: int) -> Iterator[Finding]:
         baseline_m = float(np.linalg.norm(edge.translation_m))
         if not SHORTEST_BASELINE_M <= baseline_m <= LONGEST_BASELINE_M:
             problem = (
-                f"baseline of {baseline_m:g} m, expected {SHORTEST_BASELINE_M:g} to {LONGEST_BASELINE_M:g} m; "
-                "the unit is metres"
+                f"baseline of {baseline_m:g} m, expected {SHORTEST_BASELINE_M:g} to "
+                f"{LONGEST_BASELINE_M:g} m; the unit is metres"
             )
             place: Location = ("robots", i, "frames", k, "translation_m")
             yield Finding(place, problem, list(edge.translation_m), "", "warning")

@@ -53,7 +53,7 @@ class Reading:
         return original
 
     def is_unreadable(self, *location: str | int) -> bool:
-        """Return True if a location of the valid part lost a value in the data, at it or above or below it."""
+        """Return True if a value at, above or below a location of the valid part was removed."""
         place = self.origin(location)
         return any(r[: len(place)] == place or place[: len(r)] == r for r in self.removed)
 

@@ -10,10 +10,11 @@ from cdff_common import types
 from cdff_common.contract.names import RESERVED_SCOPES
 from cdff_common.contract.products import product_types
 from cdff_common.contract.wiring import mode_names
-from cdff_common.interfaces.profile import ROBOT_LIMITS, DfpcEntry, Robot, SensorMode
+from cdff_common.interfaces.profile import ROBOT_LIMITS, DfpcEntry, Robot
 from cdff_common.interfaces.profile_checks.faults import ABSENT, Finding, nearest_name, one_of, unknown_name
 from cdff_common.interfaces.profile_checks.reading import Reading
 from cdff_common.interfaces.registry import Registry
+from cdff_common.interfaces.sensor_profile import SensorMode
 from cdff_common.interfaces.yaml_file import Location
 
 #: Product of a retention rule for all types together.

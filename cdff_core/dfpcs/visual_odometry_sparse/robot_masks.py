@@ -12,7 +12,7 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.urdf import read_urdf
 from cdff_common.geometry.urdf_shapes import read_shapes
 from cdff_common.interfaces.dfpc import DfpcContext
-from cdff_common.interfaces.profile import URDF_MASK
+from cdff_common.interfaces.sensor_profile import URDF_MASK
 from cdff_common.types import FramePair, Joints
 from cdff_core.imaging.masks import camera_entry, check_size, decode_mask, eroded
 from cdff_core.imaging.shape_projection import silhouettes

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``profile.md``: all fields of a mission profile, from the JSON Schema of its model and a complete example."""
+"""``profile.md``: all fields of a mission profile, from its JSON Schema and a complete example."""
 
 from __future__ import annotations
 

@@ -178,8 +178,8 @@ def _revise(store: Store, robot: str, frame: str, parent: str, T: UncertainTrans
 def _difference(frame: str, entered: FrameRevision, parent: str, T: UncertainTransform) -> FrameDifference:
     text = f"{frame} of the profile differs from the store: {_change(entered, parent, T)}"
     remedy = (
-        f"restore it in the profile, or use a new data directory; to move all products of {frame}, set it with "
-        f"PUT /api/v1/frames/{frame} and keep the profile"
+        f"restore it in the profile, or use a new data directory; to move all products of {frame}, set it "
+        f"with PUT /api/v1/frames/{frame} and keep the profile"
     )
     return FrameDifference(frame, text, remedy)
 

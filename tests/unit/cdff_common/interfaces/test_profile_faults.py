@@ -15,6 +15,7 @@ from cdff_common.resources import shipped_names
 from tests.support.small_profile import line_of, with_mistake, written
 
 _IMU_EDGE = "      - {parent: pico/base, child: pico/imu, translation_m: [0.0, 0.0, 0.1]}\n"
+_IMU_SENSOR = "        kind: imu\n        frame: pico/imu\n        streams: {sample: IMUSensors}\n"
 _MAST_EDGE = "      - {parent: pico/base, child: pico/mast, translation_m: [0.2, 0.0, 0.6]}\n"
 
 #: Correct text, mistaken text, part of the line of the fault, end of its key, part of its text.
@@ -33,7 +34,13 @@ MISTAKES = {
         "position_manager.inputs.lidar_odometry",
         "has the type Pointcloud, port lidar_odometry takes TransformWithCovariance",
     ),
-    "edge is missing": (_MAST_EDGE, "", "child: pico/lidar", "frames[1].parent", "'pico/mast': this frame has no"),
+    "edge is missing": (
+        _MAST_EDGE,
+        "",
+        "child: pico/lidar",
+        "frames[1].parent",
+        "'pico/mast': this frame has no",
+    ),
     "two parents": (
         _IMU_EDGE,
         _IMU_EDGE + "      - {parent: pico/mast, child: pico/imu}\n",
@@ -41,7 +48,13 @@ MISTAKES = {
         "frames[6].child",
         "two parents, pico/base and pico/mast",
     ),
-    "edge twice": (_IMU_EDGE, _IMU_EDGE + _IMU_EDGE.replace("0.1", "0.3"), "0.3]", "frames[6].child", "this edge twice (frames[5])"),
+    "edge twice": (
+        _IMU_EDGE,
+        _IMU_EDGE + _IMU_EDGE.replace("0.1", "0.3"),
+        "0.3]",
+        "frames[6].child",
+        "this edge twice (frames[5])",
+    ),
     "loop": (
         "{parent: pico/base, child: pico/mast,",
         "{parent: pico/right, child: pico/mast,",
@@ -49,14 +62,20 @@ MISTAKES = {
         "frames[4]",
         "closes a loop of pico/mast, pico/left, pico/right",
     ),
-    "frame without edge": ("frame: pico/imu\n", "frame: pico/im\n", "frame: pico/im", "imu.frame", "'pico/imu'?"),
+    "frame without edge": (
+        "frame: pico/imu\n",
+        "frame: pico/im\n",
+        "frame: pico/im",
+        "imu.frame",
+        "'pico/imu'?",
+    ),
     "camera below a misspelt frame": (
         "{parent: pico/mast, child: pico/left",
         "{parent: pico/mst, child: pico/left",
         "pico/mst",
         "frames[3].parent",
-        "pico/left below it cannot be placed on the robot; expected an edge with this child, up to pico/base; "
-        "did you mean 'pico/mast'?",
+        "pico/left below it cannot be placed on the robot; expected an edge with this child, up to pico/base"
+        "; did you mean 'pico/mast'?",
     ),
     "sensor in a frame of another robot": (
         "frame: pico/imu\n",
@@ -159,7 +178,7 @@ MISTAKES = {
     ),
     "duplicate sensor": (
         "    dfpcs:\n",
-        "      imu: # again\n        kind: imu\n        frame: pico/imu\n        streams: {sample: IMUSensors}\n    dfpcs:\n",
+        "      imu: # again\n" + _IMU_SENSOR + "    dfpcs:\n",
         "# again",
         "sensors.imu",
         "repeats the key of line 26, expected it once",
@@ -195,7 +214,13 @@ MISTAKES = {
         "did you mean 'max_slope_deg'?",
     ),
     "limit of 0": ("width_m: 0.8", "width_m: 0", "width_m", "limits.width_m", "= 0.0: expected more than 0"),
-    "text for a number": ("width_m: 0.8", "width_m: wide", "wide", "limits.width_m", "'wide': expected a valid"),
+    "text for a number": (
+        "width_m: 0.8",
+        "width_m: wide",
+        "wide",
+        "limits.width_m",
+        "'wide': expected a valid",
+    ),
     "mode that does not stream": (
         "{camera: nominal}",
         '{camera: "off"}',
@@ -238,8 +263,14 @@ MISTAKES = {
         "sensors.imu.kind",
         "missing, expected a value",
     ),
-    "URDF that does not exist": ("    limits:", "    urdf: no.urdf\n    limits:", "no.urdf", "pico.urdf", "cannot be"),
-}  # fmt: skip
+    "URDF that does not exist": (
+        "    limits:",
+        "    urdf: no.urdf\n    limits:",
+        "no.urdf",
+        "pico.urdf",
+        "cannot be",
+    ),
+}
 
 
 def test_a_profile_without_mistakes_has_no_faults(tmp_path: Path) -> None:
@@ -272,8 +303,16 @@ IMPLAUSIBLE = {
         "child: pico/lidar, translation_m: [0.0, 0.0, 200]",
         "pico/lidar is 200 m from pico/mast, expected at most 3 m; the unit is metres",
     ),
-    "baseline of 1.2 mm": ("[0.12, 0.0, 0.0]", "[0.0012, 0.0, 0.0]", "baseline of 0.0012 m, expected 0.01 to 2 m"),
-    "tilt of 75 degrees": ("rpy_deg: [0, 12, 0]", "rpy_deg: [0, 75, 0]", "sensor lidar: its z axis is 75° from"),
+    "baseline of 1.2 mm": (
+        "[0.12, 0.0, 0.0]",
+        "[0.0012, 0.0, 0.0]",
+        "baseline of 0.0012 m, expected 0.01 to 2 m",
+    ),
+    "tilt of 75 degrees": (
+        "rpy_deg: [0, 12, 0]",
+        "rpy_deg: [0, 75, 0]",
+        "sensor lidar: its z axis is 75° from",
+    ),
     "lidar upside down": ("rpy_deg: [0, 12, 0]", "quaternion_xyzw: [1, 0, 0, 0]", "its z axis is 180° from"),
     "camera with the axes of the base": (
         ", quaternion_xyzw: [-0.5, 0.5, -0.5, 0.5]",
@@ -285,7 +324,7 @@ IMPLAUSIBLE = {
         "[0.5, 0.5, 0.5, 0.5]",
         "sensor camera: its y axis points up",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("value", IMPLAUSIBLE)
@@ -324,8 +363,15 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
         text = text.replace(correct, mistaken)
     faults = check_profile(written(tmp_path, text)).errors
     assert [fault.key.rsplit(".", maxsplit=1)[-1] for fault in faults] == [
-        "name", "max_slope", "width_m", "parent", "kind", "stereo", "voxel", "product",
-    ]  # fmt: skip
+        "name",
+        "max_slope",
+        "width_m",
+        "parent",
+        "kind",
+        "stereo",
+        "voxel",
+        "product",
+    ]
     assert [fault.line for fault in faults] == sorted(fault.line for fault in faults)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from cdff_common.interfaces.profile import ModeNeed, Profile, Sensor, SensorMode
+from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.sensor_profile import ModeNeed, Sensor, SensorMode
 
 NAVCAM: dict[str, Any] = {
     "kind": "stereo_camera",

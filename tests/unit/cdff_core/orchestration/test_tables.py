@@ -13,7 +13,7 @@ from cdff_common.errors import (
     ProductNotFoundError,
     UnavailableError,
 )
-from cdff_common.interfaces.profile import Sensor, SensorMode
+from cdff_common.interfaces.sensor_profile import Sensor, SensorMode
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.lifecycle import (
     DFPC_TRANSITIONS,

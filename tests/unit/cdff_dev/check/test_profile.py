@@ -110,14 +110,22 @@ def test_a_log_that_fits_has_no_findings_and_its_streams_are_described(
 @pytest.mark.parametrize(
     ("fault", "code", "message"),
     [
-        ({"imu": "/pico/imu.samples"}, 1, "/pico/imu.sample: is not in the log; did you mean /pico/imu.samples?"),
+        (
+            {"imu": "/pico/imu.samples"},
+            1,
+            "/pico/imu.sample: is not in the log; did you mean /pico/imu.samples?",
+        ),
         ({"with_wheels": False}, 1, "/pico/wheels.odometry: is not in the log"),
-        ({"frame": "pico/im"}, 1, "'pico/im' in the log, which the profile does not have; did you mean 'pico/imu'?"),
+        (
+            {"frame": "pico/im"},
+            1,
+            "'pico/im' in the log, which the profile does not have; did you mean 'pico/imu'?",
+        ),
         ({"frame": "pico/base"}, 1, "has the frame 'pico/base' in the log, 'pico/imu' in the profile"),
         ({"period_ns": S // 50}, 0, "has 50 Hz in the log; the profile states 10 Hz in nominal"),
         ({"gap_ns": 2 * S}, 0, "warning: /pico/imu.sample: 1 gap, the longest of 2.1 s at 10 Hz"),
     ],
-)  # fmt: skip
+)
 def test_differences_of_a_log_are_named(
     tmp_path: Path,
     profile: str,

@@ -11,7 +11,8 @@ import pytest
 
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import ConflictError, DeniedError, InputError, ProductNotFoundError, UnavailableError
-from cdff_common.interfaces.profile import Profile, Robot, Sensor, SensorMode
+from cdff_common.interfaces.profile import Profile, Robot
+from cdff_common.interfaces.sensor_profile import Sensor, SensorMode
 from services.icu.unit import Faults, SimulatedIcu
 
 
