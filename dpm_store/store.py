@@ -31,6 +31,7 @@ from dpm_store.history.provenance import lineage
 from dpm_store.history.purge import purge
 from dpm_store.history.retention import Retention
 from dpm_store.history.unnamed import unnamed_payloads
+from dpm_store.maps import tile_files
 from dpm_store.maps.clouds import Clouds
 from dpm_store.maps.elevation import Maps
 from dpm_store.maps.patches import Patches
@@ -43,8 +44,6 @@ from dpm_store.products.transaction import Transactions
 from dpm_store.search.extents import extents, frame_names
 from dpm_store.search.footprints import footprints
 from dpm_store.search.search import Search
-
-_TILES = "tiles"
 
 
 def open_store(
@@ -162,7 +161,7 @@ class Store:
         patches = Patches(search, products, self.frames)
         self.maps = Maps(patches)
         self.clouds = Clouds(patches.of("pointcloud", "Pointcloud"), products)
-        self.pyramid = Pyramid(database, patches, self.frames, self.events, directory / _TILES)
+        self.pyramid = Pyramid(database, patches, self.frames, self.events, directory / tile_files.FOLDER)
         # operations of the parts
         self.put_all, self.delete = products.put_all, products.delete
         self.get, self.payload = products.get, products.payload

@@ -21,6 +21,7 @@ from cdff_common.process import lock_file
 from dpm_store.changes.change_recorder import FOLDER
 from dpm_store.changes.replay import Replay
 from dpm_store.engine.database import EMBEDDED
+from dpm_store.maps import tile_files
 from dpm_store.payloads.blobs import fsync
 from dpm_store.store import in_use, open_store
 
@@ -118,6 +119,9 @@ def _exchange(directory: Path, replaced: Path) -> None:
     for name in (f"{EMBEDDED.FILE_NAME}{suffix}" for suffix in ("-wal", "-shm", "")):
         if (directory / name).exists():
             (directory / name).rename(replaced / name)
+    shutil.rmtree(
+        directory / tile_files.FOLDER, ignore_errors=True
+    )  # they refer to events of the old database
     new = directory / _PART / EMBEDDED.FILE_NAME
     fsync(new)
     new.rename(directory / EMBEDDED.FILE_NAME)

@@ -28,7 +28,7 @@ from dpm_store.frames.frames import FrameTable
 from dpm_store.history.events import EventTable
 from dpm_store.maps.patches import Patches, PatchSelection
 from dpm_store.maps.tile_changes import KINDS, Change, MapChanges, tiles_of_change
-from dpm_store.maps.tile_files import Key, StoreState, TileFiles
+from dpm_store.maps.tile_files import Key, TileFiles
 from dpm_store.maps.tile_queries import FEW, tile_parts, tile_query
 from dpm_store.maps.windows import add_patches
 
@@ -65,8 +65,8 @@ class Pyramid:
         self._lock = threading.RLock()
         self._cache: OrderedDict[Key, CellStatistics] = OrderedDict()
         self._files = TileFiles(directory, _FILE_BYTES)
-        self._state = self._files.open(StoreState(events.last_ordinal(), self._last_product()))
-        self._included = dict.fromkeys(self._files.keys(), self._state.product)
+        self._last_event, self._included = self._files.open(events.last_ordinal())
+        self._known_product = self._last_product()
         self._extended: set[Key] = set()
         self._last_change = self._last_removal = 0
         self._changes = MapChanges(database, frames, self._files.frames())
@@ -84,11 +84,11 @@ class Pyramid:
         OverloadedError
             If other requests pool tiles for too long.
         """
-        if self._events.last_ordinal() == self._state.event:
+        if self._events.last_ordinal() == self._last_event:
             return self._last_change
         with self._locked():
             last, page = self._events.last_ordinal(), _EVENTS
-            event_ordinal = self._state.event
+            event_ordinal = self._last_event
             while page == _EVENTS:
                 events = self._events.since(event_ordinal, kind=KINDS, limit=_EVENTS)
                 for event in events:
@@ -97,7 +97,8 @@ class Pyramid:
                 page = len(events)
                 event_ordinal = events[-1].ordinal if events else event_ordinal
             # The products are counted after the events, so that none of them is missing in tiles made now.
-            self._state = StoreState(max(event_ordinal, last), self._last_product())
+            self._last_event = max(event_ordinal, last)
+            self._known_product = self._last_product()
             return self._last_change
 
     def statistics(self, frame: str, z: int, geometry: GridGeometry) -> CellStatistics:
@@ -129,7 +130,7 @@ class Pyramid:
         """Prepare the files for the next start."""
         for key in self._extended:
             self._files.remove(key)
-        self._files.close(self._state)
+        self._files.close(self._last_event, self._included)
 
     def _unless_changed(self, frame: str, make: Callable[[], Read], state: Callable[[], int]) -> Read:
         with self._locked():
@@ -213,7 +214,7 @@ class Pyramid:
 
     def _store(self, key: Key, statistics: CellStatistics) -> None:
         self._files.write(key, statistics)
-        self._included[key] = self._state.product
+        self._included[key] = self._known_product
         self._extended.discard(key)
 
     def _add_inserted(self, key: Key, geometry: GridGeometry, statistics: CellStatistics) -> CellStatistics:
@@ -245,7 +246,7 @@ class Pyramid:
 
     def _known(self, selection: PatchSelection) -> PatchSelection:
         """Return the selection without patches that were inserted after the last ``sync``."""
-        records = tuple(r for r in selection.records if r.ordinal <= self._state.product)
+        records = tuple(r for r in selection.records if r.ordinal <= self._known_product)
         return replace(selection, records=records)
 
     def _pool_patches(self, selection: PatchSelection, geometry: GridGeometry) -> CellStatistics:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rectangles in which insertions, deletions and frame revisions change maps, and the tiles that they touch."""
+"""Rectangles in which insertions, deletions and frame revisions change maps, and the tiles they touch."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, func, select
 
+from cdff_common.geometry import UncertainTransform
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
 from dpm_store.frames.frames import FrameTable, HistoryView
@@ -74,7 +75,7 @@ class MapChanges:
                 box = None
                 for frame in sorted(self.frames_in_use):
                     old, new = before.find(frame, map_frame), after.find(frame, map_frame)
-                    if old is not None and new is not None and np.array_equal(old.matrix, new.matrix):
+                    if old is not None and new is not None and _is_same(old, new):
                         continue
                     box = _patches_box(connection, map_frame) if box is None else box
                     for T in (old, new):
@@ -89,6 +90,12 @@ class MapChanges:
             T = tree.find(frame, map_frame)
             if T is not None:
                 yield Change(frame, bounds_in(T, box), product, is_insertion)
+
+
+def _is_same(a: UncertainTransform, b: UncertainTransform) -> bool:
+    if a.covariance is None or b.covariance is None:
+        return a.covariance is b.covariance and np.array_equal(a.matrix, b.matrix)
+    return np.array_equal(a.matrix, b.matrix) and np.array_equal(a.covariance, b.covariance)
 
 
 def tiles_of_change(keys: Iterable[Key], change: Change, margin_cells: int = 0) -> list[Key]:
@@ -111,10 +118,10 @@ def tiles_of_change(keys: Iterable[Key], change: Change, margin_cells: int = 0) 
 
 
 def _patches_box(connection: Connection, frame: str) -> NDArray[np.float64]:
-    """Return the box of all maps of a frame; NaN if there is none."""
+    """Return the box of all maps of a frame, also deleted ones, which tiles may still have; else NaN."""
     p = schema.products.c
     low = func.min(p.xmin_m), func.min(p.ymin_m), func.min(p.zmin_m)
     high = func.max(p.xmax_m), func.max(p.ymax_m), func.max(p.zmax_m)
-    conditions = p.frame == frame, p.product.in_(MAPS), p.dfpc != DERIVED_DFPC, p.deleted_ns.is_(None)
+    conditions = p.frame == frame, p.product.in_(MAPS), p.dfpc != DERIVED_DFPC
     row = connection.execute(select(*low, *high).where(*conditions)).one()
     return np.array([np.nan if v is None else v for v in row], dtype=np.float64)

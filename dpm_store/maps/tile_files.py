@@ -13,9 +13,9 @@ import json
 import shutil
 import zlib
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,14 +28,9 @@ Key = tuple[str, int, int, int]
 
 _INDEX = "closed.json"
 _FORMAT = 2
+#: Folder of the tiles in the directory of a store.
+FOLDER = "tiles"
 _FLOATS = ("count", "mean", "m2", "minimum", "maximum")
-
-
-class StoreState(NamedTuple):
-    """Ordinals of the last event and of the last product of a state of the store."""
-
-    event: int
-    product: int
 
 
 class TileFiles:
@@ -47,31 +42,41 @@ class TileFiles:
         self._sizes: OrderedDict[Key, int] = OrderedDict()
         self._bytes = 0
 
-    def open(self, state: StoreState) -> StoreState:
-        """Read the index of the last ``close``; return the state that the files include, or ``state``."""
+    def open(self, last_event: int) -> tuple[int, dict[Key, int]]:
+        """Read the index of the last ``close``.
+
+        Returns
+        -------
+        event : int
+            Ordinal of the last event that the files include, ``last_event`` without files.
+        included : dict
+            Ordinal of the last product in each tile.
+        """
+        included: dict[Key, int] = {}
         path = self._directory / _INDEX
         try:
             index = json.loads(path.read_text())
             path.unlink()
-            if index["format"] != _FORMAT or index["event"] > state.event:
+            if index["format"] != _FORMAT or index["event"] > last_event:
                 raise ValueError("of another store or version")
-            for frame, z, x, y, size in index["tiles"]:
+            for frame, z, x, y, size, product in index["tiles"]:
                 self._add((frame, z, x, y), size)
-            return StoreState(int(index["event"]), int(index["product"]))
+                included[frame, z, x, y] = product
+            return int(index["event"]), included
         except (OSError, ValueError, KeyError, TypeError):
             shutil.rmtree(self._directory, ignore_errors=True)
             self._sizes.clear()
             self._bytes = 0
-            return state
+            return last_event, {}
 
-    def close(self, state: StoreState) -> None:
-        """Write the index, without which the files are discarded."""
+    def close(self, event: int, included: Mapping[Key, int]) -> None:
+        """Write the index, without which the files are discarded; parameters as ``open`` returns them."""
         if not self._sizes:
             return
-        tiles = [[*key, size] for key, size in self._sizes.items()]
+        tiles = [[*key, size, included[key]] for key, size in self._sizes.items()]
         try:
             (self._directory / _INDEX).write_text(
-                json.dumps({"format": _FORMAT, **state._asdict(), "tiles": tiles})
+                json.dumps({"format": _FORMAT, "event": event, "tiles": tiles})
             )
         except OSError as error:
             raise StorageError(f"{self._directory / _INDEX}: not written: {error.strerror}") from error

@@ -12,7 +12,12 @@ import numpy as np
 from cdff_common.contract.wiring import Wiring
 from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.profile import Robot
-from cdff_common.interfaces.profile_checks.faults import ABSENT, Finding, Severity, nearest_frame
+from cdff_common.interfaces.profile_checks.faults import (
+    ABSENT,
+    Finding,
+    Severity,
+    nearest_frame,
+)
 from cdff_common.interfaces.profile_checks.reading import Reading
 from cdff_common.interfaces.yaml_file import Location
 
@@ -117,13 +122,17 @@ def _edge_findings(robot: Robot, i: int, frames: FrameParents, robot_ids: set[st
 def _foreign_frames(
     robot: Robot, parent: str, child: str, place: Location, robot_ids: set[str]
 ) -> Iterator[Finding]:
-    """Yield a finding if an edge connects a frame of another robot, or belongs to another robot."""
+    """Yield a finding if an edge connects a frame of another robot, or belongs to another robot.
+
+    Bodies that are no robots of the profile, such as a client, may have frames; the robot may start in one of
+    these or of a site.
+    """
     owners = {"parent": owner_of(parent), "child": owner_of(child)}
-    own = {"", robot.id}
-    if owners["parent"] == owners["child"] and owners["child"] not in robot_ids - {robot.id}:
-        return  # frames of a body that is no robot of the profile, such as a client
+    is_body = owners["parent"] not in robot_ids - {robot.id}
+    if is_body and (owners["parent"] == owners["child"] or child in (f"{robot.id}/odom", f"{robot.id}/base")):
+        return
     for key, frame in (("parent", parent), ("child", child)):
-        if owners[key] not in own:
+        if owners[key] not in ("", robot.id):
             problem = f"is a frame of {owners[key]}, expected one of {robot.id}"
             rest = frame.partition("/")[2]
             yield Finding((*place, key), problem, frame, f"{robot.id}/{rest}")

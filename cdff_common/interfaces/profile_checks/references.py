@@ -19,6 +19,8 @@ from cdff_common.interfaces.yaml_file import Location
 
 #: Product of a retention rule for all types together.
 _ALL_PRODUCTS = "*"
+#: Name in place of a DFPC of products that the DPM derives.
+_DERIVED = "dpm"
 
 
 def reference_findings(reading: Reading) -> Iterator[Finding]:
@@ -131,12 +133,15 @@ def _retention_findings(reading: Reading) -> Iterator[Finding]:
     profile = reading.profile
     assert profile is not None
     products = [_ALL_PRODUCTS, *product_types()]
-    registry = Registry.default()
+    sensors = (name for robot in profile.robots for name in robot.sensors)
+    makers = dict.fromkeys([*Registry.default().dfpcs, *sensors, _DERIVED])
     for k, rule in enumerate(profile.retention):
         if rule.product not in products:
             yield unknown_name(("retention", k, "product"), rule.product, "product type", products)
-        if rule.dfpc is not None and rule.dfpc not in registry.dfpcs:
-            yield unknown_name(("retention", k, "dfpc"), rule.dfpc, "DFPC", registry.dfpcs)
+        if rule.dfpc is not None and rule.dfpc not in makers:
+            problem = "is no installed DFPC and no sensor; right if the DPM also stores its products"
+            near = nearest_name(rule.dfpc, makers)
+            yield Finding(("retention", k, "dfpc"), problem, rule.dfpc, near, "warning")
         if rule.robot is not None and (near := nearest_name(rule.robot, profile.robot_ids)):
             problem = "is no robot of this profile; right if the DPM also stores its products"
             if rule.robot not in profile.robot_ids:

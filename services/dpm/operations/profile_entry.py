@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cdff_common.clock import format_stamp
-from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, Body, body
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
@@ -126,12 +126,25 @@ def _enter_frames(store: Store, profile: Profile, robot: Robot) -> Iterator[Fram
 
 
 def _is_mount(graph: FrameGraph, robot: Robot, frame: str) -> bool:
-    """Return True for a frame that fixed edges connect with the base."""
-    try:
-        graph.lookup(f"{robot.id}/base", frame, 0)
-    except FrameNotFoundError:
-        return False
-    return True
+    """Return True for a frame below the base, or in a fixed tree with it that is only of the robot.
+
+    If fixed edges connect the base with a site, the edges above the base are the pose of the robot.
+    """
+    base = f"{robot.id}/base"
+    if base in _ancestors(graph, frame):
+        return True
+    roots = {[f, *_ancestors(graph, f)][-1] for f in (base, frame)}
+    return len(roots) == 1 and roots.pop().startswith(f"{robot.id}/")
+
+
+def _ancestors(graph: FrameGraph, frame: str) -> list[str]:
+    """Return the frames above a frame, the nearest first."""
+    found: list[str] = []
+    parent = graph.parent_of(frame)
+    while parent is not None:
+        found.append(parent)
+        parent = graph.parent_of(parent)
+    return found
 
 
 def _last_of_a_profile(store: Store, frame: str) -> FrameRevision | None:
@@ -163,10 +176,8 @@ def _revise(store: Store, robot: str, frame: str, parent: str, T: UncertainTrans
     """Add a revision of a mount, valid after the data of the robot that the store has."""
     previous = store.frames.revisions(frame)[-1]
     newest = store.search(Query(robot=robot, limit=1)).items
-    valid_from_ns = None
-    if newest:  # of a log that is replayed, the data are newer than the clock
-        after_data_ns = (newest[0].t1_ns // _STAMP_NS + 1) * _STAMP_NS
-        valid_from_ns = min(after_data_ns, store.clock.now_ns())
+    # Not limited by the clock: before the first message of the mission clock it is the wall clock.
+    valid_from_ns = (newest[0].t1_ns // _STAMP_NS + 1) * _STAMP_NS if newest else None
     revision = store.frames.set(frame, parent, T, valid_from_ns=valid_from_ns, producer=producer)
     start = "for all data" if valid_from_ns is None else f"for data after {format_stamp(valid_from_ns)}"
     logger.warning(

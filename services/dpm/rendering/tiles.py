@@ -83,15 +83,16 @@ class Tiles:
         self._store = store
         self._lock = threading.Lock()
         self._cache: OrderedDict[tuple[str, int, int, int], dict[TileRequest, RenderedTile]] = OrderedDict()
-        self._bytes = 0
+        self._bytes = self._changes = 0
         store.pyramid.listen(self._drop)
 
     def get(self, request: TileRequest) -> RenderedTile:
         """Return one tile; transparent, or NaN, where unobserved at its cell size."""
         pyramid, tile = self._store.pyramid, request.tile
-        event_before = pyramid.sync()
+        pyramid.sync()
         key = (request.frame, tile.z, tile.x, tile.y)
         with self._lock:
+            changes = self._changes
             cached = self._cache.get(key, {}).get(request)
             if cached is not None:
                 self._cache.move_to_end(key)
@@ -107,21 +108,25 @@ class Tiles:
         data = render_elevation(request.layer, request.form, request.range, layers, geometry, wkt)
         etag = f'"{hashlib.blake2b(data, digest_size=12).hexdigest()}"'
         tile_data = RenderedTile(data, MEDIA_TYPES[request.form], etag)
-        if pyramid.sync() == event_before:
-            self._add_to_cache(key, request, tile_data)
+        self._add_to_cache(key, request, tile_data, changes)
         return tile_data
 
     def _add_to_cache(
-        self, key: tuple[str, int, int, int], request: TileRequest, tile_data: RenderedTile
+        self, key: tuple[str, int, int, int], request: TileRequest, tile_data: RenderedTile, changes: int
     ) -> None:
+        """Add a tile, unless maps have changed since ``changes`` was read."""
         with self._lock:
-            self._cache.setdefault(key, {})[request] = tile_data
+            tiles = self._cache.get(key, {})
+            if self._changes != changes or request in tiles:
+                return
+            self._cache[key] = tiles | {request: tile_data}
             self._bytes += len(tile_data.data)
             while self._bytes > _CACHE_BYTES and len(self._cache) > 1:
                 self._bytes -= _size(self._cache.popitem(last=False)[1])
 
     def _drop(self, change: Change) -> None:
         with self._lock:
+            self._changes += 1
             for key in tiles_of_change(tuple(self._cache), change, margin_cells=1):
                 tiles = self._cache.pop(key)
                 remaining = {

@@ -142,7 +142,7 @@ class Bag2Database(Recording):
             raise InputError(f"topic {topic['name']!r} with the number {number!r}")
         if encoding != "cdr":
             found: Decoder | str = f"messages in {encoding!r}, expected 'cdr'"
-        elif definitions and name in definitions:
+        elif definitions and name in definitions and definitions[name][0] != "unknown":
             found = decoder_or_fault(lambda: _defined(name, *definitions[name]))
         else:
             found = decoder_or_fault(lambda: standard_decoder(name))

@@ -378,3 +378,19 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
 def test_text_that_is_no_yaml_is_refused_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"small.yaml:7: is no YAML"):
         load_profile(written(tmp_path, with_mistake("limits:", "limits:\t{")))
+
+
+def test_a_robot_may_start_in_the_frame_of_a_site_or_of_a_body_that_is_no_robot(tmp_path: Path) -> None:
+    start = "{parent: bremen/hall, child: pico/odom}"
+    path = written(tmp_path, with_mistake("{parent: site, child: pico/odom}", start))
+    assert check_profile(path).faults == ()
+
+
+@pytest.mark.parametrize(("dfpc", "is_reported"), [("imu", False), ("dpm", False), ("lidar_slamm", True)])
+def test_a_retention_rule_may_name_a_sensor_or_the_dpm_and_another_name_is_a_warning(
+    tmp_path: Path, dfpc: str, is_reported: bool
+) -> None:
+    rule = f"retention:\n  - {{product: '*', dfpc: {dfpc}, max_age_s: 10}}\n"
+    checked = check_profile(written(tmp_path, with_mistake("retention:\n", rule)))
+    assert checked.errors == ()
+    assert [fault.key for fault in checked.warnings] == (["retention[0].dfpc"] if is_reported else [])

@@ -101,8 +101,12 @@ def test_a_store_with_payloads_and_without_database_is_not_opened(folder: Path) 
 def test_a_missing_database_is_rebuilt_row_by_row(folder: Path) -> None:
     before = tables(folder)
     remove_database(folder)
+    tile = folder / "tiles" / "site" / "0" / "0_0.tile"
+    tile.parent.mkdir(parents=True)
+    tile.touch()
     result = rebuild(folder)
     assert (result.products, result.lost) == (28, [])
+    assert not tile.exists(), "tiles of the old database refer to its events"
     after = tables(folder)
     assert {name for name in before if before[name] != after[name]} == set()
     with open_store(f"sqlite:///{folder}") as store:

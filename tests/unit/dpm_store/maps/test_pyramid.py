@@ -231,6 +231,37 @@ def test_a_corrected_frame_moves_its_patches_from_tile_to_tile(
     assert cells(store, new_tile).count.sum() == pytest.approx(3000)
 
 
+@pytest.mark.parametrize("is_deleted_first", [True, False])
+def test_a_map_that_was_moved_and_deleted_leaves_no_tile(
+    store: Store, rng: np.random.Generator, is_deleted_first: bool
+) -> None:
+    def anchor(x_m: float) -> None:
+        store.frames.set("mana/odom", "site", UncertainTransform(se3.transform(np.eye(3), [x_m, 0.0, 0.0])))
+
+    anchor(0.0)
+    points = put_many_patches(store, rng)
+    moved_id, _ = put_patch(store, rng, (8.0, 8.0, 12.0, 12.0), 900, frame="mana/odom")
+    cells(store, Tile(0, 0, 0))
+    for step in (store.delete, anchor) if is_deleted_first else (anchor, store.delete):
+        step(500.0 if step is anchor else moved_id)  # type: ignore[arg-type]
+    assert_equal_to_points(store, tile_at(14, 10.0, 10.0), points)
+    assert_equal_to_points(store, Tile(0, 0, 0), points)
+
+
+def test_another_covariance_of_a_frame_changes_its_tiles(store: Store, rng: np.random.Generator) -> None:
+    def anchor(sigma_m: float) -> None:
+        covariance = np.diag([sigma_m**2] * 3 + [0.0] * 3)
+        store.frames.set("mana/odom", "site", UncertainTransform(np.eye(4), covariance))
+
+    anchor(0.01)
+    for seq in range(FEW + 1):
+        put_patch(store, rng, (1.0, 1.0, 2.0, 2.0), seq + 1, frame="mana/odom")
+    tile = tile_at(17, 1.5, 1.5)
+    before = np.nanmax(cells(store, tile).to_layers(0)["variance"])
+    anchor(0.5)
+    assert np.nanmax(cells(store, tile).to_layers(0)["variance"]) > before
+
+
 def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
@@ -265,3 +296,24 @@ def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np
         store.pyramid.sync()  # the files of the tile do not have the last patch
     with open_store(url, ManualClock(S)) as store:
         assert_equal_to_points(store, Tile(0, 0, 0), np.vstack([points, more, last]))
+
+
+def test_a_map_inserted_during_the_last_synchronisation_is_added_after_closing(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    url = f"sqlite:///{tmp_path}/data"
+    points: list[np.ndarray] = []
+    with open_store(url, ManualClock(S)) as store:
+        points.append(put_many_patches(store, rng))
+        cells(store, Tile(0, 0, 0))
+
+        def insert_during_synchronisation(_: Change) -> None:
+            if len(points) == 2:
+                points.append(put_patch(store, rng, (30.0, 8.0, 34.0, 12.0), 901)[1])
+
+        store.pyramid.listen(insert_during_synchronisation)
+        points.append(put_patch(store, rng, (500.0, 8.0, 504.0, 12.0), 900)[1])
+        store.pyramid.sync()
+    with open_store(url, ManualClock(S)) as store:
+        assert_equal_to_points(store, tile_at(14, 30.0, 10.0), np.vstack(points))
+        assert_equal_to_points(store, Tile(0, 0, 0), np.vstack(points))

@@ -86,6 +86,30 @@ def test_another_start_pose_is_an_alarm_and_moves_no_products(dpm: Dpm) -> None:
     assert enter(dpm.store, profile(start_m=7.0)) == ()
 
 
+def test_the_pose_of_a_robot_that_stands_is_no_mount(dpm: Dpm) -> None:
+    def lander(x_m: float, lidar_m: float) -> Profile:
+        frames = [
+            {"parent": "site", "child": "lander/base", "translation_m": [x_m, 0.0, 0.0]},
+            {"parent": "lander/base", "child": "lander/lidar", "translation_m": [0.0, 0.0, lidar_m]},
+        ]
+        return Profile.model_validate({"name": "lander", "robots": [{"id": "lander", "frames": frames}]})
+
+    enter(dpm.store, lander(0.0, 1.0))
+    (difference,) = enter(dpm.store, lander(3.0, 1.5))
+    assert difference.frame == "lander/base"
+    revisions = {f: len(dpm.store.frames.revisions(f)) for f in ("lander/base", "lander/lidar")}
+    assert revisions == {"lander/base": 1, "lander/lidar": 2}
+
+
+def test_a_mount_changes_after_data_that_are_newer_than_the_clock(dpm: Dpm) -> None:
+    enter(dpm.store, profile(0.85))
+    stamp_s = dpm.store.clock.now_ns() // S + 30
+    dpm.writer.put(*put_arguments(pose(stamp_s, 0.0), "pose", stamp_s, frame="site", child="mana/base"))
+    enter(dpm.store, profile(0.95))
+    assert height_m(dpm, stamp_s) == pytest.approx(0.85)
+    assert height_m(dpm, stamp_s + 1) == pytest.approx(0.95)
+
+
 def test_an_exchange_of_parent_and_child_is_reported_and_the_store_is_served(dpm: Dpm) -> None:
     enter(dpm.store, profile())
     frames = [

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,7 +15,7 @@ from cdff_common.raster import GridGeometry, hillshade
 from cdff_common.raster.tiles import Tile, tiles_over
 from cdff_common.types import ElevationMap
 from services.dpm.operations.dpm import Dpm
-from services.dpm.rendering.tiles import LAYERS, TileRequest
+from services.dpm.rendering.tiles import LAYERS, TileRequest, render_elevation
 
 from .conftest import S, TestClient, elevation, put_arguments
 
@@ -112,6 +113,26 @@ def test_a_tile_is_rendered_again_only_after_an_insertion_within_it(dpm: Dpm) ->
     dpm.writer.put(*put_arguments(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
     changed = dpm.tiles.get(request)
     assert changed.etag != first.etag
+
+
+def test_a_tile_is_not_kept_if_a_map_is_inserted_while_it_is_rendered(
+    dpm: Dpm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    request = TileRequest("site", "elevation", Tile(17, columns[0], rows[0]))
+
+    def insert_and_render(*arguments: Any) -> bytes:
+        monkeypatch.undo()
+        dpm.writer.put(*put_arguments(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
+        dpm.store.pyramid.sync()
+        return render_elevation(*arguments)
+
+    monkeypatch.setattr("services.dpm.rendering.tiles.render_elevation", insert_and_render)
+    outdated = dpm.tiles.get(request)
+    changed = dpm.tiles.get(request)
+    assert changed.etag != outdated.etag
+    assert dpm.tiles.get(request) is changed
 
 
 def test_an_unchanged_tile_is_answered_with_304(http: TestClient, dpm: Dpm) -> None:

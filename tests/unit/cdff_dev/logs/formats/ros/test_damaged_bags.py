@@ -173,6 +173,16 @@ def test_messages_of_a_bag_without_definitions_have_the_standard_types(tmp_path:
         assert "does not define own_msgs/msg/Own" in log.unconverted["/own"].reason
 
 
+def test_a_recorder_without_definitions_writes_messages_of_standard_types(tmp_path: Path) -> None:
+    path = _bag2(tmp_path / "rover")
+    with sqlite3.connect(path) as database:
+        database.execute(
+            "UPDATE message_definitions SET encoding = 'unknown', encoded_message_definition = ''"
+        )
+    with open_log(path) as log:
+        assert _stamps(log) == _expected(_COUNT)
+
+
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
 def test_compressed_bags_of_ros_2_are_read_and_named_by_their_file(mode: str, tmp_path: Path) -> None:
     bag = Writer2(tmp_path / "rover", version=9, storage_plugin=StoragePlugin.SQLITE3)
