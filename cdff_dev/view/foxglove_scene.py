@@ -93,7 +93,7 @@ class FoxgloveScene:
 
     @singledispatchmethod
     def _put(self, drawing: Any, layer: Layer, stamp_ns: int) -> None:
-        raise NotImplementedError(type(drawing).__name__)
+        raise TypeError(f"{type(drawing).__name__}: expected one of the types of Drawing")
 
     @_put.register
     def _(self, drawing: Points, layer: Layer, stamp_ns: int) -> None:

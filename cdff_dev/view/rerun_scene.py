@@ -61,7 +61,7 @@ class RerunScene:
 
     @singledispatchmethod
     def _put(self, drawing: Any, layer: Layer) -> None:
-        raise NotImplementedError(type(drawing).__name__)
+        raise TypeError(f"{type(drawing).__name__}: expected one of the types of Drawing")
 
     @_put.register
     def _(self, drawing: Points, layer: Layer) -> None:

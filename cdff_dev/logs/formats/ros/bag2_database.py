@@ -5,10 +5,9 @@
 from __future__ import annotations
 
 import io
-import logging
 import sqlite3
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -23,16 +22,15 @@ from cdff_dev.logs.formats.ros.decoders import (
     decoder_or_fault,
     standard_decoder,
 )
-from cdff_dev.logs.formats.ros.recording import Channel, Encoded, Recording
-from cdff_dev.logs.source import Unconverted
+from cdff_dev.logs.formats.ros.file_recording import FileRecording
+from cdff_dev.logs.formats.ros.recording import Channel, Encoded
 
-_log = logging.getLogger(__name__)
 _MAX_BYTES = 256 << 20
 #: After damage, rows are tried one by one, then at doubled distances: a page of a table has hundreds of rows.
 _NEAR_ROWS, _LAST_ROW = 512, 1 << 62
 
 
-class Bag2Database(Recording):
+class Bag2Database(FileRecording):
     """The database of a ROS 2 bag (storage plug-in sqlite3).
 
     Of a truncated or damaged database the readable pages are read; the first damaged row is logged and
@@ -52,10 +50,9 @@ class Bag2Database(Recording):
     """
 
     def __init__(self, path: Path, is_compressed: bool = False) -> None:
-        self._path, self._is_compressed = path, is_compressed
-        self._unconverted: dict[str, Unconverted] = {}
+        super().__init__(path)
+        self._is_compressed = is_compressed
         self._ends_early = False
-        self._decoders: dict[int, Decoder] = {}
         self._database = sqlite3.connect(":memory:")
         try:
             self._list_missing_pages()
@@ -67,21 +64,6 @@ class Bag2Database(Recording):
                 f"{path}: not the database of a ROS 2 bag: {error}; expected tables topics and messages"
             ) from error
         self._list_write_ahead_log()
-
-    @property
-    def name(self) -> str:
-        """Path of the file."""
-        return str(self._path)
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """Types and topics of the messages."""
-        return self._channels
-
-    @property
-    def unconverted(self) -> Mapping[str, Unconverted]:
-        """Damaged parts."""
-        return self._unconverted
 
     def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message in the order of recording."""
@@ -99,14 +81,6 @@ class Bag2Database(Recording):
                 yield chosen[topic], recorded_ns, raw
             else:
                 self._report("row", "its time is not a number, or its data are not bytes")
-
-    def decode(self, channel: Channel, raw: Encoded) -> Any:
-        """Return a message with the fields of its type; raises CodecError if it is damaged."""
-        try:
-            return self._decoders[channel.key](raw)
-        except DECODER_ERRORS as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise CodecError(f"{self._path}: {channel.topic}: damaged message: {reason}") from error
 
     def close(self) -> None:
         """Close the file."""
@@ -190,11 +164,6 @@ class Bag2Database(Recording):
                 f"{size} bytes of the end of the recording: open the database once with sqlite3 to add them"
             )
             self._report(log.name, reason)
-
-    def _report(self, name: str, reason: str) -> None:
-        if name not in self._unconverted:
-            _log.warning("%s: %s: %s", self._path, name, reason)
-            self._unconverted[name] = Unconverted("damaged part", 1, reason)
 
 
 def _connect(path: Path) -> sqlite3.Connection:

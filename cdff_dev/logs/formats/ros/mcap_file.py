@@ -4,25 +4,22 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 import mcap.records
 
-from cdff_common.errors import CodecError
-from cdff_dev.logs.formats.ros.decoders import DECODER_ERRORS, Decoder, decoder, decoder_or_fault, ros_type
+from cdff_dev.logs.formats.ros.decoders import Decoder, decoder, decoder_or_fault, ros_type
+from cdff_dev.logs.formats.ros.file_recording import FileRecording
 from cdff_dev.logs.formats.ros.foxglove import FOXGLOVE
 from cdff_dev.logs.formats.ros.mcap_records import McapRecords
-from cdff_dev.logs.formats.ros.recording import Channel, Encoded, Recording, kept
+from cdff_dev.logs.formats.ros.recording import Channel, Encoded, kept
 from cdff_dev.logs.source import Unconverted
 
-_log = logging.getLogger(__name__)
 
-
-class McapRecording(Recording):
+class McapRecording(FileRecording):
     """An MCAP file.
 
     The file is read sequentially; its index is not used, so that files without one and files that end early
@@ -35,9 +32,8 @@ class McapRecording(Recording):
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
-        self._unconverted: dict[str, Unconverted] = {}
-        self._records = McapRecords(path, self._report)
+        super().__init__(path)
+        self._records = McapRecords(path, self._report_at)
         schemas: dict[int, mcap.records.Schema] = {}
         channels: dict[int, mcap.records.Channel] = {}
         counts: Counter[int] = Counter()
@@ -48,31 +44,15 @@ class McapRecording(Recording):
                 channels.setdefault(record.id, record)
             else:
                 counts[record[0]] += 1
-        self._decoders: dict[int, Decoder] = {}
         known: dict[tuple[int, str], Decoder | str] = {}
-        self._channels = {
-            number: self._channel(channel, schemas.get(channel.schema_id), counts[number], known)
+        self._channels = [
+            self._channel(channel, schemas.get(channel.schema_id), counts[number], known)
             for number, channel in channels.items()
-        }
+        ]
         if unknown := sum(count for number, count in counts.items() if number not in channels):
             self._unconverted["messages"] = Unconverted("unknown", unknown, "their channel is missing")
         if count := self._records.attachments:
             self._unconverted["attachments"] = Unconverted("attachment", count, "not a message")
-
-    @property
-    def name(self) -> str:
-        """Path of the file."""
-        return str(self._path)
-
-    @property
-    def channels(self) -> Sequence[Channel]:
-        """Types and topics of the messages."""
-        return list(self._channels.values())
-
-    @property
-    def unconverted(self) -> Mapping[str, Unconverted]:
-        """Attachments, and damaged parts."""
-        return self._unconverted
 
     def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message in the order of the file."""
@@ -83,18 +63,9 @@ class McapRecording(Recording):
             if isinstance(record, tuple) and (channel := chosen.get(record[0])) is not None:
                 yield channel, record[1], kept(record[2])
 
-    def decode(self, channel: Channel, raw: Encoded) -> Any:
-        """Return a message with the fields of its type in ROS; raises CodecError if it is damaged."""
-        try:
-            message = self._decoders[channel.key](raw)
-            adapted = FOXGLOVE.get(channel.original_type)
-            return message if adapted is None else adapted[1](message)
-        except DECODER_ERRORS as error:
-            reason = f"{type(error).__name__}: {error}"
-            raise CodecError(f"{self._path}: {channel.topic}: damaged message: {reason}") from error
-
-    def close(self) -> None:
-        """Close the file, which is only open while it is read."""
+    def _adapted(self, channel: Channel, message: Any) -> Any:
+        foxglove = FOXGLOVE.get(channel.original_type)
+        return message if foxglove is None else foxglove[1](message)
 
     def _channel(
         self,
@@ -103,7 +74,7 @@ class McapRecording(Recording):
         count: int,
         known: dict[tuple[int, str], Decoder | str],
     ) -> Channel:
-        """Return a channel, and keep its decoder; ``known`` are decoders or faults by schema and encoding."""
+        """Return a channel; its decoder is added. ``known`` has decoders or faults by schema and encoding."""
         key = channel.schema_id, channel.message_encoding
         if key not in known:
             known[key] = _decoder_or_fault(channel.message_encoding, schema)
@@ -119,12 +90,6 @@ class McapRecording(Recording):
         fault = found if isinstance(found, str) else ""
         encoding = channel.message_encoding
         return Channel(channel.topic, type_name, count, channel.id, encoding, original, fault)
-
-    def _report(self, offset: int, reason: str) -> None:
-        name = f"byte {offset}"
-        if name not in self._unconverted:
-            _log.warning("%s: byte %d: %s; not read", self._path, offset, reason)
-            self._unconverted[name] = Unconverted("damaged part", 1, reason)
 
 
 def _decoder_or_fault(encoding: str, schema: mcap.records.Schema | None) -> Decoder | str:
