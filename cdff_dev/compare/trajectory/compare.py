@@ -52,7 +52,8 @@ def compare(
     ----------
     estimate, reference : Track
     align : str
-        See ``alignment.apply_alignment``. Relative errors and drift depend only on its scale.
+        See ``alignment.apply_alignment``. Relative errors and drift depend only on its scale. The NEES is that
+        of poses relative to the first one (``origin``), without alignment for ``none``.
     max_difference_s : float
         Largest difference of matched stamps.
     delta, delta_unit, all_pairs
@@ -71,6 +72,9 @@ def compare(
     n_estimate, n_reference = len(estimate), len(reference)
     est, ref = associate(estimate, reference, max_difference_s)
     dropped = {"estimate": estimate.dropped, "reference": reference.dropped}
+    # A fit to the positions distributes the errors over all poses, while covariances refer to the start.
+    nees_mode: Mode = "none" if align == "none" else "origin"
+    nees = errors.consistency(apply_alignment(est, ref, nees_mode)[0], ref)
     est, T_alignment, scale = apply_alignment(est, ref, align)
     metres, degrees = errors.absolute(est, ref)
     R = orientation_alignment(est, ref)
@@ -109,7 +113,7 @@ def compare(
             "rotation_deg": errors.statistics(relative_degrees),
         },
         "drift": errors.drift(est, ref, lengths),
-        "nees": errors.consistency(est, ref),
+        "nees": None if nees is None else {"alignment": nees_mode, **nees},
     }
     return Comparison(est, ref, metres, results)
 

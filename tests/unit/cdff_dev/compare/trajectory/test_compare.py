@@ -12,6 +12,7 @@ import pytest
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
 from cdff_common.plots import figure_bytes
+from cdff_dev.compare.trajectory.alignment import Mode
 from cdff_dev.compare.trajectory.compare import compare
 from cdff_dev.compare.trajectory.plot import draw
 from cdff_dev.compare.trajectory.report import table
@@ -143,6 +144,23 @@ def test_consistent_covariances_have_a_nees_within_its_band() -> None:
     assert overconfident["mean"] == pytest.approx(4 * nees["mean"])
     C[:1000] = np.nan
     assert compare(track(noisy, C), track(T), align="none").results["nees"]["unknown"] == 1000
+
+
+@pytest.mark.parametrize("align", ["se3", "yaw", "origin"])
+def test_the_nees_of_an_odometry_is_relative_to_its_start(align: Mode) -> None:
+    # A path along x leaves the rotation about x free in a fit to its positions.
+    rng = np.random.default_rng(1)
+    n, sigma = 200, np.array([0.01, 0.01, 0.01, 1e-3, 1e-3, 1e-3])
+    truth = se3.transform(np.eye(3), np.column_stack([0.1 * np.arange(n), 1e-3 * rng.normal(size=(n, 2))]))
+    e = rng.normal(size=(n, 6)) * sigma
+    e[0] = 0.0
+    noisy = se3.transform(se3.exp_so3(e[:, 3:]) @ truth[:, :3, :3], truth[:, :3, 3] + e[:, :3])
+    start = se3.exp_se3([4.0, 5.0, 6.0, 0.1, 0.2, 0.3])
+    C = np.tile(np.diag(sigma**2), (n, 1, 1))
+    nees = compare(track(start @ noisy, C), track(truth), align=align).results["nees"]
+    low, high = nees["band_95"]
+    assert nees["alignment"] == "origin"
+    assert low < nees["mean"] < high
 
 
 def test_covariances_rotate_with_the_alignment() -> None:
