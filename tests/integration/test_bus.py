@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import threading
 import time
@@ -14,7 +15,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import zenoh
 
-from cdff_common.bus import Bus, Message, Reply, Request, keys
+from cdff_common.bus import Bus, Message, Qos, Reply, Request, keys
 from cdff_common.errors import DeadlineError, InputError, NoAnswerError, OverloadedError, UnavailableError
 from tests.integration.conftest import Eventually, Spawn
 
@@ -389,3 +390,20 @@ def test_a_call_without_a_router_names_the_lost_connection_at_once(
     with pytest.raises(NoAnswerError, match="connection to the router is lost"):
         client.call(STAT, timeout_s=20)
     assert time.monotonic() - start_s < 2.0
+
+
+def test_samples_are_not_dropped_while_the_router_gets_no_processor_time(
+    router: subprocess.Popen[bytes], pair: tuple[Bus, Bus], eventually: Eventually
+) -> None:
+    subscriber, publisher = pair
+    received: list[bytes] = []
+    key = keys.sensor("mana", "lidar", "cloud")
+    subscriber.subscribe(key, lambda message: received.append(message.attachment))
+    subscriber.alive(keys.alive("*", "router"))  # its answer follows the subscription
+    for i in range(8):  # more than the buffers of the link hold
+        router.send_signal(signal.SIGSTOP)
+        threading.Timer(0.05, router.send_signal, (signal.SIGCONT,)).start()
+        publisher.publish(key, bytes(8_000_000), attachment=b"%d" % i, qos=Qos.STREAM)
+        publisher.publish(key, b"1", attachment=b"small %d" % i, qos=Qos.STREAM)
+    expected = [name % i for i in range(8) for name in (b"%d", b"small %d")]
+    eventually(lambda: received == expected)
