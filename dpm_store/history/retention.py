@@ -56,7 +56,9 @@ _selected = Table(
     Column("number", Float, nullable=False),
     prefixes=["TEMPORARY"],
 )
-#: Ids of the inputs of kept products, through all generations.
+#: Ids of selected products and of those derived from them, through all generations.
+_related = Table("related", _temporary, Column("id", String(64), primary_key=True), prefixes=["TEMPORARY"])
+#: Ids of related inputs of kept products, through all generations.
 _needed = Table("needed", _temporary, Column("id", String(64), primary_key=True), prefixes=["TEMPORARY"])
 
 
@@ -148,7 +150,12 @@ class Retention:
                 connection.execute(
                     dialect_of(connection).insert_or_ignore(_selected).from_select(list(_selected.c), rows)
                 )
-        last: int = connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0
+        p = schema.products.c
+        selected = select(p.id).join_from(_selected, schema.products, p.ordinal == _selected.c.ordinal)
+        connection.execute(
+            dialect_of(connection).insert_or_ignore(_related).from_select([_related.c.id], selected)
+        )
+        last: int = connection.execute(select(func.max(p.ordinal))).scalar() or 0
         _insert_needed(connection, 0)
         return last
 
@@ -190,22 +197,41 @@ class Retention:
 
 
 def _insert_needed(connection: Connection, since: int) -> None:
-    """Insert the inputs of the staying products that were inserted after ``since``."""
+    """Insert the inputs of the staying products that were inserted after ``since``.
+
+    Only products derived from selected ones are visited: the time depends on their number and not on that of
+    all products.
+    """
     if connection.execute(select(_selected.c.ordinal).limit(1)).first() is None:
         return
-    p, v = schema.products.c, schema.provenance.c
+    p, v, insert = schema.products.c, schema.provenance.c, dialect_of(connection).insert_or_ignore
+    is_related = v.input_id.in_(select(_related.c.id))
+    if since:  # there are few: their inputs are read, and not all that is derived from related products
+        first = select(p.id).where(p.ordinal > since, exists().where(v.product_id == p.id, is_related))
+    else:
+        first = select(v.product_id.label("id")).where(is_related)
+    derived = first.cte("derived", recursive=True)
+    derived = derived.union(
+        select(v.product_id).join_from(derived, schema.provenance, v.input_id == derived.c.id)
+    )
+    rows = select(derived.c.id).where(derived.c.id != "")
+    connection.execute(insert(_related).from_select([_related.c.id], rows))
+
     stays = or_(_selected.c.ordinal.is_(None), _pinned(p.id))
     inputs = (
         select(v.input_id)
-        .join_from(schema.provenance, schema.products, p.id == v.product_id)
+        .join_from(_related, schema.products, p.id == _related.c.id)
         .outerjoin(_selected, _selected.c.ordinal == p.ordinal)
-        .where(p.deleted_ns.is_(None), p.ordinal > since, stays)
+        .join(schema.provenance, v.product_id == p.id)
+        .where(p.deleted_ns.is_(None), p.ordinal > since, stays, is_related)
     ).cte("inputs", recursive=True)
     inputs = inputs.union(
-        select(v.input_id).join_from(inputs, schema.provenance, v.product_id == inputs.c.input_id)
+        select(v.input_id)
+        .join_from(inputs, schema.provenance, v.product_id == inputs.c.input_id)
+        .where(is_related)
     )
     rows = select(inputs.c.input_id).where(inputs.c.input_id != "")
-    connection.execute(dialect_of(connection).insert_or_ignore(_needed).from_select([_needed.c.id], rows))
+    connection.execute(insert(_needed).from_select([_needed.c.id], rows))
 
 
 def _decisions(connection: Connection, rules: Sequence[Rule]) -> Iterator[RetentionDecision]:

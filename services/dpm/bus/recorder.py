@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from cdff_common.bus import Bus, Message, keys
+from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.codecs import decode, encode, encoding_string, parse_encoding
 from cdff_common.contract.products import product_of_sample
 from cdff_common.errors import CdffError, ClockSkewError, StorageError, UnavailableError
@@ -30,8 +31,8 @@ _SPANNED = "IMUSensors"
 _PRODUCER = "dpm/history/1"
 #: Samples queued while the store waits for its disk; dropped samples are counted.
 _DEPTH = 512
-#: Mission seconds between two applications of the retention rules.
-_RETIRE_EVERY_S = 10.0
+#: Mission seconds between two applications of the retention rules, and largest share of the time for them.
+_RETIRE_EVERY_S, _RETIRE_SHARE = 10.0, 0.05
 #: Largest sum of payloads that wait for the mission clock, bytes.
 _WAITING_BYTES = 64 << 20
 
@@ -88,6 +89,7 @@ class Recorder:
         self._counters = {"kept": 0, "skipped": 0, "refused": 0, "retired": 0}
         self._rules = rules_of_history(profile)
         self._retired_ns = dpm.clock.now_ns()
+        self._retirement, self._next_retirement_s = threading.Lock(), 0.0
         self._storing = threading.Lock()
         self._waiting: deque[_Product] = deque()
         self._waiting_bytes = 0
@@ -209,16 +211,25 @@ class Recorder:
                 self._waiting_bytes -= len(product.payload)
 
     def _retire(self) -> None:
-        """Apply the retention rules at intervals; the inputs of kept products stay."""
-        now_ns = self._dpm.clock.now_ns()
-        with self._lock:
-            if not self._rules or 0 <= now_ns - self._retired_ns < _RETIRE_EVERY_S * 1e9:
-                return
-            self._retired_ns = now_ns
+        """Apply the retention rules at intervals, in one thread; the inputs of kept products stay."""
+        if self._rules and self._retirement.acquire(blocking=False):
+            try:
+                self._retire_if_due()
+            finally:
+                self._retirement.release()
+
+    def _retire_if_due(self) -> None:
+        now_ns, start_s = self._dpm.clock.now_ns(), monotonic_s()
+        is_early = 0 <= now_ns - self._retired_ns < _RETIRE_EVERY_S * NS_PER_S
+        if is_early or start_s < self._next_retirement_s:
+            return
+        self._retired_ns = now_ns
         try:
             self._count("retired", self._dpm.writer.retire(self._rules, apply=True).to_delete)
         except (UnavailableError, StorageError) as error:  # an alarm reports it; the sample is stored
             logger.debug("retention waits: %s", error)
+        end_s = monotonic_s()
+        self._next_retirement_s = end_s + (end_s - start_s) / _RETIRE_SHARE
 
     def _count(self, what: str, times: int = 1) -> None:
         with self._lock:

@@ -1,13 +1,14 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 import itertools
+import random
 from contextlib import AbstractContextManager
 
 import pytest
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import InputError
-from cdff_common.interfaces.product import Quality, Status
+from cdff_common.interfaces.product import Header, Quality, Status
 from dpm_store import Query, Rule, Store
 from dpm_store.history import retention
 from dpm_store.products.records import Order
@@ -77,6 +78,34 @@ def test_inputs_are_kept_through_deleted_products(aged_store: Store, clock: Manu
     put(aged_store, header(21, t1_ns=clock.now_ns(), inputs=(header(20, t1_ns=clock.now_ns()).id,)))
     aged_store.delete(header(20, t1_ns=clock.now_ns()).id)
     assert first not in {v.id for v in aged_store.retention.plan([Rule(product="dem", max_age_s=35)]).retired}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_in_a_random_provenance_graph_exactly_the_needed_inputs_stay(
+    store: Store, clock: ManualClock, seed: int
+) -> None:
+    rng = random.Random(seed)
+    stamps = [clock.now_ns() - rng.randrange(100) * S for _ in range(60)]
+    headers: list[Header] = []
+    for seq, t1_ns in enumerate(stamps):
+        inputs = tuple(h.id for h in rng.sample(headers, min(len(headers), rng.randrange(3))))
+        headers.append(header(seq, t1_ns=t1_ns, inputs=inputs))
+        put(store, headers[-1])
+    pinned, deleted = {h.id for h in rng.sample(headers, 3)}, {h.id for h in rng.sample(headers, 10)}
+    for product_id in pinned - deleted:
+        store.annotations.update(product_id, {"pinned": True}, if_match=0)
+    for product_id in deleted:
+        store.delete(product_id)
+
+    old = {h.id for h in headers if h.t1_ns < clock.now_ns() - 35 * S}
+    needed: set[str] = set()
+    for h in reversed(headers):  # a product has only earlier inputs
+        stays = h.id not in deleted and (h.id not in old or h.id in pinned)
+        if stays or h.id in needed:
+            needed |= set(h.inputs)
+    plan = store.retention.plan([Rule(product="dem", max_age_s=35)])
+    assert {v.id for v in plan.retired} == old - deleted - pinned - needed
+    assert {v.id for v in plan.decisions} == old - deleted
 
 
 def test_without_a_rule_everything_stays(aged_store: Store) -> None:
