@@ -25,7 +25,7 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
     Parameters
     ----------
     points_m : ndarray, shape (n, 3)
-        Finite, metres.
+        Finite, metres; n may be 0.
     queries_m : ndarray, shape (k, 3)
         Finite, metres.
     radius_m : float
@@ -45,6 +45,8 @@ def radius_neighbours(points_m: Float, queries_m: Float, radius_m: float) -> tup
     """
     if not radius_m > 0.0:
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
+    if not len(points_m):
+        return np.zeros(len(queries_m) + 1, np.int64), np.zeros(0, np.int64)
     edge_m = radius_m / _CELLS
     low = points_m.min(axis=0) - radius_m
     size = np.floor((points_m.max(axis=0) - low) / edge_m) + 2.0
