@@ -70,6 +70,10 @@ def test_neighbours_have_the_order_of_their_cells_and_within_a_cell_that_of_the_
     points = np.array([[0.9, 0, 0], [0.0, 0.9, 0], [0.0, 0, 0.9], [0.05, 0, 0], [0.0, 0, 0], [-0.9, 0, 0]])
     _, index = radius_neighbours(points, np.zeros((1, 3)), 1.0)
     assert index.tolist() == [5, 3, 4, 2, 1, 0]
+    many = np.zeros((300, 3))
+    many[::3, 0] = 0.9
+    _, index = radius_neighbours(many, np.zeros((1, 3)), 1.0)
+    assert index.tolist() == sorted(range(300), key=lambda i: (many[i, 0], i))
 
 
 def test_an_empty_cloud_has_no_neighbours_and_no_query_has_no_result() -> None:
