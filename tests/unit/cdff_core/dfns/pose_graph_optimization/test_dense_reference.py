@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Steps, damping, weights and covariances of the optimiser agree with dense matrices and finite differences."""
+"""The optimiser's steps, weights and covariances agree with dense matrices and finite differences."""
 
 from __future__ import annotations
 
