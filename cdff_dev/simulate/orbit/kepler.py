@@ -66,8 +66,8 @@ class EllipticOrbit:
         inverse_m = 2.0 / radius_m - float(self._v0 @ self._v0) / mu_m3_s2
         if inverse_m <= 0.0 or not np.cross(self._r0, self._v0).any():
             raise InputError(
-                f"position_m={self._r0.tolist()}, velocity_m_s={self._v0.tolist()}: expected an elliptic orbit; "
-                f"the speed is {np.linalg.norm(self._v0):g} m/s, that of escape "
+                f"position_m={self._r0.tolist()}, velocity_m_s={self._v0.tolist()}: expected an elliptic "
+                f"orbit; the speed is {np.linalg.norm(self._v0):g} m/s, that of escape "
                 f"{math.sqrt(2.0 * mu_m3_s2 / radius_m):g} m/s"
             )
         self.semi_major_axis_m = 1.0 / inverse_m
@@ -88,12 +88,13 @@ class EllipticOrbit:
     ) -> EllipticOrbit:
         """Return the orbit with classical elements at epoch 0.
 
-        ``node_deg`` is the right ascension of the ascending node, ``periapsis_deg`` the argument of periapsis.
+        ``node_deg`` is the right ascension of the ascending node, ``periapsis_deg`` the argument of the
+        periapsis.
         """
         if not (semi_major_axis_m > 0.0 and 0.0 <= eccentricity < 1.0):
             raise InputError(
-                f"semi_major_axis_m={semi_major_axis_m}, eccentricity={eccentricity}: expected above 0, and 0 "
-                "to below 1"
+                f"semi_major_axis_m={semi_major_axis_m}, eccentricity={eccentricity}: expected above 0, and "
+                "0 to below 1"
             )
         parameter_m = semi_major_axis_m * (1.0 - eccentricity**2)
         anomaly = math.radians(true_anomaly_deg)
@@ -148,7 +149,7 @@ class EllipticOrbit:
 
 
 def lvlh_axes(positions_m: FloatArray, velocities_m_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations ``R_inertial_lvlh`` (n, 3, 3) and their angular rates (n, 3), inertial axes, rad/s.
+    """Return rotations ``R_inertial_lvlh`` (n, 3, 3) and their angular rates (n, 3), rad/s, inertial axes.
 
     Parameters
     ----------
@@ -222,8 +223,8 @@ def transfer(
             break
         velocity_m_s = velocity_m_s - np.linalg.solve(J, error_m)
     raise InputError(
-        f"transfer from {start.tolist()} to {end.tolist()} m in {end_s - start_s:g} s: no orbit found; choose "
-        "another duration"
+        f"transfer from {start.tolist()} to {end.tolist()} m in {end_s - start_s:g} s: no orbit found; "
+        "choose another duration"
     )
 
 

@@ -156,7 +156,7 @@ class TorqueFreeBody:
             turns = se3.exp_so3(np.outer(t_s, self._axes @ self._rate))
             return np.asarray(turns)
         direction = self._principal_rates(t_s) * self._moments / self._momentum
-        # Rows x and y of the axes of the momentum: the line of nodes with the axis c, turned by the precession.
+        # Rows x and y of the axes of the momentum: the line of nodes of the axis c, turned by the precession.
         nodes = np.column_stack([direction[:, 1], -direction[:, 0], np.zeros(len(t_s))])
         nodes /= np.linalg.norm(nodes, axis=1, keepdims=True)
         across = np.cross(direction, nodes)
@@ -182,7 +182,7 @@ def principal_axes(inertia_kg_m2: ArrayLike) -> tuple[FloatArray, FloatArray]:
         raise InputError(f"inertia_kg_m2: principal moments {moments.tolist()}, expected above 0")
     if moments[2] > (1.0 + _TOLERANCE) * (moments[0] + moments[1]):
         raise InputError(
-            f"inertia_kg_m2: principal moments {moments.tolist()}; expected none above the sum of the other two"
+            f"inertia_kg_m2: principal moments {moments.tolist()}; expected each at most the sum of the others"
         )
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return moments, axes

@@ -92,7 +92,7 @@ def test_orientations_are_rotations_whose_derivative_is_the_rate() -> None:
 @pytest.mark.parametrize(
     ("inertia", "message"),
     [
-        ([1.0, 1.0, 2.1], "none above the sum"),
+        ([1.0, 1.0, 2.1], "at most the sum"),
         ([0.0, 1.0, 1.0], "above 0"),
         ([[2.0, 0.1, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], "symmetric"),
         ([1.0, 2.0], r"\(3,\) or \(3, 3\)"),
