@@ -23,7 +23,7 @@ from cdff_common.geometry.se3 import FloatArray
 _TOLERANCE = 1e-9
 #: Largest relative size of ``rate × momentum`` of a body that rotates at a constant rate.
 _CONSTANT = 1e-12
-#: Relative size of what is left out of the Fourier series, and largest number of its samples.
+#: Relative size of neglected terms of the Fourier series, and largest number of its samples.
 _RESIDUAL, _MAX_SAMPLES = 1e-14, 1 << 16
 
 
@@ -169,7 +169,7 @@ class TorqueFreeBody:
 def principal_axes(inertia_kg_m2: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return the principal moments (3,), ascending, and their axes as columns of a rotation (3, 3).
 
-    Raises InputError for what is not the inertia of a body.
+    Raises InputError if the tensor is not the inertia of a body.
     """
     inertia = np.asarray(inertia_kg_m2, dtype=float)
     inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
@@ -182,7 +182,8 @@ def principal_axes(inertia_kg_m2: ArrayLike) -> tuple[FloatArray, FloatArray]:
         raise InputError(f"inertia_kg_m2: principal moments {moments.tolist()}, expected above 0")
     if moments[2] > (1.0 + _TOLERANCE) * (moments[0] + moments[1]):
         raise InputError(
-            f"inertia_kg_m2: principal moments {moments.tolist()}; expected each at most the sum of the others"
+            f"inertia_kg_m2: principal moments {moments.tolist()}, expected each at most the sum of the "
+            "others"
         )
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     return moments, axes
