@@ -20,8 +20,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 #: Lease of a link, ms: a peer that hangs is detected after this time, one that exits immediately.
 LEASE_MS = 5000
-#: Longest wait for space in the queue of a link before a message that may be dropped is, and for all fragments
-#: of one message, µs. Zenoh's 1 and 50 ms drop samples of sensors on a busy processor.
+#: Time that a droppable message waits for space in the queue of a link before it is dropped, and time for all
+#: fragments of one message, µs. Zenoh's defaults of 1 and 50 ms lose sensor samples on a busy processor.
 _WAIT_BEFORE_DROP_US = {"wait_before_drop": 100_000, "max_wait_before_drop_fragments": 500_000}
 _ATTEMPT_MS = 500
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
