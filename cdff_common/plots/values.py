@@ -24,6 +24,8 @@ _PANEL_IN, _MAX_PANELS = (6.5, 5.2), 9
 def figure_of(values: Mapping[str, Any]) -> Any:
     """Return a figure with a panel for each value that can be drawn, with its name as the title.
 
+    At most nine panels are drawn; the title of the figure gives how many more values could be drawn.
+
     Parameters
     ----------
     values : mapping of str to Any
@@ -38,7 +40,7 @@ def figure_of(values: Mapping[str, Any]) -> Any:
     if not panels:
         found = ", ".join(f"{name}: {type(value).__name__}" for name, value in values.items()) or "no value"
         raise InputError(f"nothing to draw ({found}); drawn are {', '.join(sorted(_DRAWINGS))} and arrays")
-    panels = panels[:_MAX_PANELS]
+    left_out, panels = len(panels[_MAX_PANELS:]), panels[:_MAX_PANELS]
     columns = math.ceil(math.sqrt(len(panels)))
     rows = math.ceil(len(panels) / columns)
     figure = new_figure(_PANEL_IN[0] * columns, _PANEL_IN[1] * rows)
@@ -48,6 +50,8 @@ def figure_of(values: Mapping[str, Any]) -> Any:
         axes.set_title(name, fontsize=10)
     for axes in all_axes[len(panels) :]:
         axes.set_axis_off()
+    if left_out:
+        figure.suptitle(f"{len(panels)} of {len(panels) + left_out} values drawn, {left_out} left out")
     return figure
 
 

@@ -105,3 +105,10 @@ def test_notebooks_show_a_figure_as_a_picture() -> None:
     figure = VALUES["cloud"].plot()
     assert isinstance(figure, Figure)
     assert figure._repr_png_().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("count", "title"), [(9, ""), (11, "9 of 11 values drawn, 2 left out")])
+def test_a_figure_gives_the_number_of_values_it_leaves_out(count: int, title: str) -> None:
+    figure = figure_of({f"pose {index}": VALUES["pose"] for index in range(count)})
+    assert len(figure.axes) == 9
+    assert figure.get_suptitle() == title
