@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Logging of processes as JSON lines, on a terminal as text, or in files of bounded size.
+"""Logging of a process: text on a terminal, otherwise JSON lines; log files are rotated.
 
 Libraries only call ``logging.getLogger``.
 """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Control of a running player: by calls on the bus, and by keys on a terminal."""
+"""Remote control of a running player by calls on the bus, and keyboard control on a terminal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conditions of the start of a player: streams of sensors in the log, and services that answer."""
+"""Start of a player: selection of the sensor streams, and waiting for the services that use them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cdff_dev.logs.source import LogSource, split_stream
 
 
 def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]:
-    """Return the streams of sensors that have samples, without truth and products, of ``robots`` if given.
+    """Return the sensor streams with samples, of ``robots`` if given; truth and products are left out.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
 
 
 def wait_for(bus: Bus, keyexprs: Collection[str], timeout_s: float, stop: threading.Event) -> None:
-    """Wait until every key expression matches a liveliness token, or ``stop`` is set.
+    """Wait until each of ``keyexprs`` matches the liveliness token of a service, or ``stop`` is set.
 
     Raises UnavailableError after ``timeout_s``.
     """

@@ -123,7 +123,7 @@ def _pass_on(
     on_product: Callable[[Product], None] | None,
     until: Condition | None,
 ) -> dict[str, Any] | None:
-    """Write products up to the first one that fulfils the condition; return its description, if any."""
+    """Write the products; at the first one that meets the condition, stop and return its description."""
     for product in products:
         output.write([product])
         if on_product is not None:

@@ -39,12 +39,12 @@ class Tap:
         self._ports, self._write = frozenset(ports), write
 
     def on_sample(self, sample: Sample) -> None:
-        """Write a sample of an input port."""
+        """Write the value of a sample, if its input port is tapped."""
         if sample.port in self._ports:
             self._line(sample.stamp_ns, sample.port, value_lines(sample.value))
 
     def on_product(self, product: Product) -> None:
-        """Write a product of an output port with its status and reasons."""
+        """Write the value of a product with its status and reasons, if its output port is tapped."""
         if product.port in self._ports:
             quality = product.header.quality
             status = " ".join([quality.status.name, *quality.reasons])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Disparities and features that are computed from the images of a log, to be shown over them."""
+"""Disparities and features for the viewer, computed from the images of a log."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Deriver:
             node.configure({})
 
     def derived(self, sample: LogSample) -> list[LogSample]:
-        """Return the samples that are computed from one; images that a DFN refuses are counted."""
+        """Return the samples computed from an image sample; images that a DFN refuses are counted."""
         if not self._names or not isinstance(sample.value, (Frame, FramePair)):
             return []
         try:

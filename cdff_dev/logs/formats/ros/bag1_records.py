@@ -37,7 +37,7 @@ Record = Bag1Connection | tuple[int, int, memoryview]
 
 @dataclass(frozen=True, slots=True)
 class _Header:
-    """Header of a record of the file: its type and fields, start and end of its data."""
+    """Header of a record: type, fields, and byte range ``start`` to ``end`` of the data in the file."""
 
     kind: bytes
     values: dict[bytes, bytes]

@@ -39,7 +39,7 @@ def test_frames_are_interpolated_and_composed_with_their_covariance() -> None:
     T = history().at(S + S // 2).transform("site", "mana/lidar")
     np.testing.assert_allclose(T.matrix[:3, 3], [1.5, 0.0, 1.5])
     assert T.covariance is not None
-    # Linear between 0.2 and 0.3 m; the height of the lidar times the tilt adds to x and y.
+    # Mean of the variances at both poses; x and y also have the lidar's height times the tilt.
     variance = 0.5 * (0.2**2 + 0.3**2)
     np.testing.assert_allclose(np.diag(T.covariance)[:3], [variance * (1 + 1.5**2)] * 2 + [variance])
 
