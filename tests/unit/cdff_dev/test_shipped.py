@@ -20,7 +20,7 @@ def test_each_shipped_file_starts_with_a_sentence_that_describes_it(kind: str) -
         summary = summary_of(kind, name)
         assert summary.endswith("."), name
         assert summary[0].isupper(), name
-        assert "FROZEN" not in summary, name
+        assert "Frozen" not in summary, name
 
 
 def test_a_list_has_a_header_and_its_json_the_names(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ def test_every_shipped_scenario_is_valid_and_marked_frozen() -> None:
     assert files
     for path in files:
         assert load_scenario(path.stem).name == path.stem
-        assert "FROZEN" in path.read_text(encoding="utf-8")
+        assert "Frozen" in path.read_text(encoding="utf-8")
 
 
 def test_a_given_seed_replaces_that_of_the_file_and_changes_the_digest() -> None:
