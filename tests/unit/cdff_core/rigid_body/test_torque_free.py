@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.simulate.orbit.rigid_body import TorqueFreeBody, principal_axes
+from cdff_core.rigid_body.torque_free import TorqueFreeBody, principal_axes
 
 TRIAXIAL = np.diag([1.0, 1.5, 2.0])
 TIMES_S = np.linspace(0.0, 200.0, 21)
