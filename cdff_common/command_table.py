@@ -38,8 +38,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "scenario": "simulated scenarios that ship with the framework",
         "dfn": "DFNs that are installed: descriptions, implementations, faults",
         "dfpc": "DFPCs that are installed: descriptions, implementations, faults",
-        "new": "write the files of a new DFN or DFPC (description, interface, skeleton, test, page), or a "
-        "profile from a log",
+        "new": "write the files of a new DFN, DFPC, profile or driver",
         "generate": "generate files from descriptions: types, interfaces, skeletons, reference pages",
         "check": "check a profile (--profile), or this checkout: descriptions, requirements",
         "completion": "print the completion script of a shell: bash, zsh or fish",

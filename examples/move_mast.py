@@ -10,35 +10,18 @@ read the joints; this example uses the time of the rover's newest pose. See ``do
 
 import sys
 
-from cdff_common.bus import Bus, Qos, keys
-from cdff_common.codecs import encode, encoding_string
-from cdff_common.interfaces.product import Header, product_id
-from cdff_common.types import Joints, JointState, Time
+from cdff_common.client import Client, ClockLimits, Sensor
+from cdff_common.types import Joints
 
 if len(sys.argv) < 3:
     sys.exit(__doc__)
-robot, values = sys.argv[1], dict(item.split("=") for item in sys.argv[2:])
+robot = sys.argv[1]
+positions = {name: float(value) for name, value in (item.split("=") for item in sys.argv[2:])}
 
-with Bus.open(name="mast") as bus:
-    query = {"parent": "site", "child": f"{robot}/base"}
-    pose = bus.call(keys.dfpc_rpc(robot, "position_manager", "call/get_pose"), query)
-    now_ns = int(pose.attachment["t1_ns"])
-    joints = Joints(
-        Time.from_ns(now_ns), tuple(values), tuple(JointState(position=float(v)) for v in values.values())
-    )
-    header = Header(
-        id=product_id(robot, "mast", "joints", now_ns, 0, ""),
-        seq=0,
-        t0_ns=now_ns,
-        t1_ns=now_ns,
-        frame=f"{robot}/base",
-        producer="mast",
-    )
-    bus.publish(
-        keys.sensor(robot, "mast", "joints"),
-        encode(joints, "uper"),
-        encoding=encoding_string("Joints", "uper"),
-        attachment=header.to_attachment(),
-        qos=Qos.STREAM,
-    )
-print(f"{robot}: {', '.join(sys.argv[2:])} at {now_ns}")
+with Client(name="mast") as client:
+    pose, _ = client.call(robot, "position_manager", "get_pose", {"parent": "site", "child": f"{robot}/base"})
+limits = ClockLimits(delay_s=60.0)  # the pose may be older than a reading of joints
+with Sensor("mast/joints", Joints, frame=f"{robot}/base", limits=limits) as mast:
+    if not mast.publish(Joints.from_positions(positions, stamp_ns=pose.stamp_ns)):
+        sys.exit(f"not published: {mast.status.last_fault or f'the sensor is in mode {mast.mode.name}'}")
+print(f"{robot}: {', '.join(sys.argv[2:])} at {pose.stamp_ns}")

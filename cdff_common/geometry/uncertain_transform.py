@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import covariance as cov
-from cdff_common.geometry import se3
+from cdff_common.geometry import rotation_forms, se3
 from cdff_common.geometry.se3 import FloatArray
 
 
@@ -50,6 +51,58 @@ class UncertainTransform:
     def exact(cls, matrix: ArrayLike) -> UncertainTransform:
         """Return a transform ``(4, 4)`` with zero covariance, such as a mount."""
         return cls(np.asarray(matrix, dtype=np.float64), np.zeros((6, 6)))
+
+    @classmethod
+    def from_xyz_rpy_deg(
+        cls, xyz_m: ArrayLike, rpy_deg: ArrayLike, *, sigma_m: float = 0.0, sigma_deg: float = 0.0
+    ) -> UncertainTransform:
+        """Return ``T_a_b`` of the origin of b in a, metres, and roll, pitch, yaw of b in a, degrees.
+
+        Parameters
+        ----------
+        xyz_m, rpy_deg : array_like, shape (3,)
+            The rotations are about the fixed axes x, y, z of a, in this order.
+        sigma_m, sigma_deg : float
+            Standard deviation per axis; both 0: known exactly.
+
+        Raises
+        ------
+        InputError
+            If a number is not finite, or a standard deviation is negative.
+        """
+        R = rotation_forms.matrix_from_rpy_deg(rpy_deg)
+        return cls(se3.transform(R, xyz_m), rotation_forms.isotropic_covariance(sigma_m, sigma_deg))
+
+    @classmethod
+    def from_quaternion(
+        cls,
+        xyz_m: ArrayLike,
+        *,
+        xyzw: ArrayLike | None = None,
+        wxyz: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+    ) -> UncertainTransform:
+        """Return ``T_a_b`` of the origin of b in a, metres, and a unit quaternion whose order is named.
+
+        Raises
+        ------
+        InputError
+            Unless exactly one quaternion is given, of unit length within 1 %.
+        """
+        R = rotation_forms.matrix_from_quaternion(xyzw=xyzw, wxyz=wxyz)
+        c = None if covariance is None else np.asarray(covariance, dtype=np.float64)
+        return cls(se3.transform(R, xyz_m), c)
+
+    @classmethod
+    def from_ros(cls, message: Any) -> UncertainTransform:
+        """Return ``T_a_b`` of a ROS message with a pose or transform, with its covariance if it has one.
+
+        See Also
+        --------
+        rotation_forms.parts_of_ros : Accepted messages and errors.
+        """
+        translation_m, R, covariance = rotation_forms.parts_of_ros(message)
+        return cls(se3.transform(R, translation_m), covariance)
 
     def inverse(self) -> UncertainTransform:
         """Return ``T_b_a`` with its covariance in b."""

@@ -12,13 +12,12 @@ import logging
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
 from cdff_common.contract.names import NAME, RESERVED_SCOPES, ROBOT_ID
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
-from cdff_common.geometry import FrameGraph, UncertainTransform, se3
+from cdff_common.geometry import FrameGraph, UncertainTransform, rotation_forms, se3
 from cdff_common.geometry.urdf import read_urdf
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcContext
@@ -81,10 +80,9 @@ class FrameEdge(StrictModel):
         if self.quaternion_xyzw is not None:
             R = se3.matrix_from_quaternion_xyzw(self.quaternion_xyzw)
         else:
-            roll, pitch, yaw = np.deg2rad(self.rpy_deg or (0.0, 0.0, 0.0))
-            R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-        sigma = [self.sigma_m] * 3 + [float(np.deg2rad(self.sigma_deg))] * 3
-        return UncertainTransform(se3.transform(R, self.translation_m), np.diag(np.square(sigma)))
+            R = rotation_forms.matrix_from_rpy_deg(self.rpy_deg or (0.0, 0.0, 0.0))
+        covariance = rotation_forms.isotropic_covariance(self.sigma_m, self.sigma_deg)
+        return UncertainTransform(se3.transform(R, self.translation_m), covariance)
 
 
 class DfpcEntry(StrictModel):

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.types.joints_ext import JointsExt
 from cdff_common.types.message import Message
 from cdff_common.types.time import Time
 
@@ -92,7 +93,7 @@ class JointLimits(Message):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Joints(Message):
+class Joints(JointsExt):
     """Type ``Joints`` of the ASN.1 modules.
 
     Attributes

@@ -4,17 +4,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cdff_common import types
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
+from cdff_common.geometry.rotation_forms import QUATERNION_NORM_TOLERANCE
 from cdff_common.geometry.uncertain_transform import UncertainTransform
 from cdff_common.types.message import Message
-
-#: Largest deviation of the norm of an encoded quaternion from 1; within it, the quaternion is normalised.
-QUATERNION_NORM_TOLERANCE = 0.01
 
 
 def matrix_of(
@@ -48,6 +48,23 @@ class PoseExt(Message):
         """Return the pose of a rigid transform ``(4, 4)``."""
         T = UncertainTransform(matrix).matrix
         return types.Pose(T[:3, 3].copy(), se3.quaternion_xyzw_from_matrix(T[:3, :3]))
+
+    @classmethod
+    def from_xyz_rpy_deg(cls, xyz_m: ArrayLike, rpy_deg: ArrayLike) -> types.Pose:
+        """Return the pose of a position, metres, and roll, pitch, yaw about fixed axes, degrees."""
+        return cls.from_matrix(UncertainTransform.from_xyz_rpy_deg(xyz_m, rpy_deg).matrix)
+
+    @classmethod
+    def from_quaternion(
+        cls, xyz_m: ArrayLike, *, xyzw: ArrayLike | None = None, wxyz: ArrayLike | None = None
+    ) -> types.Pose:
+        """Return the pose of a position, metres, and a unit quaternion in one of the two orders."""
+        return cls.from_matrix(UncertainTransform.from_quaternion(xyz_m, xyzw=xyzw, wxyz=wxyz).matrix)
+
+    @classmethod
+    def from_ros(cls, message: Any) -> types.Pose:
+        """Return the pose of a ROS message, see ``geometry.rotation_forms.parts_of_ros``."""
+        return cls.from_matrix(UncertainTransform.from_ros(message).matrix)
 
     @property
     def matrix(self) -> NDArray[np.float64]:

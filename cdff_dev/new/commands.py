@@ -9,29 +9,66 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+from cdff_common.command_table import SUMMARIES
+
+#: Kinds of drivers: the modules of ``cdff_dev.new.drivers``.
+DRIVERS = ("lidar", "stereo", "imu", "wheels", "joints", "gnss")
+
 
 def register(nouns: Any) -> None:
-    """Add the parser of ``cdff new``."""
-    parser = nouns.add_parser(
-        "new",
-        help="write the files of a new DFN or DFPC (description, interface, skeleton, test, page), or a "
-        "profile from a log",
-    )
-    parser.add_argument("kind", choices=["dfn", "dfpc", "profile"])
-    parser.add_argument(
-        "name", help="name as a class or a folder, LaserFilter or laser_filter; for a profile, the log"
-    )
-    parser.add_argument(
-        "--root", type=Path, default=None, help="the checkout (default: that of this command)"
-    )
+    """Add the parsers of ``cdff new``."""
+    verbs = nouns.add_parser("new", help=SUMMARIES["new"]).add_subparsers(metavar="KIND", required=True)
+    for kind in ("dfn", "dfpc"):
+        parser = verbs.add_parser(
+            kind, help=f"files of a {kind.upper()}: description, interface, skeleton, test, page"
+        )
+        parser.add_argument("name", help="name as a class or a folder, LaserFilter or laser_filter")
+        parser.add_argument(
+            "--root", type=Path, default=None, help="the checkout (default: that of this command)"
+        )
+        parser.set_defaults(run=run, kind=kind)
+    _register_profile(verbs)
+    _register_driver(verbs)
+
+
+def _register_profile(verbs: Any) -> None:
+    parser = verbs.add_parser("profile", help="profile with the sensors of a log")
+    parser.add_argument("name", metavar="LOG", help="log with the sensors of the robot")
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="file of the profile (default: LOG.yaml in this folder)"
     )
-    parser.set_defaults(run=_run)
+    parser.set_defaults(run=write_profile)
 
 
-def _run(args: argparse.Namespace) -> int:
-    return write_profile(args) if args.kind == "profile" else run(args)
+def _register_driver(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "driver",
+        help="driver of a sensor, which runs with a simulated device",
+        description="Copy the template of a driver. It runs as it is and simulates the device; replace the "
+        "class Device by the interface of the device.",
+    )
+    parser.add_argument("driver", metavar="KIND", choices=DRIVERS, help=", ".join(DRIVERS))
+    parser.add_argument("--robot", metavar="ID", default="mana", help="robot id (default: mana)")
+    parser.add_argument("--sensor", metavar="NAME", help="name of the sensor in the profile")
+    parser.add_argument(
+        "--out", metavar="FILE", type=Path, help="file of the driver (default: KIND_driver.py in this folder)"
+    )
+    parser.set_defaults(run=write_driver)
+
+
+def write_driver(args: argparse.Namespace) -> int:
+    """Copy the template of a driver; raises InputError if the file exists or a name is not valid."""
+    from cdff_common.errors import InputError
+    from cdff_common.output import write_file
+    from cdff_dev.new.driver import driver_text
+
+    out: Path = args.out or Path(f"{args.driver}_driver.py")
+    if out.exists():
+        raise InputError(f"{out} exists: name another file with --out")
+    write_file(out, driver_text(args.driver, args.robot, args.sensor).encode())
+    print(f"wrote {out}, which simulates the device")
+    print(f"next: python {out} while `cdff up` runs; then replace the class Device")
+    return 0
 
 
 def write_profile(args: argparse.Namespace) -> int:

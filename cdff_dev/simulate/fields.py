@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
 from pydantic import Field
 
 from cdff_common.geometry import se3
+from cdff_common.geometry.rotation_forms import matrix_from_rpy_deg
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel
 
@@ -29,6 +29,4 @@ class Mount(StrictModel):
 
     def matrix(self) -> FloatArray:
         """Return ``T_base_sensor``, shape (4, 4); roll, pitch and yaw are about the fixed axes x, y and z."""
-        roll, pitch, yaw = (math.radians(a) for a in self.rpy_deg)
-        R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-        return se3.transform(R, self.xyz_m)
+        return se3.transform(matrix_from_rpy_deg(self.rpy_deg), self.xyz_m)
