@@ -25,6 +25,7 @@ from cdff_common.formats.pcd import write_pcd
 from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose import PoseValue
 from cdff_common.formats.pose_graph import write_pose_graph
+from cdff_common.formats.track_csv import write_track_csv
 from cdff_common.formats.tum import write_tum
 
 if TYPE_CHECKING:
@@ -199,6 +200,7 @@ _WRITERS: dict[str, dict[str, Callable[[Any, str | None], bytes]]] = {
         "npz": lambda value, _: write_npz({"image": value.image, "camera_matrix": value.camera_matrix}),
     },
     "GroundAreas": {"geojson": _areas},
+    "ObjectTrack": {"csv": lambda value, _: write_track_csv([value])},
 }
 #: Formats of each type, the preferred one first.
 FORMATS = {name: tuple(writers) for name, writers in _WRITERS.items()}

@@ -84,7 +84,9 @@ COLUMNS = {
     ),
     "LidarScanData": Columns(("points", "time_offsets"), ("intensity", "ring")),
     "MeshData": Columns(("vertices",), ("normals", "colors")),
-    "ObjectTrackData": Columns(("stamps", "poses"), ("velocities", "covariances"), ascending="stamps"),
+    "ObjectTrackData": Columns(
+        ("stamps", "poses"), ("velocities", "covariances", "velocity_covariances"), ascending="stamps"
+    ),
     "PointCloudData": Columns(("points",), ("colors", "intensity")),
     "PoseGraphEdges": Columns(("ends", "poses", "information", "kinds")),
     "PoseGraphVertices": Columns(("ids", "stamps", "poses"), ("fixed",), unique="ids"),

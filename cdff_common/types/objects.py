@@ -135,6 +135,8 @@ class ObjectTrackData(Message):
         m/s and rad/s, in the frame; none or one per state.
     covariances : NDArray[np.float64], shape (n, 36)
         of the poses, 6x6 rows: x y z rx ry rz, in the frame; none or one per state.
+    velocity_covariances : NDArray[np.float64], shape (n, 36)
+        6x6 rows: vx vy vz wx wy wz, in the frame; none or one per state.
     """
 
     ASN1_NAME: ClassVar[str] = "ObjectTrack-Data"
@@ -142,6 +144,7 @@ class ObjectTrackData(Message):
     poses: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7), np.float64))
     velocities: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6), np.float64))
     covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
+    velocity_covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -43,6 +43,7 @@ class ObjectTrackExt(Message):
         score: float = 0.0,
         velocities: ArrayLike | None = None,
         covariances: ArrayLike | None = None,
+        velocity_covariances: ArrayLike | None = None,
         size_m: ArrayLike = (0.0, 0.0, 0.0),
         producer: str = "",
     ) -> types.ObjectTrack:
@@ -57,6 +58,8 @@ class ObjectTrackExt(Message):
             m/s and rad/s, in ``frame``.
         covariances : array_like, shape (n, 6, 6), optional
             Covariances of the poses: x y z rx ry rz, in ``frame``.
+        velocity_covariances : array_like, shape (n, 6, 6), optional
+            Covariances of the velocities, in ``frame``.
         size_m : array_like, shape (3,)
             Size along the object's axes; 0 if unknown.
         """
@@ -66,6 +69,7 @@ class ObjectTrackExt(Message):
             pack_poses(matrices, "ObjectTrack"),
             np.zeros((0, 6)) if velocities is None else np.asarray(velocities),
             pack_squares(covariances, len(stamps), 6, "ObjectTrack covariances"),
+            pack_squares(velocity_covariances, len(stamps), 6, "ObjectTrack velocity covariances"),
         )
         newest = types.Time(int(stamps[-1])) if stamps.size else types.Time()
         metadata = types.ObjectTrackMetadata(
@@ -89,3 +93,19 @@ class ObjectTrackExt(Message):
     def matrices(self) -> NDArray[np.float64]:
         """``T_frame_object (n, 4, 4)``."""
         return unpack_poses(self.data.poses, "ObjectTrack")
+
+    @property
+    def velocities(self) -> NDArray[np.float64] | None:
+        """Velocities ``(n, 6)``, m/s and rad/s, in the frame; None if the track has none."""
+        return self.data.velocities if len(self.data.velocities) else None
+
+    @property
+    def covariances(self) -> NDArray[np.float64] | None:
+        """Covariances of the poses ``(n, 6, 6)``; None if the track has none."""
+        return self.data.covariances.reshape(-1, 6, 6) if len(self.data.covariances) else None
+
+    @property
+    def velocity_covariances(self) -> NDArray[np.float64] | None:
+        """Covariances of the velocities ``(n, 6, 6)``; None if the track has none."""
+        data = self.data.velocity_covariances
+        return data.reshape(-1, 6, 6) if len(data) else None

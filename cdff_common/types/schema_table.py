@@ -1065,6 +1065,7 @@ _140 = Struct(
         Field("poses", "poses", OctetString(1073741824, "<f8", 7)),
         Field("velocities", "velocities", OctetString(1073741824, "<f8", 6)),
         Field("covariances", "covariances", OctetString(1073741824, "<f8", 36)),
+        Field("velocityCovariances", "velocity_covariances", OctetString(1073741824, "<f8", 36)),
     ),
 )
 _141 = Struct(

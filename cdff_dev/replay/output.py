@@ -17,11 +17,13 @@ import numpy as np
 
 from cdff_common.errors import ProductNotFoundError
 from cdff_common.formats.payload import FORMATS, to_file
+from cdff_common.formats.track_csv import write_track_csv
 from cdff_common.formats.tum import write_tum
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.output import make_folder, write_file
+from cdff_common.types import ObjectTrack
 from cdff_dev.logs import LogWriter
 
 #: Types whose last value is written to a file.
@@ -29,7 +31,11 @@ _FILES = ("Pointcloud", "ElevationMap", "NavigationMap", "PoseGraph")
 
 
 class ReplayOutput:
-    """Writer of ``outputs.msg``, of one ``.tum`` file for each pose output, and of ``summary.json``.
+    """Writer of ``outputs.msg``, of one file for each pose and track output, and of ``summary.json``.
+
+    Poses are ``.tum`` files. Tracks of objects are ``.csv`` files: the rows of an output that has one state
+    per product are those of all products, with their status; of other outputs, as predictions, the last
+    product is written.
 
     ``write_items`` adds a file for the last map, graph and cloud of each port and item of the local store, in
     the first format of its type: ``map.tif``, ``graph.g2o``, ``cloud.ply``.
@@ -49,7 +55,8 @@ class ReplayOutput:
 
     def __init__(self, folder: Path | None, *, full_names: bool = False) -> None:
         self._folder, self._full_names = folder, full_names
-        self._tracks: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
+        self._paths: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
+        self._tracks: dict[str, list[tuple[ObjectTrack, str]]] = defaultdict(list)
         self._last_values: dict[str, Any] = {}
         self._start_s, self._cpu_start_s = time.monotonic(), time.process_time()
         self._writer: LogWriter | None = None
@@ -67,13 +74,17 @@ class ReplayOutput:
                 self._writer.write(f"/{product.robot}/{name}", product.value, stamp_ns, product.header)
             output = f"{product.robot}.{name}" if self._full_names else product.port
             if product.type_name == "TransformWithCovariance":
-                self._tracks[output].append((stamp_ns, product.value.transform.matrix))
-            else:
-                self._last_values[output] = product.value
+                self._paths[output].append((stamp_ns, product.value.transform.matrix))
+                continue
+            self._last_values[output] = product.value
+            if product.type_name == "ObjectTrack":
+                if len(product.value.stamps_ns) != 1:
+                    self._tracks[output].clear()
+                self._tracks[output].append((product.value, product.header.quality.status.name))
 
     def drawn_values(self) -> dict[str, Any]:
         """Return the paths ``(n, 4, 4)`` of the pose outputs and the last values of the others, by output."""
-        paths = {name: np.stack([T for _, T in track]) for name, track in self._tracks.items()}
+        paths = {name: np.stack([T for _, T in track]) for name, track in self._paths.items()}
         return paths | self._last_values
 
     def write_items(self, dfpc: Dfpc) -> None:
@@ -106,10 +117,13 @@ class ReplayOutput:
             "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         }
         if self._folder is not None:
-            for name, track in self._tracks.items():
-                stamps_ns, T = zip(*track, strict=True)
+            for name, path in self._paths.items():
+                stamps_ns, T = zip(*path, strict=True)
                 text = write_tum(stamps_ns, se3.inverse(T[0]) @ np.stack(T))
                 write_file(self._folder / f"{name}.tum", text)
+            for name, states in self._tracks.items():
+                tracks, statuses = zip(*states, strict=True)
+                write_file(self._folder / f"{name}.csv", write_track_csv(tracks, statuses))
             text = (json.dumps(summary, indent=2, sort_keys=True) + "\n").encode()
             write_file(self._folder / "summary.json", text)
         return summary

@@ -28,6 +28,7 @@ from cdff_common.types import (
     Frame,
     GroundAreas,
     NavigationMap,
+    ObjectTrack,
     Pointcloud,
     PoseGraph,
     PoseTrajectory,
@@ -219,6 +220,7 @@ def test_every_type_can_be_written_in_each_of_its_formats(
             T, [9.0, 9.0, 0.0, 0.0], [[0, 0, 1]], ([0], [0]), [[0.0, 0.0]], frame="site"
         ),
         GroundAreas.from_rings([3], [1], [3], [[0, 0], [1, 0], [0, 1]], frame="site", t0_ns=0, t1_ns=0),
+        ObjectTrack.from_arrays(1, [1000], T, frame="site"),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:
