@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Loops of a service that survive every error of one cycle, and their health.
+"""Loops of a service that survive every error of one cycle, and their health; health of other work.
 
 A loop waits for work and does it. An exception in a cycle is logged, counted and survived. A loop that ended
 without being stopped, or that is busy for longer than its limit, is a problem: the service reports it, and
@@ -10,7 +10,9 @@ its process ends, so that a supervisor replaces it (``cdff_common.heartbeat``).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from cdff_common.clock import monotonic_s
@@ -85,8 +87,34 @@ class Loop:
         }
 
 
+class ParallelWork:
+    """Pieces of work in several threads, such as calls, of which none may take longer than a limit."""
+
+    def __init__(self, name: str, busy_limit_s: float, now_s: Callable[[], float]) -> None:
+        self.name, self.busy_limit_s = name, busy_limit_s
+        self._now_s = now_s
+        self._started_s: dict[object, float] = {}
+
+    @contextmanager
+    def piece(self) -> Iterator[None]:
+        """Enclose one piece of work."""
+        piece = object()
+        self._started_s[piece] = self._now_s()
+        try:
+            yield
+        finally:
+            del self._started_s[piece]
+
+    def problem(self) -> str:
+        """Return which piece takes too long; empty if none does."""
+        busy_s = self._now_s() - min(tuple(self._started_s.values()), default=math.inf)
+        if busy_s <= self.busy_limit_s:
+            return ""
+        return f"{self.name} is busy for {busy_s:.0f} s; expected at most {self.busy_limit_s:g} s"
+
+
 class Loops:
-    """Loops of one service.
+    """Loops of one service, and its other work that is checked.
 
     Parameters
     ----------
@@ -97,6 +125,7 @@ class Loops:
     def __init__(self, now_s: Callable[[], float] = monotonic_s) -> None:
         self._now_s = now_s
         self._loops: list[Loop] = []
+        self._checks: list[Callable[[], str]] = []
 
     def add(self, name: str, busy_limit_s: float | None = None) -> Loop:
         """Return a new loop, which is healthy until it runs."""
@@ -104,13 +133,24 @@ class Loops:
         self._loops.append(loop)
         return loop
 
+    def add_parallel(self, name: str, busy_limit_s: float) -> ParallelWork:
+        """Return a check of work in several threads."""
+        work = ParallelWork(name, busy_limit_s, self._now_s)
+        self.add_check(work.problem)
+        return work
+
+    def add_check(self, check: Callable[[], str]) -> None:
+        """Add a function that returns a problem, or an empty text."""
+        self._checks.append(check)
+
     def remove(self, loop: Loop) -> None:
         """Remove a loop that was stopped."""
         self._loops.remove(loop)
 
     def problem(self) -> str:
-        """Return the problems of all loops; empty if all work."""
-        return "; ".join(problem for loop in tuple(self._loops) if (problem := loop.problem()))
+        """Return all problems; empty if there is none."""
+        checks = (*(loop.problem for loop in tuple(self._loops)), *self._checks)
+        return "; ".join(problem for check in checks if (problem := check()))
 
     def describe(self) -> dict[str, dict[str, Any]]:
         """Return the state of each loop by its name."""

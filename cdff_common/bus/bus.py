@@ -14,7 +14,8 @@ import zenoh
 
 from cdff_common.bus import keys, rpc
 from cdff_common.bus.identity import Identity
-from cdff_common.bus.message import Message, Reply, encoding_argument, on_map, pack
+from cdff_common.bus.inbox import Inbox
+from cdff_common.bus.message import Message, Reply, encoding_argument, key_argument, on_map, pack
 from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
@@ -46,13 +47,13 @@ class Bus:
     Attributes
     ----------
     loops : Loops
-        Threads of the subscriptions.
+        Threads of the subscriptions, and calls with a limited duration.
     """
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session = session
         self.loops = Loops()
-        self._name = name
+        self._name, self._inbox = name, Inbox()
         self._lock = threading.Lock()
         self._declarations: list[Any] = []
         self._latched: dict[str, Mapping[str, Any]] = {}
@@ -135,11 +136,19 @@ class Bus:
         attachment: bytes = b"",
         qos: Qos = Qos.PRODUCT,
     ) -> None:
-        """Publish one message; raises UnavailableError if the bus is closed."""
+        """Publish one message.
+
+        Raises
+        ------
+        InputError
+            If key or encoding cannot be sent.
+        UnavailableError
+            If the bus is closed.
+        """
         priority, congestion_control, express = qos.value
         try:
             self._session.put(
-                key,
+                key_argument(key),
                 payload,
                 encoding=encoding_argument(encoding),
                 attachment=attachment or None,
@@ -174,11 +183,24 @@ class Bus:
         )
         return subscription
 
-    def serve(self, key: str, handler: rpc.Handler, *, workers: int = 4, backlog: int = 64) -> rpc.CallServer:
-        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads."""
+    def serve(
+        self,
+        key: str,
+        handler: rpc.Handler,
+        *,
+        workers: int = 4,
+        backlog: int = 64,
+        busy_limit_s: float | None = None,
+    ) -> rpc.CallServer:
+        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads.
+
+        A call that takes longer than ``busy_limit_s`` is a problem of ``loops``.
+        """
         prefix, is_verb, verb = key.partition(RPC)
+        session = None if is_verb else self._session
+        work = None if busy_limit_s is None else self.loops.add_parallel(f"call {key}", busy_limit_s)
         server: rpc.CallServer = self._add_declaration(
-            rpc.CallServer(None if is_verb else self._session, key, handler, workers, backlog)
+            rpc.CallServer(session, key, handler, workers, backlog, self._inbox, work)
         )
         if is_verb:
             self._verb_table(prefix).add(verb, server)
@@ -238,14 +260,18 @@ class Bus:
     def mission_clock(self) -> MissionClock:
         """Mission clock, synchronised from its first use."""
         with self._lock:
-            is_new = self._clock is None
-            if self._clock is None:
-                self._clock = MissionClock()
             clock = self._clock
-        if is_new:
-            self.subscribe(
-                keys.CLOCK,
-                on_map(lambda _, tick: clock.on_tick(tick["now_ns"], tick["rate"])),
-                depth=4,
-            )
+        return self.synchronise(MissionClock()) if clock is None else clock
+
+    def synchronise(self, clock: MissionClock) -> MissionClock:
+        """Let a clock follow the published mission time, and return it; a bus has one clock, the first."""
+        with self._lock:
+            if self._clock is not None:
+                return self._clock
+            self._clock = clock
+        self.subscribe(
+            keys.CLOCK,
+            on_map(lambda _, tick: clock.on_tick(tick["now_ns"], tick["rate"])),
+            depth=4,
+        )
         return clock

@@ -26,8 +26,9 @@ logger = logging.getLogger(__name__)
 
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
-#: Largest encoding string; Zenoh cannot send a longer one, and its session is unusable after the attempt.
-_MAX_ENCODING_BYTES = 255
+#: Largest encoding string and key, bytes. Zenoh cannot send longer encodings, or keys beyond about 65 kB, and its
+#: session is unusable after the attempt.
+_MAX_ENCODING_BYTES, _MAX_KEY_BYTES = 255, 4096
 
 
 def encoding_argument(encoding: str) -> str | None:
@@ -38,10 +39,31 @@ def encoding_argument(encoding: str) -> str | None:
     InputError
         If it is too long to be sent.
     """
-    size = len(encoding.encode())
-    if size > _MAX_ENCODING_BYTES:
-        raise InputError(f"encoding {encoding[:40]!r}: {size} bytes, expected at most {_MAX_ENCODING_BYTES}")
+    _check_size("encoding", encoding, _MAX_ENCODING_BYTES)
     return encoding or None
+
+
+def key_argument(key: str) -> str:
+    """Return a key that can be sent.
+
+    Raises
+    ------
+    InputError
+        If it is empty or too long.
+    """
+    if not key:
+        raise InputError("key: empty, expected chunks such as cdff/@v1/mana/event/note")
+    _check_size("key", key, _MAX_KEY_BYTES)
+    return key
+
+
+def _check_size(what: str, text: str, limit: int) -> None:
+    try:
+        size = len(text.encode())
+    except UnicodeEncodeError as error:
+        raise InputError(f"{what} {text[:40]!r}: {error}; expected text that UTF-8 can represent") from error
+    if size > limit:
+        raise InputError(f"{what} {text[:40]!r}: {size} bytes, expected at most {limit}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,8 +187,17 @@ def parse_parameters(text: str) -> dict[str, str]:
 
 
 def format_parameters(parameters: Mapping[str, object]) -> str:
-    """Format parameters as text, the inverse of ``parse_parameters``; ``, : / -`` are not escaped."""
-    return ";".join(f"{name}={quote(str(value), safe=',:/-')}" for name, value in parameters.items())
+    """Format parameters as text, the inverse of ``parse_parameters``; ``, : / -`` are not escaped.
+
+    Raises
+    ------
+    InputError
+        If UTF-8 cannot represent a value.
+    """
+    try:
+        return ";".join(f"{name}={quote(str(value), safe=',:/-')}" for name, value in parameters.items())
+    except UnicodeEncodeError as error:
+        raise InputError(f"parameters: {error}; expected text that UTF-8 can represent") from error
 
 
 def parameters_of_malformed(text: str) -> dict[str, str]:

@@ -13,10 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import TypedDict
 
 import zenoh
 
+from cdff_common.bus.inbox import Inbox
 from cdff_common.bus.message import (
     Reply,
     Request,
@@ -24,6 +26,7 @@ from cdff_common.bus.message import (
     error_body,
     error_of,
     format_parameters,
+    key_argument,
     pack,
     parameters_of_malformed,
     parse_parameters,
@@ -31,6 +34,7 @@ from cdff_common.bus.message import (
 )
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError, UnavailableError
+from cdff_common.loops import ParallelWork
 
 logger = logging.getLogger(__name__)
 
@@ -54,14 +58,23 @@ class CallOptions(TypedDict, total=False):
 class CallServer:
     """Server that answers the calls of a key expression in its own thread pool.
 
-    At most ``workers`` handlers run and ``backlog`` calls wait; further calls are answered with OVERLOADED.
-    Without a session it declares nothing; a ``VerbTable`` passes queries to ``enqueue``.
+    At most ``workers`` handlers run and ``backlog`` calls wait, as far as ``inbox`` holds their payloads;
+    further calls are answered with OVERLOADED. Without a session it declares nothing; a ``VerbTable`` passes
+    queries to ``enqueue``. ``work`` encloses each call.
     """
 
     def __init__(
-        self, session: zenoh.Session | None, key: str, handler: Handler, workers: int, backlog: int
+        self,
+        session: zenoh.Session | None,
+        key: str,
+        handler: Handler,
+        workers: int,
+        backlog: int,
+        inbox: Inbox,
+        work: ParallelWork | None = None,
     ) -> None:
         self._key = key
+        self._inbox, self._work = inbox, work
         self._handler = handler
         self._slots = threading.BoundedSemaphore(workers + backlog)
         self._changed = threading.Condition()
@@ -96,9 +109,7 @@ class CallServer:
     def enqueue(self, query: zenoh.Query) -> None:
         """Answer a query in the pool, or with an error if the pool is full or the server stops."""
         with self._changed:
-            error = self._stopping_error() if self._stopping else None
-            if error is None and not self._slots.acquire(blocking=False):
-                error = OverloadedError(f"{self._key}: too many calls at once")
+            error = self._stopping_error() if self._stopping else self._overload(query)
             if error is None:
                 self._open[id(query)] = query
                 self._pool.submit(self._answer, query)
@@ -106,7 +117,26 @@ class CallServer:
         with query:
             refuse(query, error)
 
+    def _overload(self, query: zenoh.Query) -> OverloadedError | None:
+        """Take a slot and space for the payload of a query; return the error if there is none."""
+        if not self._slots.acquire(blocking=False):
+            return OverloadedError(f"{self._key}: too many calls at once")
+        size = _payload_bytes(query)
+        if self._inbox.take(size):
+            return None
+        self._slots.release()
+        return OverloadedError(f"{self._key}: {size >> 20} MB, and many others wait; repeat the call later")
+
     def _answer(self, query: zenoh.Query) -> None:
+        size = _payload_bytes(query)
+        try:
+            with nullcontext() if self._work is None else self._work.piece():
+                self._handle(query)
+        finally:
+            self._inbox.release(size)
+            self._slots.release()
+
+    def _handle(self, query: zenoh.Query) -> None:
         error: Exception | None = None
         try:
             if self._stopping:
@@ -127,10 +157,7 @@ class CallServer:
             if not self._stopping:
                 logger.exception("handler of %s failed", self._key)
             error = raised
-        try:
-            self._end(query, error)
-        finally:
-            self._slots.release()
+        self._end(query, error)
 
     def _end(self, query: zenoh.Query, error: Exception | None) -> None:
         """End a query that ``finish`` has not ended, with an error if there is one."""
@@ -151,6 +178,10 @@ def refuse(query: zenoh.Query, error: BaseException) -> None:
     """Answer a query with an error body."""
     parameters = parameters_of_malformed(str(query.parameters))
     query.reply_err(pack(error_body(error, parameters)), encoding="application/msgpack")
+
+
+def _payload_bytes(query: zenoh.Query) -> int:
+    return 0 if query.payload is None else len(query.payload)
 
 
 def _request_of(query: zenoh.Query) -> Request:
@@ -190,26 +221,33 @@ def call_stream(
 
     Raises
     ------
+    InputError
+        If key, parameters or encoding cannot be sent.
     NoAnswerError
         If no service answers, or the replies end before the final one.
     DeadlineError
         If ``timeout_s`` passes first.
+    UnavailableError
+        If the bus is closed.
     CdffError
         The class of the error code in the reply.
     """
-    selector = f"{key}?{format_parameters(parameters)}" if parameters else key
-    replies = session.get(
-        selector,
-        payload=payload or None,
-        encoding=encoding_argument(encoding),
-        attachment=attachment or None,
-        timeout=timeout_s,
-        consolidation=zenoh.ConsolidationMode.NONE,
-        target=zenoh.QueryTarget.BEST_MATCHING,
-        priority=zenoh.Priority.INTERACTIVE_HIGH,
-        congestion_control=zenoh.CongestionControl.BLOCK,
-        express=True,
-    )
+    selector = key_argument(key) + (f"?{format_parameters(parameters)}" if parameters else "")
+    try:
+        replies = session.get(
+            selector,
+            payload=payload or None,
+            encoding=encoding_argument(encoding),
+            attachment=attachment or None,
+            timeout=timeout_s,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            target=zenoh.QueryTarget.BEST_MATCHING,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            express=True,
+        )
+    except zenoh.ZError as error:
+        raise UnavailableError(f"{key} is not called: {error}") from error
     answered = False
     for item in replies:
         if item.ok is None:

@@ -6,20 +6,18 @@ from __future__ import annotations
 
 import logging
 import os
-import struct
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from zlib import crc32
 
-from cdff_common.bus.message import pack, unpack
 from cdff_common.clock import wall_ns
 from cdff_common.errors import CodecError, ConfigurationError
 from cdff_common.output import replace_file
 from cdff_common.process import data_dir_of
 from services.dfpc_host.memory_ledger import MemoryLedger
 from services.dfpc_host.product_value import DEFAULT_VALUE, value_of
+from services.product_file import product_file, read_product_file
 
 logger = logging.getLogger(__name__)
 
@@ -28,8 +26,6 @@ DEFAULT_MB = 256
 _SUFFIX = ".product"
 _PART = ".part"
 _LEDGER = "memory.count"
-#: Length of the header; CRC-32 of header and payload.
-_PREFIX = struct.Struct("<II")
 #: Smallest size of an entry, bytes: one disk block, more than its memory use without payload.
 _MIN_BYTES = 4096
 
@@ -47,9 +43,9 @@ class SpooledProduct:
     attachment: bytes
 
     def to_bytes(self) -> bytes:
-        """Return the file content: header length, CRC-32, header as MessagePack, payload."""
-        header = pack({name: value for name, value in asdict(self).items() if name != "payload"})
-        return _PREFIX.pack(len(header), crc32(self.payload, crc32(header))) + header + self.payload
+        """Return the content of its file."""
+        fields = {name: value for name, value in asdict(self).items() if name != "payload"}
+        return product_file(fields, self.payload)
 
 
 @dataclass(slots=True, eq=False)
@@ -76,14 +72,10 @@ class SpoolEntry:
         """Return the product; raises OSError for an unreadable file, CodecError for a corrupt one."""
         if self.product is not None:
             return self.product
-        data = self.path.read_bytes()
+        header, payload = read_product_file(self.path)
         try:
-            length, checksum = _PREFIX.unpack_from(data)
-            if crc32(memoryview(data)[_PREFIX.size :]) != checksum:
-                raise CodecError("the CRC-32 does not match")
-            end = _PREFIX.size + length
-            return SpooledProduct(**unpack(data[_PREFIX.size : end]), payload=data[end:])
-        except (TypeError, struct.error, CodecError) as error:
+            return SpooledProduct(**header, payload=payload)
+        except TypeError as error:
             raise CodecError(f"{self.path}: expected a product: {error}") from error
 
 

@@ -13,6 +13,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.errors import StorageError
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import Profile, load_profile
+from cdff_common.mission_clock import MissionClock
 from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.engine.disk_space import RESERVE_BYTES
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
-    """Wait for the router, open the store, serve HTTP and the bus until stopped."""
+    """Open the store, wait for the router, serve HTTP and the bus until stopped."""
     from services.dpm.http.context import Context
     from services.dpm.http.server import HttpServer
 
@@ -45,29 +46,33 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
     for noisy in ("alembic", "uvicorn", "uvicorn.error"):
         logging.getLogger(noisy).setLevel(logging.WARNING)
     profile = load_profile(settings.profile) if settings.profile is not None else None
-    with Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus:
-        clock = bus.mission_clock
-        with open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES, new=settings.new) as store:
-            dpm = Dpm(store, settings.max_body_bytes)
-            add_check(lambda: "; ".join(filter(None, (dpm.loops.problem(), bus.loops.problem()))))
-            check = memory_check(dpm.alarms, "dpm", memory_budget_mb())
-            reporter = AlarmReporter(bus, keys.GROUND, "dpm", dpm.alarms, dpm.loops.add("alarms"), (check,))
-            if profile is not None:
-                enter_profile(dpm, profile)
-            watch = ServiceMonitor(bus, dpm)
-            with HttpServer(Context(dpm, settings, bus, watch, profile)):
-                serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
-                recorder = None if profile is None else Recorder(bus, dpm, profile)
-                logger.info("serving", extra=_addresses(settings, store))
-                warming = threading.Thread(target=_warm, name="warm", daemon=True)
-                warming.start()
-                conditions = ConditionMonitor(dpm)
-                stop.wait()
-                conditions.close()
-            reporter.close()
-            bus.close()  # before the store is closed
-            if recorder is not None:
-                recorder.flush()
+    clock = MissionClock()
+    with (
+        open_store(settings.store_url, clock, reserve_bytes=RESERVE_BYTES, new=settings.new) as store,
+        Bus.open(settings.connect, name="dpm", wait_s=None, stop=stop) as bus,  # closed before the store
+    ):
+        bus.synchronise(clock)
+        dpm = Dpm(store, settings.max_body_bytes)
+        add_check(lambda: "; ".join(filter(None, (dpm.loops.problem(), bus.loops.problem()))))
+        check = memory_check(dpm.alarms, "dpm", memory_budget_mb())
+        reporter = AlarmReporter(bus, keys.GROUND, "dpm", dpm.alarms, dpm.loops.add("alarms"), (check,))
+        if profile is not None:
+            enter_profile(dpm, profile)
+        watch = ServiceMonitor(bus, dpm)
+        with HttpServer(Context(dpm, settings, bus, watch, profile)) as http:
+            dpm.loops.add_check(http.problem)
+            serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
+            recorder = None if profile is None else Recorder(bus, dpm, profile)
+            logger.info("serving", extra=_addresses(settings, store))
+            warming = threading.Thread(target=_warm, name="warm", daemon=True)
+            warming.start()
+            conditions = ConditionMonitor(dpm, () if recorder is None else (recorder.store_waiting,))
+            stop.wait()
+            conditions.close()
+        reporter.close()
+        bus.close()
+        if recorder is not None:
+            recorder.flush()
     if warming.is_alive():  # a compiler cannot be interrupted
         logging.shutdown()
         os._exit(0)

@@ -17,12 +17,16 @@ from functools import partial
 from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.contract.queries import FaultParameters, ModeParameters, RobotParameters
+from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.process import run_service
 from cdff_core.orchestration.request import parse_robot
 from services.icu.unit import Faults, SimulatedIcu
 
 logger = logging.getLogger(__name__)
+
+#: Time after which a call counts as hung, seconds: longer than a sensor needs to change its mode.
+_BUSY_LIMIT_S = 900.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -45,9 +49,14 @@ def main(argv: list[str] | None = None) -> int:
             unit = SimulatedIcu(profile, lambda robot, event: _publish(bus, robot, event), faults)
             scopes = (*profile.robot_ids, keys.GROUND)
             for scope in scopes:
-                bus.serve(keys.icu_rpc(scope, "modes"), partial(_modes, unit))
-                bus.serve(keys.icu_rpc(scope, "set_mode"), partial(_set_mode, unit), workers=8)
-                bus.serve(keys.icu_rpc(scope, "fault"), partial(_fault, unit))
+                for verb, handler, workers in (
+                    ("modes", _modes, 4),
+                    ("set_mode", _set_mode, 8),
+                    ("fault", _fault, 4),
+                ):
+                    answer = partial(handler, unit)
+                    bus.serve(keys.icu_rpc(scope, verb), answer, workers=workers, busy_limit_s=_BUSY_LIMIT_S)
+            add_check(bus.loops.problem)
             for scope in scopes:
                 bus.declare_alive(scope, "icu")
             logger.info("simulated instrument control unit of %s, %s", ", ".join(unit.robots), faults)

@@ -23,6 +23,7 @@ from cdff_common.bus.keys import GROUND
 from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import UnavailableError
+from cdff_common.heartbeat import add_check
 from cdff_common.loops import Loops
 from cdff_common.process import run_service
 from services.alarm_reporter import AlarmReporter
@@ -33,6 +34,8 @@ from services.router.refusals import REPORT_S, RefusalMonitor, Refused
 logger = logging.getLogger(__name__)
 
 _EXPIRY_CHECK_S = 3600.0
+#: Longest duration of one cycle of a thread, seconds.
+_BUSY_LIMIT_S = 60.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -60,26 +63,30 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
     identity = Identity.of_environment()
     assert identity is not None
     path = identity.folder / ACCESS
-    reporter = _Reporter(args.scope)
-    alarms = Alarms()
-    monitor = RefusalMonitor(reporter.report, alarms)
+    reporter, alarms, loops = _Reporter(args.scope), Alarms(), Loops()
+    monitor = RefusalMonitor(reporter.report, alarms, loops.add("refusals", _BUSY_LIMIT_S))
     monitor.watch_log()
-    checked_s = -_EXPIRY_CHECK_S
+    reports, published = loops.add("reports", _BUSY_LIMIT_S), loops.add("alarms", _BUSY_LIMIT_S)
+    add_check(loops.problem)
     while not stop.is_set():
         version = _version_of(path)
         with _open(args, stop) as bus:
             bus.declare_alive(args.scope, "router")
             reporter.bus = bus
-            published = AlarmReporter(bus, args.scope, "router", alarms, Loops().add("alarms"))
+            alarm_reporter = AlarmReporter(bus, args.scope, "router", alarms, published)
             logger.info("routing on %s with %s", args.listen, path)
-            while not stop.wait(REPORT_S) and _version_of(path) == version:
+            expiry = _Expiry(identity.folder / EXPIRY, alarms)
+
+            def wait(opened: tuple[int, int] = version) -> bool | None:
+                return None if stop.wait(REPORT_S) or _version_of(path) != opened else True
+
+            def work(_: bool, expiry: _Expiry = expiry) -> None:
                 monitor.report()
-                if monotonic_s() - checked_s >= _EXPIRY_CHECK_S:
-                    checked_s = monotonic_s()
-                    check_expiry(identity.folder / EXPIRY, alarms)
-            checked_s = -_EXPIRY_CHECK_S
+                expiry.check()
+
+            reports.run(wait, work)
             reporter.bus = None
-            published.close()
+            alarm_reporter.close()
 
 
 def _open(args: argparse.Namespace, stop: threading.Event) -> Bus:
@@ -100,6 +107,20 @@ def _version_of(path: Path) -> tuple[int, int]:
     except FileNotFoundError:  # while it is being replaced
         return 0, 0
     return status.st_mtime_ns, status.st_ino
+
+
+class _Expiry:
+    """Periodic check of the certificates of all identities."""
+
+    def __init__(self, path: Path, alarms: Alarms) -> None:
+        self._path, self._alarms = path, alarms
+        self._checked_s = -_EXPIRY_CHECK_S
+
+    def check(self) -> None:
+        """Check the certificates if it is time to."""
+        if monotonic_s() - self._checked_s >= _EXPIRY_CHECK_S:
+            self._checked_s = monotonic_s()
+            check_expiry(self._path, self._alarms)
 
 
 class _Reporter:

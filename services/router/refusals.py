@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from cdff_common.loops import Loop
 from services.alarms import Alarms
 from services.identity_alarm import IdentityAlarm
 
@@ -131,10 +132,12 @@ class RefusalMonitor:
         Called with each refusal and its count, at most once a second for each.
     alarms : Alarms
         Has the alarm ``refused_identity`` while there are refusals.
+    loop : Loop
+        Health of the thread that reads the log. Without a reader the pipe fills and stops the router.
     """
 
-    def __init__(self, report: Callable[[Refused, int], None], alarms: Alarms) -> None:
-        self._report = report
+    def __init__(self, report: Callable[[Refused, int], None], alarms: Alarms, loop: Loop) -> None:
+        self._report, self._loop = report, loop
         self._alarm = IdentityAlarm(alarms, "router")
         self._lock = threading.Lock()
         self._counts: Counter[Refused] = Counter()
@@ -167,16 +170,23 @@ class RefusalMonitor:
 
     def _read(self, descriptor: int) -> None:
         parser, rest, pause = LogParser(), b"", threading.Event()
-        while data := os.read(descriptor, _PIPE_BYTES):
+
+        def wait() -> bytes | None:
+            pause.wait(_READ_S)
+            return os.read(descriptor, _PIPE_BYTES) or None
+
+        def work(data: bytes) -> None:
+            nonlocal rest
             *lines, rest = (rest + data).split(b"\n")
             for line in lines:
                 if b" is authorized to " in line and b"Liveliness" not in line:
                     continue  # most lines
                 try:
                     self._on_line(parser, line.decode(errors="replace"))
-                except Exception:  # without a reader the pipe fills and stops the router
+                except Exception:
                     logger.exception("a line of the log of Zenoh is not understood")
-            pause.wait(_READ_S)
+
+        self._loop.run(wait, work)
 
     def _on_line(self, parser: LogParser, line: str) -> None:
         refused = parser.parse(line)

@@ -7,15 +7,18 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 
 import pytest
 import zenoh
 
 from cdff_common.bus import Bus, Message, Qos, Reply, Request, keys
+from cdff_common.bus.inbox import Inbox
 from cdff_common.errors import DeadlineError, InputError, NoAnswerError, OverloadedError, UnavailableError
 from tests.integration.conftest import Eventually, Spawn
 
@@ -34,7 +37,7 @@ def pair(router: subprocess.Popen[bytes], endpoint: str) -> Iterator[tuple[Bus, 
         yield server, client
 
 
-def serve(bus: Bus, client: Bus, handler: object, eventually: Eventually, **options: int) -> None:
+def serve(bus: Bus, client: Bus, handler: object, eventually: Eventually, **options: float) -> None:
     """Serve ``STAT`` and wait until the client reaches it."""
     bus.serve(STAT, handler, **options)  # type: ignore[arg-type]
     bus.serve(keys.dpm_rpc("ground", "get"), lambda _r: Reply.of(True))
@@ -55,6 +58,56 @@ def test_a_bus_works_after_it_refused_an_encoding(pair: tuple[Bus, Bus], eventua
         with pytest.raises(InputError, match="at most 255"):
             client.call(STAT, encoding=encoding)
     assert client.call(STAT, encoding="e").encoding == "ee"
+
+
+def test_a_bus_works_after_it_refused_a_key(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+    serve(server, client, lambda request: Reply.of(True), eventually)
+    for key in ("", "k" * 70_000):
+        with pytest.raises(InputError, match="key"):
+            client.publish(key, b"")
+        with pytest.raises(InputError, match="key"):
+            client.call(key)
+    for key in ("cdff//x", "cdff/#x"):
+        with pytest.raises(UnavailableError, match="Invalid Key Expr"):
+            client.call(key)
+    assert client.call(STAT).body() is True
+
+
+#: A client of Zenoh alone that sends a message whose encoding and then key are too long for Zenoh 1.10.
+FOREIGN = """
+import json, os, sys, zenoh
+failures = []
+for key, encoding in (("k", "e" * 300), ("k" * 70_000, "e")):
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+    session = zenoh.open(config)
+    try:
+        session.put("cdff/@v1/mana/event/" + key, b"1", encoding=encoding)
+    except BaseException as error:
+        failures.append(type(error).__name__)
+print(failures, flush=True)
+os._exit(0)  # its sessions cannot be closed
+"""
+
+
+def test_a_foreign_client_whose_message_zenoh_cannot_send_harms_only_itself(
+    pair: tuple[Bus, Bus], endpoint: str, eventually: Eventually
+) -> None:
+    server, client = pair
+    received: list[str] = []
+    server.subscribe("cdff/@v1/mana/event/**", lambda message: received.append(message.encoding))
+    serve(server, client, lambda request: Reply.of(True), eventually)
+    foreign = subprocess.run(
+        [sys.executable, "-c", FOREIGN, endpoint], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert foreign.stdout.strip() == "['PanicException', 'PanicException']", (
+        "Zenoh refuses such messages in another way: see _MAX_KEY_BYTES in cdff_common/bus/message.py"
+    )
+    client.publish("cdff/@v1/mana/event/k", b"1", encoding="e")
+    eventually(lambda: received == ["e"])
+    assert client.call(STAT).body() is True
 
 
 def test_the_clock_of_a_machine_has_no_effect_on_its_messages(
@@ -209,6 +262,50 @@ def test_handlers_run_concurrently_and_excess_calls_are_refused_at_once(
     for thread in threads:
         thread.join(10)
     assert results.count(1) == 3
+
+
+def test_the_payloads_of_waiting_calls_are_bounded(
+    pair: tuple[Bus, Bus], eventually: Eventually, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, client = pair
+    monkeypatch.setattr(server, "_inbox", Inbox(1_500_000))
+    entered, release = threading.Semaphore(0), threading.Event()
+
+    def handler(request: Request) -> Reply:
+        entered.release()
+        release.wait(10)
+        return Reply.of(len(request.payload))
+
+    serve(server, client, handler, eventually, workers=4, backlog=60)
+    payload = bytes(1_000_000)
+    with ThreadPoolExecutor(4) as pool:
+        calls = [pool.submit(client.call, STAT, payload=payload, timeout_s=10) for _ in range(2)]
+        assert entered.acquire(timeout=5)
+        assert entered.acquire(timeout=5)
+        with pytest.raises(OverloadedError, match="repeat the call later"):
+            client.call(STAT, payload=payload)
+        calls.append(pool.submit(client.call, STAT, timeout_s=10))  # without a payload
+        assert entered.acquire(timeout=5)
+        release.set()
+        assert [call.result().body() for call in calls] == [1_000_000, 1_000_000, 0]
+    assert client.call(STAT, payload=payload).body() == 1_000_000, "the space is free again"
+
+
+def test_a_call_that_hangs_is_a_problem_of_its_process(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+    release = threading.Event()
+
+    def handler(_request: Request) -> Reply:
+        release.wait(10)
+        return Reply.of(1)
+
+    serve(server, client, handler, eventually, busy_limit_s=0.3)
+    with ThreadPoolExecutor(1) as pool:
+        call = pool.submit(client.call, STAT, timeout_s=10)
+        eventually(lambda: f"call {STAT} is busy for" in server.loops.problem())
+        release.set()
+        assert call.result().body() == 1
+    eventually(lambda: server.loops.problem() == "")
 
 
 @pytest.mark.req("CDFF-SUP-040")

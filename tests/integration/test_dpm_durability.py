@@ -94,6 +94,14 @@ def system(spawn: Spawn, eventually: Eventually, endpoint: str, tmp_path: Path) 
         yield system
 
 
+def test_a_dpm_reports_a_missing_database_before_it_finds_a_router(spawn: Spawn, tmp_path: Path) -> None:
+    (tmp_path / "data" / "packs").mkdir(parents=True)
+    (tmp_path / "data" / "packs" / "0.pack").write_bytes(b"payloads of an earlier database")
+    process = spawn("services.dpm", "--http", f"127.0.0.1:{free_port()}")
+    assert process.wait(60) == 1
+    assert "cdff dpm rebuild" in (tmp_path / "services.dpm.log").read_text()
+
+
 def test_a_dpm_that_starts_on_a_full_disk_serves_and_deletes_and_refuses_products(
     small_disk: Path, system: System
 ) -> None:

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import NS_PER_S, monotonic_s
@@ -23,6 +22,7 @@ from cdff_common.errors import CdffError, ClockSkewError, StorageError, Unavaila
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.interfaces.profile import History, Profile
 from dpm_store import Rule
+from services.dpm.bus.waiting_samples import CAPACITY_BYTES, FOLDER, RecordedSample, WaitingSamples
 from services.dpm.operations.dpm import Dpm
 
 logger = logging.getLogger(__name__)
@@ -33,17 +33,6 @@ _PRODUCER = "dpm/history/1"
 _DEPTH = 512
 #: Mission seconds between two applications of the retention rules, and largest share of the time for them.
 _RETIRE_EVERY_S, _RETIRE_SHARE = 10.0, 0.05
-#: Largest sum of payloads that wait for the mission clock, bytes.
-_WAITING_BYTES = 64 << 20
-
-
-class _Product(NamedTuple):
-    """Arguments of ``StoreWriter.put``."""
-
-    names: dict[str, str]
-    payload: bytes
-    encoding: str
-    attachment: bytes
 
 
 @dataclass(slots=True)
@@ -80,7 +69,7 @@ class Recorder:
     ----------
     counters : mapping of str to int
         ``kept`` products, samples ``skipped`` by policy, ``refused`` by the store, and ``dropped`` from a
-        full queue, ``retired`` products, and products ``waiting`` for the mission clock.
+        full queue, ``retired`` products, and samples ``waiting`` for the mission clock.
     """
 
     def __init__(self, bus: Bus, dpm: Dpm, profile: Profile) -> None:
@@ -91,8 +80,7 @@ class Recorder:
         self._retired_ns = dpm.clock.now_ns()
         self._retirement, self._next_retirement_s = threading.Lock(), 0.0
         self._storing = threading.Lock()
-        self._waiting: deque[_Product] = deque()
-        self._waiting_bytes = 0
+        self._waiting = WaitingSamples(dpm.store.directory / FOLDER, dpm.store.disk_space, CAPACITY_BYTES)
         dpm.events.other_counters["history"] = lambda: self.counters
         self._streams = {(s.robot, s.policy.sensor, s.policy.stream): s for s in streams_of(profile)}
         self._subscriptions = [
@@ -125,11 +113,11 @@ class Recorder:
             logger.warning("sample on %s not stored: %s", message.key, error)
 
     def flush(self) -> None:
-        """Store the open spans and the products for which the mission clock has come."""
+        """Store the open spans and the samples for which the mission clock has come."""
         for stream in self._streams.values():
             if stream.span:
                 self._close_span(stream)
-        self._store_waiting()
+        self.store_waiting()
 
     def _extend(self, stream: _Stream, header: Header, message: Message) -> None:
         """Add a sample to the open span, or start the next span with it."""
@@ -175,40 +163,31 @@ class Recorder:
             "port": policy.stream,
             "product": stream.product,
         }
-        product = _Product(names, payload, encoding, header.to_attachment())
+        sample = RecordedSample(names, payload, encoding, header.to_attachment())
         try:
-            self._dpm.writer.put(*product)
+            self._dpm.writer.put(*sample)
         except ClockSkewError:
-            self._wait(product)
+            with self._storing:
+                self._count("refused", self._waiting.add(sample))
             return
         self._count("kept")
-        self._store_waiting()
+        self.store_waiting()
         self._retire()
 
-    def _wait(self, product: _Product) -> None:
-        """Keep a product until the mission clock reaches it; beyond the bound the oldest are refused."""
-        with self._storing:
-            self._waiting.append(product)
-            self._waiting_bytes += len(product.payload)
-            while self._waiting_bytes > _WAITING_BYTES:
-                self._waiting_bytes -= len(self._waiting.popleft().payload)
-                self._count("refused")
-
-    def _store_waiting(self) -> None:
-        """Store the products that waited for the mission clock, the oldest first."""
+    def store_waiting(self) -> None:
+        """Store the samples that the mission clock has reached, the oldest first."""
         with self._storing:
             while self._waiting:
-                product = self._waiting[0]
                 try:
-                    self._dpm.writer.put(*product)
+                    sample = self._waiting.first()
+                    self._dpm.writer.put(*sample)
                     self._count("kept")
-                except ClockSkewError:
+                except (UnavailableError, StorageError):  # ahead of the clock, or no space now
                     return
-                except CdffError as error:
+                except (CdffError, OSError) as error:
                     self._count("refused")
-                    logger.warning("%s not stored: %s", product.names, error)
-                self._waiting.popleft()
-                self._waiting_bytes -= len(product.payload)
+                    logger.warning("a sample that waited for the mission clock is not stored: %s", error)
+                self._waiting.remove_first()
 
     def _retire(self) -> None:
         """Apply the retention rules at intervals, in one thread; the inputs of kept products stay."""

@@ -52,6 +52,8 @@ Handler = Callable[[Dpm, Request], Reply | Iterator[Reply]]
 _WRITES = frozenset({"put", "put_all", "update", "frames", "bodies", "place", "transact"})
 _WRITES_BARE = frozenset({"delete", "purge", "retention", "acknowledge"})
 _WORKERS = {"put": 4, "get": 4, "search": 4}
+#: Time after which a call counts as hung, seconds; no caller waits so long. Retention reads and deletes much.
+_BUSY_LIMIT_S, _RETENTION_LIMIT_S = 900.0, 7200.0
 #: Largest part of a payload in one reply; larger payloads are fetched in parts.
 MAX_PART_BYTES = 16 << 20
 
@@ -87,9 +89,11 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
     for scope in scopes:
         for verb, handler in handlers.items():
             answer = functools.partial(_answer_as_scope, dpm, refusals, verb, handler)
-            bus.serve(keys.dpm_rpc(scope, verb), answer, workers=_WORKERS.get(verb, 2))
+            limit_s = _RETENTION_LIMIT_S if verb == "retention" else _BUSY_LIMIT_S
+            workers = _WORKERS.get(verb, 2)
+            bus.serve(keys.dpm_rpc(scope, verb), answer, workers=workers, busy_limit_s=limit_s)
         answer = functools.partial(_answer_as_scope, dpm, refusals, "payload", payload)
-        bus.serve(keys.dpm_product(scope, "*"), answer)
+        bus.serve(keys.dpm_product(scope, "*"), answer, busy_limit_s=_BUSY_LIMIT_S)
     for scope in scopes:
         bus.declare_alive(scope, "dpm")
 

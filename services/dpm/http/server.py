@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import socket
 import threading
@@ -11,7 +12,9 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 import uvicorn
+from starlette.concurrency import run_in_threadpool
 
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import UnavailableError
 from services.dpm.http.app import create_app
 from services.dpm.http.connections import BoundedConnection, IdleConnections
@@ -19,6 +22,36 @@ from services.dpm.http.context import Context
 from services.dpm.http.middleware.members import server_options
 
 _STOP_S = 3.0
+#: Interval of the checks of event loop and thread pool, and time after which they count as hung, seconds.
+_PROBE_S, _HUNG_S = 5.0, 300.0
+
+
+class _Server(uvicorn.Server):
+    """Server that checks its event loop and its thread pool."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._answered_s: float | None = None
+
+    async def serve(self, sockets: list[socket.socket] | None = None) -> None:
+        """Serve until ``should_exit``."""
+        probe = asyncio.create_task(self._probe())
+        try:
+            await super().serve(sockets)
+        finally:
+            probe.cancel()
+
+    async def _probe(self) -> None:
+        while True:
+            self._answered_s = await run_in_threadpool(monotonic_s)
+            await asyncio.sleep(_PROBE_S)
+
+    def problem(self) -> str:
+        """Return why the server does not work; empty if it does, and before its start."""
+        silent_s = 0.0 if self._answered_s is None else monotonic_s() - self._answered_s
+        if silent_s <= _HUNG_S:
+            return ""
+        return f"the HTTP server answers nothing for {silent_s:.0f} s"
 
 
 class HttpServer:
@@ -58,10 +91,14 @@ class HttpServer:
             lifespan="off",
             **server_options(s.identity),
         )
-        self._server = uvicorn.Server(config)
+        self._server = _Server(config)
         self._thread = threading.Thread(
             target=self._server.run, kwargs={"sockets": [self._socket]}, name="http", daemon=True
         )
+
+    def problem(self) -> str:
+        """Return why the server does not work; empty if it does."""
+        return self._server.problem()
 
     def __enter__(self) -> Self:
         self._thread.start()

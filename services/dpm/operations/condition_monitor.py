@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable, Sequence
 
 from cdff_common.errors import CdffError
 from services.alarms import Severity
@@ -54,10 +55,13 @@ def check_disk(dpm: Dpm) -> bool:
 
 
 class ConditionMonitor:
-    """Thread that checks the conditions, and returns freed memory, until it is closed."""
+    """Thread that checks the conditions, and returns freed memory, until it is closed.
 
-    def __init__(self, dpm: Dpm) -> None:
-        self._dpm = dpm
+    ``tasks`` are further functions to be called in each period.
+    """
+
+    def __init__(self, dpm: Dpm, tasks: Sequence[Callable[[], object]] = ()) -> None:
+        self._dpm, self._tasks = dpm, tasks
         self._closed = threading.Event()
         loop = dpm.loops.add("conditions", _BUSY_LIMIT_S)
         self._thread = threading.Thread(
@@ -78,6 +82,8 @@ class ConditionMonitor:
         try:
             check_conditions(self._dpm)
             self._dpm.alarm_board.drop_old_acknowledgements()
+            for task in self._tasks:
+                task()
             self._dpm.budget.return_freed_memory()
         except (CdffError, OSError) as error:
             logger.warning("conditions not checked: %s", error)

@@ -42,3 +42,26 @@ def test_a_loop_that_is_busy_for_too_long_is_a_problem_until_it_continues() -> N
 
     loop.run(lambda: next(items), work)
     assert loops.problem() == ""
+
+
+def test_parallel_work_is_a_problem_while_its_oldest_piece_takes_too_long() -> None:
+    now_s = 0.0
+    loops = Loops(lambda: now_s)
+    calls = loops.add_parallel("call stat", busy_limit_s=60.0)
+    assert loops.problem() == ""
+    with calls.piece():
+        now_s = 50.0
+        with calls.piece():
+            now_s = 61.0
+            assert loops.problem() == "call stat is busy for 61 s; expected at most 60 s"
+    assert loops.problem() == ""
+    assert loops.describe() == {}, "only loops are listed"
+
+
+def test_a_piece_that_raises_ends() -> None:
+    now_s = 0.0
+    loops = Loops(lambda: now_s)
+    with pytest.raises(ValueError), loops.add_parallel("call", 1.0).piece():
+        raise ValueError
+    now_s = 10.0
+    assert loops.problem() == ""

@@ -12,6 +12,7 @@ from cdff_common.bus.message import (
     error_body,
     error_of,
     format_parameters,
+    key_argument,
     parameters_of_malformed,
     parse_parameters,
     unpack,
@@ -42,6 +43,25 @@ def test_an_encoding_that_zenoh_cannot_send_is_refused() -> None:
     assert encoding_argument("") is None
     with pytest.raises(InputError, match="256 bytes, expected at most 255"):
         encoding_argument("e" * 256)
+
+
+def test_a_key_that_zenoh_cannot_send_is_refused() -> None:
+    assert key_argument("k" * 4096) == "k" * 4096
+    with pytest.raises(InputError, match="4097 bytes, expected at most 4096"):
+        key_argument("k" * 4097)
+    with pytest.raises(InputError, match="empty"):
+        key_argument("")
+
+
+def test_text_that_is_no_unicode_is_refused() -> None:
+    surrogate = "\udc80"  # a byte of a file name that is not UTF-8
+    for refused in (
+        lambda: encoding_argument(surrogate),
+        lambda: key_argument(surrogate),
+        lambda: format_parameters({"id": surrogate}),
+    ):
+        with pytest.raises(InputError, match="UTF-8"):
+            refused()
 
 
 def test_an_error_keeps_its_class_and_detail() -> None:

@@ -7,15 +7,19 @@ from __future__ import annotations
 import hashlib
 import logging
 import socket
+import threading
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
 
 from services.dpm.http import connections
+from services.dpm.http import server as http_server
 from services.dpm.http.app import create_app
 from services.dpm.http.context import Context
 from services.dpm.http.middleware import admission, uploads
@@ -156,3 +160,34 @@ def test_a_removed_key_is_refused_without_a_restart(tmp_path: Path) -> None:
     assert keys.actor("Bearer b") is not None  # an error in the log
     path.unlink()
     assert keys.actor("Bearer b") is None
+
+
+def test_a_server_whose_threads_all_hang_is_a_problem_of_the_process(
+    dpm: Dpm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(http_server, "_PROBE_S", 0.01)
+    monkeypatch.setattr(http_server, "_HUNG_S", 0.5)
+    release = threading.Event()
+    monkeypatch.setattr(dpm.reports, "status", lambda: {"products": release.wait(20)})
+
+    def read(url: str) -> None:
+        try:
+            urllib.request.urlopen(url, timeout=20).close()
+        except urllib.error.HTTPError as error:  # the status is incomplete
+            error.close()
+
+    def becomes(hangs: bool) -> bool:
+        until_s = time.monotonic() + 10.0
+        while ("answers nothing" in server.problem()) is not hangs and time.monotonic() < until_s:
+            time.sleep(0.05)
+        return ("answers nothing" in server.problem()) is hangs
+
+    with HttpServer(Context(dpm, Settings(tmp_path, port=0))) as server, ThreadPoolExecutor(50) as pool:
+        address = f"http://127.0.0.1:{server.port}/api/v1"
+        urllib.request.urlopen(f"{address}/robots", timeout=20).close()
+        assert becomes(hangs=False)
+        calls = [pool.submit(read, f"{address}/status") for _ in range(50)]
+        assert becomes(hangs=True)
+        release.set()
+        wait(calls)
+        assert becomes(hangs=False)

@@ -187,11 +187,52 @@ def test_samples_ahead_of_the_mission_clock_are_stored_when_it_reaches_them(
     )
 
 
-def test_the_memory_of_waiting_samples_is_bounded(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.dpm.bus.recorder._WAITING_BYTES", 2500)
+def test_waiting_samples_survive_the_end_of_the_process(dpm: Dpm, clock: ManualClock) -> None:
+    policy = History(sensor="lidar", stream="scan")
+    ended = recorder(dpm, policy)
+    for seq in range(3):
+        ended.record(scan(seq, 1000.0 + seq))
+    folder = dpm.store.directory / "waiting"
+    damaged = sorted(folder.iterdir())[0]
+    damaged.write_bytes(damaged.read_bytes()[:-1] + b"?")
+
+    recording = recorder(dpm, policy)
+    assert recording.counters["waiting"] == 3
+    recording.store_waiting()
+    assert recording.counters["waiting"] == 2, "the clock has not reached them"
+    clock.set_ns(1000 * S)
+    recording.store_waiting()
+    counters = recording.counters
+    assert (counters["kept"], counters["refused"], counters["waiting"]) == (2, 1, 0)
+    stored = dpm.store.search(Query(types=("scan",))).items
+    assert sorted(record.header.t1_ns for record in stored) == [1001 * S, 1002 * S]
+    assert not list(folder.iterdir())
+
+
+def test_samples_wait_in_memory_while_the_disk_takes_no_files(
+    dpm: Dpm, clock: ManualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = recorder(dpm, History(sensor="lidar", stream="scan"))
+    with monkeypatch.context() as patch:
+        patch.setattr(dpm.store.disk_space, "_low_water", 1 << 62)
+        recording.record(scan(0, 1000.0))
+        assert recording.counters["waiting"] == 1
+        assert not (dpm.store.directory / "waiting").exists()
+        clock.set_ns(1000 * S)
+        recording.store_waiting()
+        assert recording.counters["waiting"] == 1, "there is no space for it"
+    recording.store_waiting()
+    assert (recording.counters["kept"], recording.counters["waiting"]) == (1, 0)
+
+
+def test_the_space_of_waiting_samples_is_bounded(dpm: Dpm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.dpm.bus.recorder.CAPACITY_BYTES", 2500)
     recording = recorder(dpm, History(sensor="lidar", stream="scan"))
     for seq in range(8):
         recording.record(scan(seq, 1000.0 + seq))
     counters = recording.counters
     assert counters["waiting"] + counters["refused"] == 8
     assert 1 <= counters["waiting"] <= 4
+    files = list((dpm.store.directory / "waiting").iterdir())
+    assert len(files) == counters["waiting"]
+    assert sum(path.stat().st_size for path in files) <= 2500

@@ -4,6 +4,11 @@
 
 from __future__ import annotations
 
+import os
+
+import pytest
+
+from cdff_common.loops import Loops
 from services.alarms import Alarms
 from services.router.refusals import LogParser, RefusalMonitor, Refused
 
@@ -77,7 +82,9 @@ def test_a_refused_link_has_the_reason_of_the_handshake() -> None:
 def test_refusals_are_reported_once_an_interval_with_their_count_and_raise_an_alarm() -> None:
     reported: list[tuple[Refused, int]] = []
     alarms = Alarms()
-    monitor = RefusalMonitor(lambda refused, count: reported.append((refused, count)), alarms)
+    monitor = RefusalMonitor(
+        lambda refused, count: reported.append((refused, count)), alarms, Loops().add("log")
+    )
     refused = Refused("mana.1", "Put", "cdff/@v1/minnie/product/a/b", "not granted to this identity")
     for _ in range(3):
         monitor.count(refused)
@@ -91,7 +98,9 @@ def test_refusals_are_reported_once_an_interval_with_their_count_and_raise_an_al
 
 def test_an_intruder_that_varies_the_key_does_not_fill_the_memory() -> None:
     reported: list[tuple[Refused, int]] = []
-    monitor = RefusalMonitor(lambda refused, count: reported.append((refused, count)), Alarms())
+    monitor = RefusalMonitor(
+        lambda refused, count: reported.append((refused, count)), Alarms(), Loops().add("log")
+    )
     for i in range(1000):
         monitor.count(
             Refused("mana.1", "Put", f"cdff/@v1/minnie/product/a/x{i}", "not granted to this identity")
@@ -99,3 +108,17 @@ def test_an_intruder_that_varies_the_key_does_not_fill_the_memory() -> None:
     monitor.report()
     assert len(reported) <= 51
     assert sum(count for _, count in reported) == 1000
+
+
+def test_a_log_that_cannot_be_read_is_a_problem_of_the_router() -> None:
+    loops = Loops()
+    monitor = RefusalMonitor(lambda refused, count: None, Alarms(), loops.add("refusals"))
+    read, write = os.pipe()
+    os.write(write, b"a line\nthe start of another")
+    os.close(write)
+    monitor._read(read)
+    assert loops.problem() == ""
+    os.close(read)
+    with pytest.raises(OSError):
+        monitor._read(read)
+    assert loops.problem() == "loop refusals has ended"
