@@ -26,8 +26,8 @@ logger = logging.getLogger(__name__)
 
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
-#: Largest encoding string and key, bytes. Zenoh cannot send longer encodings, or keys beyond about 65 kB, and its
-#: session is unusable after the attempt.
+#: Largest encoding string and key, bytes. Zenoh cannot send longer encodings, or keys beyond about 65 kB, and
+#: its session is unusable after the attempt.
 _MAX_ENCODING_BYTES, _MAX_KEY_BYTES = 255, 4096
 
 

@@ -185,7 +185,7 @@ class Mission:
         return None
 
     def resources(self) -> dict[str, tuple[float, int, int]]:
-        """Return resident memory in MB, number of descriptors and number of threads of each running service."""
+        """Return resident memory in MB, descriptors and threads of each running service."""
         result = {}
         for name in self.services:
             process = self.process(name)
