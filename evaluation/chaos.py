@@ -55,7 +55,7 @@ def table(figures: Mapping[str, Any]) -> str:
         *(_promises_row(name, run) for name, run in figures.items()),
     ]
     memory = [
-        "| service | run | at the start | largest | at the end | bound | memory, descriptors, threads an hour |",
+        "| service | run | at the start | largest | at the end | bound | MB, descriptors, threads an hour |",
         "|---|---|---|---|---|---|---|",
         *(
             f"| `{service}` | {_label(name)} | {m['before']:.0f} MB | {m['peak']:.0f} MB "
