@@ -14,6 +14,10 @@ from pathlib import Path
 from cdff_common.clock import monotonic_s
 from cdff_common.heartbeat import VARIABLE
 from services.supervisor.plan import ProcessSpec
+from services.supervisor.starvation import Starvation
+
+#: Part of the limit of silence from which on the waiting for a processor is measured.
+_SUSPECT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +27,8 @@ class Limits:
     Attributes
     ----------
     silence_s : float
-        Time without a heartbeat after which a process counts as hung.
+        Time without a heartbeat after which a process counts as hung; the time in which the process waited
+        for a processor does not count.
     first_beat_s : float
         The same before the first heartbeat, since imports may compile kernels.
     backoff_first_s, backoff_longest_s : float
@@ -82,6 +87,7 @@ class Child:
     in_crash_loop: bool = False
     failures_s: deque[float] = field(default_factory=deque)
     _backoff_s: float = 0.0
+    _starvation: Starvation | None = None
     _pipe: int | None = None
 
     def start(self) -> int:
@@ -109,7 +115,7 @@ class Child:
             os.close(write)
             if output is not None:
                 output.close()
-        self._pipe, self.silent_s, self.has_beaten = read, 0.0, False
+        self._pipe, self.silent_s, self.has_beaten, self._starvation = read, 0.0, False, None
         self.started_s = monotonic_s()
         return self.process.pid
 
@@ -119,11 +125,16 @@ class Child:
         if self._pipe is not None:
             try:
                 if os.read(self._pipe, 65536):
-                    self.silent_s, self.has_beaten = 0.0, True
+                    self.silent_s, self.has_beaten, self._starvation = 0.0, True, None
             except BlockingIOError:
                 pass
         limit_s = self.limits.silence_s if self.has_beaten else self.limits.first_beat_s
+        if self._starvation is None and self.silent_s > _SUSPECT * limit_s and self.process is not None:
+            self._starvation = Starvation(self.process.pid)
         if self.silent_s <= limit_s:
+            return ""
+        waited_s = 0.0 if self._starvation is None else self._starvation.waited_s()
+        if self.silent_s - waited_s <= limit_s:
             return ""
         return f"{self.spec.name} sent no heartbeat for {self.silent_s:.0f} s"
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -15,8 +16,10 @@ from pathlib import Path
 
 import pytest
 
+from services.supervisor import starvation
 from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
+from services.supervisor.starvation import Starvation
 from services.supervisor.supervisor import Supervisor
 
 HEALTHY = (
@@ -100,6 +103,40 @@ def test_a_crash_loop_is_over_after_a_long_run() -> None:
     assert child.has_recovered(330.0)
     assert not child.in_crash_loop
     assert child.add_failure(340.0) == pytest.approx(0.2)
+
+
+def test_a_process_that_waits_for_a_processor_is_not_hung(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits_s = {"1": 3.0, "2": 100.0}
+    monkeypatch.setattr(starvation, "waits_s", lambda _pid: dict(waits_s))
+    monkeypatch.setattr(starvation, "_READ_S", 0.0)
+    child = Child(spec("service", HEALTHY), Limits(silence_s=15.0), has_beaten=True)
+    child.process = subprocess.Popen(["true"])
+    child.process.wait()
+    for second in range(40):
+        assert child.listen(1.0) == "", second
+        waits_s["1"] += 0.7  # displaced by other programs for 70 % of the time
+    while not (hung := child.listen(1.0)):  # sleeps, and no longer waits for a processor
+        pass
+    assert hung == "service sent no heartbeat for 43 s"
+
+
+def test_only_a_process_that_is_ready_to_run_waits_for_a_processor() -> None:
+    processor = min(os.sched_getaffinity(0))
+    code = f"import os; os.sched_setaffinity(0, {{{processor}}})\nwhile True: pass"
+    busy = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(3)]
+    try:
+        time.sleep(0.5)
+        busy[0].send_signal(signal.SIGSTOP)
+        time.sleep(0.2)
+        waiting = [Starvation(process.pid) for process in busy]
+        time.sleep(2.5)
+        stopped_s, *displaced_s = (process.waited_s() for process in waiting)
+        assert stopped_s < 0.1
+        assert sum(displaced_s) > 0.8
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
 
 
 def test_a_stop_of_the_supervisor_is_no_silence_of_its_processes() -> None:
