@@ -201,7 +201,7 @@ def format_parameters(parameters: Mapping[str, object]) -> str:
 
 
 def parameters_of_malformed(text: str) -> dict[str, str]:
-    """Return the parameters of a possibly malformed text without checking them, to repeat them in an error body."""
+    """Return the parameters of a possibly malformed text, unchecked, to repeat them in an error body."""
     pairs = (part.partition("=") for part in text.split(";")[:_MAX_PARAMETERS] if part)
     return {name: unquote_to_bytes(value).decode("utf-8", "replace") for name, _, value in pairs}
 
