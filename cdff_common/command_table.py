@@ -20,6 +20,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "call": "call an operation of a running DFPC: a route, a transform, a pin, …",
         "dpm": "search, fetch and delete products of a running DPM",
         "orchestrator": "jobs, catalogue and history of the orchestrator",
+        "top": "live tables of streams, DFPCs, products and alarms of a running mission",
         "alarms": "alarms of all services of a running mission",
         "play": "publish the sensor samples of a log on the bus, with the mission clock",
         "record": "write the sensor samples and products on the bus to a log, until Ctrl-C",

@@ -12,9 +12,21 @@ from numpy.typing import NDArray
 
 from cdff_common import types
 from cdff_common.clock import format_stamp
+from cdff_common.errors import CdffError
 from cdff_common.geometry import UncertainTransform
+from cdff_common.geometry.rotation_forms import rpy_deg_from_matrix
 
 _AXES = ("x", "y", "z")
+
+
+def value_summary(value: Any) -> str:
+    """Return the content of a value in one line: the position of a pose, else the first of its lines."""
+    try:
+        lines = value_lines(value)
+    except CdffError as error:  # for example a quaternion that is not one
+        return f"{type(value).__name__}: {error}"
+    position = next((line for line in lines if line.startswith("position: ")), None)
+    return position or lines[0]
 
 
 @singledispatch
@@ -65,6 +77,16 @@ def _(value: types.Pointcloud | types.LidarScan) -> list[str]:
 
 
 @value_lines.register
+def _(value: types.IMUSensors) -> list[str]:
+    return [f"specific force {_row(value.acc, '.2f')} m/s², rate {_row(np.rad2deg(value.gyro), '.1f')} °/s"]
+
+
+@value_lines.register
+def _(value: types.Joints) -> list[str]:
+    return [", ".join(f"{name} {position:.3f}" for name, position in value.positions.items()) + " rad or m"]
+
+
+@value_lines.register
 def _(value: types.PoseGraph) -> list[str]:
     return [f"{len(value.vertices.ids)} vertices, {len(value.edges.ends)} edges"]
 
@@ -89,7 +111,10 @@ def _pose_lines(transform: UncertainTransform, parent: str, child: str, stamp_ns
         f"{child or 'pose'} in {parent or 'unnamed frame'} at {format_stamp(stamp_ns)}",
         f"position: {_position(T[:3, 3])}",
         "orientation: "
-        + ", ".join(f"{n} {a:.2f}" for n, a in zip(("roll", "pitch", "yaw"), _angles_deg(T), strict=True))
+        + ", ".join(
+            f"{n} {a:.2f}"
+            for n, a in zip(("roll", "pitch", "yaw"), rpy_deg_from_matrix(T[:3, :3]) + 0.0, strict=True)
+        )
         + " degrees",
     ]
     if transform.covariance is None or not np.isfinite(np.diag(transform.covariance)).all():
@@ -100,15 +125,6 @@ def _pose_lines(transform: UncertainTransform, parent: str, child: str, stamp_ns
         *lines,
         f"standard deviations: {_row(metres, '.3g')} m; {_row(degrees, '.2g')} degrees about x, y, z",
     ]
-
-
-def _angles_deg(T: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``, degrees."""
-    R = T[:3, :3]
-    pitch = float(np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0])))
-    angles = (np.arctan2(R[2, 1], R[2, 2]), pitch, np.arctan2(R[1, 0], R[0, 0]))
-    roll, pitch, yaw = (float(np.degrees(angle)) + 0.0 for angle in angles)
-    return roll, pitch, yaw
 
 
 def _map_lines(value: Any, layer: str, unit: str) -> list[str]:

@@ -53,7 +53,7 @@ class DfpcHost:
         self._outbox = Outbox(bus, spool, self._loops.add("outbox"))
         self._alarms = Alarms()
         self._source = ",".join(sorted(f"{robot}/{dfpc}" for robot, dfpc in owners))
-        self._process = psutil.Process()
+        self._process, self._started_s = psutil.Process(), monotonic_s()
         self._hosted = [HostedDfpc(bus, self._outbox, robot, entry, sign) for robot, entry in entries]
 
     def problem(self) -> str:
@@ -112,6 +112,7 @@ class DfpcHost:
         return {
             **hosted.status(),
             "pid": self._process.pid,
+            "uptime_s": monotonic_s() - self._started_s,
             "rss_mb": self._process.memory_info().rss / 1e6,
             "cpu_s": sum(self._process.cpu_times()[:2]),
             "outbox_pending": len(self._outbox.spool),

@@ -18,6 +18,7 @@ from cdff_common.errors import CdffError, NotActiveError, OverloadedError, Refus
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
+from cdff_core.runtime.stream_counters import StreamCounters
 from services.dfpc_host.calibration_alarms import CalibrationMonitor
 from services.dfpc_host.inputs import StoredInput, decode_sample
 from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
@@ -48,6 +49,9 @@ class HostedDfpc(DfpcLifeCycle):
         self._state_store = StateStore(file)
         self._activity = ActivityRecord(file.with_suffix(".active"))
         self._subscriptions: dict[str, Subscription | StoredInput] = {}
+        self._frames = frozenset({*robot.frame_graph().frames, f"{robot.id}/base"})
+        self._streams: dict[str, StreamCounters] = {}
+        self._newest_outputs: dict[str, dict[str, Any]] = {}
         self._use = threading.Lock()
         self._life = threading.RLock()
         self._queue = threading.Condition()
@@ -184,9 +188,18 @@ class HostedDfpc(DfpcLifeCycle):
             "dropped": self._dropped_before + sum(s.dropped for s in subscriptions),
             "malformed": self._malformed,
             "refused_inputs": self._refused_inputs,
+            "streams": self._stream_status(),
+            "newest_outputs": dict(self._newest_outputs),
             "mean_step_cpu_s": self._times_s["step_cpu_s"] / samples,
             **self._times_s,
             "last_error": body["last_error"] or next((reason for reason in waiting if reason), ""),
+        }
+
+    def _stream_status(self) -> dict[str, dict[str, Any]]:
+        """Return the measurements of each connected source."""
+        now_s, streams = monotonic_s(), dict(self._streams)
+        return {
+            source: streams[port].to_dict(now_s) for port, source in self.wired.items() if port in streams
         }
 
     # -- inputs
@@ -197,6 +210,7 @@ class HostedDfpc(DfpcLifeCycle):
         for port, source in sources.items():
             if self.wired.get(port) != source:
                 self._disconnect(port)
+                self._streams[port] = StreamCounters(self._frames)
                 self._subscriptions[port] = self._subscribe(port, types[port], source)
                 self.wired[port] = source
 
@@ -210,6 +224,7 @@ class HostedDfpc(DfpcLifeCycle):
 
     def _disconnect(self, port: str) -> None:
         subscription = self._subscriptions.pop(port, None)
+        self._streams.pop(port, None)
         self.wired.pop(port, None)
         if subscription is not None:
             subscription.close()
@@ -241,6 +256,8 @@ class HostedDfpc(DfpcLifeCycle):
             self.last_error = f"{port}: {error}"
             logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
             return
+        if (stream := self._streams.get(port)) is not None:
+            stream.add(sample, self._bus.mission_clock.now_ns(), monotonic_s())
         assert self.runner is not None
         with self._queue:
             while self.runner.pending >= self.entry.queue and not self._stopping.is_set():
@@ -295,6 +312,13 @@ class HostedDfpc(DfpcLifeCycle):
         """Publish products on their keys and queue them for the DPM."""
         self.calibration.add(product.header.quality for product in products)
         for product in products:
+            quality = product.header.quality
+            self._newest_outputs[product.port] = {
+                "product": product.product,
+                "t1_ns": product.header.t1_ns,
+                "status": str(quality.status),
+                "reasons": list(quality.reasons),
+            }
             type_name = product.type_name if product.value is None else wire_type(product.value)
             payload = b"" if product.value is None else encode(product.value, "uper")
             encoding, header = encoding_string(type_name, "uper"), product.header

@@ -58,7 +58,8 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
         reporter = AlarmReporter(bus, keys.GROUND, "dpm", dpm.alarms, dpm.loops.add("alarms"), (check,))
         if profile is not None:
             enter_profile(dpm, profile)
-        watch = ServiceMonitor(bus, dpm)
+        watch = ServiceMonitor(bus, dpm, () if profile is None else profile.robots)
+        dpm.reports.add("overview", watch.overview)
         with HttpServer(Context(dpm, settings, bus, watch, profile)) as http:
             dpm.loops.add_check(http.problem)
             serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))

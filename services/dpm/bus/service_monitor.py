@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import on_map, unpack
 from cdff_common.errors import CdffError
+from cdff_common.interfaces.profile import Robot
 from services.dpm.operations.dpm import OWN_EVENTS, Dpm
+from services.dpm.operations.overview import overview
 
 logger = logging.getLogger(__name__)
 
@@ -19,11 +22,13 @@ logger = logging.getLogger(__name__)
 class ServiceMonitor:
     """Follows status keys, liveliness tokens and events on the bus."""
 
-    def __init__(self, bus: Bus, dpm: Dpm) -> None:
-        self._dpm = dpm
+    def __init__(self, bus: Bus, dpm: Dpm, robots: Sequence[Robot] = ()) -> None:
+        self._dpm, self._robots = dpm, tuple(robots)
         self._lock = threading.Lock()
         self._dfpcs: dict[tuple[str, str], dict[str, Any]] = {}
         self._alive: set[tuple[str, str]] = set()
+        #: By robot and sensor: body of the newest ``event/sensor_mode``.
+        self._modes: dict[tuple[str, str], dict[str, Any]] = {}
         bus.subscribe(keys.dfpc_status("*", "*"), on_map(self._on_status), depth=256)
         bus.subscribe(keys.alarms("*", "*"), on_map(self._on_alarms), depth=256)
         bus.subscribe(keys.event("*", "*"), self._on_event, depth=1024)
@@ -37,6 +42,23 @@ class ServiceMonitor:
                 for (owner, name), body in sorted(self._dfpcs.items())
                 if owner == robot
             ]
+
+    def all_dfpcs(self) -> list[dict[str, Any]]:
+        """Return the newest status of each DFPC of all robots, with the liveliness of its process."""
+        with self._lock:
+            return [
+                {**body, "robot": robot, "name": name, "alive": (robot, name) in self._alive}
+                for (robot, name), body in sorted(self._dfpcs.items())
+            ]
+
+    def overview(self) -> dict[str, Any]:
+        """Return the tables of streams, DFPCs and newest products."""
+        return overview(self._robots, self.all_dfpcs(), self.modes())
+
+    def modes(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """Return the mode of each sensor that has changed since the start, by robot and sensor."""
+        with self._lock:
+            return dict(self._modes)
 
     def services(self) -> dict[str, list[str]]:
         """Return the services that are alive, by scope."""
@@ -53,8 +75,10 @@ class ServiceMonitor:
 
     def _on_status(self, key: str, body: dict[str, Any]) -> None:
         parts = key.split("/")
+        owner = (parts[2], parts[4])
         with self._lock:
-            self._dfpcs[(parts[2], parts[4])] = body
+            body["cpu_cores"] = _cpu_cores(self._dfpcs.get(owner), body)
+            self._dfpcs[owner] = body
 
     def _on_alarms(self, key: str, body: dict[str, Any]) -> None:
         _, _, scope, _, service = key.split("/")
@@ -72,6 +96,22 @@ class ServiceMonitor:
             return
         try:
             body = unpack(message.payload)
+            if kind == "sensor_mode" and isinstance(body, dict):
+                with self._lock:
+                    self._modes[(scope, str(body.get("sensor")))] = body
             self._dpm.writer.record(scope, kind, body if isinstance(body, dict) else {"body": body})
         except CdffError as error:
             logger.warning("event on %s not stored: %s", message.key, error)
+
+
+def _cpu_cores(before: dict[str, Any] | None, body: dict[str, Any]) -> float | None:
+    """Return the CPU time of the steps between two statuses, cores; None without a previous status.
+
+    The time between them is that of the host's uptime, so that a delayed message does not change the result.
+    """
+    if before is None or "uptime_s" not in before or "uptime_s" not in body:
+        return None
+    elapsed_s = body["uptime_s"] - before["uptime_s"]
+    if elapsed_s < 0.2:  # another process, or a status out of turn
+        return before.get("cpu_cores") if elapsed_s >= 0 else None
+    return max(float(body["step_cpu_s"] - before["step_cpu_s"]), 0.0) / float(elapsed_s)

@@ -215,8 +215,16 @@ class AlarmList(OpenModel):
     items: list[AlarmBody]
 
 
+class Overview(OpenModel):
+    """Streams of the sensors with measured rates and faults, DFPCs, and their newest products."""
+
+    streams: list[dict[str, Any]]
+    dfpcs: list[dict[str, Any]]
+    newest: list[dict[str, Any]]
+
+
 class Status(OpenModel):
-    """Counts and sizes, and the running services."""
+    """Counts and sizes, and the running services; without the bus there is no overview."""
 
     products: int
     by_robot: dict[str, dict[str, int]]
@@ -228,6 +236,7 @@ class Status(OpenModel):
     counters: dict[str, int]
     services: dict[str, list[str]]
     mission: str | None
+    overview: Overview | None = None
 
 
 class EventAnswer(OpenModel):

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cdff_common.contract.limits import MAX_GENERATIONS
@@ -21,8 +21,13 @@ class Reports:
 
     def __init__(self, store: Store, events: EventPublisher, alarms: AlarmBoard, loops: Loops) -> None:
         self._alarms, self._loops = alarms, loops
+        self._sections: dict[str, Callable[[], Any]] = {}
         self._store = store
         self._events = events
+
+    def add(self, name: str, section: Callable[[], Any]) -> None:
+        """Add a section to ``status``; it is computed with each report."""
+        self._sections[name] = section
 
     def history(
         self, since: int, limit: int, kinds: Sequence[str] = (), scope: str | None = None
@@ -76,6 +81,7 @@ class Reports:
             "alarms": self._alarms.active(),
             "loops": self._loops.describe(),
             "counters": dict(self._events.counters),
+            **{name: section() for name, section in self._sections.items()},
             **{name: dict(counts()) for name, counts in self._events.other_counters.items()},
         }
 

@@ -95,6 +95,22 @@ async function showStatus() {
   if (first.value === asked.type && maps !== "") asked.type = maps;
   first.value = maps;
   options("robot", Object.keys(status.by_robot));
+  showStreams(status.overview ? status.overview.streams : []);
+}
+
+/** A row of a sensor stream: rate against the stated one, stamp against mission time, gaps, frame, faults. */
+function streamRow(stream) {
+  const rate = `${stream.rate_hz ? stream.rate_hz.toFixed(1) : "–"} of ${stream.stated_hz ? `${+stream.stated_hz.toPrecision(3)} Hz` : "–"}`;
+  const measured = stream.count !== undefined;
+  const stamp = measured && stream.offset_s !== null ? `${stream.offset_s > 0 ? "+" : ""}${stream.offset_s.toFixed(3)} s` : "–";
+  const faults = stream.faults.length ? make("span", { class: "badge warn" }, stream.faults.join("; ")) : measured ? badge("OK") : "no active DFPC reads it";
+  const cells = [`${stream.robot}/${stream.sensor}.${stream.stream}`, stream.mode || "–", rate, stamp, measured ? String(stream.lost) : "–", stream.frame || "–", stream.last || "–", faults];
+  return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
+}
+
+function showStreams(streams) {
+  byId("streams-section").hidden = streams.length === 0;
+  byId("streams").tBodies[0].replaceChildren(...streams.map(streamRow));
 }
 
 function options(name, values, select = byId("filter").elements[name]) {

@@ -23,7 +23,8 @@ def _rows(data: bytes) -> list[dict[str, str]]:
 
 def _track(**further: object) -> ObjectTrack:
     T = se3.transform(se3.exp_so3([0.0, 0.0, np.pi / 2]), [1.0, 2.0, 3.0])
-    return ObjectTrack.from_arrays(7, [5_000_000], T[None], frame="servicer/lvlh", **further)  # type: ignore[arg-type]
+    frame = "servicer/lvlh"
+    return ObjectTrack.from_arrays(7, [5_000_000], T[None], frame=frame, **further)  # type: ignore[arg-type]
 
 
 def test_a_row_has_pose_velocities_and_the_largest_standard_deviation_of_each_group() -> None:
