@@ -65,11 +65,14 @@ class InputPort(Port):
     ----------
     ordered : bool
         Accept samples in ascending order of time only; otherwise drop only repeated ones.
+    compared : bool
+        Compare mount and clock of its sensor with those of the other ports.
     aliases : tuple of str
         Other names of the port on the command line.
     """
 
     ordered: bool = True
+    compared: bool = False
     aliases: tuple[Identifier, ...] = ()
 
 

@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from cdff_common.errors import CdffError, ConfigurationError
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
-from cdff_common.interfaces.product import Header, Product, Status, product_id
+from cdff_common.interfaces.product import Header, Product, Quality, Status, product_id
+from cdff_core.consistency.monitor import SensorMonitor
 
 #: Evidence that the clock was set back: age of samples relative to the newest one of their port, nanoseconds,
 #: and number of such samples.
@@ -70,6 +71,8 @@ class Runner:
         self._stepping_ns: int | None = None  # sample that is being stepped
         self._next_seq: dict[str, int] = {}
         self.counters = Counters()
+        #: Comparison of the sensors of the inputs; its findings are reasons of the products.
+        self.sensors = SensorMonitor(dfpc.context, dfpc.description.input_ports)
 
     @property
     def pending(self) -> int:
@@ -117,6 +120,7 @@ class Runner:
         by_port = self.counters.samples_by_port
         by_port[sample.port] = by_port.get(sample.port, 0) + 1
         self._stepping_ns = sample.stamp_ns
+        self.sensors.add(sample)
         try:
             return [self._product(output) for output in self._dfpc.step(sample)]
         except CdffError as error:
@@ -192,6 +196,14 @@ class Runner:
             del received[next(iter(received))]
         return False
 
+    def _with_sensor_reasons(self, quality: Quality, stamp_ns: int) -> Quality:
+        """Return a quality that is at most DEGRADED while sensors of the inputs disagree."""
+        reasons = tuple(r for r in self.sensors.reasons(stamp_ns) if r not in quality.reasons)
+        if not reasons:
+            return quality
+        status = Status.FAILED if quality.status is Status.FAILED else Status.DEGRADED
+        return replace(quality, status=status, reasons=(*quality.reasons, *reasons))
+
     def _product(self, output: Output) -> Product:
         """Return the product of an output; raises ConfigurationError if it contradicts the description."""
         port = self._ports.get(output.port)
@@ -199,7 +211,8 @@ class Runner:
             raise ConfigurationError(
                 f"{self._dfpc.name}: output on port {output.port!r}, which is not in its description"
             )
-        status = output.quality.status
+        quality = self._with_sensor_reasons(output.quality, output.t1_ns)
+        status = quality.status
         if (output.value is None) != (status is Status.FAILED):
             raise ConfigurationError(
                 f"{self._dfpc.name}.{output.port}: status {status} with value {type(output.value).__name__}"
@@ -210,7 +223,7 @@ class Runner:
         self.counters.degraded += status is Status.DEGRADED
         if status is Status.FAILED:
             self.counters.failed += 1
-            self.counters.last_failure = ", ".join(output.quality.reasons)
+            self.counters.last_failure = ", ".join(quality.reasons)
         by_port = self.counters.outputs_by_port
         by_port[output.port] = by_port.get(output.port, 0) + 1
         extent = None if output.value is None else output.value.extent_m()
@@ -225,7 +238,7 @@ class Runner:
             producer=self._producer,
             config_hash=self._config_hash,
             inputs=output.inputs,
-            quality=output.quality,
+            quality=quality,
             box_m=extent,
             resolution_m=None if geometry is None else float(geometry.resolution_m),
         )

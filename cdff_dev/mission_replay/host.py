@@ -42,7 +42,11 @@ class ReplayedDfpc(DfpcLifeCycle):
     ) -> None:
         super().__init__(robot, entry)
         self._bus, self._on_products = bus, on_products
-        self.totals: dict[str, Any] = {**dict.fromkeys(_COUNTED, 0), "activations": 0}
+        self.totals: dict[str, Any] = {
+            **dict.fromkeys(_COUNTED, 0),
+            "activations": 0,
+            "sensor_findings": [],
+        }
         self.configure()
         serve_life_cycle(bus, self, self.status, self.publish_status)
         bus.declare_alive(robot.id, entry.name)
@@ -116,3 +120,5 @@ class ReplayedDfpc(DfpcLifeCycle):
         if runner is not None:
             for name in _COUNTED:
                 self.totals[name] += getattr(runner.counters, name)
+            found = [finding.to_dict() for finding in runner.sensors.history]
+            self.totals["sensor_findings"] = [*self.totals["sensor_findings"], *found]

@@ -141,6 +141,9 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
             f"modes of their sensors, {summary['stored']} products stored, {summary['answered']} of "
             f"{summary['requests']} requests answered, {summary['cpu_s']:.2f} s CPU"
         )
+        for name, totals in summary["dfpcs"].items():
+            for finding in totals["sensor_findings"]:
+                print(f"{name}: {finding['what']}; {finding['remedy']}", file=sys.stderr)
     return 0
 
 
@@ -217,6 +220,8 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
             reasons = ", ".join(stopped["reasons"]) or "no reasons"
             stamp = format_stamp(stopped["t1_ns"])
             print(f"stopped by {stopped['condition']} at {stamp}: {stopped['status']}, {reasons}")
+    for finding in summary["sensor_findings"]:
+        print(f"{finding['kind']}: {finding['what']}; {finding['remedy']}", file=sys.stderr)
     if summary["errors"]:
         print(f"{summary['errors']} samples were refused; the last: {summary['last_error']}", file=sys.stderr)
     if not summary["samples"]:

@@ -25,6 +25,7 @@ from services.dfpc_host.hosted_dfpc import HostedDfpc
 from services.dfpc_host.lifecycle import serve_life_cycle
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.outbox_alarms import set_outbox_alarms
+from services.dfpc_host.sensor_alarms import SensorAlarms
 from services.dfpc_host.spool import Spool, capacity_bytes, spool_folder
 from services.dfpc_host.watchdog import StepWatchdog
 from services.memory_budget import memory_budget_mb, memory_check
@@ -55,6 +56,7 @@ class DfpcHost:
         self._source = ",".join(sorted(f"{robot}/{dfpc}" for robot, dfpc in owners))
         self._process, self._started_s = psutil.Process(), monotonic_s()
         self._hosted = [HostedDfpc(bus, self._outbox, robot, entry, sign) for robot, entry in entries]
+        self._sensor_alarms = [SensorAlarms(self._alarms, robot.id, entry.name) for robot, entry in entries]
 
     def problem(self) -> str:
         """Return which thread does not work; empty if all do."""
@@ -84,9 +86,10 @@ class DfpcHost:
         self._start_watchdog(stop)
         while not stop.wait(HEARTBEAT_S):
             set_outbox_alarms(self._alarms, self._source, self._outbox)
-            for hosted in self._hosted:
+            for hosted, sensor_alarms in zip(self._hosted, self._sensor_alarms, strict=True):
                 name = f"{hosted.robot.id}/{hosted.entry.name}"
                 set_calibration_alarm(self._alarms, name, hosted.calibration)
+                sensor_alarms.update(hosted.sensor_findings)
                 self._publish_status(hosted)
         for hosted in self._hosted:
             hosted.close()

@@ -21,6 +21,7 @@ from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_common.interfaces.registry import Registry
+from cdff_core.consistency.finding import Finding
 from cdff_core.orchestration.catalogue import description_of
 from cdff_core.orchestration.lifecycle import DFPC_TRANSITIONS
 from cdff_core.runtime import Runner
@@ -187,8 +188,15 @@ class DfpcLifeCycle(ABC):
             "changes": self.changes,
             "wired": dict(self.wired),
             **counters,
+            "sensor_findings": [finding.to_dict() for finding in self.sensor_findings],
             "last_error": self.last_error or step_error,
         }
+
+    @property
+    def sensor_findings(self) -> tuple[Finding, ...]:
+        """Findings about the sensors of the inputs; none while the DFPC is not active."""
+        is_active = self.runner is not None and self.state is DfpcState.ACTIVE
+        return self.runner.sensors.findings if is_active and self.runner is not None else ()
 
     def event(self, **more: Any) -> dict[str, Any]:
         """Return the body of an event about this DFPC."""

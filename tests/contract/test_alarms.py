@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cdff_core.consistency.finding import KINDS as SENSOR_KINDS
 from services.orchestrator.mode_alarms import REMEDIES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +32,7 @@ def test_every_raised_kind_is_on_the_page() -> None:
     raised = re.findall(r"[Aa]larms\.set\(\s*\"(\w+)\"", code) + re.findall(
         r"^_KIND.*= \"(\w+)\"", code, re.M
     )
-    assert {*re.findall(r"_KIND, _SOURCE = \"(\w+)\"", code), *raised, *REMEDIES} == set(KINDS)
+    assert {*re.findall(r"_KIND, _SOURCE = \"(\w+)\"", code), *raised, *REMEDIES, *SENSOR_KINDS} == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -8,9 +8,11 @@ import pytest
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.product import Quality
+from cdff_core.consistency.finding import Finding
 from services import memory_budget
 from services.alarms import Alarms
 from services.dfpc_host.calibration_alarms import PRODUCTS, CalibrationMonitor, set_calibration_alarm
+from services.dfpc_host.sensor_alarms import SensorAlarms
 from services.memory_budget import memory_budget_mb, memory_check
 
 
@@ -61,4 +63,18 @@ def test_data_that_lastingly_contradict_the_calibration_raise_an_alarm_and_singl
     assert reason in alarm.what
     monitor.add([other] * PRODUCTS)
     set_calibration_alarm(alarms, "mana/vo", monitor)
+    assert alarms.active() == []
+
+
+@pytest.mark.parametrize("kind", ["sensor_rotation", "sensor_clock"])
+def test_a_sensor_that_disagrees_with_the_others_is_an_alarm_until_it_agrees(kind: str) -> None:
+    alarms = Alarms()
+    sensor_alarms = SensorAlarms(alarms, "mana", "digital_elevation_mapping")
+    what = "expected rpy_deg [180.0, 0.0, 0.0], observed [0.0, 0.0, 0.0]"
+    sensor_alarms.update([Finding(kind, ("lidar",), "180_deg", what, "correct the mount")])
+    (alarm,) = alarms.active()
+    assert (alarm.kind, alarm.source) == (kind, "mana/lidar")
+    assert what in alarm.what
+    assert "digital_elevation_mapping" in alarm.what
+    sensor_alarms.update([])
     assert alarms.active() == []
