@@ -28,7 +28,7 @@ EXTRAS = {
     "dpm": ["alembic", "cryptography", "fastapi", "pyproj", "sqlalchemy", "starlette", "uvicorn"],
     "logs": ["google", "lz4", "mcap", "pye57", "rosbags", "velodyne_decoder", "zstandard"],
     "plot": ["matplotlib"],
-    "simulate": ["open3d"],
+    "simulate": ["astronomy", "open3d"],
     "view": ["foxglove", "rerun", "rerun_cli"],
     "analysis": ["geopandas", "pandas", "xarray"],
     "dev": ["argcomplete", "evo", "jinja2"],

@@ -14,7 +14,8 @@ def register(nouns: Any) -> None:
     """Add ``cdff simulate`` to the command line."""
     parser = nouns.add_parser("simulate", help="simulate a scenario to a log")
     parser.add_argument(
-        "scenario", help="a shipped scenario's name (rover_traverse) or a scenario file (.yaml)"
+        "scenario",
+        help="a shipped scenario's name (rover_traverse, orbit_approach) or a scenario file (.yaml)",
     )
     parser.add_argument(
         "--out",
@@ -38,10 +39,10 @@ def register(nouns: Any) -> None:
 def _run(args: argparse.Namespace) -> int:
     from cdff_common.output import make_folder, storage_errors
     from cdff_common.progress import progress_of
-    from cdff_dev.simulate.scenario import load_scenario
+    from cdff_dev.simulate.scenario_files import load_any_scenario
     from cdff_dev.simulate.store import cache_folder, check_free, deliver, simulated_log
 
-    scenario = load_scenario(args.scenario, args.seed)
+    scenario = load_any_scenario(args.scenario, args.seed)
     check_free(args.out, args.force)
     make_folder(args.out.parent)  # an error is reported now, not after minutes of simulation
     with storage_errors(cache_folder()):

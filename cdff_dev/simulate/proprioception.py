@@ -51,17 +51,24 @@ def imu_readings(
     lever_acceleration = np.cross(rate_dot, lever) + np.cross(rate, np.cross(rate, lever))
     up = np.array([0.0, 0.0, gravity_m_s2])
     force_base = np.einsum("nji,nj->ni", R_site_base, motion.acceleration(t_s) + up) + lever_acceleration
-    n, root_hz, dt = len(t_s), math.sqrt(model.rate_hz), 1.0 / model.rate_hz
+    return with_sensor_errors(model, force_base @ R_base_imu, rate @ R_base_imu, rng)
+
+
+def with_sensor_errors(
+    model: Imu, acc_m_s2: FloatArray, gyro_rad_s: FloatArray, rng: np.random.Generator
+) -> ImuTrack:
+    """Return the readings of true specific forces and rates ``(n, 3)``, IMU axes, rate of the model."""
+    n, root_hz, dt = len(acc_m_s2), math.sqrt(model.rate_hz), 1.0 / model.rate_hz
 
     def errors(bias_sigma: float, noise: float, walk: float) -> FloatArray:
         bias = bias_sigma * rng.standard_normal(3)
         drift = np.cumsum(walk * math.sqrt(dt) * rng.standard_normal((n, 3)), axis=0)
         return bias + drift + noise * root_hz * rng.standard_normal((n, 3))
 
-    gyro = rate @ R_base_imu + errors(
+    gyro = gyro_rad_s + errors(
         model.gyro_bias_sigma_rad_s, model.gyro_noise_rad_s_sqrt_hz, model.gyro_walk_rad_s2_sqrt_hz
     )
-    acc = force_base @ R_base_imu + errors(
+    acc = acc_m_s2 + errors(
         model.acc_bias_sigma_m_s2, model.acc_noise_m_s2_sqrt_hz, model.acc_walk_m_s3_sqrt_hz
     )
     return ImuTrack(acc, gyro)

@@ -7,10 +7,9 @@ from __future__ import annotations
 import hashlib
 import json
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import yaml
 from pydantic import Field, model_validator
 
 from cdff_common.clock import parse_stamp
@@ -18,12 +17,11 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel, validated
-from cdff_common.resources import deploy_folder, resolve
 from cdff_dev.simulate.faults.model import Faults
 from cdff_dev.simulate.fields import Mount, NotNegative, Positive
+from cdff_dev.simulate.scenario_files import SCENARIO_FOLDER, read_scenario
 
-#: Folder of the shipped scenarios.
-SCENARIO_FOLDER = deploy_folder() / "simulation"
+__all__ = ["SCENARIO_FOLDER", "Scenario", "load_scenario"]
 
 
 class Spectrum(StrictModel):
@@ -100,7 +98,7 @@ class TerrainModel(StrictModel):
 
 
 #: Columns: the axes of a camera frame (x right, y down, z forward) in a frame with x forward and z up.
-_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 class Navcam(StrictModel):
@@ -129,7 +127,7 @@ class Navcam(StrictModel):
     @property
     def T_base_left(self) -> FloatArray:
         """Pose of the left camera in the base, shape (4, 4)."""
-        return self.mount.matrix() @ se3.transform(_BODY_OPTICAL, [0, 0, 0])
+        return self.mount.matrix() @ se3.transform(BODY_OPTICAL, [0, 0, 0])
 
     @property
     def T_base_right(self) -> FloatArray:
@@ -251,49 +249,16 @@ class Scenario(StrictModel):
 
 
 def load_scenario(name: str, seed: int | None = None) -> Scenario:
-    """Read a shipped scenario by name, or a scenario file by path; ``seed`` replaces the seed of the file.
-
-    A file with ``extends: NAME`` contains only the differences from the shipped scenario NAME.
+    """Read a shipped scenario on terrain by name, or a file by path; ``seed`` replaces the seed of the file.
 
     Raises
     ------
     ConfigurationError
         If there is no such scenario, or a key or value in it is wrong.
     """
-    data = _read(name)
+    data = read_scenario(name)
+    if data.get("kind") == "orbit":
+        raise ConfigurationError(f"{name}: a scenario in orbit, expected one on terrain: without kind")
     if seed is not None:
         data["seed"] = seed
     return validated(Scenario, data, name)
-
-
-def _read(name: str) -> dict[str, Any]:
-    """Return the content of a scenario file, merged with that of the files that it extends.
-
-    The robots of the file replace those of the extended files.
-    """
-    path = resolve("simulation", name)
-    try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
-    if not isinstance(data, dict):
-        raise ConfigurationError(f"{path}: expected a mapping, got {type(data).__name__}")
-    base_name = data.pop("extends", None)
-    if base_name is None:
-        return data
-    if not isinstance(base_name, str) or base_name == path.stem:
-        raise ConfigurationError(f"{path}: extends: {base_name!r}: expected the name of another scenario")
-    base = _read(base_name)
-    if "robots" in data:
-        base.pop("robots", None)
-    return _merge(base, data)
-
-
-def _merge(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with the values of ``changes``; nested mappings are merged recursively."""
-    return base | {
-        key: _merge(base[key], value)
-        if isinstance(value, dict) and isinstance(base.get(key), dict)
-        else value
-        for key, value in changes.items()
-    }

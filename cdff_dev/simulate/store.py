@@ -9,9 +9,9 @@ import json
 import os
 import shutil
 import tempfile
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cdff_common.errors import ConflictError
 from cdff_common.geometry import se3
@@ -19,10 +19,18 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.formats.infuse.writer import chunk_files
 from cdff_dev.simulate.scenario import Scenario
 
+if TYPE_CHECKING:
+    from cdff_dev.logs import LogWriter
+    from cdff_dev.simulate.orbit.scenario import OrbitScenario
+
+    AnyScenario = Scenario | OrbitScenario
+
 #: File next to the chunks: frames and calibration of the rovers for a profile, and the scenario of the log.
 SIDECAR = "scenario.json"
 #: Sources of this package on which no sample depends: a change of them keeps the cached logs.
 _NOT_IN_SAMPLES = ("__init__.py", "commands.py")
+#: Folders of the sources on which samples depend.
+_SOURCES = ("cdff_dev/simulate", "cdff_common/stars", "cdff_core/rigid_body")
 
 
 def cache_folder() -> Path:
@@ -36,16 +44,26 @@ def code_digest() -> str:
     libraries.
     """
     digest = hashlib.sha256()
-    package = Path(__file__).parent
-    sources = [p for p in package.rglob("*.py") if p.name not in _NOT_IN_SAMPLES]
+    root = Path(__file__).resolve().parents[2]
+    sources = [
+        p for folder in _SOURCES for p in (root / folder).rglob("*.py") if p.name not in _NOT_IN_SAMPLES
+    ]
     for path in sorted(sources):
-        digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    for library in ("numpy", "scipy", "open3d-cpu"):
-        digest.update(f"{library}={version(library)}\0".encode())
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for library in ("numpy", "scipy", "open3d-cpu", "astronomy-engine"):
+        digest.update(f"{library}={_installed_version(library)}\0".encode())
     return digest.hexdigest()[:16]
 
 
-def cached_log(scenario: Scenario) -> Path:
+def _installed_version(library: str) -> str:
+    """Return the version of a library, or none: scenarios on terrain need no ephemeris."""
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return "none"
+
+
+def cached_log(scenario: AnyScenario) -> Path:
     """Return the folder of a scenario's log in the cache; it need not exist."""
     key = hashlib.sha256(f"{scenario.digest}/{code_digest()}".encode()).hexdigest()[:16]
     return cache_folder() / f"{scenario.name}-{key}"
@@ -100,22 +118,19 @@ def describe(scenario: Scenario, starts: dict[str, FloatArray]) -> dict[str, Any
     }
 
 
-def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = None) -> None:
+def make_log(scenario: AnyScenario, target: Path, workers: int, progress: Any = None) -> None:
     """Simulate a scenario into the folder ``target``, which is created only when the log is complete."""
     from cdff_dev.logs import LogWriter
-    from cdff_dev.simulate.traverse import levelled, simulate
 
     target.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
     try:
-        starts: dict[str, FloatArray] = {}
         with LogWriter(part) as writer:
-            for entry, value in simulate(scenario, workers, progress):
-                writer.write(entry.stream, value, entry.stamp_ns, entry.header)
-                robot = entry.stream.split("/")[1]
-                if entry.stream.endswith("/truth.pose") and robot not in starts:
-                    starts[robot] = levelled(value.transform.matrix)
-        (part / SIDECAR).write_text(json.dumps(describe(scenario, starts), indent=1) + "\n", encoding="utf-8")
+            if isinstance(scenario, Scenario):
+                sidecar = _write_traverse(scenario, writer, workers, progress)
+            else:
+                sidecar = _write_rendezvous(scenario, writer, workers, progress)
+        (part / SIDECAR).write_text(json.dumps(sidecar, indent=1) + "\n", encoding="utf-8")
         part.chmod(0o755)
         if target.exists():
             shutil.rmtree(target)
@@ -125,6 +140,71 @@ def make_log(scenario: Scenario, target: Path, workers: int, progress: Any = Non
         shutil.rmtree(part, ignore_errors=True)
 
 
+def _write_traverse(scenario: Scenario, writer: LogWriter, workers: int, progress: Any) -> dict[str, Any]:
+    """Write the samples of a scenario on terrain; return the contents of the sidecar file."""
+    from cdff_dev.simulate.traverse import levelled, simulate
+
+    starts: dict[str, FloatArray] = {}
+    for entry, value in simulate(scenario, workers, progress):
+        writer.write(entry.stream, value, entry.stamp_ns, entry.header)
+        robot = entry.stream.split("/")[1]
+        if entry.stream.endswith("/truth.pose") and robot not in starts:
+            starts[robot] = levelled(value.transform.matrix)
+    return describe(scenario, starts)
+
+
+def _write_rendezvous(
+    scenario: OrbitScenario, writer: LogWriter, workers: int, progress: Any
+) -> dict[str, Any]:
+    """Write the samples of a scenario in orbit; return the contents of the sidecar file."""
+    from cdff_dev.simulate.orbit.rendezvous import simulate_orbit
+
+    for entry, value in simulate_orbit(scenario, workers, progress):
+        writer.write(entry.stream, value, entry.stamp_ns, entry.header)
+    return describe_orbit(scenario)
+
+
+def describe_orbit(scenario: OrbitScenario) -> dict[str, Any]:
+    """Return the contents of the sidecar file of a scenario in orbit: frames and calibration."""
+    servicer = scenario.servicer
+    base = f"{servicer.name}/base"
+    mounts = {name: camera.T_base_camera for name, camera in servicer.cameras.items()}
+    mounts |= {name: lidar.mount.matrix() for name, lidar in servicer.lidars.items()}
+    if servicer.imu is not None:
+        mounts["imu"] = servicer.imu.mount.matrix()
+    cameras = {
+        name: {
+            "camera_matrix": camera.model.matrix.tolist(),
+            "distortion": list(camera.distortion),
+            "rows": camera.rows,
+            "columns": camera.columns,
+            "psf_sigma_px": camera.psf_sigma_px,
+            "zero_point_e_s": camera.zero_point_e_s,
+            "electrons_per_dn": camera.electrons_per_dn,
+            "offset_dn": camera.offset_dn,
+            "read_noise_e": camera.read_noise_e,
+        }
+        for name, camera in servicer.cameras.items()
+    }
+    frames = [_edge(base, f"{servicer.name}/{sensor}", T) for sensor, T in mounts.items()]
+    clients = {
+        body.name: {"mesh": body.mesh, "unit": body.unit, "frame": f"{body.name}/body"}
+        for body in scenario.bodies
+    }
+    return {
+        "scenario": scenario.name,
+        "simulated": True,
+        "seed": scenario.seed,
+        "scenario_digest": scenario.digest,
+        "code_digest": code_digest(),
+        "epoch_ns": str(scenario.epoch_ns),
+        "duration_s": scenario.duration_s,
+        "cameras": cameras,
+        "clients": clients,
+        "robots": {servicer.name: {"frames": frames}},
+    }
+
+
 def _remove_old_logs(name: str, keep: int) -> None:
     """Remove all but the newest logs of a scenario from the cache; a log is about 200 MB."""
     logs = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
@@ -132,7 +212,7 @@ def _remove_old_logs(name: str, keep: int) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def simulated_log(scenario: Scenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
+def simulated_log(scenario: AnyScenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
     """Return the folder of a scenario's log in the cache; generate it if it is missing or ``fresh``."""
     target = cached_log(scenario)
     if fresh or not (target / SIDECAR).is_file():

@@ -4,25 +4,17 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import pickle
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_common.interfaces.product import CovarianceKind, Header, Quality, product_id
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time, TransformWithCovariance
-from cdff_dev.logs.source import split_stream
+from cdff_common.types import ElevationMap, FramePair, IMUSensors, LidarScan, Time
 from cdff_dev.simulate.camera import StereoCamera
 from cdff_dev.simulate.faults.model import Faults
 from cdff_dev.simulate.faults.spinning_lidar import FaultyLidar
@@ -30,33 +22,12 @@ from cdff_dev.simulate.faults.stereo_camera import FaultyStereoCamera
 from cdff_dev.simulate.faults.timing import Timing, stamps
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import faulty_imu_readings, imu_readings, wheel_odometry
+from cdff_dev.simulate.render_pool import RenderPool, Task
+from cdff_dev.simulate.samples import Entry, header, pose, sample_times_us
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.world import World, cast_scene, generator, make_world, true_heights
 
-PRODUCER = "simulator"
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Entry:
-    """One sample of the log: its value, or the rendering task that produces it.
-
-    Attributes
-    ----------
-    render : tuple of (str, str, int) or None
-        Sensor (``navcam`` or ``lidar``), robot and index, if the value is produced by ray casting.
-    """
-
-    stream: str
-    stamp_ns: int
-    header: Header
-    value: Any = None
-    render: tuple[str, str, int] | None = None
-
-
-def sample_times_us(rate_hz: float, duration_s: float) -> np.ndarray:
-    """Return sample times ``(n,)`` from 0 to ``duration_s``, microseconds since the epoch."""
-    return np.round(np.arange(int(duration_s * rate_hz + 1e-6) + 1) / rate_hz * 1e6).astype(np.int64)
 
 
 def levelled(T: FloatArray) -> FloatArray:
@@ -83,7 +54,7 @@ class _Renderer:
                 world.scenario.navcam, self._scene, world.appearance, len(vertices), meshes
             )
 
-    def render(self, task: tuple[str, str, int]) -> Any:
+    def render(self, task: Task) -> Any:
         kind, robot, index = task
         scenario, faults = self._world.scenario, self._world.scenario.faults
         motion = self._world.motions[robot]
@@ -110,49 +81,6 @@ class _Renderer:
         if robot not in self._faulty_lidars:
             self._faulty_lidars[robot] = FaultyLidar(self._world, robot, self._scene)
         return self._faulty_lidars[robot]
-
-
-#: Renderers of a worker process, by the file of their world.
-_RENDERERS: dict[str, _Renderer] = {}
-
-
-def _warm_up() -> None:
-    """Import Open3D in a worker process while the parent process makes the world."""
-    import open3d  # noqa: F401
-
-
-def _render_in_worker(world_file: str, task: tuple[str, str, int]) -> Any:
-    if world_file not in _RENDERERS:
-        with Path(world_file).open("rb") as file:
-            _RENDERERS[world_file] = _Renderer(pickle.load(file))  # written by the parent process
-    return _RENDERERS[world_file].render(task)
-
-
-def _header(
-    scenario: Scenario, stream: str, seq: int, t0_ns: int, t1_ns: int, frame: str, child: str | None = None
-) -> Header:
-    robot, sensor, port = split_stream(stream)
-    kind = CovarianceKind.NONE if child is None else CovarianceKind.FORMAL
-    return Header(
-        id=product_id(robot, sensor, port, t1_ns, seq, scenario.digest),
-        seq=seq,
-        t0_ns=t0_ns,
-        t1_ns=t1_ns,
-        frame=frame,
-        child=child,
-        producer=PRODUCER,
-        config_hash=scenario.digest,
-        quality=Quality(reasons=("simulated",), covariance_kind=kind),
-    )
-
-
-def _pose(
-    T: FloatArray, covariance: FloatArray | None, parent: str, child: str, stamp_ns: int
-) -> TransformWithCovariance:
-    pose: TransformWithCovariance = TransformWithCovariance.from_transform(
-        UncertainTransform(T, covariance), parent=parent, child=child, stamp_ns=stamp_ns, producer=PRODUCER
-    )
-    return pose
 
 
 def stamped_samples(
@@ -189,7 +117,7 @@ def proprioceptive_entries(world: World, robot: str) -> Iterator[Entry]:
     for i, us in stamped_samples(scenario, robot, "imu", t_us):
         at = scenario.epoch_ns + us * 1000
         value = IMUSensors(Time.from_ns(at), imu.acc_m_s2[i], imu.gyro_rad_s[i], np.zeros(3))
-        yield Entry(stream, at, _header(scenario, stream, i, at, at, f"{robot}/imu"), value)
+        yield Entry(stream, at, header(scenario, stream, i, at, at, f"{robot}/imu"), value)
 
     t_us = sample_times_us(scenario.wheels.rate_hz, scenario.duration_s)
     wheel_faults = None
@@ -231,8 +159,8 @@ def _poses(
         yield Entry(
             stream,
             at,
-            _header(scenario, stream, i, at, at, parent, child),
-            _pose(T[i], covariance[i], parent, child, at),
+            header(scenario, stream, i, at, at, parent, child),
+            pose(T[i], covariance[i], parent, child, at),
         )
 
 
@@ -243,7 +171,7 @@ def _rendered_entries(scenario: Scenario, robot: str) -> Iterator[Entry]:
         t_us = sample_times_us(scenario.navcam.rate_hz, scenario.duration_s)
         for i, us in stamped_samples(scenario, robot, "navcam", t_us):
             at = scenario.epoch_ns + us * 1000
-            yield Entry(stream, at, _header(scenario, stream, i, at, at, frame), render=("navcam", robot, i))
+            yield Entry(stream, at, header(scenario, stream, i, at, at, frame), render=("navcam", robot, i))
     stream = f"/{robot}/lidar.scan"
     sweep_us = round(scenario.lidar.sweep_s * 1e6)
     t_us = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[:-1]
@@ -253,7 +181,7 @@ def _rendered_entries(scenario: Scenario, robot: str) -> Iterator[Entry]:
         yield Entry(
             stream,
             t1_ns,
-            _header(scenario, stream, i, t0_ns, t1_ns, f"{robot}/lidar"),
+            header(scenario, stream, i, t0_ns, t1_ns, f"{robot}/lidar"),
             render=("lidar", robot, i),
         )
 
@@ -268,9 +196,7 @@ def _true_map(world: World) -> Entry:
     grid = GridGeometry("site", resolution_m, -model.fine_half_width_m, model.fine_half_width_m, n, n)
     at = scenario.epoch_ns
     value = ElevationMap.from_layers(grid, layers, t0_ns=at, t1_ns=at)
-    return Entry(
-        "/site/truth.terrain", at, _header(scenario, "/site/truth.terrain", 0, at, at, "site"), value
-    )
+    return Entry("/site/truth.terrain", at, header(scenario, "/site/truth.terrain", 0, at, at, "site"), value)
 
 
 def _value(scenario: Scenario, entry: Entry, rendered: Any) -> Any:
@@ -311,24 +237,14 @@ def simulate(
     world : World, optional
         World of the scenario; by default it is made.
     """
-    if workers == 0:
+    with RenderPool(workers) as pool:
         world = world or make_world(scenario)
         entries, tasks = _plan(world)
-        yield from _with_values(scenario, entries, map(_Renderer(world).render, tasks), len(tasks), progress)
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool, tempfile.TemporaryDirectory() as scratch:
-        for _ in range(workers):
-            pool.submit(_warm_up)
-        world = world or make_world(scenario)
-        world_file = Path(scratch) / "world.pickle"
-        world_file.write_bytes(pickle.dumps(world))
-        entries, tasks = _plan(world)
-        rendered = pool.map(partial(_render_in_worker, str(world_file)), tasks, chunksize=4)
+        rendered = pool.map(partial(_Renderer, world), tasks)
         yield from _with_values(scenario, entries, rendered, len(tasks), progress)
 
 
-def _plan(world: World) -> tuple[list[Entry], list[tuple[str, str, int]]]:
+def _plan(world: World) -> tuple[list[Entry], list[Task]]:
     """Return all entries in the order of a log, and their rendering tasks in the same order."""
     scenario = world.scenario
     entries = [_true_map(world)]

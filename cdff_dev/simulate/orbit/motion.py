@@ -1,0 +1,239 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Motion of client, companions and servicer, and the light on them, at any time of a scenario.
+
+Positions relative to the client are computed without those relative to the Earth, whose rounding errors would
+be a thousand times larger.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.clock import NS_PER_S
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_common.stars.aberration import ASTRONOMICAL_UNIT_M
+from cdff_core.rigid_body.torque_free import TorqueFreeBody
+from cdff_dev.simulate.orbit.eclipse import sunlit_fraction
+from cdff_dev.simulate.orbit.environment import sun_positions_m
+from cdff_dev.simulate.orbit.kepler import EllipticOrbit, lvlh_axes, relative_orbit, relative_states
+from cdff_dev.simulate.orbit.path import RelativePath
+from cdff_dev.simulate.orbit.random_streams import generator
+from cdff_dev.simulate.orbit.scenario import Client, Companion, OrbitScenario, Pointing
+
+#: Half step of numerical derivatives of attitudes and of positions, seconds.
+_RATE_STEP_S, _ACCELERATION_STEP_S = 1e-3, 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Light:
+    """Sunlight at one time, inertial axes.
+
+    Attributes
+    ----------
+    to_sun : ndarray (3,)
+        Unit vector.
+    irradiance : float
+        Relative to that at 1 au, without eclipse.
+    sunlit : float
+        Visible fraction of the Sun's disc.
+    earth_m : ndarray (3,) or None
+        Position of the client relative to the centre of the Earth; None far from it.
+    """
+
+    to_sun: FloatArray
+    irradiance: float
+    sunlit: float
+    earth_m: FloatArray | None
+
+
+class OrbitMotion:
+    """Positions and attitudes of all bodies at times since the epoch.
+
+    Raises
+    ------
+    ConfigurationError
+        If the path is impossible.
+    """
+
+    def __init__(self, scenario: OrbitScenario) -> None:
+        self._scenario = scenario
+        self.reference: EllipticOrbit | None = None
+        if scenario.orbit is not None:
+            self.reference = EllipticOrbit.from_elements(**scenario.orbit.model_dump())
+        self._path = RelativePath(scenario, self.reference)
+        self._companions: dict[str, EllipticOrbit] = {}
+        for companion in scenario.companions:
+            assert self.reference is not None  # checked by the scenario
+            self._companions[companion.name] = relative_orbit(
+                self.reference, companion.position_m, companion.velocity_m_s, 0.0
+            )
+        self._rotations = {
+            body.name: _rotation(body, generator(scenario, "attitude", i))
+            for i, body in enumerate(scenario.bodies)
+        }
+        pointing = scenario.servicer.pointing
+        rng = generator(scenario, "pointing")
+        self._errors = [
+            _SmoothError(pointing.error_deg, 1.0 / pointing.period_s, rng),
+            _SmoothError(pointing.jitter_deg, pointing.jitter_hz, rng),
+        ]
+        self._fixed_sun = self._fixed_sun_direction()
+
+    # -- positions
+
+    def client_positions_m(self, t_s: FloatArray) -> FloatArray:
+        """Return the positions (n, 3) of the client relative to the central body, inertial axes."""
+        if self.reference is None:
+            return np.zeros((len(t_s), 3))
+        return self.reference.states(t_s)[0]
+
+    def path_axes(self, t_s: FloatArray) -> FloatArray:
+        """Return ``R_inertial_lvlh`` (n, 3, 3) of the client; identity if it is a small body."""
+        if self.reference is None:
+            return np.tile(np.eye(3), (len(t_s), 1, 1))
+        return lvlh_axes(*self.reference.states(t_s))[0]
+
+    def servicer_offsets_m(self, t_s: FloatArray) -> FloatArray:
+        """Return the positions (n, 3) of the servicer's base relative to the client, inertial axes."""
+        return np.asarray(np.einsum("nij,nj->ni", self.path_axes(t_s), self._path.positions_m(t_s)))
+
+    def body_offsets_m(self, name: str, t_s: FloatArray) -> FloatArray:
+        """Return the positions (n, 3) of the client or a companion relative to the client, inertial axes."""
+        if name not in self._companions or self.reference is None:
+            return np.zeros((len(t_s), 3))
+        relative = relative_states(self.reference, self._companions[name], t_s)[0]
+        return np.asarray(np.einsum("nij,nj->ni", self.path_axes(t_s), relative))
+
+    def servicer_states(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return positions (n, 3), m, and velocities (n, 3), m/s, of the servicer about the central body."""
+        h = _ACCELERATION_STEP_S
+        ahead, behind = self.servicer_offsets_m(t_s + h), self.servicer_offsets_m(t_s - h)
+        velocity = (ahead - behind) / (2.0 * h)
+        position = self.servicer_offsets_m(t_s)
+        if self.reference is None:
+            return position, velocity
+        centre, centre_velocity = self.reference.states(t_s)
+        return centre + position, centre_velocity + velocity
+
+    def specific_forces(self, t_s: FloatArray) -> FloatArray:
+        """Return the accelerations (n, 3) of the servicer by thrust, m/s², inertial axes."""
+        h, mu = _ACCELERATION_STEP_S, self._scenario.mu_m3_s2
+        offset = self.servicer_offsets_m(t_s)
+        total = (self.servicer_offsets_m(t_s + h) - 2.0 * offset + self.servicer_offsets_m(t_s - h)) / h**2
+        client = self.client_positions_m(t_s)
+        servicer = client + offset
+        gravity = -mu * servicer / np.linalg.norm(servicer, axis=1, keepdims=True) ** 3
+        if self.reference is not None:
+            gravity += mu * client / np.linalg.norm(client, axis=1, keepdims=True) ** 3
+        return np.asarray(total - gravity)
+
+    # -- attitudes
+
+    def body_attitudes(self, name: str, t_s: FloatArray) -> FloatArray:
+        """Return ``R_inertial_body`` (n, 3, 3) of the client or a companion."""
+        return self._rotations[name].orientations(t_s)
+
+    def body_rates(self, name: str, t_s: FloatArray) -> FloatArray:
+        """Return the angular rates (n, 3) of the client or a companion, body axes, rad/s."""
+        return self._rotations[name].rates(t_s)
+
+    def base_attitudes(self, t_s: FloatArray) -> FloatArray:
+        """Return ``R_inertial_base`` (n, 3, 3) of the servicer."""
+        pointing = self._scenario.servicer.pointing
+        error = sum(source.at(t_s) for source in self._errors)
+        R_error = se3.exp_so3(error)
+        if pointing.orientation_xyzw is not None:
+            R = se3.matrix_from_quaternion_xyzw(_unit(np.array(pointing.orientation_xyzw)))
+            return np.asarray(R @ R_error)
+        return np.asarray(self._pointed(t_s) @ _offset(pointing) @ R_error)
+
+    def base_rates(self, t_s: FloatArray) -> FloatArray:
+        """Return the angular rates (n, 3) of the servicer, base axes, rad/s."""
+        h = _RATE_STEP_S
+        behind, ahead = self.base_attitudes(t_s - h), self.base_attitudes(t_s + h)
+        return np.asarray(se3.log_so3(np.swapaxes(behind, 1, 2) @ ahead) / (2.0 * h))
+
+    def poses_in_base(self, name: str, t_s: FloatArray) -> FloatArray:
+        """Return ``T_base_body`` (n, 4, 4) of the client or a companion."""
+        R_base_inertial = np.swapaxes(self.base_attitudes(t_s), 1, 2)
+        offset = self.body_offsets_m(name, t_s) - self.servicer_offsets_m(t_s)
+        T = np.tile(np.eye(4), (len(t_s), 1, 1))
+        T[:, :3, :3] = R_base_inertial @ self.body_attitudes(name, t_s)
+        T[:, :3, 3] = np.einsum("nij,nj->ni", R_base_inertial, offset)
+        return T
+
+    def _pointed(self, t_s: FloatArray) -> FloatArray:
+        """Return attitudes (n, 3, 3) with x to the client and z near the orbit normal, or z of the body."""
+        x = -_unit(self.servicer_offsets_m(t_s))
+        normal = -self.path_axes(t_s)[:, :, 1] if self.reference else np.tile([0.0, 0.0, 1.0], (len(t_s), 1))
+        y = _unit(np.cross(normal, x))
+        return np.stack([x, y, np.cross(x, y)], axis=2)
+
+    # -- light
+
+    def light(self, t_s: float) -> Light:
+        """Return the sunlight at the client."""
+        scenario = self._scenario
+        if scenario.small_body is not None:
+            body = scenario.small_body
+            return Light(_unit(np.array(body.sun_direction)), body.sun_distance_au**-2, 1.0, None)
+        times = np.array([t_s])
+        position = self.client_positions_m(times)[0]
+        sun = sun_positions_m([scenario.epoch_ns + round(t_s * NS_PER_S)])[0]
+        if self._fixed_sun is not None:
+            sun = self._fixed_sun * float(np.linalg.norm(sun))
+        to_sun = sun - position
+        distance = float(np.linalg.norm(to_sun))
+        sunlit = float(sunlit_fraction(position, sun)[0]) if scenario.lighting.eclipse else 1.0
+        return Light(to_sun / distance, (ASTRONOMICAL_UNIT_M / distance) ** 2, sunlit, position)
+
+    def _fixed_sun_direction(self) -> FloatArray | None:
+        """Return the direction (3,) of a Sun with a given phase angle, None with the ephemeris."""
+        sun = self._scenario.lighting.sun
+        if sun is None:
+            return None
+        t_s = np.array([sun.at_s])
+        to_servicer = _unit(self.servicer_offsets_m(t_s))[0]
+        normal = -self.path_axes(t_s)[0, :, 1]
+        across = normal - (normal @ to_servicer) * to_servicer
+        across = np.asarray(
+            se3.exp_so3(to_servicer * np.radians(sun.clock_deg)) @ (across / np.linalg.norm(across))
+        )
+        phase = np.radians(sun.phase_deg)
+        return np.asarray(np.cos(phase) * to_servicer + np.sin(phase) * across)
+
+
+class _SmoothError:
+    """Rotation vectors that vary smoothly: sums of sines with random periods and phases about each axis."""
+
+    def __init__(self, rms_deg: float, highest_hz: float, rng: np.random.Generator, terms: int = 6) -> None:
+        self._rms_rad = np.radians(rms_deg)
+        self._frequency = 2.0 * np.pi * highest_hz * rng.uniform(0.2, 1.0, (3, terms))
+        self._phase = rng.uniform(0.0, 2.0 * np.pi, (3, terms))
+
+    def at(self, t_s: FloatArray) -> FloatArray:
+        """Return the errors (n, 3), rad."""
+        waves = np.sin(t_s[:, None, None] * self._frequency + self._phase)
+        return np.asarray(self._rms_rad * np.sqrt(2.0 / waves.shape[2]) * waves.sum(axis=2))
+
+
+def _rotation(body: Client | Companion, rng: np.random.Generator) -> TorqueFreeBody:
+    random = rng.normal(size=4)
+    chosen = body.attitude.orientation_xyzw
+    quaternion = random if chosen == "random" else np.array(chosen, dtype=float)
+    R = se3.matrix_from_quaternion_xyzw(_unit(quaternion))
+    return TorqueFreeBody(body.inertia_kg_m2, np.radians(body.attitude.rate_deg_s), R)
+
+
+def _offset(pointing: Pointing) -> FloatArray:
+    roll, pitch, yaw = np.radians(pointing.offset_deg)
+    R = se3.exp_so3([0.0, 0.0, yaw]) @ se3.exp_so3([0.0, pitch, 0.0]) @ se3.exp_so3([roll, 0.0, 0.0])
+    return np.asarray(R)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
