@@ -9,4 +9,10 @@ Python version and machine. ``draw(figures) -> bytes`` returns the diagram ``doc
 -->`` and ``<!-- until here -->`` in ``docs/evaluation/NAME.md``, or in the page that the module names in
 ``PAGE``. The argument ``figures`` of both functions is the dictionary that ``evaluate`` returned.
 ``OPTIONS`` are the options of the command line that ``evaluate`` also takes, with their defaults.
+All evaluations use one thread.
 """
+
+from cdff_common.process import cap_threads
+
+# As in the services, and for the other programs: the CPU time of threads that wait for each other is no work.
+cap_threads(1)

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from numba import njit
 
 from cdff_common.arrays import ByteArray, FloatArray, IntArray
 
@@ -25,13 +27,13 @@ def arrays_of(points: Sequence[cv2.KeyPoint]) -> tuple[FloatArray, FloatArray, F
 def sift_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> list[cv2.KeyPoint]:
     """Return the keypoints at which SIFT computes descriptors, numbered by ``class_id``.
 
-    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The image
+    OpenCV reads the octave from the low byte of the octave field and the layer from the next byte. The last
+    layer of an octave is the first one of the next, where a descriptor has a quarter of the pixels. The image
     is not doubled for the smallest points, which takes longer than their descriptors.
     """
     ratio = np.maximum(sizes, 1e-3) / (2.0 * _SIFT_SIGMA_PX)
-    step = np.rint(_SIFT_LAYERS * np.log2(ratio)).astype(np.int64)
-    octave = np.maximum((step - 1) // _SIFT_LAYERS, 0)
-    layer = np.clip(step - _SIFT_LAYERS * octave, 1, _SIFT_LAYERS)
+    step = np.maximum(np.rint(_SIFT_LAYERS * np.log2(ratio)).astype(np.int64), 0)
+    octave, layer = step // _SIFT_LAYERS, step % _SIFT_LAYERS
     return _keypoints(points, sizes, angles, (octave & 255) | (layer << 8))
 
 
@@ -45,11 +47,8 @@ def orb_keypoints(points: FloatArray, sizes: FloatArray, angles: FloatArray) -> 
 def _keypoints(
     points: FloatArray, sizes: FloatArray, angles: FloatArray, octaves: IntArray
 ) -> list[cv2.KeyPoint]:
-    rows = zip(points.tolist(), sizes, angles, octaves.tolist(), strict=True)
-    return [
-        cv2.KeyPoint(x, y, size, angle, 0.0, octave, i)
-        for i, ((x, y), size, angle, octave) in enumerate(rows)
-    ]
+    columns = (*points.T, sizes, angles, np.zeros(len(points)), octaves, np.arange(len(points)))
+    return [cv2.KeyPoint(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
 
 def centroid_angles(image: ByteArray, points: FloatArray, radius_px: int = 10) -> FloatArray:
@@ -57,10 +56,31 @@ def centroid_angles(image: ByteArray, points: FloatArray, radius_px: int = 10) -
 
     Rosin (1999), doi:10.1006/cviu.1998.0719; beyond the border, the edge pixels are repeated.
     """
-    y, x = np.mgrid[-radius_px : radius_px + 1, -radius_px : radius_px + 1].astype(np.int64)
-    disc = x**2 + y**2 <= radius_px**2
-    x, y = x[disc], y[disc]
-    columns = np.clip(np.rint(points[:, 0]).astype(np.int64)[:, None] + x, 0, image.shape[1] - 1)
-    rows = np.clip(np.rint(points[:, 1]).astype(np.int64)[:, None] + y, 0, image.shape[0] - 1)
-    patch = image[rows, columns].astype(np.float64)
-    return np.asarray(np.degrees(np.arctan2(patch @ y, patch @ x)) % 360.0)
+    pixels = np.rint(points).astype(np.int64)
+    x, y = _moments(np.ascontiguousarray(image), pixels, radius_px).T
+    return np.asarray(np.degrees(np.arctan2(y, x)) % 360.0)
+
+
+def compile_kernel() -> None:
+    """Compile the kernel of ``centroid_angles``."""
+    centroid_angles(np.zeros((1, 1), np.uint8), np.zeros((1, 2)))
+
+
+@njit(cache=True)
+def _moments(image: ByteArray, pixels: IntArray, radius_px: int) -> IntArray:  # pragma: no cover
+    """Return the sums of grey values times their offsets x and y from each pixel ``(n, 2)``, over a disc."""
+    rows, columns = image.shape
+    sums = np.zeros((len(pixels), 2), np.int64)
+    half_widths = np.zeros(2 * radius_px + 1, np.int64)
+    for y in range(-radius_px, radius_px + 1):
+        half_widths[y + radius_px] = int(math.sqrt(radius_px**2 - y**2))
+    for i in range(len(pixels)):
+        for y in range(-radius_px, radius_px + 1):
+            row, half_width = min(max(pixels[i, 1] + y, 0), rows - 1), half_widths[y + radius_px]
+            grey_sum = np.int64(0)
+            for x in range(-half_width, half_width + 1):
+                grey = np.int64(image[row, min(max(pixels[i, 0] + x, 0), columns - 1)])
+                grey_sum += grey
+                sums[i, 0] += grey * x
+            sums[i, 1] += grey_sum * y
+    return sums

@@ -234,7 +234,7 @@ def fit_essential(
         J = jacobian(fit.matrix)[inliers, 0]
         F = inverse[1].T @ fit.matrix @ inverse[0]
         by_lenses = _sampson_by_lenses(F, K, source[inliers], sink[inliers], lenses)
-        parameters_by_lenses = np.linalg.lstsq(J, by_lenses, rcond=None)[0]
+        parameters_by_lenses = _inverse(J.T @ J) @ (J.T @ by_lenses)
         parameters = fit.parameters + parameters_by_lenses @ parameters_by_lenses.T
         fit = replace(fit, covariance=D @ parameters @ D.T, parameters=parameters)
     return fit, se3.normalise_rotation(state[0]), state[1]

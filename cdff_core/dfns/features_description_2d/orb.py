@@ -8,7 +8,7 @@ import cv2
 
 from cdff_core.dfns.features_description_2d._points import PointsConfig, arrays_of, outputs_of
 from cdff_core.dfns.features_description_2d.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.keypoints import ORB_LEVELS, ORB_PATCH_PX, ORB_SCALE, orb_keypoints
+from cdff_core.imaging.keypoints import ORB_LEVELS, ORB_PATCH_PX, ORB_SCALE, compile_kernel, orb_keypoints
 
 
 class Orb(Interface[PointsConfig]):
@@ -19,6 +19,10 @@ class Orb(Interface[PointsConfig]):
     .. [1] E. Rublee et al., ORB: an efficient alternative to SIFT or SURF, ICCV 2011,
       doi:10.1109/ICCV.2011.6126544
     """
+
+    def setup(self) -> None:
+        """Compile the kernel."""
+        compile_kernel()
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the descriptors."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from cdff_core.dfns.features_description_2d._points import PointsConfig, arrays_of, outputs_of
 from cdff_core.dfns.features_description_2d.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.keypoints import sift_keypoints
+from cdff_core.imaging.keypoints import compile_kernel, sift_keypoints
 
 #: Diameter of points without a size, such as corners.
 _CORNER_SIZE_PX = 6.0
@@ -23,6 +23,10 @@ class Sift(Interface[PointsConfig]):
     .. [1] D. Lowe, Distinctive Image Features from Scale-Invariant Keypoints, IJCV 60(2), 2004,
        doi:10.1023/B:VISI.0000029664.99615.94
     """
+
+    def setup(self) -> None:
+        """Compile the kernel."""
+        compile_kernel()
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the descriptors."""

@@ -22,7 +22,7 @@ from cdff_core.dfns.features_matching_2d.interface import Inputs, Interface, Out
 from cdff_core.imaging.two_view import homogeneous
 
 #: Rows of the matrix of distances that are computed at a time, so that they fit in the cache.
-_BLOCK_ROWS = 1024
+_BLOCK_ROWS = 512
 
 
 class MutualRatioConfig(DfnConfig):
@@ -122,18 +122,19 @@ class MutualRatio(Interface[MutualRatioConfig]):
     def _search_all(
         self, source: Float32Array, sink: Float32Array, is_hamming: bool, neighbours: Neighbours
     ) -> None:
-        """Update the nearest neighbours by all pairs of the vectors ``(n, d)`` and ``(m, d)``."""
-        source_norms2, sink_norms2 = (np.einsum("ij,ij->i", v, v) for v in (source, sink))
+        """Update the nearest neighbours by all pairs of the vectors ``(n, d)`` and ``(m, d)``.
+
+        The squared distance of a and b is the product of ``(-2 a, |a|^2, 1)`` and ``(b, 1, |b|^2)``. For
+        descriptors of at most 128 bytes all sums are integers below 2^24, which are exact in single
+        precision; longer ones are rounded, but not below 0.
+        """
+        source_norms2, sink_norms2 = (np.einsum("ij,ij->i", v, v)[:, None] for v in (source, sink))
         scale = np.float32(0.25 if is_hamming else 1.0)  # vectors of signs: each differing bit adds 4
+        left = scale * np.hstack([np.float32(-2.0) * source, source_norms2, np.ones_like(source_norms2)])
+        right = np.ascontiguousarray(np.hstack([sink, np.ones_like(sink_norms2), sink_norms2]).T)
         for start in range(0, len(source), _BLOCK_ROWS):
-            rows = slice(start, start + _BLOCK_ROWS)
-            block = source[rows] @ sink.T
-            block *= np.float32(-2.0)
-            block += source_norms2[rows, None]
-            block += sink_norms2
-            block *= scale
-            np.maximum(block, np.float32(0.0), out=block)
-            update_nearest(block, start, neighbours)
+            update_nearest(left[start : start + _BLOCK_ROWS] @ right, start, neighbours)
+        np.maximum(neighbours.sink_distances2, np.float32(0.0), out=neighbours.sink_distances2)
 
     def _is_hamming(self, descriptors: ByteArray) -> bool:
         """Return whether descriptors are compared by the Hamming distance."""

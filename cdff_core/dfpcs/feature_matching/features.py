@@ -21,7 +21,7 @@ from cdff_core.imaging.grey import grey_image
 
 FloatArray = NDArray[np.float64]
 #: Points of each image that the first search compares; the search along epipolar lines uses all of them.
-SEARCHED_POINTS = 2500
+SEARCHED_POINTS = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -76,3 +76,10 @@ def test_a_low_score_with_the_smaller_tolerance_leaves_the_first_choice_with_its
     here, factor, margin = choose(search)
     assert (here, factor) == (False, 1.0)
     assert margin < CONFIG.min_margin
+
+
+@pytest.mark.parametrize(("score", "factor"), [(CONFIG.min_score, 0.5), (CONFIG.min_score - 1e-6, 1.0)])
+def test_a_refined_candidate_may_have_the_least_score(score: float, factor: float) -> None:
+    """Below it, the choice is that with the whole tolerance."""
+    search = Search({1.0: (0.97, 0.99), 0.5: (score, score - CONFIG.min_margin - 0.01)})
+    assert choose(search)[1] == factor

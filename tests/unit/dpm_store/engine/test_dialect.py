@@ -99,3 +99,12 @@ def test_a_new_database_has_no_defects(database: Database) -> None:
     database.dialect.checkpoint(database.engine)
     with database.read() as connection:
         assert database.dialect.check(connection) == []
+
+
+def test_a_connection_that_writes_has_the_larger_page_cache(database: Database) -> None:
+    """A reused connection changes its cache with its task."""
+    sizes = []
+    for transaction in (database.write, database.read, database.read, database.write):
+        with transaction() as connection:
+            sizes.append(connection.exec_driver_sql("PRAGMA cache_size").scalar_one())
+    assert sizes == [-65536, -4096, -4096, -65536]

@@ -13,7 +13,7 @@ from cdff_common.errors import DegenerateGeometryError, InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.geometry.robust import graduated_fit
 from cdff_core.dfns.global_registration_3d._clique import consistency_graph, core_numbers, maximum_clique
-from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc
+from cdff_core.dfns.global_registration_3d.clique_gnc import CliqueGnc, _refit
 from cdff_core.dfns.global_registration_3d.interface import (
     GlobalRegistration3DInputs,
     GlobalRegistration3DOutputs,
@@ -179,3 +179,15 @@ def test_a_search_ends_when_more_than_its_work_has_been_coloured(max_work: int, 
     result, proven = maximum_clique(*graph(40, edges), max_work)
     assert proven == is_proven
     assert len(result) == 2
+
+
+def test_three_pairs_within_the_noise_are_refitted() -> None:
+    source = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    near = se3.transform(np.eye(3), np.array([0.01, -0.01, 0.005]))
+    T, inliers = _refit(near, source, source, NOISE_M)
+    np.testing.assert_allclose(T, np.eye(4), atol=1e-12)
+    assert inliers.tolist() == [True, True, True]
+    two = source + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    T, inliers = _refit(near, source, two, NOISE_M)
+    np.testing.assert_array_equal(T, near)
+    assert not inliers.any()
