@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Mount of a sensor with a trajectory of its own, from motions of base and sensor (hand-eye calibration).
+
+A motion ``A`` of the base and the motion ``B`` of the sensor over the same interval fulfil ``A X = X B`` with
+the mount ``X``. Rotation and translation are estimated together [1]_: a planar drive, whose rotations have
+one axis only, determines the yaw of the mount by its translations.
+
+References
+----------
+.. [1] Dornaika, F., Horaud, R. (1998). Simultaneous robot-world and hand-eye calibration. IEEE Transactions
+  on Robotics and Automation 14(4). doi:10.1109/70.704233
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdff_common.errors import DegenerateGeometryError
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
+from cdff_core.calibration.estimate import WEAK_PRIOR, Mount
+from cdff_core.calibration.motions import MotionPairs
+
+#: Least number of motions.
+LEAST_PAIRS = 10
+_ITERATIONS = 100
+#: Huber's constant: residuals above it, in standard deviations, are weighted down.
+_HUBER = 1.345
+#: Smallest standard deviation of a residual, metres and radians, so that exact data stay regular.
+_FLOOR = np.array([1e-4] * 3 + [1e-5] * 3)
+#: Starts of the iteration: rotations about the vertical, and of a camera that looks ahead.
+_STARTS = 8
+
+
+def hand_eye(pairs: MotionPairs, guess: FloatArray | None = None) -> Mount:
+    """Return the mount of a sensor.
+
+    Parameters
+    ----------
+    pairs : MotionPairs
+    guess : array, shape (4, 4), optional
+        Approximate mount. Without it the iteration starts from several rotations, and the result with the
+        smallest residuals is returned.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If there are fewer than ``LEAST_PAIRS`` motions.
+    """
+    if len(pairs) < LEAST_PAIRS:
+        raise DegenerateGeometryError(
+            f"{len(pairs)} motions of base and sensor: expected at least {LEAST_PAIRS}; drive longer",
+            ("motion",),
+        )
+    starts = [guess] if guess is not None else [se3.transform(R, np.zeros(3)) for R in _start_rotations()]
+    results = [_iterated(pairs, start) for start in starts]
+    X, _, information = min(results, key=lambda result: float(np.log(result[1]).sum()))
+    residuals = _residuals(pairs, X)
+    covariance = np.asarray(np.linalg.inv(information + WEAK_PRIOR), dtype=np.float64)
+    return Mount.of_covariance(
+        X,
+        covariance,
+        len(pairs),
+        float(np.sqrt((residuals[:, :3] ** 2).sum(axis=1).mean())),
+        float(np.sqrt((residuals[:, 3:] ** 2).sum(axis=1).mean())),
+    )
+
+
+def _start_rotations() -> list[FloatArray]:
+    yaws = np.arange(_STARTS) * 2.0 * np.pi / _STARTS
+    camera = se3.matrix_from_quaternion_xyzw([-0.5, 0.5, -0.5, 0.5])
+    down = se3.exp_so3([np.pi, 0.0, 0.0])
+    turns = [se3.exp_so3([0.0, 0.0, yaw]) for yaw in yaws]
+    return [turn @ R for R in (np.eye(3), camera, down) for turn in turns]
+
+
+def _residuals(pairs: MotionPairs, X: FloatArray) -> FloatArray:
+    """Return ``(n, 6)``: translation of ``A X`` minus ``X B``, and the same of the rotation vectors."""
+    A, B = pairs.base, pairs.sensor
+    left, right = A @ X, X @ B
+    rotation = se3.log_so3(A[:, :3, :3]) - se3.log_so3(B[:, :3, :3]) @ X[:3, :3].T
+    return np.concatenate([left[:, :3, 3] - right[:, :3, 3], rotation], axis=1)
+
+
+def _jacobians(pairs: MotionPairs, X: FloatArray) -> FloatArray:
+    """Return the derivatives ``(n, 6, 6)`` by a translation and a left rotation of ``X``."""
+    A, B, R = pairs.base, pairs.sensor, X[:3, :3]
+    J = np.zeros((len(A), 6, 6))
+    J[:, :3, :3] = A[:, :3, :3] - np.eye(3)
+    J[:, :3, 3:] = se3.skew(B[:, :3, 3] @ R.T)
+    J[:, 3:, 3:] = se3.skew(se3.log_so3(B[:, :3, :3]) @ R.T)
+    return J
+
+
+def _iterated(pairs: MotionPairs, start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mount, standard deviations ``(6,)`` of the residuals and information ``(6, 6)``.
+
+    The standard deviation of each component of the residuals is estimated with the mount: planar odometry has
+    no tilt, and the residuals of a robot on rough ground are larger about x and y.
+    """
+    X = start
+    for _ in range(_ITERATIONS):
+        r, J = _residuals(pairs, X), _jacobians(pairs, X)
+        sigma = np.maximum(1.4826 * np.median(np.abs(r), axis=0), _FLOOR)
+        scaled = np.abs(r) / sigma
+        weights = np.minimum(1.0, _HUBER / np.maximum(scaled, 1e-12)) / sigma**2
+        information = np.einsum("nij,ni,nik->jk", J, weights, J)
+        step = np.linalg.solve(information + WEAK_PRIOR * 1e-2, -np.einsum("nij,ni,ni->j", J, weights, r))
+        angle = float(np.linalg.norm(step[3:]))
+        step *= min(1.0, 0.5 / max(angle, 1e-12))
+        X = se3.transform(se3.exp_so3(step[3:]) @ X[:3, :3], X[:3, 3] + step[:3])
+        if float(np.abs(step).max()) < 1e-9:
+            break
+    return X, sigma, information
