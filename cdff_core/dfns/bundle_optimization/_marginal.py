@@ -49,9 +49,7 @@ def marginalise(problem: BundleProblem, dropped: IntArray, loss: int, scale: flo
     is_prior_camera = ~is_dropped & (system.pose_column >= 0)
     out = _pose_columns(system, is_dropped & (system.pose_column >= 0))
     keep = _pose_columns(system, is_prior_camera)
-    dropped_inverse = (
-        np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True) if len(out) else np.zeros((0, 0))
-    )
+    dropped_inverse = np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True)
     H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ dropped_inverse @ S[np.ix_(out, keep)]
     gradient = b[keep] - S[np.ix_(keep, out)] @ dropped_inverse @ b[out]
     H, gradient = _remove_gauge_information(

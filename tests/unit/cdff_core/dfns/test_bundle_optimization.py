@@ -304,6 +304,19 @@ def test_marginalised_cameras_become_an_equivalent_prior() -> None:
     assert shift > 10.0 * np.abs(resolved.problem.cameras.matrices - retained).max()
 
 
+def test_a_fixed_camera_that_is_dropped_leaves_the_other_cameras_in_place() -> None:
+    """Its pose is known, so that nothing is eliminated but the points that it observed."""
+    problem, *_ = ring(6, 80, 6, 0.5, 1)
+    fixed = np.zeros(6, np.uint8)
+    fixed[[0, 5]] = 1
+    full, _ = solve(replace(problem, cameras=replace(problem.cameras, fixed=fixed)), tolerance=1e-12)
+    remaining = solve(full.problem, dropped=[5], max_iterations=0)[0].remaining
+    assert remaining is not None
+    assert remaining.prior.cameras.tolist() == [1, 2, 3, 4]
+    resolved, _ = solve(remaining, tolerance=1e-12)
+    assert np.abs(resolved.problem.cameras.matrices - full.problem.cameras.matrices[:5]).max() < 1e-4
+
+
 @pytest.mark.req("CDFF-CORE-092")
 @pytest.mark.parametrize("stereo", [False, True], ids=["mono", "stereo"])
 def test_a_sliding_window_keeps_its_gauge_and_covariances(stereo: bool) -> None:
