@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare renderings of the orbital simulator with photographs, and measure their cost.
 
-Comet 67P: each NAVCAM image is rendered with its true pose and Sun (Lommel-Seeliger, cast shadows, point spread
-1.2 px: 0.8 px of the lens and 0.9 px rms of the poses) and correlated with the photograph over all pixels.
+Comet 67P: each NAVCAM image is rendered with its true pose and Sun (Lommel-Seeliger, cast shadows, point
+spread 1.2 px: 0.8 px of the lens and 0.9 px rms of the poses) and correlated with the photograph over all pixels.
 
 Mock-up of Tango (SPEED+): the silhouette of the mesh at the true pose, through the lens of the camera, is
-compared with the strongest edge of the photograph within 15 px along the normal of the silhouette; the distance
-of an image is the median over its silhouette. The Sun of these images is not known.
+compared with the strongest edge of the photograph within 15 px along the normal of the silhouette; the
+distance of an image is the median over its silhouette. The Sun of these images is not known.
 
 Cost: CPU seconds of one thread, for the mesh of Tango (23 360 triangles) in a third of 640 × 480 pixels.
 """
@@ -241,16 +241,22 @@ def _placed(
 
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of the page."""
-    comet_row, edge, speed = (figures[part] for part in PARTS)
-    return (
-        "| comparison with photographs | images | median | worst |\n|---|---|---|---|\n"
-        f"| comet 67P: correlation | {comet_row['images']} | {comet_row['median_correlation']:.3f} | "
-        f"{comet_row['smallest_correlation']:.3f} |\n"
-        f"| mock-up of Tango: silhouette, px | {edge['images']} | {edge['median_px']:.1f} | {edge['largest_px']:.1f} |\n\n"
-        f"| cost, Tango in {100 * speed['coverage']:.0f} % of 640 × 480 pixels | per CPU second |\n|---|---|\n"
-        f"| frames with shadows, without sensor effects | {speed['frames_per_cpu_s']:.0f} |\n"
-        f"| complete images | {speed['images_per_cpu_s']:.1f} |\n"
+    of_comet, edge, speed = (figures[part] for part in PARTS)
+    rows = [
+        "| comparison with photographs | images | median | worst |",
+        "|---|---|---|---|",
+        f"| comet 67P: correlation | {of_comet['images']} | {of_comet['median_correlation']:.3f} | "
+        f"{of_comet['smallest_correlation']:.3f} |",
+        f"| mock-up of Tango: silhouette, px | {edge['images']} | {edge['median_px']:.1f} | "
+        f"{edge['largest_px']:.1f} |",
+        "",
+        f"| cost, Tango in {100 * speed['coverage']:.0f} % of 640 × 480 pixels | per CPU second |",
+        "|---|---|",
+        f"| frames with shadows, without sensor effects | {speed['frames_per_cpu_s']:.0f} |",
+        f"| complete images | {speed['images_per_cpu_s']:.1f} |",
         f"| lidar beams of complete scans, client in {100 * speed['lidar_coverage']:.0f} % of the field | "
-        f"{speed['lidar_beams_per_cpu_s'] / 1e6:.1f} · 10⁶ |\n"
-        f"| lidar rays cast, without noise and mixed echoes | {speed['lidar_rays_cast_per_cpu_s'] / 1e6:.1f} · 10⁶ |\n"
-    )
+        f"{speed['lidar_beams_per_cpu_s'] / 1e6:.1f} · 10⁶ |",
+        "| lidar rays cast, without noise and mixed echoes | "
+        f"{speed['lidar_rays_cast_per_cpu_s'] / 1e6:.1f} · 10⁶ |",
+    ]
+    return "\n".join(rows) + "\n"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops over rays: from sensor axes to body axes, and from the result of a cast to visible points."""
+"""Compiled loops over rays: from sensor axes to body axes, and from a cast to visible points."""
 
 from __future__ import annotations
 
