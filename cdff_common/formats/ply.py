@@ -58,7 +58,7 @@ class PlyElement:
 
     @property
     def has_list(self) -> bool:
-        """Whether the element has a property of variable length."""
+        """True if the element has a property of variable length."""
         return bool(self.lists)
 
 

@@ -75,4 +75,4 @@ def _placed(v: FloatArray, t: IntArray, cluster: IntArray, cell: float) -> Float
         np.add.at(b, rows, n * distance[:, None])
     step = np.einsum("nij,nj->ni", np.linalg.pinv(A, rcond=_RANK, hermitian=True), b)
     length = np.linalg.norm(step, axis=1, keepdims=True)
-    return mean + step * np.minimum(1.0, cell / np.maximum(length, 1e-300))
+    return np.asarray(mean + step * np.minimum(1.0, cell / np.maximum(length, 1e-300)))

@@ -92,7 +92,8 @@ def _residual(
         return np.nan
     depth = _depth_at(scratch, triangles[f], view.tangents[i], 1.0 / inverse_depth[row, column])
     slope = np.sqrt(1.0 + view.tangents[i, 0] ** 2 + view.tangents[i, 1] ** 2)
-    return float((view.points_m[i, 2] - depth) * slope)
+    residual: float = (view.points_m[i, 2] - depth) * slope
+    return residual
 
 
 @njit(cache=True)
@@ -141,7 +142,7 @@ def _depth_at(
 ) -> float:  # pragma: no cover - compiled
     """Return the depth of the plane of a triangle along a ray.
 
-    The ray is up to half a pixel beside the centre, for which the triangle is visible: a depth that differs
+    The ray is up to half a pixel away from the centre, for which the triangle is visible: a depth that differs
     by more than a tenth from that of the centre belongs to a face that is seen edge-on.
     """
     a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]

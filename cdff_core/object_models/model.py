@@ -25,7 +25,7 @@ class PreparationConfig(StrictModel):
     points: int = Field(
         18_000, ge=1000, le=200_000, description="Approximate number of points of the visible surface"
     )
-    views: int = Field(120, ge=60, le=1000, description="Number of views that show what is visible")
+    views: int = Field(120, ge=60, le=1000, description="Number of views that determine the visible surface")
     view_pixels: int = Field(256, ge=64, le=2048, description="Number of pixels of a side of a view")
     max_triangles: int = Field(
         20_000,
@@ -90,6 +90,9 @@ def prepare_model(
     if not len(triangles):
         raise InputError(f"model: {len(vertices_m)} vertices and no triangle, expected a mesh")
     v, t = np.ascontiguousarray(vertices_m, np.float64), np.ascontiguousarray(triangles, np.int64)
+    if t.min() < 0 or t.max() >= len(v):
+        wrong = int(t.min()) if t.min() < 0 else int(t.max())
+        raise InputError(f"model: a triangle has the vertex {wrong}, expected 0 to {len(v) - 1}")
     if not np.isfinite(v[t]).all():
         raise InputError("model: a vertex is NaN or infinite, expected finite coordinates")
     surface = visible_surface(
@@ -102,7 +105,7 @@ def prepare_model(
 
 
 def content_hash(vertices_m: FloatArray, triangles: IntArray) -> str:
-    """Return the SHA-256 of a mesh, by which prepared models are found again."""
+    """Return the SHA-256 of a mesh, the key of the cache of prepared models."""
     digest = hashlib.sha256(np.ascontiguousarray(vertices_m, np.float64).tobytes())
     digest.update(np.ascontiguousarray(triangles, np.int64).tobytes())
     return digest.hexdigest()

@@ -22,13 +22,13 @@ class NearestGrid(NamedTuple):
 
     Attributes
     ----------
-    index : ndarray of int32, shape (nx, ny, nz)
+    rows : ndarray of int32, shape (nx, ny, nz)
     low_m : ndarray, shape (3,)
         Corner of cell (0, 0, 0).
     cell_m : float
     """
 
-    index: NDArray[np.int32]
+    rows: NDArray[np.int32]
     low_m: FloatArray
     cell_m: float
 
@@ -55,7 +55,7 @@ def nearest_row(grid: NearestGrid, x: float, y: float, z: float) -> int:  # prag
     i = int((x - grid.low_m[0]) / grid.cell_m)
     j = int((y - grid.low_m[1]) / grid.cell_m)
     k = int((z - grid.low_m[2]) / grid.cell_m)
-    i = min(max(i, 0), grid.index.shape[0] - 1)
-    j = min(max(j, 0), grid.index.shape[1] - 1)
-    k = min(max(k, 0), grid.index.shape[2] - 1)
-    return int(grid.index[i, j, k])
+    i = min(max(i, 0), grid.rows.shape[0] - 1)
+    j = min(max(j, 0), grid.rows.shape[1] - 1)
+    k = min(max(k, 0), grid.rows.shape[2] - 1)
+    return int(grid.rows[i, j, k])

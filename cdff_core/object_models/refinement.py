@@ -25,9 +25,13 @@ from cdff_core.object_models.scan_view import ScanView
 #: Population, generations and initial deviation (in those of the registration) of the search.
 _POPULATION, _GENERATIONS, _DEVIATION = 12, 6, 1.5
 #: Rounds and poses of the importance sampling, inflation of the proposal, and least effective sample size.
-_ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 3, 48, 1.2, 16.0
+_ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 4, 48, 1.2, 16.0
 #: Division of the costs: neighbouring rays see the same part of the model, and are not independent.
 _TEMPERATURE = 2.0
+#: Number of rays at which the covariance is the mean of that of the registration, which ignores the outline,
+#: and that of the samples, for which the rays along the outline are independent. The contribution of the
+#: outline to the information falls with the number of rays. Chosen by the NEES of simulated scans.
+_OUTLINE_RAYS = 200
 #: A hypothesis whose cost exceeds the best one by more is not refined.
 _HOPELESS = 60.0
 #: Rays that must meet the model for an estimate of the noise.
@@ -167,7 +171,7 @@ class PoseRefiner:
         costs = np.zeros(0)
         proposals: list[tuple[FloatArray, FloatArray]] = []
         for _ in range(_ROUNDS):
-            root = _INFLATION * np.linalg.cholesky(spread)
+            root = np.asarray(_INFLATION * np.linalg.cholesky(spread), np.float64)
             proposals.append((mean, root))
             vectors = np.concatenate([vectors, mean + self._rng.standard_normal((_SAMPLES, 6)) @ root.T])
             costs = np.concatenate([costs, self._costs(change, vectors[-_SAMPLES:])])
@@ -178,7 +182,9 @@ class PoseRefiner:
             spread = (offset.T * weights) @ offset + 1e-3 * np.eye(6)
         T = change.poses(mean[None])
         final = likelihood(self._view, *self._mesh, T, self._sigma_m)
-        return Refined(T[0], change.covariance(spread), float(final.cost[0]), final.rays[0])
+        share = len(self._view.points_m) / (len(self._view.points_m) + _OUTLINE_RAYS)
+        covariance = share * refined.covariance + (1.0 - share) * change.covariance(spread)
+        return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
 
     def _searched(self, T: FloatArray) -> Refined:
         T, covariance = self.registered(T)

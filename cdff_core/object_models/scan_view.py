@@ -10,18 +10,20 @@ import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.errors import RefusedError
-from cdff_common.geometry.kdtree import kd_tree, spacing
+from cdff_common.geometry.kdtree import kd_tree, neighbours
 from cdff_core.object_models.rendering import Window
 from cdff_core.object_models.views import view_rotation
 
 #: Largest number of pixels of a side of the image.
 _MAX_SIDE = 160
-#: Pixels of a spacing, as far as ``_MAX_SIDE`` permits: rays fall beside the centres of pixels.
+#: Pixels of a spacing, as far as ``_MAX_SIDE`` permits: rays do not meet the centres of pixels.
 _OVERSAMPLING = 3.0
-#: Half the edge of the square around a direction that was measured, in spacings.
+#: Half the edge of the square around a direction that was measured, in spacings; those of a grid at any
+#: angle leave no gaps above 0.71.
 _HIT_RADIUS = 0.75
 #: Largest tangent of the angle between a point and the optical axis.
 _MAX_TANGENT = 2.0
+_SPACING_SAMPLE = 1000
 
 
 class ScanView(NamedTuple):
@@ -71,7 +73,7 @@ def scan_view(points_m: FloatArray, diameter_m: float) -> ScanView:
     if len(p) < 3:
         raise RefusedError("the points surround the sensor", ("sensor_inside",))
     tangents = p[:, :2] / p[:, 2:]
-    step = spacing(kd_tree(np.column_stack([tangents, np.zeros(len(p))])))
+    step = _spacing(tangents)
     margin = 0.5 * diameter_m / float(np.median(p[:, 2]))
     low, high = tangents.min(axis=0) - margin, tangents.max(axis=0) + margin
     pixel = max(step / _OVERSAMPLING, float((high - low).max()) / _MAX_SIDE)
@@ -90,3 +92,14 @@ def scan_view(points_m: FloatArray, diameter_m: float) -> ScanView:
     return ScanView(
         R, np.ascontiguousarray(p), tangents, place[:, ::-1].copy(), hit, window, max(step, pixel)
     )
+
+
+def _spacing(tangents: FloatArray) -> float:
+    """Return the distance of neighbouring directions (n, 2) in the direction in which it is larger.
+
+    A point of a grid has two neighbours in each direction: the third one counts, also along the outline.
+    """
+    flat = np.column_stack([tangents, np.zeros(len(tangents))])
+    step = max(1, len(flat) // _SPACING_SAMPLE)
+    distance, _ = neighbours(kd_tree(flat), flat[::step], min(4, len(flat)))
+    return max(float(np.median(distance[:, -1])), 1e-9)

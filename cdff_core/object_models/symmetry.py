@@ -31,6 +31,8 @@ _NORMAL = 0.5
 _SAME_RAD = math.radians(6.0)
 #: Largest order of a discrete rotation about an axis; above it the symmetry is continuous.
 _MAX_ORDER = 12
+#: Largest number of transforms; the rotations of the icosahedron are 60.
+_MAX_GROUP = 120
 #: Samples of a continuous symmetry.
 _CONTINUOUS_SAMPLES = 36
 
@@ -53,7 +55,7 @@ class SymmetryGroup:
 
     @property
     def is_trivial(self) -> bool:
-        """Whether the body has no symmetry."""
+        """True if the body has no symmetry."""
         return len(self.transforms) == 1
 
 
@@ -94,7 +96,7 @@ def symmetry_group(surface: VisibleSurface, grid: NearestGrid, tolerance: float)
             across = [T for T in found if T[:3, :3] @ axis @ axis < -0.99]
             flipped = [across[0] @ T for T in sampled] if across else []
             return SymmetryGroup(np.stack([*sampled, *flipped]), axis)
-    return SymmetryGroup(np.stack(found))
+    return SymmetryGroup(np.stack(_completed(found, tester)))
 
 
 class _SurfaceTest:
@@ -117,6 +119,19 @@ class _SurfaceTest:
         aligned = np.einsum("ij,ij->i", normals, self._normals @ T[:3, :3].T) > _NORMAL
         on_surface = (distance < self._limit_m) & ((across < self._tolerance_m) | ~aligned)
         return bool(np.mean(on_surface) >= _FRACTION)
+
+
+def _completed(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
+    """Return the transforms with the products of two of them that are symmetries as well."""
+    group = list(found)
+    for first in range(_MAX_GROUP):
+        if first >= len(group) or len(group) >= _MAX_GROUP:
+            break
+        for other in found:
+            T = se3.normalise_transform(group[first] @ other)
+            if len(group) < _MAX_GROUP and _is_new(T, group) and tester.holds(T):
+                group.append(T)
+    return group
 
 
 def _rotations(centre: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ class VisibleSurface(Interface[VisibleSurfaceConfig]):
             drawn_triangles=model.triangles,
             points=model.surface.points_m,
             normals=model.surface.normals,
-            grid_index=model.grid.index,
+            grid_index=model.grid.rows,
             grid_low=model.grid.low_m,
             grid_cell_m=model.grid.cell_m,
             view_directions=model.surface.view_directions,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -143,7 +144,7 @@ class TargetDetection(TargetDetectionInterface):
         self._check_size(model, scan_m)
         least_m, most_m = (limit * model.diameter_m for limit in (_MIN_SIGMA, _MAX_SIGMA))
         sigma_m = cfg.sigma_m or min(max(range_noise(scan_m), least_m), most_m)
-        surface = {
+        surface: dict[str, Any] = {
             "points": model.points,
             "normals": model.normals,
             "grid_index": model.grid_index,
@@ -243,7 +244,7 @@ class TargetDetection(TargetDetectionInterface):
 
 def _valid_points(sample: Sample) -> FloatArray:
     """Return the finite points (n, 3) of a scan that are not at the sensor, metres."""
-    points = np.asarray(sample.value.points_m, np.float64)
+    points: FloatArray = np.asarray(sample.value.points_m, np.float64)
     return points[np.isfinite(points).all(axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0.0)]
 
 

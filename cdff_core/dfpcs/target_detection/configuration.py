@@ -33,7 +33,7 @@ class TargetDetectionConfig(DfpcConfig):
         4, ge=1, le=50, description="Largest number of bodies in a scan that are examined"
     )
     min_score: float = Field(
-        0.7, gt=0, le=1, description="Fraction of the rays that agree with the model: FAILED low_score below"
+        0.8, gt=0, le=1, description="Fraction of the rays that agree with the model: FAILED low_score below"
     )
     ambiguity: float = Field(
         12.0,
