@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cost of the DFNs of target_detection and of the compound, on scans of the satellite Tango by ray casting.
 
-OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/object_models.py [--data DIR] [--rounds N] [--out FILE]
+NUMBA_NUM_THREADS=1 python benchmarks/object_models.py [--data DIR] [--rounds N] [--out FILE]
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class ObjectDetection(ObjectDetectionExt):
     image_box : NDArray[np.float64], shape (4,)
         px, left top width height; 0 without an image.
     symmetric_poses : NDArray[np.float64], shape (n, 7)
-        T_sensor_object that the symmetry of the object makes equivalent to pose: x y z (m), qx qy qz qw; none without symmetry.
+        T_sensor_object, equivalent to pose by symmetry: x y z (m), qx qy qz qw.
     """
 
     ASN1_NAME: ClassVar[str] = "ObjectDetection"

@@ -21,8 +21,8 @@ def decimated(
 ) -> tuple[FloatArray, IntArray, float]:
     """Return vertices (n, 3), at most ``max_triangles`` triangles (m, 3), and the edge of the clusters.
 
-    A mesh with fewer triangles is returned without its unused vertices and with an edge of 0. The surface moves
-    by less than the diagonal of a cluster.
+    A mesh with fewer triangles is returned without its unused vertices and with an edge of 0. The surface
+    moves by less than the diagonal of a cluster.
     """
     used, rows = np.unique(triangles, return_inverse=True)
     v, t = vertices_m[used], rows.reshape(-1, 3)

@@ -142,8 +142,8 @@ def _depth_at(
 ) -> float:  # pragma: no cover - compiled
     """Return the depth of the plane of a triangle along a ray.
 
-    The ray is up to half a pixel away from the centre, for which the triangle is visible: a depth that differs
-    by more than a tenth from that of the centre belongs to a face that is seen edge-on.
+    The ray is up to half a pixel away from the centre, for which the triangle is visible: a depth that
+    differs by more than a tenth from that of the centre belongs to a face that is seen edge-on.
     """
     a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -153,6 +153,4 @@ def _depth_at(
     if along == 0.0:
         return at_pixel
     depth = (nx * a[0] + ny * a[1] + nz * a[2]) / along
-    if abs(depth - at_pixel) > 0.1 * at_pixel:
-        return at_pixel
-    return depth
+    return at_pixel if abs(depth - at_pixel) > 0.1 * at_pixel else float(depth)

@@ -209,7 +209,7 @@ class PoseRefiner:
 def registration_covariance(
     T: FloatArray, A: FloatArray, centre_m: FloatArray, sigma_m: float, diameter_m: float
 ) -> FloatArray:
-    """Return the covariance (6, 6), [x y z rx ry rz] in the sensor's axes about ``centre_m``, of a registration.
+    """Return the covariance (6, 6), [x y z rx ry rz], of a registration in the sensor's axes about a point.
 
     Parameters
     ----------

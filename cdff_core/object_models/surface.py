@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Visible surface of a mesh: points with outward normals, and the faces that are seen from outside.
 
-CAD models contain inner parts, double walls and inverted faces. Only what cameras around the model see is kept,
-and the normals point towards the cameras, whatever the order of the corners of a face.
+CAD models contain inner parts, double walls and inverted faces. Only what cameras around the model see is
+kept, and the normals point towards the cameras, whatever the order of the corners of a face.
 """
 
 from __future__ import annotations

@@ -65,8 +65,8 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]])
 
     Files do not contain frames. If there is one sensor input, its frame is the child frame of the pose input,
     or ``site`` without a pose input. If there are several sensor inputs, or a mesh, the frame of each has the
-    name of its port. The frame of a mesh is ``{name of the file}/body``. All stamps are the latest stamp of the
-    pose inputs, or 0.
+    name of its port. The frame of a mesh is ``{name of the file}/body``. All stamps are the latest stamp of
+    the pose inputs, or 0.
 
     Raises
     ------

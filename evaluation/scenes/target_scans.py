@@ -139,7 +139,7 @@ def with_faults(sensor: Sensor) -> Sensor:
 
 
 def _with_mixed(ranges: FloatArray, fraction: float, rng: np.random.Generator) -> FloatArray:
-    """Return ranges (r, c) with mixed pixels: a beam that meets two surfaces measures a range between them."""
+    """Return ranges (r, c) with mixed pixels: a beam on two surfaces measures a range between them."""
     if fraction <= 0.0:
         return ranges
     right = np.roll(ranges, -1, axis=1)

@@ -245,7 +245,8 @@ class TargetDetection(TargetDetectionInterface):
 def _valid_points(sample: Sample) -> FloatArray:
     """Return the finite points (n, 3) of a scan that are not at the sensor, metres."""
     points: FloatArray = np.asarray(sample.value.points_m, np.float64)
-    return points[np.isfinite(points).all(axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0.0)]
+    is_valid = np.isfinite(points).all(axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0.0)
+    return np.asarray(points[is_valid])
 
 
 def _is_equivalent(model: ModelPreparationOutputs, first: FloatArray, second: FloatArray) -> bool:
