@@ -153,6 +153,15 @@ def key_values(items: Sequence[str], what: str, expected: str, *, empty: bool = 
     return mapping
 
 
+def repeated_key_values(items: Sequence[str], what: str, expected: str) -> dict[str, list[str]]:
+    """Return ``KEY=VALUE`` items as lists by key; raises InputError on a malformed one."""
+    mapping: dict[str, list[str]] = {}
+    for item in items:
+        for key, value in key_values([item], what, expected).items():
+            mapping.setdefault(key, []).append(value)
+    return mapping
+
+
 def build_parser(arguments: Sequence[str]) -> CommandParser:
     """Return the parser with the noun of the first argument, or with all nouns."""
     parser = CommandParser(prog="cdff", description=_DESCRIPTION, epilog=_EXIT_CODES)

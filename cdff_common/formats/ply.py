@@ -37,16 +37,29 @@ _TYPES = {
 }
 #: Names without a number of bits, which old programs know too.
 _NAMES = {code: name for name, code in _TYPES.items() if name.isalpha()}
-_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+PLY_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_LIMIT = 1 << 16
 
 
 @dataclass(slots=True)
-class _Element:
+class PlyElement:
+    """Element of a header.
+
+    Attributes
+    ----------
+    properties : list of (name, numpy type)
+    lists : list of (name, numpy type of the length, numpy type of the values)
+    """
+
     name: str
     count: int
     properties: list[tuple[str, str]] = field(default_factory=list)
-    has_list: bool = False
+    lists: list[tuple[str, str, str]] = field(default_factory=list)
+
+    @property
+    def has_list(self) -> bool:
+        """True if the element has a property of variable length."""
+        return bool(self.lists)
 
 
 def read_ply(source: Readable) -> CloudArrays:
@@ -58,7 +71,7 @@ def read_ply(source: Readable) -> CloudArrays:
         With the file name, if it is not a PLY, has no vertices, or is truncated.
     """
     s = load(source)
-    layout, elements, start = _header(s)
+    layout, elements, start = ply_header(s)
     vertex = next((e for e in elements if e.name == "vertex"), None)
     if vertex is None:
         raise s.error(
@@ -100,7 +113,8 @@ def write_ply(
     return head + table.tobytes()
 
 
-def _header(s: Source) -> tuple[str, list[_Element], int]:
+def ply_header(s: Source) -> tuple[str, list[PlyElement], int]:
+    """Return the layout, the elements and the offset of the data; raises CodecError if it is malformed."""
     if not s.data.startswith((b"ply\n", b"ply\r")):
         raise s.error("does not start with ply")
     end = s.data.find(b"end_header", 0, _HEADER_LIMIT)
@@ -114,15 +128,15 @@ def _header(s: Source) -> tuple[str, list[_Element], int]:
             if words[:1] == ["format"]:
                 layout = words[1]
             elif words[:1] == ["element"]:
-                elements.append(_Element(words[1], int(words[2])))
+                elements.append(PlyElement(words[1], int(words[2])))
             elif words[:1] == ["property"] and words[1] == "list":
-                elements[-1].has_list = True
+                elements[-1].lists.append((words[4], _TYPES[words[2]], _TYPES[words[3]]))
             elif words[:1] == ["property"]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]]))
         except (IndexError, KeyError, ValueError) as error:
             raise s.error(f"header line {line!r} is malformed") from error
-    if layout not in _ORDER:
-        raise s.error(f"format {layout!r}, expected one of {', '.join(_ORDER)}")
+    if layout not in PLY_BYTE_ORDERS:
+        raise s.error(f"format {layout!r}, expected one of {', '.join(PLY_BYTE_ORDERS)}")
     if any(e.count < 0 for e in elements):
         raise s.error("an element has a negative count")
     for e in elements:
@@ -131,8 +145,8 @@ def _header(s: Source) -> tuple[str, list[_Element], int]:
     return layout, elements, newline + 1
 
 
-def _dtype(element: _Element, layout: str) -> np.dtype[np.void]:
-    return np.dtype([(name, _ORDER[layout] + kind) for name, kind in element.properties])
+def _dtype(element: PlyElement, layout: str) -> np.dtype[np.void]:
+    return np.dtype([(name, PLY_BYTE_ORDERS[layout] + kind) for name, kind in element.properties])
 
 
 def _binary_columns(
@@ -146,7 +160,7 @@ def _binary_columns(
     return {name: table[name] for name in dtype.names or ()}
 
 
-def _ascii_columns(s: Source, start: int, skip: int, vertex: _Element) -> dict[str, NDArray[np.generic]]:
+def _ascii_columns(s: Source, start: int, skip: int, vertex: PlyElement) -> dict[str, NDArray[np.generic]]:
     lines = s.data[start:].split(b"\n", skip + vertex.count)[skip : skip + vertex.count]
     if len(lines) < vertex.count:
         raise s.error(f"ends after {len(lines)} of {vertex.count} vertices")

@@ -69,10 +69,13 @@ class InputPort(Port):
         Compare mount and clock of its sensor with those of the other ports.
     aliases : tuple of str
         Other names of the port on the command line.
+    repeated : bool
+        ``cdff run`` takes several files for the port, and passes them in their order before other ports.
     """
 
     ordered: bool = True
     compared: bool = False
+    repeated: bool = False
     aliases: tuple[Identifier, ...] = ()
 
 

@@ -35,6 +35,8 @@ class ObjectDetection(ObjectDetectionExt):
         m, along the object's axes; 0 if unknown.
     image_box : NDArray[np.float64], shape (4,)
         px, left top width height; 0 without an image.
+    symmetric_poses : NDArray[np.float64], shape (n, 7)
+        T_sensor_object, equivalent to pose by symmetry: x y z (m), qx qy qz qw.
     """
 
     ASN1_NAME: ClassVar[str] = "ObjectDetection"
@@ -43,6 +45,7 @@ class ObjectDetection(ObjectDetectionExt):
     pose: TransformWithCovariance = field(default_factory=TransformWithCovariance)
     size: NDArray[np.float64] = field(default_factory=lambda: np.zeros((3,), np.float64))
     image_box: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4,), np.float64))
+    symmetric_poses: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -17,6 +17,45 @@ class ObjectDetectionExt(Message):
 
     __slots__ = ()
     pose: types.TransformWithCovariance
+    symmetric_poses: NDArray[np.float64]
+
+    @classmethod
+    def from_pose(
+        cls,
+        label: str,
+        score: float,
+        pose: types.TransformWithCovariance,
+        *,
+        size_m: ArrayLike = (0.0, 0.0, 0.0),
+        symmetric: ArrayLike = (),
+    ) -> types.ObjectDetection:
+        """Return the detection of an object.
+
+        Parameters
+        ----------
+        label : str
+        score : float
+            0 to 1.
+        pose : TransformWithCovariance
+            T_sensor_object.
+        size_m : array_like, shape (3,)
+            Size along the object's axes; 0 if unknown.
+        symmetric : array_like, shape (n, 4, 4)
+            T_sensor_object of the poses that the symmetry of the object makes equivalent.
+        """
+        equivalent = np.asarray(symmetric, np.float64).reshape(-1, 4, 4)
+        return types.ObjectDetection(
+            label=label,
+            score=score,
+            pose=pose,
+            size=np.asarray(size_m, np.float64),
+            symmetric_poses=pack_poses(equivalent, "ObjectDetection"),
+        )
+
+    @property
+    def symmetric_matrices(self) -> NDArray[np.float64]:
+        """``T_sensor_object (n, 4, 4)`` of the poses that the symmetry of the object makes equivalent."""
+        return unpack_poses(self.symmetric_poses, "ObjectDetection")
 
     def extent_m(self) -> Box | None:
         """Return the object's origin in the sensor frame; None if only the image box is known."""

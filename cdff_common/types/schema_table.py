@@ -1027,6 +1027,7 @@ _136 = Struct(
         Field("pose", "pose", _55),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
+        Field("symmetricPoses", "symmetric_poses", OctetString(1073741824, "<f8", 7)),
     ),
 )
 _137 = Struct(

@@ -35,7 +35,7 @@ def register(nouns: Any) -> None:
         metavar="PORT=FILE",
         help="an input; IMAGE,CAMERA for an image with its camera, LEFT,RIGHT,CAMERA for a stereo "
         "pair, where CAMERA is a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
-        "port",
+        "port; ports of models may be given several times",
     )
     parser.add_argument("--implementation", help="implementation (default: the first in the description)")
     parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")
@@ -62,7 +62,7 @@ def register(nouns: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read the inputs, run, and write the outputs; return 0, or 3 if the algorithm refused."""
-    from cdff_common.cli import key_values
+    from cdff_common.cli import repeated_key_values
     from cdff_common.output import is_standard_output
     from cdff_common.progress import elapsed
     from cdff_dev.run.execution import execute
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         check_plot_file(args.plot)
     out = Path(args.out)
     config = parameters(args.config, [item for group in args.settings for item in group])
-    inputs = key_values(args.inputs, "input", "PORT=FILE")
+    inputs = repeated_key_values(args.inputs, "input", "PORT=FILE")
     with elapsed(args.name):
         result = execute(args.name, inputs, config, args.implementation)
     to_stdout = is_standard_output(out)

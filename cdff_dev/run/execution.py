@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -55,7 +55,10 @@ class Result:
 
 
 def execute(
-    name: str, files: Mapping[str, str], config: Mapping[str, Any], implementation: str | None = None
+    name: str,
+    files: Mapping[str, str | Sequence[str]],
+    config: Mapping[str, Any],
+    implementation: str | None = None,
 ) -> Result:
     """Configure a DFN or DFPC, read its inputs, and compute.
 
@@ -76,7 +79,7 @@ def execute(
 
 
 def _run_dfn(
-    folder: str, files: Mapping[str, str], config: dict[str, Any], implementation: str | None
+    folder: str, files: Mapping[str, str | Sequence[str]], config: dict[str, Any], implementation: str | None
 ) -> Result:
     registry = Registry.default()
     description = registry.dfn(folder)
@@ -99,19 +102,22 @@ def _run_dfn(
 
 
 def _run_dfpc(
-    folder: str, files: Mapping[str, str], config: dict[str, Any], implementation: str | None
+    folder: str, files: Mapping[str, str | Sequence[str]], config: dict[str, Any], implementation: str | None
 ) -> Result:
     dfpc = Registry.default().make_dfpc(folder)
     with compilation_notice(folder):
         dfpc.configure(config, DfpcContext(robot=ROBOT), implementation)
     values = read_inputs(dfpc.description.input_ports, files)
-    stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for v in values.values()), default=0)
+    # Models come first, so that data do not wait for the first of several models only.
+    queue = [(port, v) for port in sorted(values) if isinstance(values[port], list) for v in values[port]]
+    queue += [(port, values[port]) for port in sorted(values) if not isinstance(values[port], list)]
+    stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for _, v in queue), default=0)
     result = Result(folder, dfpc.description.output_ports)
     outputs: list[Output] = []
     with _measured(result):
-        for port in sorted(values):
-            frame, child = _frames(values[port])
-            sample = Sample(port, stamp_ns, 0, values[port], id="", frame=frame, child=child)
+        for port, value in queue:
+            frame, child = _frames(value)
+            sample = Sample(port, stamp_ns, 0, value, id="", frame=frame, child=child)
             outputs += dfpc.step(sample)
         outputs += dfpc.finish()
         if not outputs:
@@ -119,8 +125,8 @@ def _run_dfpc(
     if result.quality.status is Status.FAILED:
         return result
     for output in outputs:
-        value = PortValue(output.value, output.quality.covariance_kind)
-        result.outputs.setdefault(output.port, []).append(value)
+        port_value = PortValue(output.value, output.quality.covariance_kind)
+        result.outputs.setdefault(output.port, []).append(port_value)
     result.quality = _merged_quality([output.quality for output in outputs])
     return result
 

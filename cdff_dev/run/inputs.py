@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from cdff_common.formats.format_detection import detect
 from cdff_common.formats.geotiff import read_bands, read_map
 from cdff_common.formats.image import read_image
 from cdff_common.formats.libmv import read_libmv
+from cdff_common.formats.meshes import MESH_FORMATS, detect_mesh, read_mesh
 from cdff_common.formats.npz import read_npz
 from cdff_common.formats.pose import PoseValue, read_pose
 from cdff_common.formats.pose_graph import read_pose_graph
@@ -31,6 +33,7 @@ from cdff_common.interfaces.description import Port
 from cdff_common.types import (
     Frame,
     LidarScan,
+    Mesh,
     Pointcloud,
     Pose,
     PoseTrajectory,
@@ -57,12 +60,13 @@ class _Metadata:
     stamp_ns: int
 
 
-def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, Any]:
-    """Return the value of each port, read from its file according to its type.
+def read_inputs(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]]) -> dict[str, Any]:
+    """Return the value of each port, read from its file according to its type; a list for repeated ports.
 
     Files do not contain frames. If there is one sensor input, its frame is the child frame of the pose input,
-    or ``site`` without a pose input. If there are several sensor inputs, the frame of each has the name of
-    its port. All stamps are the latest stamp of the pose inputs, or 0.
+    or ``site`` without a pose input. If there are several sensor inputs, or a mesh, the frame of each has the
+    name of its port. The frame of a mesh is ``{name of the file}/body``. All stamps are the latest stamp of
+    the pose inputs, or 0.
 
     Raises
     ------
@@ -73,7 +77,11 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, An
     unknown = next((name for name in files if name not in port_by_name), None)
     if unknown is not None:
         raise InputError(f"no input port {unknown!r}; there are {', '.join(p.attribute for p in ports)}")
-    given = {port_by_name[name].attribute: (port_by_name[name], text) for name, text in files.items()}
+    lists = {name: [text] if isinstance(text, str) else list(text) for name, text in files.items()}
+    for name, texts in lists.items():
+        if len(texts) > 1 and not getattr(port_by_name[name], "repeated", False):
+            raise InputError(f"input {name} is given twice")
+    given = {port_by_name[name].attribute: (port_by_name[name], texts[0]) for name, texts in lists.items()}
     if len(given) < len(files):
         raise InputError(f"inputs {', '.join(files)}: a port is given by two of its names")
     missing = next((p for p in ports if not p.optional and p.attribute not in given), None)
@@ -86,14 +94,19 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str]) -> dict[str, An
     }
     stamp_ns = max((pose.stamp_ns for pose in poses.values()), default=0)
     sensor_ports = [a for a, (p, _) in given.items() if p.type_name in _SENSOR_TYPES]
+    names_by_port = len(sensor_ports) > 1 or any(p.type_name == "Mesh" for p, _ in given.values())
     values: dict[str, Any] = {}
     for attribute, (port, text) in given.items():
+        if getattr(port, "repeated", False):
+            texts = next(texts for name, texts in lists.items() if port_by_name[name] is port)
+            values[attribute] = [_read_message(port, each, _Metadata(attribute, stamp_ns)) for each in texts]
+            continue
         if attribute in poses:
             values[attribute] = _pose_message(port.type_name, poses[attribute], stamp_ns)
         elif not port.is_message:
             values[attribute] = read_array(port, text)
         else:
-            frame = attribute if len(sensor_ports) > 1 else _frame_of_only_sensor(list(poses.values()))
+            frame = attribute if names_by_port else _frame_of_only_sensor(list(poses.values()))
             values[attribute] = _read_message(port, text, _Metadata(frame, stamp_ns))
     return values
 
@@ -131,7 +144,7 @@ def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
     if Path(text).is_dir():
         return _from_log(name, Path(text))
     s = load(text)
-    fmt = detect(s)
+    fmt = (detect_mesh(s) if name == "Mesh" else None) or detect(s)
     if fmt == "json":
         return from_json(name, json.loads(s.data))
     if fmt == "msg":
@@ -171,6 +184,19 @@ def _pointcloud(s: Source, fmt: str, metadata: _Metadata) -> Any:
         intensity=intensity,
         colors=cloud.colors,
     )
+
+
+def _mesh(s: Source, _fmt: str, metadata: _Metadata) -> Any:
+    mesh = read_mesh(s)
+    return Mesh.from_arrays(
+        mesh.vertices, mesh.triangles, frame=mesh_frame(s.name), stamp_ns=metadata.stamp_ns
+    )
+
+
+def mesh_frame(file: str) -> str:
+    """Return the frame of the mesh in a file: its name in lower case, with ``_`` for other characters."""
+    name = re.sub(r"[^a-z0-9]+", "_", Path(file).stem.lower()).strip("_")
+    return f"{name or 'model'}/body"
 
 
 def _lidar_scan(s: Source, fmt: str, metadata: _Metadata) -> Any:
@@ -243,6 +269,7 @@ _IMAGE_FORMATS = ("png", "pgm", "ppm", "tif", "npz")
 _READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Metadata], Any]]] = {
     "Pointcloud": (CLOUD_FORMATS, _pointcloud),
     "LidarScan": (CLOUD_FORMATS, _lidar_scan),
+    "Mesh": (MESH_FORMATS, _mesh),
     "Frame": (_IMAGE_FORMATS, _frame),
     "ElevationMap": (("tif",), lambda s, _, metadata: read_map(s, "ElevationMap", frame=metadata.frame)),
     "NavigationMap": (("tif",), lambda s, _, metadata: read_map(s, "NavigationMap", frame=metadata.frame)),

@@ -24,7 +24,7 @@ from cdff_common.interfaces.description import Port
 from cdff_common.interfaces.product import Status
 from cdff_common.json_form import jsonable
 from cdff_common.output import storage_errors
-from cdff_common.types import Frame
+from cdff_common.types import Frame, ObjectDetections
 from cdff_common.types.message import Message
 from cdff_common.types.summary import array_text
 from cdff_common.value_text import value_lines
@@ -123,6 +123,9 @@ def _write(port: Port, output: PortValue, folder: Path, stem: str) -> dict[str, 
     name = type(value).__name__
     if name == "TransformWithCovariance":
         return _write_pose(pose_value(value, str(output.covariance_kind)), folder, stem)
+    if name == "ObjectDetections":
+        detections = detections_value(value, str(output.covariance_kind))
+        return {**_write_json(folder, f"{stem}.json", detections), "value": detections}
     if name in FORMATS:
         fmt = FORMATS[name][0]
         if name == "Frame" and value.image.dtype.kind == "f":
@@ -132,6 +135,26 @@ def _write(port: Port, output: PortValue, folder: Path, stem: str) -> dict[str, 
         camera = _write_camera(value, folder, stem) if name == "Frame" else {}
         return _write_bytes(folder, f"{stem}.{fmt}", to_file(value, fmt)) | camera
     return _write_json(folder, f"{stem}.json", jsonable(to_dict_form(value)))
+
+
+def detections_value(value: ObjectDetections, covariance_kind: str) -> list[dict[str, Any]]:
+    """Return detections as ``{model, pose, score, symmetric_poses}``, best first; poses as in pose files."""
+    rows = []
+    for detection in value.detections:
+        pose = pose_value(detection.pose, covariance_kind)
+        symmetric = [
+            PoseValue(UncertainTransform(T), pose.parent, pose.child, pose.stamp_ns).to_json()
+            for T in detection.symmetric_matrices
+        ]
+        rows.append(
+            {
+                "model": detection.label,
+                "pose": pose.to_json(),
+                "score": detection.score,
+                "symmetric_poses": symmetric,
+            }
+        )
+    return rows
 
 
 def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> dict[str, Any]:

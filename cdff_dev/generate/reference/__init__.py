@@ -29,6 +29,7 @@ def pages(tree: Tree) -> list[Artefact]:
         "keys.md": keys.page(),
         "profile.md": profile.page(),
         "sensor-faults.md": sensor_faults.page(),
+        "orbit-scenarios.md": sensor_faults.orbit_page(),
         "endpoints.md": endpoints.page(),
         "cli.md": command_line.page(),
         "state-machines.md": states.page(),

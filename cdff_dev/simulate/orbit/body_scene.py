@@ -7,6 +7,7 @@ The rays are transformed instead of the mesh, so that the tree of triangles is b
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.simulate.orbit._ray_kernels import place_rays, visible_points
 from cdff_dev.simulate.orbit.environment import earth_light
 from cdff_dev.simulate.orbit.materials import Float32Array, MaterialTable, reflected, tilted
 from cdff_dev.simulate.orbit.meshes import BodyMesh
@@ -29,7 +31,7 @@ class Hits:
     Attributes
     ----------
     ray : ndarray intp (k,)
-        Indices of the rays that hit, ascending.
+        Indices of the cast rays that hit, ascending.
     distance_m : ndarray float32 (k,)
         From the start of the ray; directions are unit vectors.
     points_m, normals : ndarray float32 (k, 3)
@@ -78,39 +80,51 @@ class BodyScene:
         vertices = np.ascontiguousarray(mesh.vertices_m, dtype=np.float32)
         self._scene.add_triangles(self._tensor(vertices), self._tensor(mesh.triangles.astype(np.uint32)))
         self.table = MaterialTable.of(mesh.materials)
-        self._material = mesh.material
+        self._material = np.ascontiguousarray(mesh.material, dtype=np.intp)
         low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
         self.centre_m: FloatArray = 0.5 * (low + high)
         self.radius_m = float(np.linalg.norm(mesh.vertices_m - self.centre_m, axis=1).max())
-        self.extents_m: FloatArray = high - low
+        #: Corners of the bounding box, (8, 3).
+        self.corners_m: FloatArray = np.array(list(itertools.product(*zip(low, high, strict=True))))
 
-    def cast(self, origins_m: FloatArray, directions: Float32Array) -> Hits:
-        """Return the visible points of rays from (n, 3) or (3,) along unit vectors (n, 3), body axes."""
+    def cast(
+        self,
+        directions: Float32Array,
+        T_body_sensor: FloatArray,
+        chosen: NDArray[np.intp] | None = None,
+        of_pose: NDArray[np.intp] | None = None,
+    ) -> Hits:
+        """Return the visible points of rays from a sensor.
+
+        Parameters
+        ----------
+        directions : ndarray float32 (n, 3)
+            Unit vectors, sensor axes.
+        T_body_sensor : ndarray (p, 4, 4)
+        chosen : ndarray intp (k,), optional
+            Rays to cast, ascending; the indices of the result refer to them. Default: all.
+        of_pose : ndarray intp (n,), optional
+            Pose of each ray; default: the first.
+        """
+        if chosen is None:
+            chosen = np.arange(len(directions))
+        if of_pose is None:
+            of_pose = np.zeros(len(directions), dtype=np.intp)
+        origins = np.ascontiguousarray(T_body_sensor[:, :3, 3])
         # Starting close to the body keeps the precision of distant views.
-        toward = self.centre_m - origins_m
-        skipped = np.maximum(np.linalg.norm(toward, axis=-1) - 2.0 * self.radius_m, 0.0)
-        rays = np.empty((len(directions), 6), dtype=np.float32)
-        rays[:, 3:] = directions
-        if not np.any(skipped):
-            rays[:, :3] = origins_m
-        else:
-            advance = np.broadcast_to(skipped, len(directions))[:, None]
-            rays[:, :3] = np.asarray(origins_m) + advance * directions.astype(np.float64)
+        skipped = np.maximum(np.linalg.norm(self.centre_m - origins, axis=1) - 2.0 * self.radius_m, 0.0)
+        R = np.ascontiguousarray(T_body_sensor[:, :3, :3])
+        rays = place_rays(directions, chosen, of_pose, R, origins, skipped)
         cast = self._scene.cast_rays(self._tensor(rays), nthreads=1)
-        from_start = cast["t_hit"].numpy()
-        ray = np.flatnonzero(from_start != np.inf)
-        normals = cast["primitive_normals"].numpy()[ray]
-        to_eye = -directions[ray]
-        away = np.einsum("ni,ni->n", normals, to_eye) < 0.0
-        normals[away] *= -1.0
-        return Hits(
-            ray,
-            (from_start[ray] + np.broadcast_to(skipped, len(directions))[ray]).astype(np.float32),
-            rays[ray, :3] + from_start[ray, None] * directions[ray],
-            normals,
-            to_eye,
-            self._material[cast["primitive_ids"].numpy()[ray]],
+        index, distance_m, points_m, normals, to_eye, material = visible_points(
+            rays,
+            cast["t_hit"].numpy(),
+            cast["primitive_ids"].numpy(),
+            cast["primitive_normals"].numpy(),
+            self._material,
         )
+        distance_m += skipped[of_pose[chosen[index]]].astype(np.float32)
+        return Hits(index, distance_m, points_m, normals, to_eye, material)
 
     def is_hidden(self, points_m: Float32Array, direction: Float32Array) -> NDArray[np.bool_]:
         """Return whether this body hides points (n, 3) from a light in a direction (3,), body axes."""

@@ -80,7 +80,7 @@ class CameraRays:
         along_u, along_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
         #: Solid angle of each pixel, sr.
         self.solid_angle: Float32Array = np.linalg.norm(np.cross(along_u, along_v), axis=2).astype(np.float32)
-        self.row = np.repeat(np.arange(rows), columns)
+        self.row = np.repeat(np.arange(rows, dtype=np.intp), columns)
 
     def render(self, bodies: list[PlacedBody]) -> View:
         """Return the view of bodies with poses at one time, or at the time of each row."""
@@ -117,16 +117,8 @@ class CameraRays:
         pixels = self._candidates(body.scene, T_camera_body)
         if not len(pixels):
             return
-        d = self.directions[pixels]
-        R = T_camera_body[:, :3, :3]
-        origins = -np.einsum("nji,nj->ni", R, T_camera_body[:, :3, 3])
-        if len(R) == 1:
-            directions, origin = _rotated(d, R[0].T), origins[0]
-        else:
-            of_row = self.row[pixels]
-            directions = np.einsum("nji,nj->ni", R[of_row].astype(np.float32), d)
-            origin = origins[of_row]
-        hits = body.scene.cast(origin, directions)
+        of_pose = self.row if len(T_camera_body) > 1 else None
+        hits = body.scene.cast(self.directions, se3.inverse(T_camera_body), pixels, of_pose)
         nearer = hits.distance_m < depth[pixels[hits.ray]]
         hits = _selected(hits, nearer)
         at = pixels[hits.ray]
@@ -136,18 +128,22 @@ class CameraRays:
         view.radiance.ravel()[at] = body.scene.radiance(hits, body.light, others)
 
     def _candidates(self, scene: BodyScene, T_camera_body: FloatArray) -> NDArray[np.intp]:
-        """Return the pixels whose rays pass the bounding sphere of a body at one of its poses."""
-        centres = T_camera_body[:, :3, :3] @ scene.centre_m + T_camera_body[:, :3, 3]
-        distances = np.linalg.norm(centres, axis=1)
-        if distances.min() <= scene.radius_m:
-            return np.arange(len(self.directions))
-        axis, distance_m = centres[len(centres) // 2], distances.min()
-        axis = axis / np.linalg.norm(axis)
-        spread = np.arccos(np.clip(centres @ axis / distances, -1.0, 1.0)).max()
-        half = min(np.arcsin(min(scene.radius_m / distance_m, 1.0)) + spread, np.pi)
-        x, y, z = self.directions.T
-        cosine = np.float32(axis[0]) * x + np.float32(axis[1]) * y + np.float32(axis[2]) * z
-        return np.flatnonzero(cosine >= np.float32(np.cos(half) - 1e-6))
+        """Return the pixels in the rectangle of the projected bounding box of a body at its poses.
+
+        They are all pixels if a corner is behind the camera or far off its axis, where the lens model ends.
+        """
+        rows, columns = self.model.rows, self.model.columns
+        T = T_camera_body[[0, len(T_camera_body) // 2, -1]] if len(T_camera_body) > 1 else T_camera_body
+        corners = np.einsum("pij,kj->pki", T[:, :3, :3], scene.corners_m) + T[:, None, :3, 3]
+        corners = corners.reshape(-1, 3)
+        if (corners[:, 2] < 0.3 * np.linalg.norm(corners, axis=1)).any():
+            return np.arange(rows * columns)
+        pixels = self.model.model.project(corners)
+        margin = 2.0 + 0.05 * np.ptp(pixels, axis=0) * (len(T) > 1 or self.model.distortion != ())
+        low = np.clip(np.floor(pixels.min(axis=0) - margin), 0, [columns, rows]).astype(np.intp)
+        high = np.clip(np.ceil(pixels.max(axis=0) + margin) + 1, 0, [columns, rows]).astype(np.intp)
+        row, column = np.arange(low[1], high[1]), np.arange(low[0], high[0])
+        return (row[:, None] * columns + column).ravel()
 
     def _add_small(
         self,
@@ -178,8 +174,7 @@ class CameraRays:
         b, a = (g.ravel() for g in np.meshgrid(offset, offset, indexing="ij"))
         rays = axis + np.outer(a, across) + np.outer(b, np.cross(axis, across))
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        origin = -T[:3, :3].T @ T[:3, 3]
-        hits = scene.cast(origin, (rays @ T[:3, :3]).astype(np.float32))
+        hits = scene.cast(rays.astype(np.float32), se3.inverse(T)[None])
         if not len(hits.ray):
             return
         radiance = body.scene.radiance(hits, body.light, others)
@@ -217,16 +212,6 @@ def _others(body: PlacedBody, bodies: list[PlacedBody]) -> tuple[tuple[BodyScene
         for o in bodies
         if o.number != body.number
     )
-
-
-def _rotated(directions: Float32Array, R: FloatArray) -> Float32Array:
-    """Return ``R d`` (n, 3); sums instead of a matrix product, for which BLAS would start threads."""
-    x, y, z = directions.T
-    r = R.astype(np.float32)
-    result = np.empty_like(directions)
-    for i in range(3):
-        result[:, i] = r[i, 0] * x + r[i, 1] * y + r[i, 2] * z
-    return result
 
 
 def _selected(hits: Hits, keep: NDArray[np.bool_]) -> Hits:

@@ -80,15 +80,7 @@ class LidarSimulator:
             candidates = _candidates(body, T, directions)
             if not len(candidates):
                 continue
-            if len(T) == 1:
-                R, origin = T[0, :3, :3].astype(np.float32), T[0, :3, 3]
-                rotated = np.stack([directions[candidates] @ R[i] for i in range(3)], axis=1)
-            else:
-                of_pose = pose[candidates]
-                R = T[:, :3, :3].astype(np.float32)
-                rotated = np.einsum("nij,nj->ni", R[of_pose], directions[candidates])
-                origin = T[of_pose, :3, 3]
-            hits = body.scene.cast(origin, rotated)
+            hits = body.scene.cast(directions, T, candidates, pose)
             at = candidates[hits.ray]
             nearer = hits.distance_m < range_m[at]
             range_m[at[nearer]] = hits.distance_m[nearer]

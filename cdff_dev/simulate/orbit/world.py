@@ -20,7 +20,7 @@ from cdff_dev.simulate.orbit.motion import Light, OrbitMotion
 from cdff_dev.simulate.orbit.scenario import Appendage, Body, OrbitScenario
 
 #: Interval at which the distance to the bodies is checked, seconds, and the largest number of checks.
-_CHECK_S, _MAX_CHECKS = 1.0, 20_000
+_CHECK_S, _MAX_CHECKS = 1.0, 4_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -78,7 +78,7 @@ def test_the_client_casts_shadows_on_itself_and_the_night_side_is_lit_by_the_ear
     rays = CameraRays(world.scenario.servicer.cameras["camera"])
     body = world.placed(np.zeros(1))[0]
     T = se3.inverse(world.scenario.servicer.cameras["camera"].T_base_camera) @ body.T_base_body[0]
-    hits = body.scene.cast(-T[:3, :3].T @ T[:3, 3], (rays.directions @ T[:3, :3]).astype(np.float32))
+    hits = body.scene.cast(rays.directions, se3.inverse(T)[None])
     faces_sun = hits.normals @ body.light.to_sun > 0.05
     hidden = body.scene.is_hidden(hits.points_m + 2e-3 * hits.normals, body.light.to_sun)
     assert (faces_sun & hidden).sum() > 20  # parts that face the Sun are in the shadow of others

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC TargetDetection."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+
+
+class TargetDetectionInterface(Dfpc):
+    """Determine the pose of a known body in one lidar scan, without a guess, from its mesh; other
+    bodies and scans that do not determine a pose are refused.
+    """
+
+    name = "target_detection"
+    INPUT_PORTS = ("model", "cloud")
+
+    @abstractmethod
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Mesh. Mesh of a body, whose frame is {name}/body; stored by this
+        name until the next one.
+        """
+
+    @abstractmethod
+    def on_cloud(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Pointcloud. Scan with the sensor at its origin; each scan yields
+        one list of detections.
+        """
+
+    @abstractmethod
+    def clear_models(self) -> None:
+        """Remove all models."""

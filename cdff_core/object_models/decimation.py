@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Decimation of meshes by vertex clustering with quadric placement.
+
+Lindstrom (2000), "Out-of-core simplification of large polygonal models", doi:10.1145/344779.344912.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray, IntArray
+
+#: Singular values below this fraction of the largest one do not move a vertex from the mean of its cluster.
+_RANK = 1e-3
+_ROUNDS = 20
+
+
+def decimated(
+    vertices_m: FloatArray, triangles: IntArray, max_triangles: int
+) -> tuple[FloatArray, IntArray, float]:
+    """Return vertices (n, 3), at most ``max_triangles`` triangles (m, 3), and the edge of the clusters.
+
+    A mesh with fewer triangles is returned without its unused vertices and with an edge of 0. The surface
+    moves by less than the diagonal of a cluster.
+    """
+    used, rows = np.unique(triangles, return_inverse=True)
+    v, t = vertices_m[used], rows.reshape(-1, 3)
+    if len(t) <= max_triangles:
+        return np.ascontiguousarray(v), np.ascontiguousarray(t), 0.0
+    extent = float(np.ptp(v, axis=0).max())
+    smallest, largest = extent * 1e-5, extent
+    best: tuple[FloatArray, IntArray, float] | None = None
+    for _ in range(_ROUNDS):
+        cell = float(np.sqrt(smallest * largest))
+        cluster = _clusters(v, cell)
+        kept = _kept_triangles(cluster[t])
+        if len(kept) <= max_triangles:
+            best, largest = (_placed(v, t, cluster, cell), kept, cell), cell
+            if len(kept) > 0.8 * max_triangles:
+                break
+        else:
+            smallest = cell
+    assert best is not None  # one cluster has no triangle
+    return best
+
+
+def _clusters(vertices: FloatArray, cell: float) -> IntArray:
+    """Return the number of the cluster of each vertex, from 0."""
+    at = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+    key = at @ np.array([1, 1 << 20, 1 << 40])
+    return np.unique(key, return_inverse=True)[1].reshape(-1)
+
+
+def _kept_triangles(t: IntArray) -> IntArray:
+    """Return the distinct triangles with three different corners."""
+    t = t[(t[:, 0] != t[:, 1]) & (t[:, 1] != t[:, 2]) & (t[:, 2] != t[:, 0])]
+    if not len(t):
+        return t
+    _, first = np.unique(np.sort(t, axis=1), axis=0, return_index=True)
+    return np.ascontiguousarray(t[np.sort(first)])
+
+
+def _placed(v: FloatArray, t: IntArray, cluster: IntArray, cell: float) -> FloatArray:
+    """Return the vertex of each cluster that is nearest to the planes of its triangles."""
+    count = int(cluster.max()) + 1
+    size = np.bincount(cluster, minlength=count)
+    mean = np.stack([np.bincount(cluster, v[:, k], count) for k in range(3)], axis=1) / size[:, None]
+    n = np.cross(v[t[:, 1]] - v[t[:, 0]], v[t[:, 2]] - v[t[:, 0]])
+    A, b = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    for corner in range(3):
+        rows = cluster[t[:, corner]]
+        distance = np.einsum("ij,ij->i", n, v[t[:, 0]] - mean[rows])
+        np.add.at(A, rows, n[:, :, None] * n[:, None, :])
+        np.add.at(b, rows, n * distance[:, None])
+    step = np.einsum("nij,nj->ni", np.linalg.pinv(A, rcond=_RANK, hermitian=True), b)
+    length = np.linalg.norm(step, axis=1, keepdims=True)
+    return np.asarray(mean + step * np.minimum(1.0, cell / np.maximum(length, 1e-300)))

@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Refinement of poses by the likelihood of the scan, and the covariance of the best one.
+
+The likelihood has steps where the outline crosses a ray, so that it has no useful derivative: CMA-ES searches
+for its maximum, and importance sampling yields mean and covariance of the pose.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import symmetrised
+from cdff_common.geometry.robust import median_sigma
+from cdff_core.object_models.evolution import minimise
+from cdff_core.object_models.hypotheses import SurfaceModel, distinct
+from cdff_core.object_models.likelihood import likelihood, range_residuals
+from cdff_core.object_models.registration import normal_equations, register
+from cdff_core.object_models.scan_view import ScanView
+
+#: Population, generations and initial deviation (in those of the registration) of the search.
+_POPULATION, _GENERATIONS, _DEVIATION = 12, 6, 1.5
+#: Rounds and poses of the importance sampling, inflation of the proposal, and least effective sample size.
+_ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 4, 48, 1.2, 16.0
+#: Division of the costs: neighbouring rays see the same part of the model, and are not independent.
+_TEMPERATURE = 2.0
+#: Number of rays at which the covariance is the mean of that of the registration, which ignores the outline,
+#: and that of the samples, for which the rays along the outline are independent. The contribution of the
+#: outline to the information falls with the number of rays. Chosen by the NEES of simulated scans.
+_OUTLINE_RAYS = 200
+#: A hypothesis whose cost exceeds the best one by more is not refined.
+_HOPELESS = 60.0
+#: Rays that must meet the model for an estimate of the noise.
+_MIN_RESIDUALS = 10
+_REGISTRATION_STEPS, _SIGMAS, _MIN_SCALE = 4, 3.0, 0.015
+#: Floor of the standard deviations of the registration: in diameters, and rad.
+_LEAST = 1e-4
+
+
+class Refined(NamedTuple):
+    """A refined pose.
+
+    Attributes
+    ----------
+    T : ndarray, shape (4, 4)
+        T_view_model.
+    covariance : ndarray, shape (6, 6)
+        [x y z rx ry rz] in the frame of the view, about the centre of the model.
+    cost : float
+        -2 log likelihood, up to a constant.
+    rays : ndarray, shape (4,)
+        Rays as in ``Likelihood``.
+    """
+
+    T: FloatArray
+    covariance: FloatArray
+    cost: float
+    rays: FloatArray
+
+
+class PoseChange:
+    """Poses around a pose, by vectors whose components are standard deviations of a covariance.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        T_view_model.
+    centre_m : ndarray, shape (3,)
+        Point of the model about which it is rotated.
+    covariance : ndarray, shape (6, 6)
+        [x y z rx ry rz] in the frame of the view.
+    """
+
+    def __init__(self, T: FloatArray, centre_m: FloatArray, covariance: FloatArray) -> None:
+        self._T, self._centre_m = T, centre_m
+        self._root = np.linalg.cholesky(symmetrised(covariance))
+
+    def poses(self, vectors: FloatArray) -> FloatArray:
+        """Return the poses (k, 4, 4) of vectors (k, 6)."""
+        changes = vectors @ self._root.T
+        poses = np.repeat(np.eye(4)[None], len(vectors), axis=0)
+        poses[:, :3, :3] = R = se3.exp_so3(changes[:, 3:]) @ self._T[:3, :3]
+        at_centre = self._T[:3, :3] @ self._centre_m + self._T[:3, 3] + changes[:, :3]
+        poses[:, :3, 3] = at_centre - R @ self._centre_m
+        return poses
+
+    def covariance(self, of_vectors: FloatArray) -> FloatArray:
+        """Return the covariance (6, 6) of the pose from that of the vector."""
+        return symmetrised(self._root @ of_vectors @ self._root.T)
+
+
+class PoseRefiner:
+    """Refiner of hypotheses for one scan and one model.
+
+    Parameters
+    ----------
+    view : ScanView
+    surface : SurfaceModel
+    vertices_m, triangles : ndarray
+        Mesh that is rendered.
+    centre_m : ndarray, shape (3,)
+        Centre of the model.
+    sigma_m : float
+        Standard deviation of a range, with that of the model.
+    seed : int
+    """
+
+    def __init__(
+        self,
+        view: ScanView,
+        surface: SurfaceModel,
+        vertices_m: FloatArray,
+        triangles: IntArray,
+        centre_m: FloatArray,
+        sigma_m: float,
+        seed: int,
+    ) -> None:
+        self._view, self._surface, self._centre_m, self._sigma_m = view, surface, centre_m, sigma_m
+        self._mesh = (vertices_m, triangles)
+        self._rng = np.random.default_rng(seed)
+
+    def ranked(self, poses: FloatArray, count: int) -> list[Refined]:
+        """Return the best hypotheses of poses T_view_model (k, 4, 4) after a search, best first.
+
+        At most ``count`` are refined, fewer if the others are much worse.
+        """
+        costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
+        rows = distinct(poses, np.argsort(costs, kind="stable"), count)
+        found = [self._searched(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
+        return sorted(found, key=lambda refined: refined.cost)
+
+    def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
+        """Reduce the noise to that of the ranges at the best of poses T_view_model (k, 4, 4); return it.
+
+        Parameters
+        ----------
+        least_m : float
+            Lower bound.
+        """
+        costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
+        T, _ = self.registered(poses[int(np.argmin(costs))])
+        residuals = range_residuals(self._view, *self._mesh, T)
+        if len(residuals) >= _MIN_RESIDUALS:
+            self._sigma_m = min(self._sigma_m, max(median_sigma(residuals), least_m))
+        return self._sigma_m
+
+    def registered(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the registered pose near T (4, 4) and its covariance (6, 6) as in ``Refined``."""
+        s, diameter_m = self._surface, self._surface.diameter_m
+        scale_m = max(_SIGMAS * self._sigma_m, _MIN_SCALE * diameter_m)
+        points_m = self._view.points_m
+        poses, _ = register(
+            T[None], points_m, s.points_m, s.normals, s.grid, np.full(_REGISTRATION_STEPS, scale_m)
+        )
+        A, b = np.empty((6, 6)), np.empty(6)
+        normal_equations(poses[0], points_m, s.points_m, s.normals, s.grid, 1.3 * scale_m, True, A, b)
+        return poses[0], registration_covariance(poses[0], A, self._centre_m, self._sigma_m, diameter_m)
+
+    def with_covariance(self, refined: Refined) -> Refined:
+        """Return the mean of the poses that explain the scan, near a refined pose, with their covariance.
+
+        Adaptive importance sampling: Cappé et al. (2008), doi:10.1007/s11222-008-9059-x.
+        """
+        change = PoseChange(refined.T, self._centre_m, refined.covariance)
+        mean, spread = np.zeros(6), 0.5 * np.eye(6)
+        vectors = np.zeros((0, 6))
+        costs = np.zeros(0)
+        proposals: list[tuple[FloatArray, FloatArray]] = []
+        for _ in range(_ROUNDS):
+            root = np.asarray(_INFLATION * np.linalg.cholesky(spread), np.float64)
+            proposals.append((mean, root))
+            vectors = np.concatenate([vectors, mean + self._rng.standard_normal((_SAMPLES, 6)) @ root.T])
+            costs = np.concatenate([costs, self._costs(change, vectors[-_SAMPLES:])])
+            density = np.logaddexp.reduce([_log_density(vectors, *p) for p in proposals])
+            weights = _tempered(-0.5 / _TEMPERATURE * (costs - costs.min()) - density)
+            mean = weights @ vectors
+            offset = vectors - mean
+            spread = (offset.T * weights) @ offset + 1e-3 * np.eye(6)
+        T = change.poses(mean[None])
+        final = likelihood(self._view, *self._mesh, T, self._sigma_m)
+        share = len(self._view.points_m) / (len(self._view.points_m) + _OUTLINE_RAYS)
+        covariance = share * refined.covariance + (1.0 - share) * change.covariance(spread)
+        return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
+
+    def _searched(self, T: FloatArray) -> Refined:
+        T, covariance = self.registered(T)
+        change = PoseChange(T, self._centre_m, covariance)
+        mean, _, _ = minimise(
+            lambda vectors: self._costs(change, vectors),
+            np.zeros(6),
+            _DEVIATION,
+            population=_POPULATION,
+            generations=_GENERATIONS,
+            rng=self._rng,
+        )
+        poses = change.poses(np.stack([mean, np.zeros(6)]))
+        result = likelihood(self._view, *self._mesh, poses, self._sigma_m)
+        best = int(np.argmin(result.cost))
+        return Refined(poses[best], covariance, float(result.cost[best]), result.rays[best])
+
+    def _costs(self, change: PoseChange, vectors: FloatArray) -> FloatArray:
+        return likelihood(self._view, *self._mesh, change.poses(vectors), self._sigma_m).cost
+
+
+def registration_covariance(
+    T: FloatArray, A: FloatArray, centre_m: FloatArray, sigma_m: float, diameter_m: float
+) -> FloatArray:
+    """Return the covariance (6, 6), [x y z rx ry rz], of a registration in the sensor's axes about a point.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        T_sensor_model.
+    A : ndarray, shape (6, 6)
+        Normal equations of ``registration.normal_equations``.
+    """
+    R, about_centre = T[:3, :3], np.eye(6)
+    about_centre[3:, :3] = se3.skew(centre_m)
+    to_sensor = np.zeros((6, 6))
+    to_sensor[:3, 3:] = to_sensor[3:, :3] = R
+    information = about_centre.T @ A @ about_centre / sigma_m**2
+    least = np.concatenate([np.full(3, _LEAST), np.full(3, _LEAST * diameter_m)])
+    weakest = 1.0 / (0.2 * np.concatenate([np.ones(3), np.full(3, diameter_m)])) ** 2
+    covariance = np.linalg.inv(information + np.diag(weakest)) + np.diag(least**2)
+    return symmetrised(to_sensor @ covariance @ to_sensor.T)
+
+
+def _log_density(vectors: FloatArray, mean: FloatArray, root: FloatArray) -> FloatArray:
+    whitened = np.linalg.solve(root, (vectors - mean).T)
+    return np.asarray(-0.5 * np.sum(whitened**2, axis=0) - np.log(np.diag(root)).sum())
+
+
+def _tempered(log_weights: FloatArray) -> FloatArray:
+    """Return weights (k,) with sum 1 that at least ``_MIN_EFFECTIVE`` samples share."""
+    power = 1.0
+    while True:
+        weights = np.exp(power * (log_weights - log_weights.max()))
+        weights /= weights.sum()
+        if 1.0 / float(np.sum(weights**2)) >= _MIN_EFFECTIVE or power < 0.02:
+            return np.asarray(weights)
+        power *= 0.8

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Rotational symmetry of a body: transforms that map its visible surface onto itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.geometry import se3
+from cdff_common.geometry.kdtree import kd_tree, nearest, spacing
+from cdff_core.object_models.nearest_grid import NearestGrid
+from cdff_core.object_models.registration import register
+from cdff_core.object_models.surface import VisibleSurface
+from cdff_core.object_models.views import directions, view_rotation
+
+#: Points of the search and of the test of a symmetry.
+_SEARCH_POINTS, _TEST_POINTS = 150, 2500
+#: Directions and rolls of the rotations that are tried.
+_DIRECTIONS, _ROLLS = 120, 12
+#: Fraction of the points that must lie on the surface after the rotation.
+_FRACTION = 0.995
+#: Largest distance to a point of a surface without holes, in distances between neighbouring points.
+_SPACINGS = 2.5
+#: Largest difference between the normals of a rotated point and of the surface, cosine.
+_NORMAL = 0.5
+#: Rotations closer than this are one.
+_SAME_RAD = math.radians(6.0)
+#: Largest order of a discrete rotation about an axis; above it the symmetry is continuous.
+_MAX_ORDER = 12
+#: Largest number of transforms; the rotations of the icosahedron are 60.
+_MAX_GROUP = 120
+#: Samples of a continuous symmetry.
+_CONTINUOUS_SAMPLES = 36
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SymmetryGroup:
+    """Rotational symmetry group of a body.
+
+    Attributes
+    ----------
+    transforms : ndarray, shape (n, 4, 4)
+        T_model_model that leave the surface as it is; the first is the identity. A continuous symmetry is
+        sampled every 10 degrees, with the rotations that reverse its axis.
+    axis : ndarray, shape (3,), or None
+        Axis of a continuous symmetry.
+    """
+
+    transforms: FloatArray
+    axis: FloatArray | None = None
+
+    @property
+    def is_trivial(self) -> bool:
+        """True if the body has no symmetry."""
+        return len(self.transforms) == 1
+
+
+def symmetry_group(surface: VisibleSurface, grid: NearestGrid, tolerance: float) -> SymmetryGroup:
+    """Return the symmetry group of a surface.
+
+    Rotations about the centroid are tried on a grid, registered, and tested with every point: the rotated
+    surface must lie within ``tolerance`` times the diameter of the surface.
+
+    Parameters
+    ----------
+    surface : VisibleSurface
+    grid : NearestGrid
+        Of its points.
+    tolerance : float
+        Relative to the diameter.
+    """
+    centre, diameter_m = surface.points_m.mean(axis=0), surface.diameter_m
+    step = max(1, len(surface.points_m) // _SEARCH_POINTS)
+    sample = surface.points_m[::step]
+    starts = _rotations(centre)
+    scales = np.geomspace(0.15, 2.0 * tolerance, 10) * diameter_m
+    poses, costs = register(starts, sample, surface.points_m, surface.normals, grid, scales, one_sided=False)
+    order = np.argsort(costs, kind="stable")
+    candidates = [poses[i] for i in order[: max(60, len(order) // 3)] if costs[i] < 0.5]
+    tester = _SurfaceTest(surface, tolerance * diameter_m)
+    found = [np.eye(4)]
+    for T in candidates:
+        T_inverse = se3.inverse(T)
+        if _is_new(T_inverse, found) and tester.holds(T_inverse):
+            found.append(se3.normalise_transform(T_inverse))
+    axis = _common_axis(found[1:])
+    if axis is not None and len(found) > _MAX_ORDER:
+        angles = 2.0 * math.pi * np.arange(_CONTINUOUS_SAMPLES) / _CONTINUOUS_SAMPLES
+        R = se3.exp_so3(angles[:, None] * axis)
+        sampled = np.stack([se3.transform(r, centre - r @ centre) for r in R])
+        if all(tester.holds(T) for T in sampled[1:]):
+            across = [T for T in found if T[:3, :3] @ axis @ axis < -0.99]
+            flipped = [across[0] @ T for T in sampled] if across else []
+            return SymmetryGroup(np.stack([*sampled, *flipped]), axis)
+    return SymmetryGroup(np.stack(_completed(found, tester)))
+
+
+class _SurfaceTest:
+    """Test whether a transform maps a surface onto itself."""
+
+    def __init__(self, surface: VisibleSurface, tolerance_m: float) -> None:
+        step = max(1, len(surface.points_m) // _TEST_POINTS)
+        self._surface, self._tree = surface, kd_tree(surface.points_m)
+        self._points, self._normals = surface.points_m[::step], surface.normals[::step]
+        # A point lies between the points of the surface: their distance is added.
+        self._limit_m = tolerance_m + _SPACINGS * spacing(self._tree)
+        self._tolerance_m = tolerance_m
+
+    def holds(self, T: FloatArray) -> bool:
+        """Return whether nearly all points are on the surface after T, across it within the tolerance."""
+        moved = se3.transform_points(T, self._points)
+        distance, rows = nearest(self._tree, moved)
+        normals = self._surface.normals[rows]
+        across = np.abs(np.einsum("ij,ij->i", normals, moved - self._surface.points_m[rows]))
+        aligned = np.einsum("ij,ij->i", normals, self._normals @ T[:3, :3].T) > _NORMAL
+        on_surface = (distance < self._limit_m) & ((across < self._tolerance_m) | ~aligned)
+        return bool(np.mean(on_surface) >= _FRACTION)
+
+
+def _completed(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
+    """Return the transforms with the products of two of them that are symmetries as well."""
+    group = list(found)
+    for first in range(_MAX_GROUP):
+        if first >= len(group) or len(group) >= _MAX_GROUP:
+            break
+        for other in found:
+            T = se3.normalise_transform(group[first] @ other)
+            if len(group) < _MAX_GROUP and _is_new(T, group) and tester.holds(T):
+                group.append(T)
+    return group
+
+
+def _rotations(centre: FloatArray) -> FloatArray:
+    poses = []
+    for direction in directions(_DIRECTIONS):
+        R_view = view_rotation(direction)
+        for k in range(_ROLLS):
+            R = se3.exp_so3([0.0, 0.0, 2.0 * math.pi * k / _ROLLS]) @ R_view
+            poses.append(se3.transform(R, centre - R @ centre))
+    return np.stack(poses)
+
+
+def _is_new(T: FloatArray, found: list[FloatArray]) -> bool:
+    R = np.stack([other[:3, :3] for other in found])
+    return bool(np.min(se3.rotation_angle(np.swapaxes(R, 1, 2) @ T[:3, :3])) > _SAME_RAD)
+
+
+def _common_axis(transforms: list[FloatArray]) -> FloatArray | None:
+    """Return the axis about which most of the transforms rotate; None if there is none."""
+    if len(transforms) <= _MAX_ORDER:
+        return None
+    vectors = np.stack([se3.log_so3(T[:3, :3]) for T in transforms])
+    axes = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
+    _, basis = np.linalg.eigh(axes.T @ axes)
+    axis = basis[:, 2]
+    along = np.abs(axes @ axis) > math.cos(math.radians(8.0))
+    if np.count_nonzero(along) < _MAX_ORDER:
+        return None
+    strongest = axes[along]
+    signs = np.sign(strongest @ axis)[:, None]
+    mean = np.mean(strongest * signs, axis=0)
+    return np.asarray(mean / np.linalg.norm(mean))
