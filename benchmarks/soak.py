@@ -11,8 +11,8 @@ requests to the orchestrator and read the DPM over HTTP.
 
 For each service the report has the resident memory when it was ready, at the end of the first lap, at its
 highest, as mean of the last tenth of the samples, and after the load. Slopes per hour are those of straight
-lines through the second half of the samples of its last process. ``--log FILE`` also writes each sample as a line of JSON, from
-which ``--read FILE`` makes the report of an interrupted run.
+lines through the second half of the samples of its last process. ``--log FILE`` also writes each sample as a
+line of JSON, from which ``--read FILE`` makes the report of an interrupted run.
 """
 
 from __future__ import annotations
