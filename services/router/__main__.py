@@ -124,7 +124,7 @@ class _Expiry:
 
 
 class _AccessList:
-    """The access-control list with which the session was opened; it stays valid while no other can be read."""
+    """Access-control list of the open session; it stays valid while no other can be read."""
 
     def __init__(self, identity: Identity, version: tuple[int, int]) -> None:
         self._identity, self._version = identity, version
