@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Run a looped mission with requests, and report the memory, descriptors and threads of each service.
 
-    python benchmarks/soak.py [--minutes 10] [--profile rover_traverse] [--out FILE]
+    python benchmarks/soak.py [--minutes 10] [--profile rover_traverse] [--log FILE] [--out FILE]
+    python benchmarks/soak.py --read FILE
 
 The rovers of the profile drive the same circles again and again (simulated data). The clock is held while a
 DFPC lags, so that other load on the machine makes the mission slower, not different. Four clients send
@@ -10,8 +11,8 @@ requests to the orchestrator and read the DPM over HTTP.
 
 For each service the report has the resident memory when it was ready, at the end of the first lap, at its
 highest, as mean of the last tenth of the samples, and after the load. Slopes per hour are those of straight
-lines through the second half of the samples. ``--log FILE`` also writes each sample as a line of JSON, for an
-interrupted run.
+lines through the second half of the samples of its last process. ``--log FILE`` also writes each sample as a
+line of JSON, from which ``--read FILE`` makes the report of an interrupted run.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ _COLUMNS = ("memory_mb", "descriptors", "threads")
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """State of a service at a time since the start of the mission, seconds."""
+    """State of a service at a time since the start of the mission, seconds, after some laps."""
 
     t_s: float
     service: str
@@ -69,6 +70,7 @@ class Sample:
     memory_mb: float
     descriptors: int
     threads: int
+    laps: float = 0.0
 
 
 def services_of(supervisor_pid: int) -> Iterator[tuple[str, int]]:
@@ -82,7 +84,7 @@ def services_of(supervisor_pid: int) -> Iterator[tuple[str, int]]:
             yield line[line.index("--process" if "--process" in line else "-m") + 1], child.pid
 
 
-def sample_all(supervisor_pid: int, t_s: float) -> list[Sample]:
+def sample_all(supervisor_pid: int, t_s: float, laps: float) -> list[Sample]:
     """Return the state of all services."""
     samples = []
     for name, pid in services_of(supervisor_pid):
@@ -90,15 +92,17 @@ def sample_all(supervisor_pid: int, t_s: float) -> list[Sample]:
             values = memory_mb(pid), descriptors(pid), threads(pid)
         except FileNotFoundError:  # it has ended since it was listed
             continue
-        samples.append(Sample(round(t_s, 1), name.removeprefix("services."), pid, *values))
+        samples.append(Sample(round(t_s, 1), name.removeprefix("services."), pid, *values, round(laps, 2)))
     return samples
 
 
-def summary(samples: list[Sample], lap_end_s: float) -> dict[str, Any]:
+def summary(samples: list[Sample]) -> dict[str, Any]:
     """Return the memory of a service at several times, its slopes per hour and the number of its restarts."""
+    lap_end_s = next((s.t_s for s in samples if s.laps >= 1.0), samples[-1].t_s)
     rows = np.array([[s.t_s, s.memory_mb, s.descriptors, s.threads] for s in samples])
     memory = rows[:, 1]
-    half = rows[len(rows) // 2 :]
+    last = rows[[s.pid == samples[-1].pid for s in samples]]
+    half = last[len(last) // 2 :]
     slopes = np.polyfit(half[:, 0] / 3600.0, half[:, 1:], 1)[0] if len(half) > 2 else np.full(3, np.nan)
     first_lap_mb = float(memory[np.searchsorted(rows[:, 0], lap_end_s).clip(max=len(rows) - 1)])
     last_mb = float(memory[-max(len(rows) // 10, 1) :].mean())
@@ -195,23 +199,21 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
     log = LoopedLog(open_log(circle_log(name)))
     stage = Stage(profile, path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}", data_dir=folder)
     samples: dict[str, list[Sample]] = defaultdict(list)
-    lap_end_s = 0.0
     with stage:
         with Bus.open(stage.connect, name="soak", wait_s=90.0) as bus:
             stage.wait_ready(bus, timeout_s=_READY_S)
         with load(stage, log, profile.robot_ids) as (player, counts):
             start_s = time.monotonic()
             while (t_s := time.monotonic() - start_s) < 60.0 * minutes:
-                for sample in sample_all(stage.supervisor_pid, t_s):
+                laps = (player.now_ns() - player.start_ns) / 1e9 / LAP_S
+                for sample in sample_all(stage.supervisor_pid, t_s, laps):
                     samples[sample.service].append(sample)
                     on_sample(sample)
-                laps = (player.now_ns() - player.start_ns) / 1e9 / LAP_S
-                lap_end_s = lap_end_s or (t_s if laps >= 1.0 else 0.0)
                 stage.check_running()
                 time.sleep(_PERIOD_S)
             published, gated = player.progress.published, player.progress.gated
         time.sleep(_SETTLE_S)
-        after_mb = {s.service: s.memory_mb for s in sample_all(stage.supervisor_pid, t_s)}
+        after_mb = {s.service: s.memory_mb for s in sample_all(stage.supervisor_pid, t_s, laps)}
     size_mb = {
         f.name: round(sum(p.stat().st_size for p in (f, *f.rglob("*")) if p.is_file()) / 1e6, 1)
         for f in sorted(folder.iterdir())
@@ -224,11 +226,21 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
         "samples_withheld": gated,
         "calls": dict(sorted(counts.items())),
         "services": {
-            service: summary(rows, lap_end_s) | {"after_mb": after_mb.get(service)}
-            for service, rows in samples.items()
+            service: summary(rows) | {"after_mb": after_mb.get(service)} for service, rows in samples.items()
         },
         "data_folder_mb": size_mb,
     }
+
+
+def read(log: Path) -> dict[str, Any]:
+    """Return the report of the samples in a log."""
+    samples: dict[str, list[Sample]] = defaultdict(list)
+    for line in log.read_text(encoding="utf-8").splitlines():
+        sample = Sample(**json.loads(line))
+        samples[sample.service].append(sample)
+    last = max((rows[-1] for rows in samples.values()), key=lambda sample: sample.t_s)
+    services = {service: summary(rows) for service, rows in samples.items()}
+    return {"minutes": round(last.t_s / 60.0, 1), "laps": last.laps, "services": services}
 
 
 def main() -> None:
@@ -239,8 +251,12 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--profile", default="rover_traverse", help="profile with a simulated scenario")
     parser.add_argument("--log", type=Path, help="file of all samples")
+    parser.add_argument("--read", type=Path, help="report of the samples in this file; nothing is run")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
+    if args.read is not None:
+        write_report(read(args.read), args.out)
+        return
 
     def on_sample(sample: Sample) -> None:
         if args.log is not None:

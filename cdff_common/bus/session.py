@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import zenoh
 
-from cdff_common.bus.identity import VARIABLE, Identity
+from cdff_common.bus.identity import ACCESS, VARIABLE, Identity
 from cdff_common.errors import ConfigurationError, UnavailableError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -111,6 +111,14 @@ def open_client(
                     + ("" if identity is None else f"; or it refuses the certificate in {identity.folder}")
                 ) from error
             time.sleep(0.1)
+
+
+def check_access_control(identity: Identity) -> None:
+    """Raise ConfigurationError if the access-control list of a router cannot be read, or Zenoh refuses it."""
+    try:
+        _config("router", {"access_control": identity.access_control()})
+    except zenoh.ZError as error:
+        raise ConfigurationError(f"{identity.path(ACCESS)}: {error}") from error
 
 
 def open_router(listen: str, uplink: str | None = None, identity: Identity | None = None) -> zenoh.Session:

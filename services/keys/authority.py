@@ -20,7 +20,7 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.output import storage_errors
 
 #: Certificates are valid from this time before their issue, because clocks of machines differ.
-_CLOCK_MARGIN = timedelta(hours=1)
+_CLOCK_MARGIN = timedelta(days=1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ from pathlib import Path
 from cdff_common.bus import Bus, keys
 from cdff_common.bus.identity import ACCESS, EXPIRY, VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
-from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT
+from cdff_common.bus.session import DEFAULT_ENDPOINT, SECURE_ENDPOINT, check_access_control
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import UnavailableError
+from cdff_common.errors import ConfigurationError, UnavailableError
 from cdff_common.heartbeat import add_check
 from cdff_common.loops import Loops
 from cdff_common.process import run_service
@@ -75,10 +75,10 @@ def _route_secured(args: argparse.Namespace, stop: threading.Event) -> None:
             reporter.bus = bus
             alarm_reporter = AlarmReporter(bus, args.scope, "router", alarms, published)
             logger.info("routing on %s with %s", args.listen, path)
-            expiry = _Expiry(identity.folder / EXPIRY, alarms)
+            expiry, access = _Expiry(identity.folder / EXPIRY, alarms), _AccessList(identity, version)
 
-            def wait(opened: tuple[int, int] = version) -> bool | None:
-                return None if stop.wait(REPORT_S) or _version_of(path) != opened else True
+            def wait(access: _AccessList = access) -> bool | None:
+                return None if stop.wait(REPORT_S) or access.has_changed() else True
 
             def work(_: bool, expiry: _Expiry = expiry) -> None:
                 monitor.report()
@@ -121,6 +121,26 @@ class _Expiry:
         if monotonic_s() - self._checked_s >= _EXPIRY_CHECK_S:
             self._checked_s = monotonic_s()
             check_expiry(self._path, self._alarms)
+
+
+class _AccessList:
+    """Access-control list of the open session; it stays valid while no other can be read."""
+
+    def __init__(self, identity: Identity, version: tuple[int, int]) -> None:
+        self._identity, self._version = identity, version
+
+    def has_changed(self) -> bool:
+        """Return whether there is another list that can be read."""
+        version = _version_of(self._identity.folder / ACCESS)
+        if version == self._version:
+            return False
+        try:
+            check_access_control(self._identity)
+        except ConfigurationError as error:
+            self._version = version  # reported once
+            logger.error("%s; the last access-control list stays valid", error)
+            return False
+        return True
 
 
 class _Reporter:

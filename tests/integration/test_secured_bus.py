@@ -233,3 +233,23 @@ def test_the_router_of_a_robot_links_to_that_of_the_ground(mission: Mission, tmp
             mana.publish_map(keys.event("minnie", "activated"), {})
             time.sleep(0.5)
             assert {key for key, _ in received} == {event}
+
+
+def test_the_last_access_control_list_stays_valid_while_its_file_is_lost_or_malformed(
+    mission: Mission,
+) -> None:
+    path = mission.keys.folder / "ground" / "access.json"
+    content = path.read_bytes()
+    mana, alice = mission.bus("mana"), mission.bus("alice")
+    own, foreign = keys.product("mana", "test", "out"), keys.product("minnie", "test", "out")
+    try:
+        for malformed in (None, b"{", b'{"enabled": "perhaps"}'):
+            path.unlink() if malformed is None else path.write_bytes(malformed)
+            time.sleep(2.5)
+            with collected(alice, "cdff/@v1/*/product/**") as received:
+                mana.publish(foreign, FORGED)
+                wait_until(lambda: (mana.publish(own, b"1"), received)[1], 5)
+            assert {key for key, _ in received} == {own}
+    finally:
+        path.write_bytes(content)
+    wait_until(lambda: _sees_router(alice), 20)

@@ -75,7 +75,7 @@ class WaitingSamples:
         self._folder, self._disk_space, self._capacity = folder, disk_space, capacity
         self._entries: deque[_Entry] = deque()
         self._bytes = self._last = 0
-        for path in sorted(folder.glob(f"*{_SUFFIX}")):
+        for path in sorted(p for p in folder.glob(f"*{_SUFFIX}") if p.stem.isdecimal()):
             self._last = max(self._last, int(path.stem))
             self._append(_Entry(path.stat().st_size, path))
 

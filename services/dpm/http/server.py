@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 import uvicorn
+from anyio import to_thread
 from starlette.concurrency import run_in_threadpool
 
 from cdff_common.clock import monotonic_s
@@ -24,10 +25,13 @@ from services.dpm.http.middleware.members import server_options
 _STOP_S = 3.0
 #: Interval of the checks of event loop and thread pool, and time after which they count as hung, seconds.
 _PROBE_S, _HUNG_S = 5.0, 300.0
+#: Requests that are carried out at the same time; others wait. Each has its objects in memory, of which the
+#: allocator returns only a part to the system.
+_THREADS = 16
 
 
 class _Server(uvicorn.Server):
-    """Server that checks its event loop and its thread pool."""
+    """Server with a smaller thread pool, which is checked like its event loop."""
 
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
@@ -35,6 +39,7 @@ class _Server(uvicorn.Server):
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve until ``should_exit``."""
+        to_thread.current_default_thread_limiter().total_tokens = _THREADS
         probe = asyncio.create_task(self._probe())
         try:
             await super().serve(sockets)

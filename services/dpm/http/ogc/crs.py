@@ -63,7 +63,7 @@ class CrsList:
         return [named.uri for named in self.all]
 
     def by_uri(self, uri: str | None, name: str = "crs") -> NamedCrs:
-        """Return the CRS with a URI, the default one for None; an InputError for other URIs lists the known ones."""
+        """Return the CRS with a URI, the default for None; an InputError for others lists the known ones."""
         if uri is None:
             return self.default
         for named in self.all:

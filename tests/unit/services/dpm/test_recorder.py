@@ -195,6 +195,7 @@ def test_waiting_samples_survive_the_end_of_the_process(dpm: Dpm, clock: ManualC
     folder = dpm.store.directory / "waiting"
     damaged = sorted(folder.iterdir())[0]
     damaged.write_bytes(damaged.read_bytes()[:-1] + b"?")
+    (folder / "notes.sample").write_text("of somebody else")
 
     recording = recorder(dpm, policy)
     assert recording.counters["waiting"] == 3
@@ -206,7 +207,7 @@ def test_waiting_samples_survive_the_end_of_the_process(dpm: Dpm, clock: ManualC
     assert (counters["kept"], counters["refused"], counters["waiting"]) == (2, 1, 0)
     stored = dpm.store.search(Query(types=("scan",))).items
     assert sorted(record.header.t1_ns for record in stored) == [1001 * S, 1002 * S]
-    assert not list(folder.iterdir())
+    assert [path.name for path in folder.iterdir()] == ["notes.sample"]
 
 
 def test_samples_wait_in_memory_while_the_disk_takes_no_files(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import ssl
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
 
 from cdff_common.bus.identity import Identity
 from cdff_common.errors import ConfigurationError, InputError
@@ -40,6 +42,14 @@ def test_certificates_load_as_a_pair_and_identities_are_complete(keys: MissionKe
     context = ssl.create_default_context(cafile=str(keys.folder / "mana" / "ca.crt"))
     context.load_cert_chain(keys.folder / "mana" / "identity.crt", keys.folder / "mana" / "identity.key")
     assert Identity.read(keys.folder / "mana").access_control()["default_permission"] == "deny"
+
+
+def test_a_new_certificate_is_valid_on_machines_whose_clock_is_hours_behind(keys: MissionKeys) -> None:
+    keys.issue("mana", Kind.ROBOT)
+    twelve_hours_ago = datetime.now(UTC) - timedelta(hours=12)
+    for name in ("identity.crt", "ca.crt"):
+        certificate = x509.load_pem_x509_certificate((keys.folder / "mana" / name).read_bytes())
+        assert certificate.not_valid_before_utc < twelve_hours_ago
 
 
 def test_a_rotation_admits_both_certificates_until_the_earlier_one_is_revoked(keys: MissionKeys) -> None:
