@@ -8,6 +8,7 @@ doi:10.1109/CVPR42600.2020.00138.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -93,6 +94,20 @@ def refuse_few_inliers(inliers: BoolArray, minimum: int) -> None:
     if n < minimum:
         text = f"{n} of {len(inliers)} pairs agree on a model, expected {minimum}"
         raise RefusedError(text, [f"few_inliers:{n}<{minimum}"])
+
+
+def estimated_matrix(estimator: Callable[..., tuple[Any, Any]], pairs: int, *arguments: Any) -> FloatArray:
+    """Return the matrix estimated by a function of OpenCV; raises RefusedError if it finds none.
+
+    OpenCV 5 fails with an assertion in ``setModelParameters`` if no sample has a model.
+    """
+    try:
+        matrix, _ = estimator(*arguments)
+    except cv2.error as error:
+        if error.func != "setModelParameters":
+            raise
+        matrix = None
+    return checked_matrix(matrix, pairs)
 
 
 def checked_matrix(matrix: Any, pairs: int) -> FloatArray:

@@ -10,7 +10,7 @@ from cdff_core.dfns.essential_matrix_computation.interface import Inputs, Interf
 from cdff_core.imaging.magsac import (
     CalibrationConfig,
     MagsacConfig,
-    checked_matrix,
+    estimated_matrix,
     outputs_of,
     pairs,
     parameters,
@@ -39,8 +39,9 @@ class Magsac(Interface[EssentialMagsacConfig]):
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
-        initial, _ = cv2.findEssentialMat(source, sink, K[0], K[1], None, None, parameters(cfg))
-        E = checked_matrix(initial, len(source))
+        E = estimated_matrix(
+            cv2.findEssentialMat, len(source), source, sink, K[0], K[1], None, None, parameters(cfg)
+        )
         minima = find_minima(E, K, source, sink, cfg.gate_sigmas, cfg.threshold_px)
         R, t = minima[0].R, minima[0].t
         fit, *_ = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px, cfg.lenses)

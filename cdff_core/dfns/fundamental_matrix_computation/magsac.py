@@ -7,7 +7,14 @@ from __future__ import annotations
 import cv2
 
 from cdff_core.dfns.fundamental_matrix_computation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.magsac import MagsacConfig, checked_matrix, outputs_of, pairs, parameters
+from cdff_core.imaging.magsac import (
+    MagsacConfig,
+    checked_matrix,
+    estimated_matrix,
+    outputs_of,
+    pairs,
+    parameters,
+)
 from cdff_core.imaging.sampson import compile_kernels
 from cdff_core.imaging.two_view import fit_fundamental
 
@@ -28,7 +35,7 @@ class Magsac(Interface[MagsacConfig]):
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
         if inputs.guess is None:
-            F = checked_matrix(cv2.findFundamentalMat(source, sink, parameters(cfg))[0], len(source))
+            F = estimated_matrix(cv2.findFundamentalMat, len(source), source, sink, parameters(cfg))
         else:
             F = checked_matrix(inputs.guess, len(source))
         fit = fit_fundamental(F, source, sink, cfg.gate_sigmas, cfg.threshold_px)

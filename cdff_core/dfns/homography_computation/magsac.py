@@ -7,7 +7,14 @@ from __future__ import annotations
 import cv2
 
 from cdff_core.dfns.homography_computation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.magsac import MagsacConfig, checked_matrix, outputs_of, pairs, parameters
+from cdff_core.imaging.magsac import (
+    MagsacConfig,
+    checked_matrix,
+    estimated_matrix,
+    outputs_of,
+    pairs,
+    parameters,
+)
 from cdff_core.imaging.two_view import fit_homography
 
 
@@ -19,7 +26,7 @@ class Magsac(Interface[MagsacConfig]):
         cfg = self.config
         source, sink = pairs(inputs.source, inputs.sink, cfg.min_inliers)
         if inputs.guess is None:
-            H = checked_matrix(cv2.findHomography(source, sink, parameters(cfg))[0], len(source))
+            H = estimated_matrix(cv2.findHomography, len(source), source, sink, parameters(cfg))
         else:
             H = checked_matrix(inputs.guess, len(source))
         fit = fit_homography(H, source, sink, cfg.gate_sigmas, cfg.threshold_px)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from cdff_core.dfns.fundamental_matrix_computation import magsac as fundamental
 from cdff_core.dfns.fundamental_matrix_computation.interface import FundamentalMatrixComputationInputs
 from cdff_core.dfns.homography_computation import magsac as homography
 from cdff_core.dfns.homography_computation.interface import HomographyComputationInputs
+from cdff_core.imaging.magsac import estimated_matrix
 from cdff_core.imaging.relative_pose_search import find_minima
 from cdff_core.imaging.two_view import LensErrors, image_cells, log10_false_alarms, tangents, transfer
 from evaluation.feature_matching_models import model_consistency, two_views
@@ -194,6 +196,25 @@ def test_random_pairs_are_refused(kind: Any) -> None:
             "by_chance",
             "no_model",
         )
+
+
+def test_pairs_without_any_model_are_refused() -> None:
+    """All points of one image are one of two: OpenCV fails with an assertion if no sample has a model."""
+    node, reasons = make_node(fundamental.Magsac), set()
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        source, two_points = rng.uniform(0.0, 300.0, (14, 2)), rng.uniform(0.0, 300.0, (2, 2))
+        sink = two_points[rng.integers(0, 2, 14)]
+        try:
+            node.process(FundamentalMatrixComputationInputs(source=source, sink=sink))
+        except RefusedError as refusal:
+            reasons.add(refusal.reasons[0])
+    assert "no_model" in reasons
+
+
+def test_other_errors_of_opencv_are_not_taken_for_a_missing_model() -> None:
+    with pytest.raises(cv2.error):
+        estimated_matrix(cv2.findHomography, 3, np.zeros((3, 5)), np.zeros((3, 5)))
 
 
 def test_a_pure_rotation_leaves_the_translation_unknown_and_reports_it() -> None:
