@@ -86,13 +86,21 @@ class PositionManager(PositionManagerInterface):
             yield from self.on_visual_odometry(sample)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Process a pose of any source; after a FAILED pose the next increment is omitted."""
+        """Process a pose of any source; after a FAILED pose the next increment is omitted.
+
+        A pose of a sensor that has no place on the robot yet, for example on a mast whose joint values are
+        missing, is not used and named in the reasons.
+        """
         if not self._history.is_started:
             yield from self._initialise(sample)
         elif sample.value is None or sample.quality.status is Status.FAILED:
             self._sources.mark_failed(sample.port)
         else:
-            yield from self._estimate(sample, self._sources.measurement(sample, self._frames.base))
+            measurement = self._sources.measurement(sample, self._frames.base)
+            if self._frames.is_placed(measurement.child, sample.stamp_ns):
+                yield from self._estimate(sample, measurement)
+            else:
+                self._sources.mark_unplaced(sample.port, measurement.child)
 
     on_lidar_odometry = on_fix = on_absolute_fix = on_visual_odometry
 

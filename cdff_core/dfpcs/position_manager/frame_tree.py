@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import Joint, read_urdf
@@ -75,6 +75,14 @@ class RobotFrames:
         while (parent := self._graph.parent_of(root)) is not None:
             root = parent
         return root == self.base
+
+    def is_placed(self, frame: str, stamp_ns: int) -> bool:
+        """Return whether the place of a frame on the robot is known at a time."""
+        try:
+            self.on_robot(self.base, frame, stamp_ns)
+        except (FrameNotFoundError, ExtrapolationError):
+            return False
+        return True
 
     def mount(self, frame: str, stamp_ns: int) -> FloatArray:
         """Return ``T_base_frame`` (4, 4) at a time."""
