@@ -110,8 +110,8 @@ class Sensor(StrictModel):
     range_m : float or None
         Range, metres; None if unknown.
     max_offset_s : float
-        Largest offset of its stamps to the other sensors, and lead over the mission clock, seconds; a larger one
-        makes the products DEGRADED.
+        Largest offset of its stamps to the other sensors, and lead over the mission clock, seconds; a larger
+        one makes the products DEGRADED.
     max_lost_fraction : float
         Largest fraction of lost samples (gaps of their numbers); a larger one makes the products DEGRADED.
     max_rate_ratio : float

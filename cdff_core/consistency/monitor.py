@@ -244,8 +244,8 @@ class SensorMonitor:
             nearest = nearest_frame(frame, self._known)
             hint = f"; did you mean {nearest}?" if nearest else ""
             what = (
-                f"{count} samples of {sensor} have the frame {frame!r}, which the robot does not have; known are "
-                f"{', '.join(sorted(self._known))}{hint}"
+                f"{count} samples of {sensor} have the frame {frame!r}, which the robot does not have; known "
+                f"are {', '.join(sorted(self._known))}{hint}"
             )
             remedy = f"correct frame_id in the driver of {sensor}, or add the frame to the profile"
             findings.append(Finding(FRAME, (sensor,), frame, what, remedy))

@@ -82,8 +82,8 @@ class StreamStatistics:
         if lost is None or lost <= self._max_lost:
             return None
         what = (
-            f"{100.0 * lost:.0f} % of the samples of {self.sensor} are lost (gaps of their numbers), expected "
-            f"at most {100.0 * self._max_lost:g} %"
+            f"{100.0 * lost:.0f} % of the samples of {self.sensor} are lost (gaps of their numbers), "
+            f"expected at most {100.0 * self._max_lost:g} %"
         )
         remedy = f"check link, queue and processor load of {self.sensor}"
         return Finding(SAMPLES, (self.sensor,), f"{lost:.2f}_lost", what, remedy)
@@ -104,8 +104,8 @@ class StreamStatistics:
         if len(leads) < 3 or (lead_s := median(leads)) <= self._max_offset_s:
             return None
         what = (
-            f"stamps of {self.sensor} are ahead of the mission clock by {lead_s:.1f} s at their arrival, expected "
-            f"at most {self._max_offset_s:g} s"
+            f"stamps of {self.sensor} are ahead of the mission clock by {lead_s:.1f} s at their arrival, "
+            f"expected at most {self._max_offset_s:g} s"
         )
         remedy = f"synchronise the clock of {self.sensor} with the mission clock"
         return Finding(CLOCK, (self.sensor,), f"ahead_{lead_s:.1f}_s", what, remedy)
