@@ -38,7 +38,9 @@ class PositionManager(PositionManagerInterface):
     def setup(self) -> None:
         """Create frame tree, filter and timeline; offer the store items."""
         c, t, context = self.config, self.config.timeline, self.context
-        self._frames = RobotFrames(context.robot, context.frames, context.urdf)
+        self._frames = RobotFrames(
+            context.robot, context.frames, context.urdf, context.sensor_frame("imu", "imu")
+        )
         self._imu = ImuBuffer(int(2 * t.memory_s * 1e9))
         self._estimator = Estimator(c, self.dfn, self._imu, self._frames)
         self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * 1e9))
@@ -71,7 +73,7 @@ class PositionManager(PositionManagerInterface):
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Buffer the reading; estimate from the IMU alone if no other source has measured for a while."""
         if self._imu.T_base_imu is None:
-            self._imu.T_base_imu = self._frames.mount(f"{self.context.robot}/imu", sample.stamp_ns)
+            self._imu.T_base_imu = self._frames.mount(self._frames.imu, sample.stamp_ns)
         self._imu.insert(sample.stamp_ns, sample.value.acc, sample.value.gyro)
         if not self._history.is_started:
             yield from self._initialise(sample)

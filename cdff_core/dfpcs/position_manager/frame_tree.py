@@ -33,11 +33,13 @@ class RobotFrames:
     """Two frame trees, of the site and of the base, which the timeline connects.
 
     ``context`` has the mounts below ``{robot}/base`` and, if surveyed, the transform from ``{robot}/odom`` to
-    ``site``; the URDF document, which may be empty, describes the joints.
+    ``site``; the URDF document, which may be empty, describes the joints. ``imu`` is the frame of the
+    IMU, by default ``{robot}/imu``.
     """
 
-    def __init__(self, robot: str, context: FrameGraph, urdf: str) -> None:
+    def __init__(self, robot: str, context: FrameGraph, urdf: str, imu: str = "") -> None:
         self.robot, self.base, self.odom = robot, f"{robot}/base", f"{robot}/odom"
+        self.imu = imu or f"{robot}/imu"
         self._graph = FrameGraph()
         for child in context.frames:
             parent = context.parent_of(child)
