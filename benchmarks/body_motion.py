@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measure CPU time and memory of the DFN BodyMotionEstimation on 200 poses of a tumbling body, and of Tracking3D per pose.
+"""Measure CPU time and memory of BodyMotionEstimation on 200 poses of a tumbling body, and of Tracking3D.
 
 python benchmarks/body_motion.py [--out FILE] [--rounds N]
 """

@@ -40,7 +40,8 @@ def evaluate(data: Path, progress: Callable[[str], None], tumbles: int = 40) -> 
     figures["comet_67p"] = {f"{noise_deg} deg": comet(data, noise_deg) for noise_deg in (0.25, 0.5)}
     progress("tracking_3d: single axis")
     figures["rendezvous_roe1"] = {
-        f"{n} poses from {start}": single_axis(data, start, n) for start, n in ((0, 150), (500, 300), (0, 1200))
+        f"{n} poses from {start}": single_axis(data, start, n)
+        for start, n in ((0, 150), (500, 300), (0, 1200))
     }
     return figures
 
@@ -63,7 +64,10 @@ def simulated(tumbles: int, progress: Callable[[str], None]) -> dict[str, Any]:
         "nees_pose_of_6": float(np.mean([row["nees_pose"] for row in rows])),
         "nees_prediction_of_6": float(np.mean([row["nees_prediction"] for row in rows])),
         "nees_velocity_of_6": float(np.mean([row["nees_velocity"] for row in rows])),
-        "nees_95_percent": [6.0 - 1.96 * float(np.sqrt(12.0 / tumbles)), 6.0 + 1.96 * float(np.sqrt(12.0 / tumbles))],
+        "nees_95_percent": [
+            6.0 - 1.96 * float(np.sqrt(12.0 / tumbles)),
+            6.0 + 1.96 * float(np.sqrt(12.0 / tumbles)),
+        ],
         "cpu_s_per_fit": float(np.median([row["cpu_s"] for row in rows])),
     }
 
@@ -132,7 +136,9 @@ def comet(data: Path, noise_deg: float) -> dict[str, Any]:
         "axis_error_deg": float(np.rad2deg(np.arccos(np.clip(motion.axis @ pole, -1.0, 1.0)))),
         "axis_sigma_deg": float(np.rad2deg(motion.axis_sigma_rad)),
         "period_error_percent": 100.0 * (period_h / PERIOD_H - 1.0),
-        "moments_of_inertia": "unobservable" if motion.moment_ratios is None else motion.moment_ratios.tolist(),
+        "moments_of_inertia": "unobservable"
+        if motion.moment_ratios is None
+        else motion.moment_ratios.tolist(),
     }
 
 
@@ -149,7 +155,9 @@ def single_axis(data: Path, start: int, n: int) -> dict[str, Any]:
     turned = se3.log_so3(motion.poses[:, :3, :3] @ np.swapaxes(T[[last, ahead], :3, :3], 1, 2))
     shift = motion.poses[:, :3, 3] - T[[last, ahead], :3, 3]
     return {
-        "moments_of_inertia": "unobservable" if motion.moment_ratios is None else motion.moment_ratios.tolist(),
+        "moments_of_inertia": "unobservable"
+        if motion.moment_ratios is None
+        else motion.moment_ratios.tolist(),
         "error_deg": np.rad2deg(np.linalg.norm(turned, axis=1)).tolist(),
         "error_mm": (1e3 * np.linalg.norm(shift, axis=1)).tolist(),
         "centre_m": motion.centre_m.tolist(),

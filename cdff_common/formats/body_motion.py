@@ -16,7 +16,7 @@ UNOBSERVABLE = "unobservable"
 
 
 def write_body_motion(value: BodyMotion) -> bytes:
-    """Return the motion as indented JSON; units are in the names, standard deviations begin with ``sigma_``."""
+    """Return the motion as JSON; units are in the names, standard deviations begin with ``sigma_``."""
     return (json.dumps(body_motion_value(value), indent=1) + "\n").encode()
 
 

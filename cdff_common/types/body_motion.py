@@ -18,7 +18,7 @@ from cdff_common.types.time import Time
 
 
 class BodyMotionKindT(IntEnum):
-    """RESTING: no rotation found. STEADY: about one axis, moments of inertia unobservable. TUMBLING: any other."""
+    """RESTING: no rotation found. STEADY: about one axis, moments unobservable. TUMBLING: any other."""
 
     MOTION_RESTING = 0
     MOTION_STEADY = 1

@@ -17,8 +17,8 @@ from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry import se3
 from cdff_core.rigid_body.drifting_fit import DriftingFit, DriftingProblem
 
-#: Squared normalised innovation above which a position is an outlier, the factor on its covariance, and the largest
-#: number of times that outliers are determined.
+#: Squared normalised innovation above which a position is an outlier, the factor on its covariance, and the
+#: largest number of times that outliers are determined.
 _OUTLIER, _EXCLUDED, _MAX_ROUNDS = 25.0, 1e8, 5
 #: Part of its prior standard deviation above which a component of the offset is unobservable.
 _UNOBSERVABLE = 0.5

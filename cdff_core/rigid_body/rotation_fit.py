@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,9 +33,9 @@ _MAX_STEP = 0.5
 _FIRST_PART = 8
 #: Number of orientations with which initial values of a tumble are compared.
 _SEARCH_PART = 64
-#: Number of initial values that are always compared; a wrong one can explain the first orientations by chance.
+#: Number of initial values that are always compared; a wrong one can explain few orientations by chance.
 _MIN_STARTS = 2
-#: Factor by which the number of orientations grows until unexplained ones start a new search for initial values.
+#: Growth of the number of orientations after which unexplained ones start a new search.
 _SEARCH_GROWTH = 2.0
 #: Deviation of a mean squared residual from 1, in standard deviations, that is explained by noise.
 _EXPLAINED = 2.0
@@ -120,15 +121,16 @@ def fit_rotation(
     """
     data = _Orientations(t_s, orientations, covariances, is_noise_known)
     n, searched = len(t_s), 0 if guess is None else guess.searched
-    fits = []
+    fits: list[RotationFit] = []
     if guess is not None:
-        fits = [data.fit(_later(guess.model, data.epoch_s - guess.epoch_s), part=n)]
+        with suppress(InputError):  # the new orientations lead to the axis of the middle moment
+            fits.append(data.fit(_later(guess.model, data.epoch_s - guess.epoch_s), part=n))
     best = _most_probable(fits)
     if best is None or (n >= _SEARCH_GROWTH * searched and not data.is_explained(best)):
         fits.append(data.fit(steady_start(t_s, orientations)))
         if data.has_turned and not data.is_explained(fits[-1]):
-            start = data.best_start(tumble_starts(t_s, orientations))
-            fits += [] if start is None else [data.fit(start, _SEARCH_PART)]
+            with suppress(InputError):  # as above
+                fits.append(data.fit(data.best_start(tumble_starts(t_s, orientations)), _SEARCH_PART))
         best, searched = _most_probable(fits), n
     if best is None:
         raise InputError(f"{n} orientations, expected at least 1")
@@ -163,7 +165,7 @@ class _Orientations:
 
     @property
     def has_turned(self) -> bool:
-        """Whether the orientations are enough, and different enough, to distinguish a tumble."""
+        """True if the orientations are enough, and different enough, to distinguish a tumble."""
         turns_rad = se3.rotation_angle(np.swapaxes(self.orientations[:-1], 1, 2) @ self.orientations[1:])
         return len(self.t_s) >= _MIN_TUMBLE and float(turns_rad.sum()) >= _MIN_TURN_RAD
 
@@ -173,10 +175,13 @@ class _Orientations:
         is_small = fit.fit.noise_factor < 1.0 + _EXPLAINED * np.sqrt(2.0 / freedom)
         return fit.fit.intensity == 0.0 and (bool(is_small) or not self.is_noise_known)
 
-    def best_start(self, starts: Sequence[Tumble]) -> RotationModel | None:
+    def best_start(self, starts: Sequence[Tumble]) -> RotationModel:
         """Return the most probable of the models after a fit to the first part of the orientations.
 
-        None if each of them rotates about the axis of the middle moment, where the closed form has no value.
+        Raises
+        ------
+        InputError
+            If each of them rotates about the axis of the middle moment, where the closed form has no value.
         """
         searched = replace(self, **{name: getattr(self, name)[:_SEARCH_PART] for name in _COLUMNS})
         best: RotationFit | None = None
@@ -188,7 +193,9 @@ class _Orientations:
             except InputError:
                 continue
             best = fit if best is None or fit.criterion < best.criterion else best
-        return None if best is None else best.model
+        if best is None:
+            raise InputError("rotation about the axis of the middle moment: expected another tumble")
+        return best.model
 
     def fit(self, start: RotationModel, part: int = _FIRST_PART) -> RotationFit:
         """Return the fit of one model, to ever longer parts of the orientations, without outliers."""
@@ -214,8 +221,8 @@ class _Orientations:
     ) -> tuple[RotationModel, FloatArray]:
         """Return the model after Gauss-Newton steps, and the factors (n,) on the covariances.
 
-        Without fixed factors, they are those of a Student's t distribution of the noise, which limits the effect of
-        outliers.
+        Without fixed factors, they are those of a Student's t distribution of the noise, which limits the
+        effect of outliers.
         """
         weights = self._weights(model, part) if fixed_weights is None else fixed_weights
         for _ in range(_MAX_STEPS):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Motion of a body without torque: a closed form of its rotation, fitted by least squares.
 
-The fit allows for a slow drift of the reference frame, and for accelerations of the centre of mass, as random walks
-whose intensities have the largest likelihood. Moments of inertia are estimated only if a rotation about one axis is far
-less probable.
+The fit allows for a slow drift of the reference frame, and for accelerations of the centre of mass, as random
+walks whose intensities have the largest likelihood. Moments of inertia are estimated only if a rotation about
+one axis is far less probable.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ class TorqueFreeConfig(DfnConfig):
         0.05,
         gt=0,
         le=1,
-        description="Standard deviation of a ratio of moments of inertia above which the ratios are unobservable",
+        description="Standard deviation of a ratio of moments of inertia above which they are unobservable",
     )
 
 
 class TorqueFree(Interface[TorqueFreeConfig]):
-    """Motion without torque. Each fit starts from the previous one if its poses are later ones of the same body."""
+    """Motion without torque. A fit starts from the previous one if its poses are later ones."""
 
     def setup(self) -> None:
         """Clear the previous fit."""

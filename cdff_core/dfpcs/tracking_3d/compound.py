@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Controller of Tracking3D: collect poses, fit the motion of the body, publish state, motion and prediction."""
+"""Controller of Tracking3D: collect poses, fit the motion, publish state, motion and prediction."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Tracking3D(Tracking3DInterface):
         return [output for output in outputs if output.port != "track"]
 
     def predict(self, t_ns: int) -> TransformWithCovariance:
-        """Return the pose at a time; raises InputError before the newest pose, ProductNotFoundError before a fit."""
+        """Return the pose at a time; raises InputError before the newest pose."""
         self.get_motion()
         motion = self._estimate([t_ns], is_fitted=True)
         newest = self._poses[-1].value

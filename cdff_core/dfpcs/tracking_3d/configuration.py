@@ -22,7 +22,7 @@ class Tracking3DConfig(DfpcConfig):
         4.0,
         ge=1,
         le=1000,
-        description="Variance of the orientations in units of the stated one above which the state is DEGRADED",
+        description="Variance of the orientations by the stated one above which the state is DEGRADED",
     )
     max_outlier_ratio: float = Field(
         0.2, gt=0, le=1, description="Part of the poses that contradict the motion above which it is DEGRADED"
