@@ -12,7 +12,7 @@ requests to the orchestrator and read the DPM over HTTP.
 For each service the report has the resident memory when it was ready, at the end of the first lap, at its
 highest, as mean of the last tenth of the samples, and after the load. Slopes per hour are those of straight
 lines through the second half of the samples of its last process. ``--log FILE`` also writes each sample as a
-line of JSON, from which ``--read FILE`` makes the report of an interrupted run.
+line of JSON, from which ``--read FILE`` makes a report. Ctrl-C ends the load early; the report follows.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import argparse
 import json
 import math
 import random
+import signal
 import tempfile
 import threading
 import time
@@ -199,18 +200,20 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
     log = LoopedLog(open_log(circle_log(name)))
     stage = Stage(profile, path, f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}", data_dir=folder)
     samples: dict[str, list[Sample]] = defaultdict(list)
+    interrupted, t_s, laps = threading.Event(), 0.0, 0.0
+    signal.signal(signal.SIGINT, lambda *_: interrupted.set())
     with stage:
         with Bus.open(stage.connect, name="soak", wait_s=90.0) as bus:
             stage.wait_ready(bus, timeout_s=_READY_S)
         with load(stage, log, profile.robot_ids) as (player, counts):
             start_s = time.monotonic()
-            while (t_s := time.monotonic() - start_s) < 60.0 * minutes:
+            while not interrupted.is_set() and (t_s := time.monotonic() - start_s) < 60.0 * minutes:
                 laps = (player.now_ns() - player.start_ns) / 1e9 / LAP_S
                 for sample in sample_all(stage.supervisor_pid, t_s, laps):
                     samples[sample.service].append(sample)
                     on_sample(sample)
                 stage.check_running()
-                time.sleep(_PERIOD_S)
+                interrupted.wait(_PERIOD_S)
             published, gated = player.progress.published, player.progress.gated
         time.sleep(_SETTLE_S)
         after_mb = {s.service: s.memory_mb for s in sample_all(stage.supervisor_pid, t_s, laps)}
@@ -220,7 +223,7 @@ def soak(name: str, minutes: float, folder: Path, on_sample: Callable[[Sample], 
     }
     return {
         "profile": profile.name,
-        "minutes": minutes,
+        "minutes": round(t_s / 60.0, 1),
         "laps": round(laps, 1),
         "samples_published": published,
         "samples_withheld": gated,

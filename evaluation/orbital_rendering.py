@@ -3,7 +3,7 @@
 """Compare renderings of the orbital simulator with photographs, and measure their cost.
 
 Comet 67P: each NAVCAM image is rendered with its true pose and Sun (Lommel-Seeliger, cast shadows, point
-spread 1.2 px: 0.8 px of the lens and 0.9 px rms of the poses) and correlated with the photograph over all pixels.
+spread 1.2 px: 0.8 px of the lens and 0.9 px rms of the poses) and correlated with the photograph.
 
 Mock-up of Tango (SPEED+): the silhouette of the mesh at the true pose, through the lens of the camera, is
 compared with the strongest edge of the photograph within 15 px along the normal of the silhouette; the

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.formats.bal import write_bal
+from cdff_common.formats.body_motion import write_body_motion
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.geojson import area_features, path_feature, pose_feature, write_geojson
 from cdff_common.formats.geotiff import write_bands, write_map
@@ -200,6 +201,7 @@ _WRITERS: dict[str, dict[str, Callable[[Any, str | None], bytes]]] = {
         "npz": lambda value, _: write_npz({"image": value.image, "camera_matrix": value.camera_matrix}),
     },
     "GroundAreas": {"geojson": _areas},
+    "BodyMotion": {"json": lambda value, _: write_body_motion(value)},
     "ObjectTrack": {"csv": lambda value, _: write_track_csv([value])},
 }
 #: Formats of each type, the preferred one first.

@@ -86,12 +86,14 @@ class OutputPort(Port):
 
 
 class Cost(StrictModel):
-    """Measured cost for a stated input, written by the benchmark; ``samples`` is the number of input
-    samples.
+    """Measured cost for a stated input, written by the benchmark; ``samples`` is the number of input samples.
+
+    Samples of other ports than ``ports`` cost nothing; without ``ports`` those of all ports are counted.
     """
 
     input: str
     samples: Annotated[int, Field(ge=1)] = 1
+    ports: tuple[Identifier, ...] = ()
     cpu_s: NonNegativeFloat
     memory_mb: NonNegativeFloat
     benchmark: str = ""

@@ -137,6 +137,18 @@ class DfpcContext:
     seed: int = 0
     urdf: str = ""
 
+    def sensor_frame(self, name: str, *kinds: str) -> str:
+        """Return the frame of a sensor of one of some kinds.
+
+        It is ``{robot}/{name}`` or, if the tree has no such frame, that of the first sensor of these kinds in
+        the profile, so that a robot can name its frames as it likes.
+        """
+        default = f"{self.robot}/{name}"
+        if default in self.frames.frames:
+            return default
+        frames = (str(s["frame"]) for s in self.sensors.values() if s.get("kind") in kinds and "frame" in s)
+        return next((frame for frame in frames if frame in self.frames.frames), default)
+
 
 class LocalStore:
     """Local data store of a DFPC: named items, each a callable that returns the current value.

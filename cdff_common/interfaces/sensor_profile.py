@@ -109,6 +109,13 @@ class Sensor(StrictModel):
         Modes that the sensor refuses at present.
     range_m : float or None
         Range, metres; None if unknown.
+    max_offset_s : float
+        Largest offset of its stamps to the other sensors, and lead over the mission clock, seconds; a larger
+        one makes the products DEGRADED.
+    max_lost_fraction : float
+        Largest fraction of lost samples (gaps of their numbers); a larger one makes the products DEGRADED.
+    max_rate_ratio : float
+        Largest ratio of the measured rate to that of a mode, or of that of a mode to the measured one.
     mask : str
         Pixels that always show the robot, in the left image of a stereo camera. Either the path of an image
         file, relative to the profile, in which these pixels are black (0); or ``urdf``: the shapes of the
@@ -127,6 +134,9 @@ class Sensor(StrictModel):
     transitions: dict[Name, dict[Name, NonNegativeFloat]] = {}
     refuses: tuple[Name, ...] = ()
     range_m: PositiveFloat | None = None
+    max_offset_s: PositiveFloat = 0.2
+    max_lost_fraction: Annotated[float, Field(gt=0, le=1)] = 0.2
+    max_rate_ratio: Annotated[float, Field(ge=1)] = 1.5
     mask: str = ""
     mask_right: str = ""
 

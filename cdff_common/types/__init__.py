@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from cdff_common.types.bitstream import Asn1Bitstream
+from cdff_common.types.body_motion import BodyMotion, BodyMotionKindT
 from cdff_common.types.bundle import (
     BundleCameras,
     BundleLenses,
@@ -200,6 +201,8 @@ __all__ = [
     "Array3D",
     "Array3DDepthT",
     "Asn1Bitstream",
+    "BodyMotion",
+    "BodyMotionKindT",
     "BodyState",
     "Box",
     "BundleCameras",

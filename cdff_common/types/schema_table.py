@@ -31,7 +31,8 @@ _0 = Struct(
         Field("data", "data", OctetString(1073741824, "|u1", 0)),
     ),
 )
-_1 = Struct(
+_1 = Enumeration("BodyMotionKindT", (("motion-RESTING", 0), ("motion-STEADY", 1), ("motion-TUMBLING", 2)))
+_2 = Struct(
     "Time",
     "Time",
     (
@@ -39,17 +40,45 @@ _1 = Struct(
         Field("usecPerSec", "usec_per_sec", Integer(-2147483648, 2147483647)),
     ),
 )
-_2 = Struct(
+_3 = Struct(
+    "BodyMotion",
+    "BodyMotion",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("timeStamp", "time_stamp", _2),
+        Field("producerId", "producer_id", Text(256)),
+        Field("frameId", "frame_id", Text(256)),
+        Field("bodyFrameId", "body_frame_id", Text(256)),
+        Field("kind", "kind", _1),
+        Field("axis", "axis", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("axisSigma", "axis_sigma", Real()),
+        Field("rate", "rate", Real()),
+        Field("rateSigma", "rate_sigma", Real()),
+        Field("momentRatios", "moment_ratios", Array(Real(), ((2, 2),), ("T-Double",))),
+        Field(
+            "covMomentRatios",
+            "cov_moment_ratios",
+            Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")),
+        ),
+        Field(
+            "principalAxes", "principal_axes", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))
+        ),
+        Field("centre", "centre", Array(Real(), ((3, 3),), ("T-Double",))),
+        Field("covCentre", "cov_centre", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
+        Field("unobservable", "unobservable", Array(Real(), ((0, 3), (3, 3)), ("Vector3d", "T-Double"))),
+    ),
+)
+_4 = Struct(
     "Bundle-Metadata",
     "BundleMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
     ),
 )
-_3 = Struct(
+_5 = Struct(
     "Bundle-Cameras",
     "BundleCameras",
     (
@@ -60,7 +89,7 @@ _3 = Struct(
         Field("fixed", "fixed", OctetString(1073741824, "<u1", 0)),
     ),
 )
-_4 = Struct(
+_6 = Struct(
     "Bundle-Lenses",
     "BundleLenses",
     (
@@ -68,7 +97,7 @@ _4 = Struct(
         Field("free", "free", OctetString(1073741824, "<u4", 0)),
     ),
 )
-_5 = Struct(
+_7 = Struct(
     "Bundle-Points",
     "BundlePoints",
     (
@@ -77,7 +106,7 @@ _5 = Struct(
         Field("fixed", "fixed", OctetString(1073741824, "<u1", 0)),
     ),
 )
-_6 = Struct(
+_8 = Struct(
     "Bundle-Observations",
     "BundleObservations",
     (
@@ -86,7 +115,7 @@ _6 = Struct(
         Field("pixels", "pixels", OctetString(1073741824, "<f8", 3)),
     ),
 )
-_7 = Struct(
+_9 = Struct(
     "Bundle-Prior",
     "BundlePrior",
     (
@@ -96,45 +125,45 @@ _7 = Struct(
         Field("gradient", "gradient", OctetString(1073741824, "<f8", 0)),
     ),
 )
-_8 = Struct(
+_10 = Struct(
     "BundleProblem",
     "BundleProblem",
     (
-        Field("metadata", "metadata", _2),
-        Field("cameras", "cameras", _3),
-        Field("lenses", "lenses", _4),
-        Field("points", "points", _5),
-        Field("observations", "observations", _6),
-        Field("prior", "prior", _7),
+        Field("metadata", "metadata", _4),
+        Field("cameras", "cameras", _5),
+        Field("lenses", "lenses", _6),
+        Field("points", "points", _7),
+        Field("observations", "observations", _8),
+        Field("prior", "prior", _9),
     ),
 )
-_9 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_10 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_11 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_12 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),), ("T-Double",)))
-_13 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),), ("T-Double",)))
-_14 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_15 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_16 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")))
-_17 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double")))
-_18 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_19 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
-_20 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20)), ("SEQUENCE_OF", "T-Double")))
-_21 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
-_22 = Alias(
+_11 = Alias("Vector2d", "Vector2d", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_12 = Alias("Vector3d", "Vector3d", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_13 = Alias("Vector4d", "Vector4d", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_14 = Alias("Vector6d", "Vector6d", "values", Array(Real(), ((6, 6),), ("T-Double",)))
+_15 = Alias("VectorXd", "VectorXd", "values", Array(Real(), ((0, 100),), ("T-Double",)))
+_16 = Alias("Quaterniond", "Quaterniond", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_17 = Alias("AngleAxisd", "AngleAxisd", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_18 = Alias("Matrix2d", "Matrix2d", "values", Array(Real(), ((2, 2), (2, 2)), ("SEQUENCE_OF", "T-Double")))
+_19 = Alias("Matrix3d", "Matrix3d", "values", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double")))
+_20 = Alias("Matrix4d", "Matrix4d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_21 = Alias("Matrix6d", "Matrix6d", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double")))
+_22 = Alias("MatrixXd", "MatrixXd", "values", Array(Real(), ((0, 20), (0, 20)), ("SEQUENCE_OF", "T-Double")))
+_23 = Alias("Affine3d", "Affine3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double")))
+_24 = Alias(
     "Isometry3d", "Isometry3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double"))
 )
-_23 = Alias(
+_25 = Alias(
     "Transform3d", "Transform3d", "values", Array(Real(), ((4, 4), (4, 4)), ("SEQUENCE_OF", "T-Double"))
 )
-_24 = Alias(
+_26 = Alias(
     "Covariance", "Covariance", "values", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))
 )
-_25 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_26 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_27 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_28 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
-_29 = Struct(
+_27 = Alias("Point", "Point", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_28 = Alias("Point2D", "Point2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_29 = Alias("Point3D", "Point3D", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_30 = Struct("Angle", "Angle", (Field("rad", "rad", Real()),))
+_31 = Struct(
     "AngleSegment",
     "AngleSegment",
     (
@@ -142,7 +171,7 @@ _29 = Struct(
         Field("width", "width", Real()),
     ),
 )
-_30 = Struct(
+_32 = Struct(
     "Correspondence2D",
     "Correspondence2D",
     (
@@ -151,8 +180,8 @@ _30 = Struct(
         Field("probability", "probability", Real()),
     ),
 )
-_31 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1024, "Correspondence2D"))
-_32 = Struct(
+_33 = Alias("CorrespondenceMap2D", "CorrespondenceMap2D", "items", ListOf(_32, 0, 1024, "Correspondence2D"))
+_34 = Struct(
     "Correspondence3D",
     "Correspondence3D",
     (
@@ -161,8 +190,8 @@ _32 = Struct(
         Field("probability", "probability", Real()),
     ),
 )
-_33 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_32, 0, 51200, "Correspondence3D"))
-_34 = Struct(
+_35 = Alias("CorrespondenceMap3D", "CorrespondenceMap3D", "items", ListOf(_34, 0, 51200, "Correspondence3D"))
+_36 = Struct(
     "VisualPointFeature2D",
     "VisualPointFeature2D",
     (
@@ -170,13 +199,13 @@ _34 = Struct(
         Field("descriptor", "descriptor", Array(Real(), ((0, 128),), ("T-Float",))),
     ),
 )
-_35 = Alias(
+_37 = Alias(
     "VisualPointFeatureVector2D",
     "VisualPointFeatureVector2D",
     "items",
-    ListOf(_34, 0, 1024, "VisualPointFeature2D"),
+    ListOf(_36, 0, 1024, "VisualPointFeature2D"),
 )
-_36 = Struct(
+_38 = Struct(
     "Point3DReference",
     "Point3DReference",
     (
@@ -184,35 +213,35 @@ _36 = Struct(
         Field("index", "index", Integer(0, 9223372036854775807)),
     ),
 )
-_37 = Choice(
+_39 = Choice(
     "VisualPointFeature3DPoint",
     (
         Field("position", "position", Array(Real(), ((3, 3),), ("T-Double",))),
-        Field("reference", "reference", _36),
+        Field("reference", "reference", _38),
     ),
 )
-_38 = Struct(
+_40 = Struct(
     "VisualPointFeature3D",
     "VisualPointFeature3D",
     (
-        Field("point", "point", _37),
+        Field("point", "point", _39),
         Field("descriptor", "descriptor", Array(Real(), ((0, 352),), ("T-Float",))),
     ),
 )
-_39 = Enumeration(
+_41 = Enumeration(
     "VisualPointFeatureVector3DType", (("all-positions", 0), ("all-references", 1), ("hybrid-vector", 2))
 )
-_40 = Enumeration("VisualPointFeature3DType", (("histogram", 0), ("shot", 1), ("pfh", 2)))
-_41 = Struct(
+_42 = Enumeration("VisualPointFeature3DType", (("histogram", 0), ("shot", 1), ("pfh", 2)))
+_43 = Struct(
     "VisualPointFeatureVector3D",
     "VisualPointFeatureVector3D",
     (
-        Field("list", "list", ListOf(_38, 0, 51200, "VisualPointFeature3D")),
-        Field("list-type", "list_type", _39),
-        Field("feature-type", "feature_type", _40),
+        Field("list", "list", ListOf(_40, 0, 51200, "VisualPointFeature3D")),
+        Field("list-type", "list_type", _41),
+        Field("feature-type", "feature_type", _42),
     ),
 )
-_42 = Enumeration(
+_44 = Enumeration(
     "Array3DDepthT",
     (
         ("depth-8U", 0),
@@ -224,7 +253,7 @@ _42 = Enumeration(
         ("depth-64F", 6),
     ),
 )
-_43 = Struct(
+_45 = Struct(
     "Array3D",
     "Array3D",
     (
@@ -232,22 +261,22 @@ _43 = Struct(
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
         Field("channels", "channels", Integer(0, 4294967295)),
-        Field("depth", "depth", _42),
+        Field("depth", "depth", _44),
         Field("rowSize", "row_size", Integer(0, 4294967295)),
         Field("data", "data", OctetString(66355200, "|u1", 0)),
     ),
 )
-_44 = Enumeration("FramePixelModelT", (("pix-UNDEF", 0), ("pix-POLY", 1), ("pix-DISP", 2)))
-_45 = Enumeration("FrameErrorTypeT", (("error-UNDEFINED", 0), ("error-DEAD", 1), ("error-FILTERED", 2)))
-_46 = Struct(
+_46 = Enumeration("FramePixelModelT", (("pix-UNDEF", 0), ("pix-POLY", 1), ("pix-DISP", 2)))
+_47 = Enumeration("FrameErrorTypeT", (("error-UNDEFINED", 0), ("error-DEAD", 1), ("error-FILTERED", 2)))
+_48 = Struct(
     "Frame-error-t",
     "FrameErrorT",
     (
-        Field("type", "type", _45),
+        Field("type", "type", _47),
         Field("value", "value", Real()),
     ),
 )
-_47 = Struct(
+_49 = Struct(
     "Frame-attrib-t",
     "FrameAttribT",
     (
@@ -255,7 +284,7 @@ _47 = Struct(
         Field("data", "data", Text(256)),
     ),
 )
-_48 = Enumeration(
+_50 = Enumeration(
     "FrameModeT",
     (
         ("mode-UNDEF", 0),
@@ -282,37 +311,37 @@ _48 = Enumeration(
         ("mode-PNG", 21),
     ),
 )
-_49 = Enumeration("FrameStatusT", (("status-EMPTY", 0), ("status-VALID", 1), ("status-INVALID", 2)))
-_50 = Struct(
+_51 = Enumeration("FrameStatusT", (("status-EMPTY", 0), ("status-VALID", 1), ("status-INVALID", 2)))
+_52 = Struct(
     "Frame-metadata-t",
     "FrameMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
-        Field("receivedTime", "received_time", _1),
-        Field("pixelModel", "pixel_model", _44),
+        Field("timeStamp", "time_stamp", _2),
+        Field("receivedTime", "received_time", _2),
+        Field("pixelModel", "pixel_model", _46),
         Field("pixelCoeffs", "pixel_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
-        Field("errValues", "err_values", ListOf(_46, 0, 3, "Frame-error-t")),
-        Field("attributes", "attributes", ListOf(_47, 0, 5, "Frame-attrib-t")),
-        Field("mode", "mode", _48),
-        Field("status", "status", _49),
+        Field("errValues", "err_values", ListOf(_48, 0, 3, "Frame-error-t")),
+        Field("attributes", "attributes", ListOf(_49, 0, 5, "Frame-attrib-t")),
+        Field("mode", "mode", _50),
+        Field("status", "status", _51),
     ),
 )
-_51 = Enumeration(
+_53 = Enumeration(
     "FrameCameraModelT", (("cam-UNDEF", 0), ("cam-PINHOLE", 1), ("cam-FISHEYE", 2), ("cam-MAPS", 3))
 )
-_52 = Struct(
+_54 = Struct(
     "Frame-intrinsic-t",
     "FrameIntrinsicT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("cameraMatrix", "camera_matrix", Array(Real(), ((3, 3), (3, 3)), ("SEQUENCE_OF", "T-Double"))),
-        Field("cameraModel", "camera_model", _51),
+        Field("cameraModel", "camera_model", _53),
         Field("distCoeffs", "dist_coeffs", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_53 = Struct(
+_55 = Struct(
     "TransformWithCovariance-Metadata",
     "TransformWithCovarianceMetadata",
     (
@@ -320,12 +349,12 @@ _53 = Struct(
         Field("producerId", "producer_id", Text(256)),
         Field("dataEstimated", "data_estimated", Array(Boolean(), ((7, 7),), ("BOOLEAN",))),
         Field("parentFrameId", "parent_frame_id", Text(256)),
-        Field("parentTime", "parent_time", _1),
+        Field("parentTime", "parent_time", _2),
         Field("childFrameId", "child_frame_id", Text(256)),
-        Field("childTime", "child_time", _1),
+        Field("childTime", "child_time", _2),
     ),
 )
-_54 = Struct(
+_56 = Struct(
     "TransformWithCovariance-Data",
     "TransformWithCovarianceData",
     (
@@ -334,74 +363,74 @@ _54 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_55 = Struct(
+_57 = Struct(
     "TransformWithCovariance",
     "TransformWithCovariance",
     (
-        Field("metadata", "metadata", _53),
-        Field("data", "data", _54),
+        Field("metadata", "metadata", _55),
+        Field("data", "data", _56),
     ),
 )
-_56 = Struct(
+_58 = Struct(
     "Frame-extrinsic-t",
     "FrameExtrinsicT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _55),
-        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _55),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _57),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _57),
     ),
 )
-_57 = Struct(
+_59 = Struct(
     "Frame",
     "Frame",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _50),
-        Field("intrinsic", "intrinsic", _52),
-        Field("extrinsic", "extrinsic", _56),
-        Field("data", "data", _43),
+        Field("metadata", "metadata", _52),
+        Field("intrinsic", "intrinsic", _54),
+        Field("extrinsic", "extrinsic", _58),
+        Field("data", "data", _45),
     ),
 )
-_58 = Struct(
+_60 = Struct(
     "FramePair",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _57),
-        Field("right", "right", _57),
+        Field("left", "left", _59),
+        Field("right", "right", _59),
     ),
 )
-_59 = Enumeration("FrameCompressedModeT", (("mode-compressed-undefined", 0), ("mode-pjpg", 1)))
-_60 = Struct(
+_61 = Enumeration("FrameCompressedModeT", (("mode-compressed-undefined", 0), ("mode-pjpg", 1)))
+_62 = Struct(
     "CompressedFrame",
     "CompressedFrame",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("received-time", "received_time", _1),
+        Field("ref-time", "ref_time", _2),
+        Field("received-time", "received_time", _2),
         Field("image", "image", Array(Integer(0, 255), ((1, 262144),), ("T-UInt8",))),
-        Field("attributes", "attributes", ListOf(_47, 1, 10, "Frame-attrib-t")),
+        Field("attributes", "attributes", ListOf(_49, 1, 10, "Frame-attrib-t")),
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
-        Field("frame-mode", "frame_mode", _59),
-        Field("frame-status", "frame_status", _49),
+        Field("frame-mode", "frame_mode", _61),
+        Field("frame-status", "frame_status", _51),
     ),
 )
-_61 = Struct(
+_63 = Struct(
     "GroundAreas-Metadata",
     "GroundAreasMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _1),
-        Field("endTime", "end_time", _1),
+        Field("startTime", "start_time", _2),
+        Field("endTime", "end_time", _2),
         Field("resolution", "resolution", Real()),
         Field("tolerance", "tolerance", Real()),
     ),
 )
-_62 = Struct(
+_64 = Struct(
     "GroundAreas-Data",
     "GroundAreasData",
     (
@@ -412,15 +441,15 @@ _62 = Struct(
         Field("corners", "corners", OctetString(1073741824, "<f8", 2)),
     ),
 )
-_63 = Struct(
+_65 = Struct(
     "GroundAreas",
     "GroundAreas",
     (
-        Field("metadata", "metadata", _61),
-        Field("data", "data", _62),
+        Field("metadata", "metadata", _63),
+        Field("data", "data", _64),
     ),
 )
-_64 = Struct(
+_66 = Struct(
     "ImuSpan-Metadata",
     "ImuSpanMetadata",
     (
@@ -428,7 +457,7 @@ _64 = Struct(
         Field("sensorId", "sensor_id", Text(256)),
     ),
 )
-_65 = Struct(
+_67 = Struct(
     "ImuSpan-Data",
     "ImuSpanData",
     (
@@ -438,15 +467,15 @@ _65 = Struct(
         Field("mag", "mag", OctetString(1073741824, "<f8", 3)),
     ),
 )
-_66 = Struct(
+_68 = Struct(
     "ImuSpan",
     "ImuSpan",
     (
-        Field("metadata", "metadata", _64),
-        Field("data", "data", _65),
+        Field("metadata", "metadata", _66),
+        Field("data", "data", _67),
     ),
 )
-_67 = Struct(
+_69 = Struct(
     "JointState",
     "JointState",
     (
@@ -457,15 +486,15 @@ _67 = Struct(
         Field("acceleration", "acceleration", Real()),
     ),
 )
-_68 = Struct(
+_70 = Struct(
     "JointLimitRange",
     "JointLimitRange",
     (
-        Field("min", "min", _67),
-        Field("max", "max", _67),
+        Field("min", "min", _69),
+        Field("max", "max", _69),
     ),
 )
-_69 = Struct(
+_71 = Struct(
     "OutOfBounds",
     "OutOfBounds",
     (
@@ -475,84 +504,84 @@ _69 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_70 = Struct(
+_72 = Struct(
     "JointLimits",
     "JointLimits",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("ranges", "ranges", ListOf(_68, 1, 60, "JointLimitRange")),
+        Field("ranges", "ranges", ListOf(_70, 1, 60, "JointLimitRange")),
     ),
 )
-_71 = Struct(
+_73 = Struct(
     "Joints",
     "Joints",
     (
-        Field("timestamp", "timestamp", _1),
+        Field("timestamp", "timestamp", _2),
         Field("names", "names", ListOf(Text(256), 0, 50, "T-String")),
-        Field("elements", "elements", ListOf(_67, 0, 50, "JointState")),
+        Field("elements", "elements", ListOf(_69, 0, 50, "JointState")),
     ),
 )
-_72 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_67, 1, 60, "JointState"))
-_73 = Struct(
+_74 = Alias("JointTrajectory", "JointTrajectory", "items", ListOf(_69, 1, 60, "JointState"))
+_75 = Struct(
     "JointsTrajectory",
     "JointsTrajectory",
     (
         Field("vector-name", "vector_name", ListOf(Text(256), 1, 60, "T-String")),
-        Field("timetags", "timetags", ListOf(_1, 1, 60, "Time")),
-        Field("trajectory", "trajectory", ListOf(ListOf(_67, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
+        Field("timetags", "timetags", ListOf(_2, 1, 60, "Time")),
+        Field("trajectory", "trajectory", ListOf(ListOf(_69, 1, 60, "JointState"), 1, 60, "JointTrajectory")),
     ),
 )
-_74 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
-_75 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
-_76 = Struct(
+_76 = Struct("InvalidTimeStep", "InvalidTimeStep", (Field("time-step", "time_step", Integer(0, 4294967295)),))
+_77 = Struct("InvalidName", "InvalidName", (Field("nameString", "name_string", Text(256)),))
+_78 = Struct(
     "Wrench",
     "Wrench",
     (
-        Field("timestamp", "timestamp", _1),
+        Field("timestamp", "timestamp", _2),
         Field("force", "force", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("torque", "torque", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_77 = Struct(
+_79 = Struct(
     "Wrenches",
     "Wrenches",
     (
         Field("vector-name", "vector_name", Text(256)),
-        Field("timestamp", "timestamp", _1),
-        Field("wrenches", "wrenches", ListOf(_76, 1, 60, "Wrench")),
+        Field("timestamp", "timestamp", _2),
+        Field("wrenches", "wrenches", ListOf(_78, 1, 60, "Wrench")),
     ),
 )
-_78 = Struct(
+_80 = Struct(
     "Pressure",
     "Pressure",
     (
-        Field("timestamp", "timestamp", _1),
+        Field("timestamp", "timestamp", _2),
         Field("pascals", "pascals", Real()),
     ),
 )
-_79 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
-_80 = Struct(
+_81 = Struct("Temperature", "Temperature", (Field("kelvin", "kelvin", Real()),))
+_82 = Struct(
     "IMUSensors",
     "IMUSensors",
     (
-        Field("timestamp", "timestamp", _1),
+        Field("timestamp", "timestamp", _2),
         Field("acc", "acc", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("gyro", "gyro", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("mag", "mag", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_81 = Struct(
+_83 = Struct(
     "LandmarkMap-Metadata",
     "LandmarkMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_82 = Struct(
+_84 = Struct(
     "Array3DLarge",
     "Array3D",
     (
@@ -560,12 +589,12 @@ _82 = Struct(
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
         Field("channels", "channels", Integer(0, 4294967295)),
-        Field("depth", "depth", _42),
+        Field("depth", "depth", _44),
         Field("rowSize", "row_size", Integer(0, 4294967295)),
         Field("data", "data", OctetString(1073741824, "|u1", 0)),
     ),
 )
-_83 = Struct(
+_85 = Struct(
     "LandmarkMap-Data",
     "LandmarkMapData",
     (
@@ -573,107 +602,107 @@ _83 = Struct(
         Field("positions", "positions", OctetString(1073741824, "<f8", 3)),
         Field("covariances", "covariances", OctetString(1073741824, "<f8", 9)),
         Field("observations", "observations", OctetString(1073741824, "<u4", 0)),
-        Field("descriptors", "descriptors", _82),
+        Field("descriptors", "descriptors", _84),
     ),
 )
-_84 = Struct(
+_86 = Struct(
     "LandmarkMap",
     "LandmarkMap",
     (
-        Field("metadata", "metadata", _81),
-        Field("data", "data", _83),
+        Field("metadata", "metadata", _83),
+        Field("data", "data", _85),
     ),
 )
-_85 = Struct(
+_87 = Struct(
     "KeyFrame-Metadata",
     "KeyFrameMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("id", "id", Integer(0, 9223372036854775807)),
         Field("sensorId", "sensor_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("descriptorType", "descriptor_type", Text(256)),
     ),
 )
-_86 = Struct(
+_88 = Struct(
     "KeyFrame-Data",
     "KeyFrameData",
     (
         Field("keypoints", "keypoints", OctetString(1073741824, "<f4", 2)),
         Field("scales", "scales", OctetString(1073741824, "<f4", 0)),
         Field("landmarks", "landmarks", OctetString(1073741824, "<i8", 0)),
-        Field("descriptors", "descriptors", _82),
+        Field("descriptors", "descriptors", _84),
     ),
 )
-_87 = Struct(
+_89 = Struct(
     "KeyFrame",
     "KeyFrame",
     (
-        Field("metadata", "metadata", _85),
-        Field("pose", "pose", _55),
-        Field("intrinsic", "intrinsic", _52),
-        Field("data", "data", _86),
+        Field("metadata", "metadata", _87),
+        Field("pose", "pose", _57),
+        Field("intrinsic", "intrinsic", _54),
+        Field("data", "data", _88),
     ),
 )
-_88 = Struct(
+_90 = Struct(
     "FrameLarge",
     "Frame",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _50),
-        Field("intrinsic", "intrinsic", _52),
-        Field("extrinsic", "extrinsic", _56),
-        Field("data", "data", _82),
+        Field("metadata", "metadata", _52),
+        Field("intrinsic", "intrinsic", _54),
+        Field("extrinsic", "extrinsic", _58),
+        Field("data", "data", _84),
     ),
 )
-_89 = Struct(
+_91 = Struct(
     "FramePairLarge",
     "FramePair",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("baseline", "baseline", Real()),
-        Field("left", "left", _88),
-        Field("right", "right", _88),
+        Field("left", "left", _90),
+        Field("right", "right", _90),
     ),
 )
-_90 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_88, 0, 1024, "FrameLarge"))
-_91 = Struct(
+_92 = Alias("FramesSequenceLarge", "FramesSequence", "items", ListOf(_90, 0, 1024, "FrameLarge"))
+_93 = Struct(
     "CompressedFrameLarge",
     "CompressedFrame",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("received-time", "received_time", _1),
+        Field("ref-time", "ref_time", _2),
+        Field("received-time", "received_time", _2),
         Field("image", "image", Array(Integer(0, 255), ((1, 268435456),), ("T-UInt8",))),
-        Field("attributes", "attributes", ListOf(_47, 1, 10, "Frame-attrib-t")),
+        Field("attributes", "attributes", ListOf(_49, 1, 10, "Frame-attrib-t")),
         Field("rows", "rows", Integer(0, 4294967295)),
         Field("cols", "cols", Integer(0, 4294967295)),
-        Field("frame-mode", "frame_mode", _59),
-        Field("frame-status", "frame_status", _49),
+        Field("frame-mode", "frame_mode", _61),
+        Field("frame-status", "frame_status", _51),
     ),
 )
-_92 = Enumeration("MapTypeT", (("map-UNDEF", 0), ("map-DEM", 1), ("map-NAV", 2)))
-_93 = Struct(
+_94 = Enumeration("MapTypeT", (("map-UNDEF", 0), ("map-DEM", 1), ("map-NAV", 2)))
+_95 = Struct(
     "Map-metadata-t",
     "MapMetadataT",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
-        Field("type", "type", _92),
-        Field("errValues", "err_values", ListOf(_46, 0, 5, "Frame-error-t")),
+        Field("timeStamp", "time_stamp", _2),
+        Field("type", "type", _94),
+        Field("errValues", "err_values", ListOf(_48, 0, 5, "Frame-error-t")),
         Field("scale", "scale", Real()),
-        Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _55),
+        Field("pose-fixedFrame-mapFrame", "pose_fixed_frame_map_frame", _57),
     ),
 )
-_94 = Struct(
+_96 = Struct(
     "MapLarge",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _93),
-        Field("data", "data", _82),
+        Field("metadata", "metadata", _95),
+        Field("data", "data", _84),
     ),
 )
-_95 = Struct(
+_97 = Struct(
     "PointCloud-DataLarge",
     "PointCloudData",
     (
@@ -684,73 +713,73 @@ _95 = Struct(
         ),
     ),
 )
-_96 = Struct(
+_98 = Struct(
     "PointCloud-Metadata",
     "PointCloudMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("height", "height", Integer(0, 4294967295)),
         Field("width", "width", Integer(0, 4294967295)),
         Field("isRegistered", "is_registered", Boolean()),
         Field("isOrdered", "is_ordered", Boolean()),
         Field("hasFixedTransform", "has_fixed_transform", Boolean()),
-        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _55),
-        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _55),
+        Field("pose-robotFrame-sensorFrame", "pose_robot_frame_sensor_frame", _57),
+        Field("pose-fixedFrame-robotFrame", "pose_fixed_frame_robot_frame", _57),
     ),
 )
-_97 = Struct(
+_99 = Struct(
     "PointcloudLarge",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _96),
-        Field("data", "data", _95),
+        Field("metadata", "metadata", _98),
+        Field("data", "data", _97),
     ),
 )
-_98 = Struct(
+_100 = Struct(
     "OctreeLarge",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _97),
+        Field("pointCloud", "point_cloud", _99),
     ),
 )
-_99 = Alias(
-    "CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_30, 0, 1048576, "Correspondence2D")
-)
-_100 = Alias(
-    "CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_32, 0, 1048576, "Correspondence3D")
-)
 _101 = Alias(
+    "CorrespondenceMap2DLarge", "CorrespondenceMap2D", "items", ListOf(_32, 0, 1048576, "Correspondence2D")
+)
+_102 = Alias(
+    "CorrespondenceMap3DLarge", "CorrespondenceMap3D", "items", ListOf(_34, 0, 1048576, "Correspondence3D")
+)
+_103 = Alias(
     "CorrespondenceMaps2DSequenceLarge",
     "CorrespondenceMaps2DSequence",
     "items",
-    ListOf(ListOf(_30, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
+    ListOf(ListOf(_32, 0, 1048576, "Correspondence2D"), 0, 16384, "CorrespondenceMap2DLarge"),
 )
-_102 = Alias(
+_104 = Alias(
     "CorrespondenceMaps3DSequenceLarge",
     "CorrespondenceMaps3DSequence",
     "items",
-    ListOf(ListOf(_32, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
+    ListOf(ListOf(_34, 0, 1048576, "Correspondence3D"), 0, 16384, "CorrespondenceMap3DLarge"),
 )
-_103 = Alias(
+_105 = Alias(
     "VisualPointFeatureVector2DLarge",
     "VisualPointFeatureVector2D",
     "items",
-    ListOf(_34, 0, 1048576, "VisualPointFeature2D"),
+    ListOf(_36, 0, 1048576, "VisualPointFeature2D"),
 )
-_104 = Struct(
+_106 = Struct(
     "VisualPointFeatureVector3DLarge",
     "VisualPointFeatureVector3D",
     (
-        Field("list", "list", ListOf(_38, 0, 1048576, "VisualPointFeature3D")),
-        Field("list-type", "list_type", _39),
-        Field("feature-type", "feature_type", _40),
+        Field("list", "list", ListOf(_40, 0, 1048576, "VisualPointFeature3D")),
+        Field("list-type", "list_type", _41),
+        Field("feature-type", "feature_type", _42),
     ),
 )
-_105 = Struct(
+_107 = Struct(
     "Pose",
     "Pose",
     (
@@ -758,33 +787,33 @@ _105 = Struct(
         Field("orient", "orient", Array(Real(), ((4, 4),), ("T-Double",))),
     ),
 )
-_106 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_105, 0, 1048576, "Pose"))
-_107 = Alias(
+_108 = Alias("PosesSequenceLarge", "PosesSequence", "items", ListOf(_107, 0, 1048576, "Pose"))
+_109 = Alias(
     "PointSequenceLarge",
     "PointSequence",
     "values",
     Array(Real(), ((0, 16777216), (3, 3)), ("Point", "T-Double")),
 )
-_108 = Alias(
+_110 = Alias(
     "DoubleSequenceLarge", "DoubleSequence", "values", Array(Real(), ((0, 16777216),), ("T-Double",))
 )
-_109 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
-_110 = Alias(
+_111 = Alias("StringSequenceLarge", "StringSequence", "items", ListOf(Text(256), 0, 65536, "T-String"))
+_112 = Alias(
     "VectorXdSequenceLarge",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 16777216, "VectorXd"),
 )
-_111 = Struct(
+_113 = Struct(
     "PathLarge",
     "Path",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
-        Field("waypoints", "waypoints", ListOf(_55, 0, 1048576, "TransformWithCovariance")),
+        Field("timeStamp", "time_stamp", _2),
+        Field("waypoints", "waypoints", ListOf(_57, 0, 1048576, "TransformWithCovariance")),
     ),
 )
-_112 = Struct(
+_114 = Struct(
     "TrajectoryLarge",
     "Trajectory",
     (
@@ -792,11 +821,11 @@ _112 = Struct(
         Field("points", "points", Array(Real(), ((1, 1048576), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_113 = Struct(
+_115 = Struct(
     "LaserScanLarge",
     "LaserScan",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("start-angle", "start_angle", Real()),
         Field("angular-resolution", "angular_resolution", Real()),
         Field("speed", "speed", Real()),
@@ -806,15 +835,15 @@ _113 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_114 = Enumeration("ProjectionType", (("polar", 0), ("planar", 1)))
-_115 = Struct(
+_116 = Enumeration("ProjectionType", (("polar", 0), ("planar", 1)))
+_117 = Struct(
     "DepthMapLarge",
     "DepthMap",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("timestamps", "timestamps", ListOf(_1, 1, 16777216, "Time")),
-        Field("vertical-projection", "vertical_projection", _114),
-        Field("horizontal-projection", "horizontal_projection", _114),
+        Field("ref-time", "ref_time", _2),
+        Field("timestamps", "timestamps", ListOf(_2, 1, 16777216, "Time")),
+        Field("vertical-projection", "vertical_projection", _116),
+        Field("horizontal-projection", "horizontal_projection", _116),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 16777216),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -823,11 +852,11 @@ _115 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_116 = Struct(
+_118 = Struct(
     "DistanceImageLarge",
     "DistanceImage",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("width", "width", Integer(0, 65535)),
         Field("height", "height", Integer(0, 65535)),
         Field("scale-x", "scale_x", Real()),
@@ -837,17 +866,17 @@ _116 = Struct(
         Field("data", "data", Array(Real(), ((1, 16777216),), ("T-Float",))),
     ),
 )
-_117 = Struct(
+_119 = Struct(
     "LidarMap-Metadata",
     "LidarMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
     ),
 )
-_118 = Struct(
+_120 = Struct(
     "LidarMap-Clouds",
     "LidarMapClouds",
     (
@@ -855,7 +884,7 @@ _118 = Struct(
         Field("points", "points", OctetString(1073741824, "<f4", 3)),
     ),
 )
-_119 = Struct(
+_121 = Struct(
     "LidarMap-Position",
     "LidarMapPosition",
     (
@@ -863,17 +892,17 @@ _119 = Struct(
         Field("poses", "poses", OctetString(1073741824, "<f8", 7)),
     ),
 )
-_120 = Struct(
+_122 = Struct(
     "PoseGraph-Metadata",
     "PoseGraphMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
     ),
 )
-_121 = Struct(
+_123 = Struct(
     "PoseGraph-Vertices",
     "PoseGraphVertices",
     (
@@ -883,7 +912,7 @@ _121 = Struct(
         Field("fixed", "fixed", OctetString(1073741824, "<u1", 0)),
     ),
 )
-_122 = Struct(
+_124 = Struct(
     "PoseGraph-Edges",
     "PoseGraphEdges",
     (
@@ -893,37 +922,37 @@ _122 = Struct(
         Field("kinds", "kinds", OctetString(1073741824, "<u1", 0)),
     ),
 )
-_123 = Struct(
-    "PoseGraph",
-    "PoseGraph",
-    (
-        Field("metadata", "metadata", _120),
-        Field("vertices", "vertices", _121),
-        Field("edges", "edges", _122),
-    ),
-)
-_124 = Struct(
-    "LidarMap",
-    "LidarMap",
-    (
-        Field("metadata", "metadata", _117),
-        Field("graph", "graph", _123),
-        Field("clouds", "clouds", _118),
-        Field("position", "position", _119),
-    ),
-)
 _125 = Struct(
+    "PoseGraph",
+    "PoseGraph",
+    (
+        Field("metadata", "metadata", _122),
+        Field("vertices", "vertices", _123),
+        Field("edges", "edges", _124),
+    ),
+)
+_126 = Struct(
+    "LidarMap",
+    "LidarMap",
+    (
+        Field("metadata", "metadata", _119),
+        Field("graph", "graph", _125),
+        Field("clouds", "clouds", _120),
+        Field("position", "position", _121),
+    ),
+)
+_127 = Struct(
     "LidarScan-Metadata",
     "LidarScanMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _1),
-        Field("endTime", "end_time", _1),
+        Field("startTime", "start_time", _2),
+        Field("endTime", "end_time", _2),
     ),
 )
-_126 = Struct(
+_128 = Struct(
     "LidarScan-Data",
     "LidarScanData",
     (
@@ -933,31 +962,31 @@ _126 = Struct(
         Field("ring", "ring", OctetString(1073741824, "<u2", 0)),
     ),
 )
-_127 = Struct(
+_129 = Struct(
     "LidarScan",
     "LidarScan",
     (
-        Field("metadata", "metadata", _125),
-        Field("data", "data", _126),
+        Field("metadata", "metadata", _127),
+        Field("data", "data", _128),
     ),
 )
-_128 = Struct(
+_130 = Struct(
     "Map",
     "Map",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("metadata", "metadata", _93),
-        Field("data", "data", _43),
+        Field("metadata", "metadata", _95),
+        Field("data", "data", _45),
     ),
 )
-_129 = Struct(
+_131 = Struct(
     "GridMap-Metadata",
     "GridMapMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("frameId", "frame_id", Text(256)),
-        Field("startTime", "start_time", _1),
-        Field("endTime", "end_time", _1),
+        Field("startTime", "start_time", _2),
+        Field("endTime", "end_time", _2),
         Field("resolution", "resolution", Real()),
         Field("xMin", "x_min", Real()),
         Field("yMax", "y_max", Real()),
@@ -965,42 +994,42 @@ _129 = Struct(
         Field("cols", "cols", Integer(0, 4294967295)),
     ),
 )
-_130 = Struct(
+_132 = Struct(
     "GridLayer",
     "GridLayer",
     (
         Field("name", "name", Text(256)),
-        Field("depth", "depth", _42),
+        Field("depth", "depth", _44),
         Field("data", "data", OctetString(1073741824, "|u1", 0)),
     ),
 )
-_131 = Struct(
-    "ElevationMap",
-    "ElevationMap",
-    (
-        Field("metadata", "metadata", _129),
-        Field("layers", "layers", ListOf(_130, 0, 64, "GridLayer")),
-    ),
-)
-_132 = Struct(
-    "NavigationMap",
-    "NavigationMap",
-    (
-        Field("metadata", "metadata", _129),
-        Field("layers", "layers", ListOf(_130, 0, 64, "GridLayer")),
-    ),
-)
 _133 = Struct(
+    "ElevationMap",
+    "ElevationMap",
+    (
+        Field("metadata", "metadata", _131),
+        Field("layers", "layers", ListOf(_132, 0, 64, "GridLayer")),
+    ),
+)
+_134 = Struct(
+    "NavigationMap",
+    "NavigationMap",
+    (
+        Field("metadata", "metadata", _131),
+        Field("layers", "layers", ListOf(_132, 0, 64, "GridLayer")),
+    ),
+)
+_135 = Struct(
     "Mesh-Metadata",
     "MeshMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
     ),
 )
-_134 = Struct(
+_136 = Struct(
     "Mesh-Data",
     "MeshData",
     (
@@ -1010,55 +1039,55 @@ _134 = Struct(
         Field("colors", "colors", OctetString(1073741824, "<u1", 3)),
     ),
 )
-_135 = Struct(
+_137 = Struct(
     "Mesh",
     "Mesh",
     (
-        Field("metadata", "metadata", _133),
-        Field("data", "data", _134),
+        Field("metadata", "metadata", _135),
+        Field("data", "data", _136),
     ),
 )
-_136 = Struct(
+_138 = Struct(
     "ObjectDetection",
     "ObjectDetection",
     (
         Field("label", "label", Text(256)),
         Field("score", "score", Real()),
-        Field("pose", "pose", _55),
+        Field("pose", "pose", _57),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
         Field("imageBox", "image_box", Array(Real(), ((4, 4),), ("T-Double",))),
         Field("symmetricPoses", "symmetric_poses", OctetString(1073741824, "<f8", 7)),
     ),
 )
-_137 = Struct(
+_139 = Struct(
     "ObjectDetections",
     "ObjectDetections",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("producerId", "producer_id", Text(256)),
         Field("sensorId", "sensor_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
-        Field("detections", "detections", ListOf(_136, 0, 4096, "ObjectDetection")),
+        Field("detections", "detections", ListOf(_138, 0, 4096, "ObjectDetection")),
     ),
 )
-_138 = Enumeration("ObjectTrackStatusT", (("track-TENTATIVE", 0), ("track-CONFIRMED", 1), ("track-LOST", 2)))
-_139 = Struct(
+_140 = Enumeration("ObjectTrackStatusT", (("track-TENTATIVE", 0), ("track-CONFIRMED", 1), ("track-LOST", 2)))
+_141 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("producerId", "producer_id", Text(256)),
         Field("frameId", "frame_id", Text(256)),
         Field("trackId", "track_id", Integer(0, 4294967295)),
         Field("label", "label", Text(256)),
-        Field("status", "status", _138),
+        Field("status", "status", _140),
         Field("score", "score", Real()),
         Field("size", "size", Array(Real(), ((3, 3),), ("T-Double",))),
     ),
 )
-_140 = Struct(
+_142 = Struct(
     "ObjectTrack-Data",
     "ObjectTrackData",
     (
@@ -1069,15 +1098,15 @@ _140 = Struct(
         Field("velocityCovariances", "velocity_covariances", OctetString(1073741824, "<f8", 36)),
     ),
 )
-_141 = Struct(
+_143 = Struct(
     "ObjectTrack",
     "ObjectTrack",
     (
-        Field("metadata", "metadata", _139),
-        Field("data", "data", _140),
+        Field("metadata", "metadata", _141),
+        Field("data", "data", _142),
     ),
 )
-_142 = Enumeration(
+_144 = Enumeration(
     "Og2RegionKindT",
     (
         ("region-ANY", 0),
@@ -1088,17 +1117,17 @@ _142 = Enumeration(
         ("region-NEAR", 5),
     ),
 )
-_143 = Struct(
+_145 = Struct(
     "OG2-Region",
     "Og2Region",
     (
-        Field("kind", "kind", _142),
+        Field("kind", "kind", _144),
         Field("frameId", "frame_id", Text(256)),
         Field("numbers", "numbers", Array(Real(), ((0, 100),), ("T-Double",))),
     ),
 )
-_144 = Enumeration("Og2DeliverT", (("deliver-AUTO", 0), ("deliver-INLINE", 1), ("deliver-REFERENCE", 2)))
-_145 = Struct(
+_146 = Enumeration("Og2DeliverT", (("deliver-AUTO", 0), ("deliver-INLINE", 1), ("deliver-REFERENCE", 2)))
+_147 = Struct(
     "OG2-Request",
     "Og2Request",
     (
@@ -1111,16 +1140,16 @@ _145 = Struct(
         Field("frameId", "frame_id", Text(256)),
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("hasTime", "has_time", Boolean()),
-        Field("time", "time", _1),
-        Field("region", "region", _143),
+        Field("time", "time", _2),
+        Field("region", "region", _145),
         Field("maxAge", "max_age", Real()),
         Field("resolution", "resolution", Real()),
         Field("minCoverage", "min_coverage", Real()),
-        Field("deliver", "deliver", _144),
+        Field("deliver", "deliver", _146),
         Field("deadline", "deadline", Integer(0, 4294967295)),
     ),
 )
-_146 = Enumeration(
+_148 = Enumeration(
     "Og2JobStateT",
     (
         ("job-RECEIVED", 0),
@@ -1134,26 +1163,26 @@ _146 = Enumeration(
         ("job-CANCELLED", 8),
     ),
 )
-_147 = Struct(
+_149 = Struct(
     "OG2-Job",
     "Og2Job",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("jobId", "job_id", Text(256)),
         Field("requestId", "request_id", Text(256)),
         Field("robot", "robot", Text(256)),
         Field("product", "product", Text(256)),
-        Field("state", "state", _146),
+        Field("state", "state", _148),
         Field("reason", "reason", Text(256)),
         Field("remaining", "remaining", Real()),
         Field("plan", "plan", ListOf(Text(256), 0, 256, "T-String")),
     ),
 )
-_148 = Enumeration(
+_150 = Enumeration(
     "Og2ReplyKindT", (("reply-PROGRESS", 0), ("reply-PRODUCT", 1), ("reply-REFERENCE", 2), ("reply-ERROR", 3))
 )
-_149 = Enumeration(
+_151 = Enumeration(
     "Og2ErrorCodeT",
     (
         ("error-NONE", 0),
@@ -1167,11 +1196,11 @@ _149 = Enumeration(
         ("error-INTERNAL", 8),
     ),
 )
-_150 = Enumeration("ProductStatusT", (("status-OK", 0), ("status-DEGRADED", 1), ("status-FAILED", 2)))
-_151 = Enumeration(
+_152 = Enumeration("ProductStatusT", (("status-OK", 0), ("status-DEGRADED", 1), ("status-FAILED", 2)))
+_153 = Enumeration(
     "ProductCovarianceKindT", (("covariance-NONE", 0), ("covariance-FORMAL", 1), ("covariance-CALIBRATED", 2))
 )
-_152 = Struct(
+_154 = Struct(
     "Product-metric-t",
     "ProductMetricT",
     (
@@ -1179,17 +1208,17 @@ _152 = Struct(
         Field("value", "value", Real()),
     ),
 )
-_153 = Struct(
+_155 = Struct(
     "Product-Quality",
     "ProductQuality",
     (
-        Field("status", "status", _150),
+        Field("status", "status", _152),
         Field("reasons", "reasons", ListOf(Text(256), 0, 256, "T-String")),
-        Field("covarianceKind", "covariance_kind", _151),
-        Field("metrics", "metrics", ListOf(_152, 0, 1024, "Product-metric-t")),
+        Field("covarianceKind", "covariance_kind", _153),
+        Field("metrics", "metrics", ListOf(_154, 0, 1024, "Product-metric-t")),
     ),
 )
-_154 = Struct(
+_156 = Struct(
     "Product-Metadata",
     "ProductMetadata",
     (
@@ -1203,33 +1232,33 @@ _154 = Struct(
         Field("size", "size", Integer(0, 9223372036854775807)),
         Field("sha256", "sha256", Text(256)),
         Field("seq", "seq", Integer(0, 9223372036854775807)),
-        Field("startTime", "start_time", _1),
-        Field("endTime", "end_time", _1),
+        Field("startTime", "start_time", _2),
+        Field("endTime", "end_time", _2),
         Field("frameId", "frame_id", Text(256)),
         Field("childFrameId", "child_frame_id", Text(256)),
         Field("producerId", "producer_id", Text(256)),
         Field("configHash", "config_hash", Text(256)),
         Field("inputs", "inputs", ListOf(Text(256), 0, 65535, "T-String")),
-        Field("quality", "quality", _153),
+        Field("quality", "quality", _155),
         Field("hasBox", "has_box", Boolean()),
         Field("box", "box", Array(Real(), ((6, 6),), ("T-Double",))),
         Field("resolution", "resolution", Real()),
     ),
 )
-_155 = Struct(
+_157 = Struct(
     "OG2-Reply",
     "Og2Reply",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("requestId", "request_id", Text(256)),
         Field("jobId", "job_id", Text(256)),
-        Field("kind", "kind", _148),
+        Field("kind", "kind", _150),
         Field("isFinal", "is_final", Boolean()),
-        Field("errorCode", "error_code", _149),
+        Field("errorCode", "error_code", _151),
         Field("retriable", "retriable", Boolean()),
         Field("detail", "detail", Text(256)),
-        Field("metadata", "metadata", _154),
+        Field("metadata", "metadata", _156),
         Field("coverage", "coverage", Real()),
         Field("age", "age", Real()),
         Field("oldestAge", "oldest_age", Real()),
@@ -1237,7 +1266,7 @@ _155 = Struct(
         Field("payload", "payload", OctetString(1073741824, "|u1", 0)),
     ),
 )
-_156 = Struct(
+_158 = Struct(
     "PointCloud-Data",
     "PointCloudData",
     (
@@ -1248,26 +1277,26 @@ _156 = Struct(
         ),
     ),
 )
-_157 = Struct(
+_159 = Struct(
     "Pointcloud",
     "Pointcloud",
     (
-        Field("metadata", "metadata", _96),
-        Field("data", "data", _156),
+        Field("metadata", "metadata", _98),
+        Field("data", "data", _158),
     ),
 )
-_158 = Struct(
+_160 = Struct(
     "Octree",
     "Octree",
     (
         Field("resolution", "resolution", Real()),
-        Field("pointCloud", "point_cloud", _157),
+        Field("pointCloud", "point_cloud", _159),
     ),
 )
-_159 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
-_160 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
-_161 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
-_162 = Struct(
+_161 = Alias("Position", "Position", "values", Array(Real(), ((3, 3),), ("T-Double",)))
+_162 = Alias("Position2D", "Position2D", "values", Array(Real(), ((2, 2),), ("T-Double",)))
+_163 = Alias("Orientation", "Orientation", "values", Array(Real(), ((4, 4),), ("T-Double",)))
+_164 = Struct(
     "PoseUpdateThreshold",
     "PoseUpdateThreshold",
     (
@@ -1275,7 +1304,7 @@ _162 = Struct(
         Field("angle", "angle", Real()),
     ),
 )
-_163 = Struct(
+_165 = Struct(
     "Pose2D",
     "Pose2D",
     (
@@ -1283,7 +1312,7 @@ _163 = Struct(
         Field("orientation", "orientation", Real()),
     ),
 )
-_164 = Struct(
+_166 = Struct(
     "Motion2D",
     "Motion2D",
     (
@@ -1291,15 +1320,15 @@ _164 = Struct(
         Field("rotation", "rotation", Real()),
     ),
 )
-_165 = Struct(
+_167 = Struct(
     "TwistWithCovariance-metadata",
     "TwistWithCovarianceMetadata",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
     ),
 )
-_166 = Struct(
+_168 = Struct(
     "TwistWithCovariance-data",
     "TwistWithCovarianceData",
     (
@@ -1308,28 +1337,28 @@ _166 = Struct(
         Field("cov", "cov", Array(Real(), ((6, 6), (6, 6)), ("SEQUENCE_OF", "T-Double"))),
     ),
 )
-_167 = Struct(
-    "TwistWithCovariance",
-    "TwistWithCovariance",
-    (
-        Field("metadata", "metadata", _165),
-        Field("data", "data", _166),
-    ),
-)
-_168 = Struct(
-    "BodyState",
-    "BodyState",
-    (
-        Field("ref-time", "ref_time", _1),
-        Field("pose", "pose", _55),
-        Field("velocity", "velocity", _167),
-    ),
-)
 _169 = Struct(
+    "TwistWithCovariance",
+    "TwistWithCovariance",
+    (
+        Field("metadata", "metadata", _167),
+        Field("data", "data", _168),
+    ),
+)
+_170 = Struct(
+    "BodyState",
+    "BodyState",
+    (
+        Field("ref-time", "ref_time", _2),
+        Field("pose", "pose", _57),
+        Field("velocity", "velocity", _169),
+    ),
+)
+_171 = Struct(
     "RigidBodyState",
     "RigidBodyState",
     (
-        Field("timestamp", "timestamp", _1),
+        Field("timestamp", "timestamp", _2),
         Field("sourceFrame", "source_frame", Text(256)),
         Field("targetFrame", "target_frame", Text(256)),
         Field("pos", "pos", Array(Real(), ((3, 3),), ("T-Double",))),
@@ -1348,11 +1377,11 @@ _169 = Struct(
         ),
     ),
 )
-_170 = Struct(
+_172 = Struct(
     "RigidBodyAcceleration",
     "RigidBodyAcceleration",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("acceleration", "acceleration", Array(Real(), ((3, 3),), ("T-Double",))),
         Field(
             "cov-acceleration",
@@ -1361,7 +1390,7 @@ _170 = Struct(
         ),
     ),
 )
-_171 = Struct(
+_173 = Struct(
     "Waypoint",
     "Waypoint",
     (
@@ -1371,7 +1400,7 @@ _171 = Struct(
         Field("tol-heading", "tol_heading", Real()),
     ),
 )
-_172 = Struct(
+_174 = Struct(
     "Trajectory",
     "Trajectory",
     (
@@ -1379,16 +1408,16 @@ _172 = Struct(
         Field("points", "points", Array(Real(), ((1, 50), (3, 3)), ("Point", "T-Double"))),
     ),
 )
-_173 = Struct(
+_175 = Struct(
     "Path",
     "Path",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
-        Field("waypoints", "waypoints", ListOf(_55, 0, 100, "TransformWithCovariance")),
+        Field("timeStamp", "time_stamp", _2),
+        Field("waypoints", "waypoints", ListOf(_57, 0, 100, "TransformWithCovariance")),
     ),
 )
-_174 = Struct(
+_176 = Struct(
     "PoseTrajectory-Metadata",
     "PoseTrajectoryMetadata",
     (
@@ -1398,7 +1427,7 @@ _174 = Struct(
         Field("childFrameId", "child_frame_id", Text(256)),
     ),
 )
-_175 = Struct(
+_177 = Struct(
     "PoseTrajectory-Data",
     "PoseTrajectoryData",
     (
@@ -1407,15 +1436,15 @@ _175 = Struct(
         Field("covariances", "covariances", OctetString(1073741824, "<f8", 36)),
     ),
 )
-_176 = Struct(
+_178 = Struct(
     "PoseTrajectory",
     "PoseTrajectory",
     (
-        Field("metadata", "metadata", _174),
-        Field("data", "data", _175),
+        Field("metadata", "metadata", _176),
+        Field("data", "data", _177),
     ),
 )
-_177 = Struct(
+_179 = Struct(
     "PositionState-Metadata",
     "PositionStateMetadata",
     (
@@ -1423,7 +1452,7 @@ _177 = Struct(
         Field("producerId", "producer_id", Text(256)),
     ),
 )
-_178 = Struct(
+_180 = Struct(
     "PositionState-Links",
     "PositionStateLinks",
     (
@@ -1433,7 +1462,7 @@ _178 = Struct(
         Field("broken", "broken", OctetString(1073741824, "<i8", 0)),
     ),
 )
-_179 = Struct(
+_181 = Struct(
     "PositionState-Filter",
     "PositionStateFilter",
     (
@@ -1449,7 +1478,7 @@ _179 = Struct(
         Field("covariance", "covariance", OctetString(1073741824, "<f8", 6)),
     ),
 )
-_180 = Struct(
+_182 = Struct(
     "PositionState-Joints",
     "PositionStateJoints",
     (
@@ -1460,18 +1489,18 @@ _180 = Struct(
         Field("broken", "broken", OctetString(1073741824, "<i8", 0)),
     ),
 )
-_181 = Struct(
+_183 = Struct(
     "PositionState",
     "PositionState",
     (
-        Field("metadata", "metadata", _177),
-        Field("line", "line", _176),
-        Field("links", "links", _178),
-        Field("filter", "filter", _179),
-        Field("joints", "joints", _180),
+        Field("metadata", "metadata", _179),
+        Field("line", "line", _178),
+        Field("links", "links", _180),
+        Field("filter", "filter", _181),
+        Field("joints", "joints", _182),
     ),
 )
-_182 = Enumeration(
+_184 = Enumeration(
     "LaserRangeErrors",
     (
         ("too-far", 0),
@@ -1482,11 +1511,11 @@ _182 = Enumeration(
         ("end-laser-range-errors", 5),
     ),
 )
-_183 = Struct(
+_185 = Struct(
     "LaserScan",
     "LaserScan",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("start-angle", "start_angle", Real()),
         Field("angular-resolution", "angular_resolution", Real()),
         Field("speed", "speed", Real()),
@@ -1496,19 +1525,19 @@ _183 = Struct(
         Field("remission", "remission", Array(Real(), ((1, 2000),), ("T-Float",))),
     ),
 )
-_184 = Enumeration("UnitAxis", (("unit-x", 0), ("unit-y", 1), ("unit-z", 2)))
-_185 = Enumeration(
+_186 = Enumeration("UnitAxis", (("unit-x", 0), ("unit-y", 1), ("unit-z", 2)))
+_187 = Enumeration(
     "DepthMeasurementState",
     (("valid-measurement", 0), ("too-far", 1), ("too-near", 2), ("measurement-error", 3)),
 )
-_186 = Struct(
+_188 = Struct(
     "DepthMap",
     "DepthMap",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("timestamps", "timestamps", ListOf(_1, 1, 30000, "Time")),
-        Field("vertical-projection", "vertical_projection", _114),
-        Field("horizontal-projection", "horizontal_projection", _114),
+        Field("ref-time", "ref_time", _2),
+        Field("timestamps", "timestamps", ListOf(_2, 1, 30000, "Time")),
+        Field("vertical-projection", "vertical_projection", _116),
+        Field("horizontal-projection", "horizontal_projection", _116),
         Field("vertical-interval", "vertical_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("horizontal-interval", "horizontal_interval", Array(Real(), ((1, 30000),), ("T-Double",))),
         Field("vertical-size", "vertical_size", Integer(0, 4294967295)),
@@ -1517,11 +1546,11 @@ _186 = Struct(
         Field("remissions", "remissions", Array(Real(), ((1, 30000),), ("T-Float",))),
     ),
 )
-_187 = Struct(
+_189 = Struct(
     "DistanceImage",
     "DistanceImage",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("width", "width", Integer(0, 65535)),
         Field("height", "height", Integer(0, 65535)),
         Field("scale-x", "scale_x", Real()),
@@ -1531,28 +1560,28 @@ _187 = Struct(
         Field("data", "data", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_188 = Struct(
+_190 = Struct(
     "Sonar",
     "Sonar",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("timestamps", "timestamps", ListOf(_1, 1, 60, "Time")),
-        Field("bin-duration", "bin_duration", _1),
-        Field("beam-width", "beam_width", _28),
-        Field("beam-height", "beam_height", _28),
-        Field("bearings", "bearings", ListOf(_28, 1, 60, "Angle")),
+        Field("ref-time", "ref_time", _2),
+        Field("timestamps", "timestamps", ListOf(_2, 1, 60, "Time")),
+        Field("bin-duration", "bin_duration", _2),
+        Field("beam-width", "beam_width", _30),
+        Field("beam-height", "beam_height", _30),
+        Field("bearings", "bearings", ListOf(_30, 1, 60, "Angle")),
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("bin-count", "bin_count", Integer(0, 4294967295)),
         Field("beam-count", "beam_count", Integer(0, 4294967295)),
         Field("bins", "bins", Array(Real(), ((1, 60),), ("T-Float",))),
     ),
 )
-_189 = Struct(
+_191 = Struct(
     "SonarBeam",
     "SonarBeam",
     (
-        Field("ref-time", "ref_time", _1),
-        Field("bearing", "bearing", _28),
+        Field("ref-time", "ref_time", _2),
+        Field("bearing", "bearing", _30),
         Field("sampling-interval", "sampling_interval", Real()),
         Field("speed-of-sound", "speed_of_sound", Real()),
         Field("beamwidth-horizontal", "beamwidth_horizontal", Real()),
@@ -1560,81 +1589,81 @@ _189 = Struct(
         Field("beam", "beam", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
     ),
 )
-_190 = Struct(
+_192 = Struct(
     "SonarScan",
     "SonarScan",
     (
-        Field("ref-time", "ref_time", _1),
+        Field("ref-time", "ref_time", _2),
         Field("data", "data", Array(Integer(0, 255), ((1, 60),), ("T-UInt8",))),
-        Field("time-beams", "time_beams", ListOf(_1, 1, 60, "Time")),
+        Field("time-beams", "time_beams", ListOf(_2, 1, 60, "Time")),
         Field("number-of-beams", "number_of_beams", Integer(0, 65535)),
         Field("number-of-bins", "number_of_bins", Integer(0, 65535)),
-        Field("start-bearing", "start_bearing", _28),
-        Field("angular-resolution", "angular_resolution", _28),
+        Field("start-bearing", "start_bearing", _30),
+        Field("angular-resolution", "angular_resolution", _30),
         Field("sampling-interval", "sampling_interval", Real()),
         Field("speed-of-sound", "speed_of_sound", Real()),
-        Field("beamwidth-horizontal", "beamwidth_horizontal", _28),
-        Field("beamwidth-vertical", "beamwidth_vertical", _28),
+        Field("beamwidth-horizontal", "beamwidth_horizontal", _30),
+        Field("beamwidth-vertical", "beamwidth_vertical", _30),
         Field("memory-layout-column", "memory_layout_column", Boolean()),
         Field("polar-coordinates", "polar_coordinates", Boolean()),
     ),
 )
-_191 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_57, 0, 10, "Frame"))
-_192 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_105, 0, 10, "Pose"))
-_193 = Alias(
-    "CorrespondenceMaps2DSequence",
-    "CorrespondenceMaps2DSequence",
-    "items",
-    ListOf(ListOf(_30, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
-)
-_194 = Alias(
-    "CorrespondenceMaps3DSequence",
-    "CorrespondenceMaps3DSequence",
-    "items",
-    ListOf(ListOf(_32, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
-)
+_193 = Alias("FramesSequence", "FramesSequence", "items", ListOf(_59, 0, 10, "Frame"))
+_194 = Alias("PosesSequence", "PosesSequence", "items", ListOf(_107, 0, 10, "Pose"))
 _195 = Alias(
+    "CorrespondenceMaps2DSequence",
+    "CorrespondenceMaps2DSequence",
+    "items",
+    ListOf(ListOf(_32, 0, 1024, "Correspondence2D"), 0, 56, "CorrespondenceMap2D"),
+)
+_196 = Alias(
+    "CorrespondenceMaps3DSequence",
+    "CorrespondenceMaps3DSequence",
+    "items",
+    ListOf(ListOf(_34, 0, 51200, "Correspondence3D"), 0, 56, "CorrespondenceMap3D"),
+)
+_197 = Alias(
     "PointSequence", "PointSequence", "values", Array(Real(), ((0, 327680), (3, 3)), ("Point", "T-Double"))
 )
-_196 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
-_197 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
-_198 = Alias(
+_198 = Alias("DoubleSequence", "DoubleSequence", "values", Array(Real(), ((0, 327680),), ("T-Double",)))
+_199 = Alias("StringSequence", "StringSequence", "items", ListOf(Text(256), 0, 100, "T-String"))
+_200 = Alias(
     "VectorXdSequence",
     "VectorXdSequence",
     "items",
     ListOf(Array(Real(), ((0, 100),), ("T-Double",)), 0, 327680, "VectorXd"),
 )
-_199 = Enumeration("IcuStateT", (("icu-STEADY", 0), ("icu-SWITCHING", 1)))
-_200 = Struct(
+_201 = Enumeration("IcuStateT", (("icu-STEADY", 0), ("icu-SWITCHING", 1)))
+_202 = Struct(
     "ICU-Mode",
     "IcuMode",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("robot", "robot", Text(256)),
         Field("sensor", "sensor", Text(256)),
         Field("mode", "mode", Text(256)),
         Field("target", "target", Text(256)),
-        Field("state", "state", _199),
+        Field("state", "state", _201),
         Field("isOn", "is_on", Boolean()),
         Field("rate", "rate", Real()),
         Field("holder", "holder", Text(256)),
     ),
 )
-_201 = Enumeration(
+_203 = Enumeration(
     "DfpcStateT", (("dfpc-UNCONFIGURED", 0), ("dfpc-INACTIVE", 1), ("dfpc-ACTIVE", 2), ("dfpc-ERROR", 3))
 )
-_202 = Struct(
+_204 = Struct(
     "DFPC-Status",
     "DfpcStatus",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("robot", "robot", Text(256)),
         Field("dfpc", "dfpc", Text(256)),
         Field("implementation", "implementation", Text(256)),
         Field("configHash", "config_hash", Text(256)),
-        Field("state", "state", _201),
+        Field("state", "state", _203),
         Field("samples", "samples", Integer(0, 9223372036854775807)),
         Field("outputs", "outputs", Integer(0, 9223372036854775807)),
         Field("degraded", "degraded", Integer(0, 9223372036854775807)),
@@ -1646,206 +1675,207 @@ _202 = Struct(
         Field("lastError", "last_error", Text(256)),
     ),
 )
-_203 = Struct(
+_205 = Struct(
     "Event",
     "Event",
     (
         Field("msgVersion", "msg_version", Integer(0, 4294967295)),
         Field("ordinal", "ordinal", Integer(0, 9223372036854775807)),
-        Field("timeStamp", "time_stamp", _1),
+        Field("timeStamp", "time_stamp", _2),
         Field("scope", "scope", Text(256)),
         Field("kind", "kind", Text(256)),
         Field("body", "body", OctetString(65536, "|u1", 0)),
     ),
 )
-_204 = Enumeration("Resolution", (("seconds", 0), ("milliseconds", 1), ("microseconds", 2)))
+_206 = Enumeration("Resolution", (("seconds", 0), ("milliseconds", 1), ("microseconds", 2)))
 
 #: ASN.1 name -> node of every type that can be a message.
 MESSAGES: dict[str, Message] = {
     "Asn1Bitstream": _0,
-    "Time": _1,
-    "Bundle-Metadata": _2,
-    "Bundle-Cameras": _3,
-    "Bundle-Lenses": _4,
-    "Bundle-Points": _5,
-    "Bundle-Observations": _6,
-    "Bundle-Prior": _7,
-    "BundleProblem": _8,
-    "Vector2d": _9,
-    "Vector3d": _10,
-    "Vector4d": _11,
-    "Vector6d": _12,
-    "VectorXd": _13,
-    "Quaterniond": _14,
-    "AngleAxisd": _15,
-    "Matrix2d": _16,
-    "Matrix3d": _17,
-    "Matrix4d": _18,
-    "Matrix6d": _19,
-    "MatrixXd": _20,
-    "Affine3d": _21,
-    "Isometry3d": _22,
-    "Transform3d": _23,
-    "Covariance": _24,
-    "Point": _25,
-    "Point2D": _26,
-    "Point3D": _27,
-    "Angle": _28,
-    "AngleSegment": _29,
-    "Correspondence2D": _30,
-    "CorrespondenceMap2D": _31,
-    "Correspondence3D": _32,
-    "CorrespondenceMap3D": _33,
-    "VisualPointFeature2D": _34,
-    "VisualPointFeatureVector2D": _35,
-    "Point3DReference": _36,
-    "VisualPointFeature3D": _38,
-    "VisualPointFeatureVector3D": _41,
-    "Array3D": _43,
-    "Frame-error-t": _46,
-    "Frame-attrib-t": _47,
-    "Frame-metadata-t": _50,
-    "Frame-intrinsic-t": _52,
-    "TransformWithCovariance-Metadata": _53,
-    "TransformWithCovariance-Data": _54,
-    "TransformWithCovariance": _55,
-    "Frame-extrinsic-t": _56,
-    "Frame": _57,
-    "FramePair": _58,
-    "CompressedFrame": _60,
-    "GroundAreas-Metadata": _61,
-    "GroundAreas-Data": _62,
-    "GroundAreas": _63,
-    "ImuSpan-Metadata": _64,
-    "ImuSpan-Data": _65,
-    "ImuSpan": _66,
-    "JointState": _67,
-    "JointLimitRange": _68,
-    "OutOfBounds": _69,
-    "JointLimits": _70,
-    "Joints": _71,
-    "JointTrajectory": _72,
-    "JointsTrajectory": _73,
-    "InvalidTimeStep": _74,
-    "InvalidName": _75,
-    "Wrench": _76,
-    "Wrenches": _77,
-    "Pressure": _78,
-    "Temperature": _79,
-    "IMUSensors": _80,
-    "LandmarkMap-Metadata": _81,
-    "Array3DLarge": _82,
-    "LandmarkMap-Data": _83,
-    "LandmarkMap": _84,
-    "KeyFrame-Metadata": _85,
-    "KeyFrame-Data": _86,
-    "KeyFrame": _87,
-    "FrameLarge": _88,
-    "FramePairLarge": _89,
-    "FramesSequenceLarge": _90,
-    "CompressedFrameLarge": _91,
-    "Map-metadata-t": _93,
-    "MapLarge": _94,
-    "PointCloud-DataLarge": _95,
-    "PointCloud-Metadata": _96,
-    "PointcloudLarge": _97,
-    "OctreeLarge": _98,
-    "CorrespondenceMap2DLarge": _99,
-    "CorrespondenceMap3DLarge": _100,
-    "CorrespondenceMaps2DSequenceLarge": _101,
-    "CorrespondenceMaps3DSequenceLarge": _102,
-    "VisualPointFeatureVector2DLarge": _103,
-    "VisualPointFeatureVector3DLarge": _104,
-    "Pose": _105,
-    "PosesSequenceLarge": _106,
-    "PointSequenceLarge": _107,
-    "DoubleSequenceLarge": _108,
-    "StringSequenceLarge": _109,
-    "VectorXdSequenceLarge": _110,
-    "PathLarge": _111,
-    "TrajectoryLarge": _112,
-    "LaserScanLarge": _113,
-    "DepthMapLarge": _115,
-    "DistanceImageLarge": _116,
-    "LidarMap-Metadata": _117,
-    "LidarMap-Clouds": _118,
-    "LidarMap-Position": _119,
-    "PoseGraph-Metadata": _120,
-    "PoseGraph-Vertices": _121,
-    "PoseGraph-Edges": _122,
-    "PoseGraph": _123,
-    "LidarMap": _124,
-    "LidarScan-Metadata": _125,
-    "LidarScan-Data": _126,
-    "LidarScan": _127,
-    "Map": _128,
-    "GridMap-Metadata": _129,
-    "GridLayer": _130,
-    "ElevationMap": _131,
-    "NavigationMap": _132,
-    "Mesh-Metadata": _133,
-    "Mesh-Data": _134,
-    "Mesh": _135,
-    "ObjectDetection": _136,
-    "ObjectDetections": _137,
-    "ObjectTrack-Metadata": _139,
-    "ObjectTrack-Data": _140,
-    "ObjectTrack": _141,
-    "OG2-Region": _143,
-    "OG2-Request": _145,
-    "OG2-Job": _147,
-    "Product-metric-t": _152,
-    "Product-Quality": _153,
-    "Product-Metadata": _154,
-    "OG2-Reply": _155,
-    "PointCloud-Data": _156,
-    "Pointcloud": _157,
-    "Octree": _158,
-    "Position": _159,
-    "Position2D": _160,
-    "Orientation": _161,
-    "PoseUpdateThreshold": _162,
-    "Pose2D": _163,
-    "Motion2D": _164,
-    "TwistWithCovariance-metadata": _165,
-    "TwistWithCovariance-data": _166,
-    "TwistWithCovariance": _167,
-    "BodyState": _168,
-    "RigidBodyState": _169,
-    "RigidBodyAcceleration": _170,
-    "Waypoint": _171,
-    "Trajectory": _172,
-    "Path": _173,
-    "PoseTrajectory-Metadata": _174,
-    "PoseTrajectory-Data": _175,
-    "PoseTrajectory": _176,
-    "PositionState-Metadata": _177,
-    "PositionState-Links": _178,
-    "PositionState-Filter": _179,
-    "PositionState-Joints": _180,
-    "PositionState": _181,
-    "LaserScan": _183,
-    "DepthMap": _186,
-    "DistanceImage": _187,
-    "Sonar": _188,
-    "SonarBeam": _189,
-    "SonarScan": _190,
-    "FramesSequence": _191,
-    "PosesSequence": _192,
-    "CorrespondenceMaps2DSequence": _193,
-    "CorrespondenceMaps3DSequence": _194,
-    "PointSequence": _195,
-    "DoubleSequence": _196,
-    "StringSequence": _197,
-    "VectorXdSequence": _198,
-    "ICU-Mode": _200,
-    "DFPC-Status": _202,
-    "Event": _203,
+    "Time": _2,
+    "BodyMotion": _3,
+    "Bundle-Metadata": _4,
+    "Bundle-Cameras": _5,
+    "Bundle-Lenses": _6,
+    "Bundle-Points": _7,
+    "Bundle-Observations": _8,
+    "Bundle-Prior": _9,
+    "BundleProblem": _10,
+    "Vector2d": _11,
+    "Vector3d": _12,
+    "Vector4d": _13,
+    "Vector6d": _14,
+    "VectorXd": _15,
+    "Quaterniond": _16,
+    "AngleAxisd": _17,
+    "Matrix2d": _18,
+    "Matrix3d": _19,
+    "Matrix4d": _20,
+    "Matrix6d": _21,
+    "MatrixXd": _22,
+    "Affine3d": _23,
+    "Isometry3d": _24,
+    "Transform3d": _25,
+    "Covariance": _26,
+    "Point": _27,
+    "Point2D": _28,
+    "Point3D": _29,
+    "Angle": _30,
+    "AngleSegment": _31,
+    "Correspondence2D": _32,
+    "CorrespondenceMap2D": _33,
+    "Correspondence3D": _34,
+    "CorrespondenceMap3D": _35,
+    "VisualPointFeature2D": _36,
+    "VisualPointFeatureVector2D": _37,
+    "Point3DReference": _38,
+    "VisualPointFeature3D": _40,
+    "VisualPointFeatureVector3D": _43,
+    "Array3D": _45,
+    "Frame-error-t": _48,
+    "Frame-attrib-t": _49,
+    "Frame-metadata-t": _52,
+    "Frame-intrinsic-t": _54,
+    "TransformWithCovariance-Metadata": _55,
+    "TransformWithCovariance-Data": _56,
+    "TransformWithCovariance": _57,
+    "Frame-extrinsic-t": _58,
+    "Frame": _59,
+    "FramePair": _60,
+    "CompressedFrame": _62,
+    "GroundAreas-Metadata": _63,
+    "GroundAreas-Data": _64,
+    "GroundAreas": _65,
+    "ImuSpan-Metadata": _66,
+    "ImuSpan-Data": _67,
+    "ImuSpan": _68,
+    "JointState": _69,
+    "JointLimitRange": _70,
+    "OutOfBounds": _71,
+    "JointLimits": _72,
+    "Joints": _73,
+    "JointTrajectory": _74,
+    "JointsTrajectory": _75,
+    "InvalidTimeStep": _76,
+    "InvalidName": _77,
+    "Wrench": _78,
+    "Wrenches": _79,
+    "Pressure": _80,
+    "Temperature": _81,
+    "IMUSensors": _82,
+    "LandmarkMap-Metadata": _83,
+    "Array3DLarge": _84,
+    "LandmarkMap-Data": _85,
+    "LandmarkMap": _86,
+    "KeyFrame-Metadata": _87,
+    "KeyFrame-Data": _88,
+    "KeyFrame": _89,
+    "FrameLarge": _90,
+    "FramePairLarge": _91,
+    "FramesSequenceLarge": _92,
+    "CompressedFrameLarge": _93,
+    "Map-metadata-t": _95,
+    "MapLarge": _96,
+    "PointCloud-DataLarge": _97,
+    "PointCloud-Metadata": _98,
+    "PointcloudLarge": _99,
+    "OctreeLarge": _100,
+    "CorrespondenceMap2DLarge": _101,
+    "CorrespondenceMap3DLarge": _102,
+    "CorrespondenceMaps2DSequenceLarge": _103,
+    "CorrespondenceMaps3DSequenceLarge": _104,
+    "VisualPointFeatureVector2DLarge": _105,
+    "VisualPointFeatureVector3DLarge": _106,
+    "Pose": _107,
+    "PosesSequenceLarge": _108,
+    "PointSequenceLarge": _109,
+    "DoubleSequenceLarge": _110,
+    "StringSequenceLarge": _111,
+    "VectorXdSequenceLarge": _112,
+    "PathLarge": _113,
+    "TrajectoryLarge": _114,
+    "LaserScanLarge": _115,
+    "DepthMapLarge": _117,
+    "DistanceImageLarge": _118,
+    "LidarMap-Metadata": _119,
+    "LidarMap-Clouds": _120,
+    "LidarMap-Position": _121,
+    "PoseGraph-Metadata": _122,
+    "PoseGraph-Vertices": _123,
+    "PoseGraph-Edges": _124,
+    "PoseGraph": _125,
+    "LidarMap": _126,
+    "LidarScan-Metadata": _127,
+    "LidarScan-Data": _128,
+    "LidarScan": _129,
+    "Map": _130,
+    "GridMap-Metadata": _131,
+    "GridLayer": _132,
+    "ElevationMap": _133,
+    "NavigationMap": _134,
+    "Mesh-Metadata": _135,
+    "Mesh-Data": _136,
+    "Mesh": _137,
+    "ObjectDetection": _138,
+    "ObjectDetections": _139,
+    "ObjectTrack-Metadata": _141,
+    "ObjectTrack-Data": _142,
+    "ObjectTrack": _143,
+    "OG2-Region": _145,
+    "OG2-Request": _147,
+    "OG2-Job": _149,
+    "Product-metric-t": _154,
+    "Product-Quality": _155,
+    "Product-Metadata": _156,
+    "OG2-Reply": _157,
+    "PointCloud-Data": _158,
+    "Pointcloud": _159,
+    "Octree": _160,
+    "Position": _161,
+    "Position2D": _162,
+    "Orientation": _163,
+    "PoseUpdateThreshold": _164,
+    "Pose2D": _165,
+    "Motion2D": _166,
+    "TwistWithCovariance-metadata": _167,
+    "TwistWithCovariance-data": _168,
+    "TwistWithCovariance": _169,
+    "BodyState": _170,
+    "RigidBodyState": _171,
+    "RigidBodyAcceleration": _172,
+    "Waypoint": _173,
+    "Trajectory": _174,
+    "Path": _175,
+    "PoseTrajectory-Metadata": _176,
+    "PoseTrajectory-Data": _177,
+    "PoseTrajectory": _178,
+    "PositionState-Metadata": _179,
+    "PositionState-Links": _180,
+    "PositionState-Filter": _181,
+    "PositionState-Joints": _182,
+    "PositionState": _183,
+    "LaserScan": _185,
+    "DepthMap": _188,
+    "DistanceImage": _189,
+    "Sonar": _190,
+    "SonarBeam": _191,
+    "SonarScan": _192,
+    "FramesSequence": _193,
+    "PosesSequence": _194,
+    "CorrespondenceMaps2DSequence": _195,
+    "CorrespondenceMaps3DSequence": _196,
+    "PointSequence": _197,
+    "DoubleSequence": _198,
+    "StringSequence": _199,
+    "VectorXdSequence": _200,
+    "ICU-Mode": _202,
+    "DFPC-Status": _204,
+    "Event": _205,
 }
 
 #: Name -> node of every CHOICE.
 CHOICES: dict[str, Choice] = {
-    "VisualPointFeature3D-point": _37,
+    "VisualPointFeature3D-point": _39,
 }
 
 #: ASN.1 name -> name of its size variant with larger bounds.

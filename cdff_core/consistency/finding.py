@@ -12,9 +12,9 @@ import numpy as np
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Kinds of findings, which are the start of their reasons: mount and clock of a sensor.
-ROTATION, CLOCK = "sensor_rotation", "sensor_clock"
-KINDS = (ROTATION, CLOCK)
+#: Kinds of findings, which are the start of their reasons: mount, clock, samples and frame of a sensor.
+ROTATION, CLOCK, SAMPLES, FRAME = "sensor_rotation", "sensor_clock", "sensor_samples", "sensor_frame"
+KINDS = (ROTATION, CLOCK, SAMPLES, FRAME)
 
 
 @dataclass(frozen=True, slots=True)

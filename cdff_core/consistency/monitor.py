@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
@@ -17,10 +19,19 @@ from cdff_common.interfaces.description import InputPort
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.product import Status
 from cdff_core.consistency.attribution import PairGroups, offset_suspects, rotation_suspects
-from cdff_core.consistency.finding import CLOCK, ROTATION, Finding, roll_pitch_yaw_deg, sensor_reasons
+from cdff_core.consistency.finding import (
+    CLOCK,
+    FRAME,
+    ROTATION,
+    Finding,
+    roll_pitch_yaw_deg,
+    sensor_reasons,
+)
 from cdff_core.consistency.limits import Limits
 from cdff_core.consistency.motion_agreement import MotionAgreement, MotionEstimate, OffsetLikelihood
+from cdff_core.consistency.robot_frames import known_frames, nearest_frame
 from cdff_core.consistency.sources import InertialSource, PoseSource, Source, SweepSource
+from cdff_core.consistency.stream_statistics import StreamStatistics
 from cdff_core.consistency.vertical import VerticalEstimate
 
 #: Interval of the tests, and number of tests in a row that start or end a finding.
@@ -30,6 +41,10 @@ _INHERITED_NS = 5_000_000_000
 #: A sample older than the newest one by this starts the comparison again: the mission clock was set back.
 _BACK_NS = 10_000_000_000
 _SITE = "site"
+#: Types of the samples of sensors, whose frame must be one of the robot.
+_SENSOR_TYPES = ("IMUSensors", "LidarScan", "FramePair", "Frame")
+#: Number of samples with an unknown frame that are a finding.
+_UNKNOWN_SAMPLES = 3
 
 
 class SensorMonitor:
@@ -52,8 +67,13 @@ class SensorMonitor:
     def __init__(
         self, context: DfpcContext, ports: Sequence[InputPort], limits: Limits | None = None
     ) -> None:
-        self._context, self._limits = context, limits or Limits()
+        limits = limits or Limits()
+        allowed_s = [float(e["max_offset_s"]) for e in context.sensors.values() if "max_offset_s" in e]
+        self._context = context
+        self.limits = replace(limits, offset_s=max(allowed_s, default=limits.offset_s))
         self._types = {port.attribute: port.type_name for port in ports if port.compared}
+        self._all_types = {port.attribute: port.type_name for port in ports}
+        self._known = known_frames(context)
         self._history: dict[tuple[str, str], Finding] = {}
         self.reset()
 
@@ -65,6 +85,8 @@ class SensorMonitor:
         self._tested_ns: int | None = None
         self._counts: dict[tuple[str, str], int] = {}
         self._inherited: dict[str, int] = {}
+        self._streams: dict[str, StreamStatistics] = {}
+        self._unknown_frames: Counter[tuple[str, str]] = Counter()
         self.findings: tuple[Finding, ...] = ()
 
     def add(self, sample: Sample) -> None:
@@ -74,28 +96,58 @@ class SensorMonitor:
             # Only the fused pose passes its reasons on to a DFPC that compares sensors, so that no reason
             # returns to its origin through other DFPCs.
             self._inherited |= dict.fromkeys(inherited, sample.stamp_ns)
+        frame = _frame_of(sample)
+        self._count(sample, frame)
         type_name = self._types.get(sample.port)
-        if type_name is None:
-            return
+        if type_name is not None:
+            self._compare(sample, frame, type_name, is_inherited=bool(inherited))
+        if self._tested_ns is None:
+            self._tested_ns = sample.stamp_ns
+        if not 0 <= sample.stamp_ns - self._tested_ns < _PERIOD_NS:
+            self._tested_ns = sample.stamp_ns
+            self._test()
+
+    def add_arrival(self, sample: Sample, now_ns: int) -> None:
+        """Add the mission time at which a sample was received; may be called by other threads."""
+        stream = self._streams.get(sample.port)
+        if stream is not None:
+            stream.add_arrival(sample.stamp_ns, now_ns)
+
+    @property
+    def unknown_frames(self) -> dict[str, int]:
+        """Numbers of samples by frames that the robot does not have."""
+        return {frame: count for (_, frame), count in self._unknown_frames.items()}
+
+    def _count(self, sample: Sample, frame: str) -> None:
+        """Count a sample of a sensor, and its frame if the robot does not have it."""
+        type_name = self._all_types.get(sample.port, "")
+        if type_name in _SENSOR_TYPES and frame and self._known and frame not in self._known:
+            self._unknown_frames[sample.port, frame] += 1
+        stream = self._streams.get(sample.port)
+        if stream is None:
+            sensors = self._context.sensors
+            sensor = _sensor_of(sensors, frame, type_name, strict=True)
+            if not sensor:
+                return
+            stream = StreamStatistics(sensor, sensors[sensor], self.limits)
+            self._streams[sample.port] = stream
+        stream.add(sample.stamp_ns, sample.seq)
+
+    def _compare(self, sample: Sample, frame: str, type_name: str, *, is_inherited: bool) -> None:
         newest_ns = self._newest_ns.get(sample.port)
         if newest_ns is not None and sample.stamp_ns <= newest_ns:
             if sample.stamp_ns < newest_ns - _BACK_NS:
                 self.reset()
             return
         self._newest_ns[sample.port] = sample.stamp_ns
-        key = f"{sample.port} {_frame_of(sample)}"
+        key = f"{sample.port} {frame}"
         if key not in self._sources:
-            self._sources[key] = self._made(sample, type_name)
+            self._sources[key] = self._made(sample, frame, type_name)
             self._pairs = {}
         source = self._sources[key]
-        if source is None or (source.is_fused and inherited):
+        if source is None or (source.is_fused and is_inherited):
             return
         source.add(sample.stamp_ns, None if sample.quality.status is Status.FAILED else sample.value)
-        if self._tested_ns is None:
-            self._tested_ns = sample.stamp_ns
-        if sample.stamp_ns - self._tested_ns >= _PERIOD_NS:
-            self._tested_ns = sample.stamp_ns
-            self._test()
 
     def reasons(self, stamp_ns: int) -> tuple[str, ...]:
         """Return the reasons for which an output at a time is DEGRADED: own findings and those of inputs."""
@@ -114,13 +166,12 @@ class SensorMonitor:
         verticals = {
             name: estimate
             for name, source in self.sources.items()
-            if source.vertical is not None
-            and (estimate := source.vertical.estimate(self._limits)) is not None
+            if source.vertical is not None and (estimate := source.vertical.estimate(self.limits)) is not None
         }
         relations = {
             names: relation
             for names, pair in self._pairs.items()
-            if (relation := pair.estimate(self._limits)) is not None
+            if (relation := pair.estimate(self.limits)) is not None
         }
         return verticals, relations
 
@@ -129,20 +180,20 @@ class SensorMonitor:
         """Sources by name."""
         return {source.name: source for source in self._sources.values() if source is not None}
 
-    def _made(self, sample: Sample, type_name: str) -> Source | None:
+    def _made(self, sample: Sample, frame: str, type_name: str) -> Source | None:
         """Return the source of a sample; None if its mount is unknown or it measures no motion."""
-        frame, base = _frame_of(sample), f"{self._context.robot}/base"
+        base = f"{self._context.robot}/base"
         R = _rotation(self._context.frames, base, frame, sample.stamp_ns)
         if R is None:
             return None
         name = _sensor_of(self._context.sensors, frame, type_name) or sample.port
         if type_name == "IMUSensors":
-            return InertialSource(name, R, self._limits)
+            return InertialSource(name, R, self.limits)
         if type_name == "TransformWithCovariance":
             is_fused = getattr(sample.value, "parent_frame", "") == _SITE
             is_planar = frame == base and not is_fused
             return PoseSource(sample.port if is_fused else name, R, is_planar=is_planar, is_fused=is_fused)
-        return SweepSource(name, R, self._limits)
+        return SweepSource(name, R, self.limits)
 
     def _agreements(self) -> dict[tuple[str, str], MotionAgreement]:
         """Return the comparisons of each pair of sources that can be compared."""
@@ -163,6 +214,8 @@ class SensorMonitor:
         has_offset = any(estimate.offset_excess > 1.0 for estimate in relations.values())
         found = [self._rotation_finding(verticals, relations)] if has_rotation else []
         found += [self._clock_finding(relations)] if has_offset else []
+        found += [finding for stream in self._streams.values() for finding in stream.findings()]
+        found += self._frame_findings()
         present = {(finding.kind, finding.name): finding for finding in found if finding is not None}
         self.findings = self._confirmed(present)
         self._history |= {(finding.kind, finding.name): finding for finding in self.findings}
@@ -179,6 +232,24 @@ class SensorMonitor:
             if count == _CONFIRMING or key in last:
                 confirmed.append(present.get(key) or last[key])
         return tuple(confirmed)
+
+    def _frame_findings(self) -> list[Finding]:
+        """Return the frames of samples that the robot does not have."""
+        findings = []
+        for (port, frame), count in self._unknown_frames.items():
+            if count < _UNKNOWN_SAMPLES:
+                continue
+            stated = [n for n, e in self._context.sensors.items() if self._all_types[port] in _streams_of(e)]
+            sensor = stated[0] if len(stated) == 1 else port
+            nearest = nearest_frame(frame, self._known)
+            hint = f"; did you mean {nearest}?" if nearest else ""
+            what = (
+                f"{count} samples of {sensor} have the frame {frame!r}, which the robot does not have; known "
+                f"are {', '.join(sorted(self._known))}{hint}"
+            )
+            remedy = f"correct frame_id in the driver of {sensor}, or add the frame to the profile"
+            findings.append(Finding(FRAME, (sensor,), frame, what, remedy))
+        return findings
 
     def _rotation_finding(
         self,
@@ -215,7 +286,7 @@ class SensorMonitor:
     def _clock_finding(self, relations: Mapping[tuple[str, str], MotionEstimate]) -> Finding | None:
         likelihoods = [OffsetLikelihood(*names, e.offset_log_likelihood) for names, e in relations.items()]
         streams = [name for name, source in self.sources.items() if not source.is_fused]
-        limit_s = self._limits.offset_s
+        limit_s = self.limits.offset_s
         names, offset_s, sigma_s = offset_suspects(streams, likelihoods, limit_s)
         if abs(offset_s) <= limit_s:
             return None
@@ -247,8 +318,18 @@ def _rotation(frames: FrameGraph, base: str, frame: str, stamp_ns: int) -> Float
         return None
 
 
-def _sensor_of(sensors: Mapping[str, Mapping[str, Any]], frame: str, type_name: str) -> str:
-    """Return the sensor of the profile with a frame; wheels for poses of the base."""
+def _streams_of(entry: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the types of the streams of a sensor."""
+    return tuple(entry.get("streams", {}).values())
+
+
+def _sensor_of(
+    sensors: Mapping[str, Mapping[str, Any]], frame: str, type_name: str, *, strict: bool = False
+) -> str:
+    """Return the sensor of the profile with a frame, preferably with a stream of a type.
+
+    With ``strict`` a sensor without such a stream does not count.
+    """
     names = [name for name, entry in sensors.items() if entry.get("frame") == frame]
-    with_type = [name for name in names if type_name in sensors[name].get("streams", {}).values()]
-    return next(iter((*with_type, *names)), "")
+    with_type = [name for name in names if type_name in _streams_of(sensors[name])]
+    return next(iter(with_type if strict else (*with_type, *names)), "")

@@ -21,6 +21,8 @@ RESOLUTION_TOLERANCE = 1.001
 _FULL_COVERAGE = 0.9995
 #: Largest lead of a capture over the mission clock, seconds; more means an earlier run of the same log.
 AHEAD_TOLERANCE_S = 2.0
+#: Lead that is stated in a reply, seconds: below it, clocks agree.
+_AHEAD_REMARK_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +38,12 @@ class ProductCandidate:
     status: str = "OK"  # OK, DEGRADED or FAILED
 
     def age_s(self, now_ns: int) -> float:
-        """Return the age of the newest part, seconds; 0 for a capture ahead of the clock."""
-        return max(now_ns - self.t1_ns, 0) / NS_PER_S
+        """Return the age of the newest part, seconds; negative for a capture ahead of the clock."""
+        return (now_ns - self.t1_ns) / NS_PER_S
 
     def oldest_age_s(self, now_ns: int) -> float:
-        """Return the age of the oldest part, seconds; 0 for a capture ahead of the clock."""
-        return max(now_ns - self.oldest_t1_ns, 0) / NS_PER_S
+        """Return the age of the oldest part, seconds; negative for a capture ahead of the clock."""
+        return (now_ns - self.oldest_t1_ns) / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,8 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
     ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
     if is_timed and ahead_s > AHEAD_TOLERANCE_S:
         violations.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
+    elif is_timed and request.t_ns is None and ahead_s > _AHEAD_REMARK_S:
+        remarks.append(f"time: ahead of the mission clock by {ahead_s:.3f} s; the clock of a sensor is wrong")
     if is_timed and age_s > request.max_age_s:
         violations.append(f"age: {age_s:.3f} s old, asked at most {request.max_age_s:g} s")
     if request.region is not None and candidate.coverage is not None:

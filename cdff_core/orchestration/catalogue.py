@@ -147,7 +147,9 @@ def provider_of(
             for i in description["inputs"]
         )
         cpu_s, memory_mb = _cost(description, measured)
-        cpu = None if cpu_s is None else cpu_s * _rate_hz(inputs, rates_hz or {})
+        is_measured = measured is not None and measured.samples >= _ENOUGH_SAMPLES
+        counted = inputs if is_measured else _counted_inputs(description, inputs)
+        cpu = None if cpu_s is None else cpu_s * _rate_hz(counted, rates_hz or {})
         if active and measured is not None and measured.load > 0.0:
             cpu = measured.load
         current_sources = {
@@ -332,6 +334,13 @@ def _sources(robot: str, wiring: str) -> tuple[InputSource, ...]:
     """Return the sources in a wiring of ``DfpcEntry.inputs``; alternatives are ``|``-separated."""
     sources = Wiring.parse(wiring).sources if wiring else ()
     return tuple(InputSource(s.kind, robot, s.owner, s.item) for s in sources)
+
+
+def _counted_inputs(description: Mapping[str, Any], inputs: tuple[Input, ...]) -> tuple[Input, ...]:
+    """Return the inputs whose samples have the declared cost."""
+    cost = description.get("cost", {}).get(description["implementation"], {})
+    ports = tuple(cost.get("ports", ()))
+    return tuple(i for i in inputs if not ports or i.port in ports)
 
 
 def _cost(description: Mapping[str, Any], measured: ResourceUsage | None) -> tuple[float | None, float]:

@@ -72,6 +72,21 @@ class TorqueFreeBody:
         start = self._from_momentum_axes(np.zeros(1))[0] if self._momentum else self._axes.T
         self._R_inertial_momentum = orientation @ start.T
 
+    @property
+    def momentum_axis(self) -> FloatArray:
+        """Unit vector (3,) of the angular momentum in inertial axes; zero for a body at rest."""
+        if not self._momentum:
+            return np.zeros(3)
+        if not self._speed:
+            momentum = self._axes @ (self._moments * self._rate)
+            return np.asarray(self._R_inertial_momentum @ momentum / self._momentum)
+        return np.asarray(self._R_inertial_momentum[:, 2])
+
+    @property
+    def precession_rad_s(self) -> float:
+        """Mean rate about the angular momentum; the total rate of a rotation about a principal axis."""
+        return self._precession_rad_s if self._speed else float(np.linalg.norm(self._rate))
+
     def rates(self, t_s: ArrayLike) -> FloatArray:
         """Return the angular rates (n, 3) at times (n,), body axes, rad/s."""
         return np.asarray(self._principal_rates(np.atleast_1d(np.asarray(t_s, dtype=float))) @ self._axes.T)

@@ -102,7 +102,7 @@ class SensorResult:
             else:
                 yield f"  {name:5} {value:9.{digits}f} ± {s:.{digits}f} {unit}"
         if self.mount.undetermined:
-            yield f"  to determine {', '.join(self.mount.undetermined)}: {advice(self.mount.undetermined)}"
+            yield f"  to determine {', '.join(self.mount.undetermined)}: {self._advice()}"
         if self.known is not None:
             delta = self.result.matrix[:3, :3] @ self.known.matrix[:3, :3].T
             shift_m = float(np.linalg.norm(self.result.matrix[:3, 3] - self.known.matrix[:3, 3]))
@@ -110,6 +110,17 @@ class SensorResult:
             yield f"  differs from the profile by {shift_m:.3f} m and {angle_deg:.2f}°"
         if self.offset_s is not None:
             yield f"  clock: add {self.offset_s:+.2f} s to its stamps (resolution 0.02 s)"
+
+    def _advice(self) -> str:
+        """Return what determines the missing directions; wheels do not determine the position of an IMU."""
+        assert self.mount is not None
+        if self.offset_s is None:
+            return advice(self.mount.undetermined)
+        angles = tuple(d for d in self.mount.undetermined if d in DIRECTIONS[3:])
+        parts = [advice(angles)] if angles else []
+        if len(angles) < len(self.mount.undetermined):
+            parts.append("measure the position of the unit, since the slip of wheels acts like a lever arm")
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

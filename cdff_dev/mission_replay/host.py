@@ -110,10 +110,18 @@ class ReplayedDfpc(DfpcLifeCycle):
             self._bus.publish_map(keys.event(self.robot.id, "alarm"), alarm)
 
     def status(self) -> dict[str, Any]:
-        """Return the status; the cost of a step is that of the description, so that plans are repeatable."""
+        """Return the status; the cost of a step is that of the description, so that plans are repeatable.
+
+        As in a DFPC host it is the mean over the samples of all ports, whose numbers are those of the log.
+        """
         implementation = self.entry.implementation or self.description.implementations[0].name
-        cost = self.description.cost.get(implementation)
-        return {**super().status(), "mean_step_cpu_s": 0.0 if cost is None else cost.cpu_s / cost.samples}
+        cost, body = self.description.cost.get(implementation), super().status()
+        if cost is None:
+            return {**body, "mean_step_cpu_s": 0.0}
+        by_port: Mapping[str, int] = body.get("samples_by_port", {})
+        counted = sum(n for port, n in by_port.items() if not cost.ports or port in cost.ports)
+        mean_cpu_s = cost.cpu_s / cost.samples * counted / max(sum(by_port.values()), 1)
+        return {**body, "mean_step_cpu_s": mean_cpu_s}
 
     def _count(self, runner: Runner | None) -> None:
         """Add the counters of a run that ended."""

@@ -7,9 +7,12 @@ from __future__ import annotations
 import argparse
 import importlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cdff_common.command_table import SUMMARIES
+
+if TYPE_CHECKING:
+    from cdff_dev.new.profile import RobotDraft
 
 #: Kinds of drivers: the modules of ``cdff_dev.new.drivers``.
 DRIVERS = ("lidar", "stereo", "imu", "wheels", "joints", "gnss")
@@ -32,10 +35,26 @@ def register(nouns: Any) -> None:
 
 
 def _register_profile(verbs: Any) -> None:
-    parser = verbs.add_parser("profile", help="profile with the sensors of a log")
-    parser.add_argument("name", metavar="LOG", help="log with the sensors of the robot")
+    parser = verbs.add_parser(
+        "profile",
+        help="profile from a log or from questions, with mounts of a URDF and of camera calibrations",
+    )
+    parser.add_argument("name", metavar="LOG", nargs="?", help="log with the sensors of the robot")
+    parser.add_argument("--interactive", action="store_true", help="ask for the sensors instead of a log")
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="file of the profile (default: LOG.yaml in this folder)"
+    )
+    parser.add_argument(
+        "--urdf", metavar="FILE", type=Path, help="URDF of the robot, which is copied next to the profile"
+    )
+    parser.add_argument(
+        "--calibration",
+        metavar="FILE",
+        type=Path,
+        help="OpenCV, ROS or Kalibr calibration: the right camera, and with Kalibr the camera in the IMU",
+    )
+    parser.add_argument(
+        "--picture", metavar="FILE", type=Path, help="draw the frames of the first robot as an SVG file"
     )
     parser.set_defaults(run=write_profile)
 
@@ -72,26 +91,65 @@ def write_driver(args: argparse.Namespace) -> int:
 
 
 def write_profile(args: argparse.Namespace) -> int:
-    """Write a profile for the robots of a log; raises InputError if the file exists."""
-    import re
-
+    """Write a profile from a log or from answers; raises InputError if the file exists."""
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.output import write_file
-    from cdff_dev.logs.opened import opened
+    from cdff_dev.new.frames_picture import frames_svg
     from cdff_dev.new.profile import profile_text
 
-    stem = re.sub(r"[^a-z0-9_]+", "_", Path(args.name).resolve().stem.lower()).strip("_") or "robot"
+    if (args.name is None) != args.interactive:
+        raise InputError("cdff new profile: expected a LOG, or --interactive")
+    robots, body, stem = _drafts(args)
     out: Path = args.out or Path(f"{stem}.yaml")
     if out.exists():
         raise InputError(f"{out} exists: name another file with --out")
-    with opened(args.name) as log:
-        write_file(out, profile_text(log, args.name, stem).encode())
+    robots = [_with_imports(args, robot, out) for robot in robots]
+    source = args.name or "answers"
+    write_file(out, profile_text(robots, source, stem, body).encode())
     profile = load_profile(out)
     names = ", ".join(entry.name for robot in profile.robots for entry in robot.dfpcs) or "none"
     print(f"wrote {out}: robots {', '.join(profile.robot_ids)}; DFPCs {names}")
-    print(f"next: enter mounts and limits in {out}, then cdff up --profile {out}")
+    if args.picture is not None:
+        first = profile.robots[0]
+        write_file(args.picture, frames_svg(first.frame_graph(), first.id).encode())
+        print(f"wrote {args.picture}: the frames of {first.id}")
+    print(f"next: enter mounts and limits in {out}, then cdff check --profile {out}")
     return 0
+
+
+def _drafts(args: argparse.Namespace) -> tuple[list[RobotDraft], str, str]:
+    """Return the robots, the body, and the name of the profile."""
+    import re
+
+    from cdff_dev.logs.opened import opened
+    from cdff_dev.new.profile import robots_of_log
+    from cdff_dev.new.questions import ask_robot
+
+    if args.interactive:
+        robot, body = ask_robot(input, print)
+        return [robot], body, robot.id
+    stem = re.sub(r"[^a-z0-9_]+", "_", Path(args.name).resolve().stem.lower()).strip("_") or "robot"
+    with opened(args.name) as log:
+        return robots_of_log(log, args.name), "mars", stem
+
+
+def _with_imports(args: argparse.Namespace, robot: RobotDraft, out: Path) -> RobotDraft:
+    """Return a robot with the frames of the URDF and the cameras of the calibration."""
+    from dataclasses import replace
+
+    from cdff_common.output import write_file
+    from cdff_dev.new.mounts import camera_mounts, read_urdf_file, urdf_frames
+
+    if args.urdf is not None:
+        model = read_urdf_file(args.urdf)
+        copy = out.with_name(args.urdf.name)
+        if copy.resolve() != args.urdf.resolve():
+            write_file(copy, args.urdf.read_bytes())
+        robot = replace(robot, urdf=copy.name, urdf_frames=urdf_frames(model, robot.id))
+    if args.calibration is not None:
+        robot = replace(robot, cameras=camera_mounts(args.calibration))
+    return robot
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,15 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A mission profile for the robot of a log: its sensors, their rates, and the DFPCs that they permit."""
+"""A mission profile for the sensors of a robot: mounts, rates, and the DFPCs that they permit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.source import LogSource, split_stream
+from cdff_dev.new.mounts import CameraMounts, edge_line
 
 #: Kind of the sensor of a stream, by its ASN.1 type.
 _KINDS = {
@@ -20,23 +25,48 @@ _KINDS = {
     "TransformWithCovariance": "wheels",
 }
 #: Rotation of a level camera that looks ahead: x right, y down, z forward.
-_CAMERA_AXES = ", quaternion_xyzw: [-0.5, 0.5, -0.5, 0.5]"
+CAMERA_AXES = se3.transform(se3.matrix_from_quaternion_xyzw([-0.5, 0.5, -0.5, 0.5]), np.zeros(3))
 _HEADER = """\
-# Written by `cdff new profile` from {log}. A log does not contain the mounts of the sensors (frames),
-# the limits of the rover and the noise of the sensors (parameters): enter these.
-# Fields: docs/reference/profile.md
+# Written by `cdff new profile` from {source}.
+# Enter the values that it does not contain: the mounts of the sensors (frames), the limits of the rover,
+# and the noise of the sensors (parameters). Mounts from a drive:
+# cdff calibrate extrinsics LOG --profile FILE --write
+# Fields: docs/reference/profile.md. Frames: docs/explanation/frames.md.
 """
+_DEFAULT_LIMITS = {
+    "max_slope_deg": 15.0,
+    "max_step_m": 0.15,
+    "max_roughness_m": 0.08,
+    "width_m": 1.0,
+    "length_m": 1.2,
+    "height_m": 1.2,
+}
 
 
-@dataclass(frozen=True, slots=True)
-class _Sensor:
-    """Sensor of a log: ``streams`` has the type of each stream, ``rate_hz`` is that of the first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorDraft:
+    """Sensor of a robot.
+
+    Attributes
+    ----------
+    name, kind, frame : str
+    streams : mapping of str to str
+        Type of each stream.
+    rate_hz : float
+        Rate of the first stream; 0 if it is not known.
+    mount : array, shape (4, 4), or None
+        Pose in the base; None: to be entered.
+    child : str
+        Frame whose poses a wheel sensor measures; empty for the base.
+    """
 
     name: str
     kind: str
     frame: str
     streams: Mapping[str, str]
     rate_hz: float
+    mount: FloatArray | None = None
+    child: str = ""
 
     @property
     def source(self) -> str:
@@ -44,15 +74,51 @@ class _Sensor:
         return f"sensor/{self.name}/{next(iter(self.streams))}"
 
 
-def profile_text(log: LogSource, path: str, name: str) -> str:
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotDraft:
+    """Robot of a new profile.
+
+    Attributes
+    ----------
+    id : str
+    sensors : sequence of SensorDraft
+    limits : mapping of str to float
+    urdf : str
+        File of the URDF, relative to the profile; empty without one.
+    urdf_frames : collection of str
+        Frames of its links.
+    cameras : CameraMounts or None
+        Poses of its cameras.
+    """
+
+    id: str
+    sensors: Sequence[SensorDraft]
+    limits: Mapping[str, float] = field(default_factory=lambda: dict(_DEFAULT_LIMITS))
+    urdf: str = ""
+    urdf_frames: Collection[str] = ()
+    cameras: CameraMounts | None = None
+
+
+def profile_text(robots: Sequence[RobotDraft], source: str, name: str, body: str = "mars") -> str:
     """Return a profile as YAML.
 
     Parameters
     ----------
-    path : str
-        The log, for the comment.
-    name : str
-        Name of the profile.
+    source : str
+        Origin of the drafts, for the comment.
+    name, body : str
+        Name of the profile, and body of the mission.
+    """
+    lines = [*_HEADER.format(source=source).splitlines(), f"name: {name}"]
+    lines += [f"doc: Robots of {Path(source).name}."]
+    lines += ["# Body of the mission, e.g. moon, mars, earth.", f"body: {{name: {body}}}", "robots:"]
+    for robot in robots:
+        lines += _robot_lines(robot)
+    return "\n".join(lines) + "\n"
+
+
+def robots_of_log(log: LogSource, path: str) -> list[RobotDraft]:
+    """Return the robots of a log with their sensors.
 
     Raises
     ------
@@ -63,14 +129,10 @@ def profile_text(log: LogSource, path: str, name: str) -> str:
     if not robots:
         streams = ", ".join(log.streams) or "no streams"
         raise InputError(f"{path}: expected a stream /robot/sensor.stream with samples; it has {streams}")
-    lines = [*_HEADER.format(log=path).splitlines(), f"name: {name}", f"doc: Robots of {Path(path).name}."]
-    lines += ["# Body of the mission, e.g. moon, mars, earth.", "body: {name: mars}", "robots:"]
-    for robot, sensors in robots.items():
-        lines += _robot_lines(robot, sensors)
-    return "\n".join(lines) + "\n"
+    return [RobotDraft(robot, sensors) for robot, sensors in robots.items()]
 
 
-def _robots(log: LogSource) -> dict[str, list[_Sensor]]:
+def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
     """Return the sensors of each robot, without true poses."""
     streams: dict[tuple[str, str], dict[str, str]] = {}
     for stream, info in log.streams.items():
@@ -80,7 +142,7 @@ def _robots(log: LogSource) -> dict[str, list[_Sensor]]:
             continue
         if sensor != "truth" and not info.is_empty:
             streams.setdefault((robot, sensor), {})[stream] = item
-    robots: dict[str, list[_Sensor]] = {}
+    robots: dict[str, list[SensorDraft]] = {}
     for (robot, sensor), items in streams.items():
         first = next(iter(items))
         info = log.streams[first]
@@ -88,8 +150,11 @@ def _robots(log: LogSource) -> dict[str, list[_Sensor]]:
         rate_hz = (info.count - 1) / duration_s if duration_s > 0 else 0.0
         types = {item: log.streams[stream].type_name for stream, item in items.items()}
         kind = _KINDS.get(info.type_name, "other")
-        frame = f"{robot}/base" if kind == "wheels" else _frame(log, first)
-        robots.setdefault(robot, []).append(_Sensor(sensor, kind, frame, types, rate_hz))
+        if kind == "wheels":
+            draft = SensorDraft(sensor, kind, f"{robot}/base", types, rate_hz, child=_child(log, first))
+        else:
+            draft = SensorDraft(sensor, kind, _frame(log, first), types, rate_hz)
+        robots.setdefault(robot, []).append(draft)
     return robots
 
 
@@ -100,19 +165,32 @@ def _frame(log: LogSource, stream: str) -> str:
     return sample.to_sample("", robot).frame or f"{robot}/{sensor}"
 
 
-def _robot_lines(robot: str, sensors: list[_Sensor]) -> Iterator[str]:
-    yield f"  - id: {robot}"
+def _child(log: LogSource, stream: str) -> str:
+    """Return the frame whose poses a stream contains, if it is not the base of the robot."""
+    sample = next(iter(log.samples([stream])))
+    robot, _, _ = split_stream(stream)
+    child = sample.to_sample("", robot).child
+    return "" if child == f"{robot}/base" else child
+
+
+def _robot_lines(robot: RobotDraft) -> Iterator[str]:
+    yield f"  - id: {robot.id}"
     yield "    # Enter the limits of the rover."
-    yield (
-        "    limits: {max_slope_deg: 15.0, max_step_m: 0.15, max_roughness_m: 0.08, "
-        "width_m: 1.0, length_m: 1.2, height_m: 1.2}"
-    )
+    yield f"    limits: {{{', '.join(f'{name}: {value:g}' for name, value in robot.limits.items())}}}"
+    if robot.urdf:
+        yield "    # Its links are frames: the root is the base, and each other link NAME is ROBOT/NAME."
+        yield f"    urdf: {robot.urdf}"
     yield "    frames:"
-    yield f"      - {{parent: site, child: {robot}/odom}}"
-    yield "      # Enter the mounts: position in the base (x forward, y left, z up) and rotation."
-    for frame, kind in {s.frame: s.kind for s in sensors if s.frame != f"{robot}/base"}.items():
-        rotation = _CAMERA_AXES if "camera" in kind else ""
-        yield f"      - {{parent: {robot}/base, child: {frame}, translation_m: [0.0, 0.0, 0.0]{rotation}}}"
+    yield "      # The start: enter its position and heading if the site is known."
+    yield f"      - {{parent: site, child: {robot.id}/odom}}"
+    edges = list(_edges(robot))
+    if any(T is None for _, _, T, _ in edges):
+        yield "      # Enter the mounts: position in the base (x forward, y left, z up) and rotation."
+    for parent, child, T, comment in edges:
+        is_camera = any(s.frame == child and "camera" in s.kind for s in robot.sensors)
+        shown = CAMERA_AXES if T is None and is_camera else T
+        yield f"      - {edge_line(parent, child, shown, comment)}"
+    sensors = robot.sensors
     yield "    sensors:"
     for sensor in sensors:
         streams = ", ".join(f"{item}: {type_name}" for item, type_name in sensor.streams.items())
@@ -127,7 +205,37 @@ def _robot_lines(robot: str, sensors: list[_Sensor]) -> Iterator[str]:
     yield from ["    dfpcs:", *entries] if entries else ["    dfpcs: []"]
 
 
-def _dfpc_lines(by_kind: Mapping[str, _Sensor]) -> Iterator[str]:
+def _edges(robot: RobotDraft) -> Iterator[tuple[str, str, FloatArray | None, str]]:
+    """Yield parent, child, transform (None: to be entered) and comment of each edge that the URDF lacks."""
+    base, own = f"{robot.id}/base", {s.frame: s for s in robot.sensors}
+    imu = next((s.frame for s in robot.sensors if s.kind == "imu"), None)
+    camera = next((s for s in robot.sensors if "camera" in s.kind), None)
+    poses = list(robot.cameras.poses.values()) if robot.cameras is not None and camera is not None else []
+    comment = f"  # {robot.cameras.source}" if robot.cameras is not None else ""
+    for frame, sensor in own.items():
+        if frame == base or frame in robot.urdf_frames:
+            continue
+        if (
+            sensor is camera
+            and poses
+            and robot.cameras is not None
+            and robot.cameras.by_imu
+            and imu is not None
+        ):
+            yield imu, frame, poses[0], comment
+        else:
+            yield base, frame, sensor.mount, ""
+    for child in {
+        s.child: None for s in robot.sensors if s.child and s.child not in {*own, *robot.urdf_frames}
+    }:
+        yield base, child, np.eye(4), "  # the base as the wheels name it"
+    if camera is not None and camera.kind == "stereo_camera" and len(poses) > 1:
+        right = camera.frame.replace("left", "right") if "left" in camera.frame else f"{camera.frame}_right"
+        if right not in robot.urdf_frames:
+            yield camera.frame, right, se3.inverse(poses[0]) @ poses[1], comment
+
+
+def _dfpc_lines(by_kind: Mapping[str, SensorDraft]) -> Iterator[str]:
     """Yield the entries of localisation and mapping that the sensors permit."""
     lidar, stereo = by_kind.get("lidar"), by_kind.get("stereo_camera")
     wheels, imu = by_kind.get("wheels"), by_kind.get("imu")
@@ -157,7 +265,7 @@ def _entry(
     name: str,
     process: str,
     inputs: Mapping[str, str],
-    sensor: _Sensor | None,
+    sensor: SensorDraft | None,
     implementation: str = "",
     *,
     is_always: bool = True,

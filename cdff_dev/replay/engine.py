@@ -112,6 +112,7 @@ def replay(
             "config_hash": dfpc.config_hash,
             "stopped": stopped,
             "dropped": counters["late"],
+            "unknown_frames": runner.sensors.unknown_frames,
             "sensor_findings": [finding.to_dict() for finding in runner.sensors.history],
             **{name: counters[name] for name in (*names, "samples_by_port", "outputs_by_port")},
         }

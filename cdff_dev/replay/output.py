@@ -27,7 +27,7 @@ from cdff_common.types import ObjectTrack
 from cdff_dev.logs import LogWriter
 
 #: Types whose last value is written to a file.
-_FILES = ("Pointcloud", "ElevationMap", "NavigationMap", "PoseGraph")
+_FILES = ("BodyMotion", "Pointcloud", "ElevationMap", "NavigationMap", "PoseGraph")
 
 
 class ReplayOutput:

@@ -54,7 +54,7 @@ def wire(
 
     The stream is, in this order: that of ``mapping``; the input of ``entry``; the stream with the type and
     name of the port; the only stream of this type, if no other port has the type. Ground truth is wired only
-    by ``mapping``.
+    by ``mapping``, unless the log has nothing else, as a file of poses.
 
     Parameters
     ----------
@@ -75,8 +75,10 @@ def wire(
     candidates = {
         name: type_name
         for name, type_name in streams.items()
-        if (name.startswith(f"/{robot}/") or name.count("/") < 2) and "/truth." not in name
+        if name.startswith(f"/{robot}/") or name.count("/") < 2
     }
+    measured = {name: type_name for name, type_name in candidates.items() if "/truth." not in name}
+    candidates = measured or candidates
     wired: dict[str, str] = {}
     for name, port in ports.items():
         stream = mapping.get(name)

@@ -257,7 +257,10 @@ class HostedDfpc(DfpcLifeCycle):
             logger.warning("%s.%s: malformed input on %s: %s", self.entry.name, port, message.key, error)
             return
         if (stream := self._streams.get(port)) is not None:
-            stream.add(sample, self._bus.mission_clock.now_ns(), monotonic_s())
+            now_ns = self._bus.mission_clock.now_ns()
+            stream.add(sample, now_ns, monotonic_s())
+            if self.runner is not None:
+                self.runner.sensors.add_arrival(sample, now_ns)
         assert self.runner is not None
         with self._queue:
             while self.runner.pending >= self.entry.queue and not self._stopping.is_set():

@@ -189,6 +189,7 @@ class DfpcLifeCycle(ABC):
             "wired": dict(self.wired),
             **counters,
             "sensor_findings": [finding.to_dict() for finding in self.sensor_findings],
+            "unknown_frames": {} if self.runner is None else self.runner.sensors.unknown_frames,
             "last_error": self.last_error or step_error,
         }
 

@@ -214,7 +214,7 @@ def _print_summary(summary: dict[str, Any], args: argparse.Namespace) -> None:
 def _print_explanation(explanation: dict[str, Any], _: argparse.Namespace) -> None:
     stored = explanation["stored"]
     if explanation["would"] == "serve":
-        print(f"would serve product {stored['id']} from the DPM, {stored['age_s']:.3f} s old")
+        print(f"would serve product {stored['id']} from the DPM, {_age(stored['age_s'])}")
     else:
         print(f"not served from the DPM: {explanation['why_not_stored']}")
     title = "would make it" if explanation["would"] == "make" else "could make it"
@@ -300,6 +300,11 @@ def _print_catalogue(catalogue: dict[str, Any], args: argparse.Namespace) -> Non
     for sensor in catalogue["sensors"]:
         held_text = " (held)" if sensor["held"] else ""
         print(f"{sensor['robot']:12} {sensor['sensor']:28} {sensor['mode']}{held_text}")
+
+
+def _age(age_s: float) -> str:
+    """Return an age in words; a capture can be ahead of the mission clock."""
+    return f"{age_s:.3f} s old" if age_s >= 0.0 else f"ahead of the clock by {-age_s:.3f} s"
 
 
 def _progress(body: Mapping[str, Any]) -> None:

@@ -38,6 +38,10 @@ class _Activation:
         Number of FAILED outputs.
     failed_at_last_good : int
         Value of ``failed_outputs`` when ``good_outputs`` last changed.
+    last_failure : str
+        Reasons of the last FAILED output.
+    findings : tuple of str
+        Findings about the sensors of its inputs.
     """
 
     since_s: float
@@ -45,6 +49,8 @@ class _Activation:
     good_outputs: int = -1
     failed_outputs: int = 0
     failed_at_last_good: int = 0
+    last_failure: str = ""
+    findings: tuple[str, ...] = ()
 
 
 class ProviderMonitor:
@@ -104,6 +110,11 @@ class ProviderMonitor:
         if good != activation.good_outputs:
             activation.good_outputs, activation.failed_at_last_good = good, failed
         activation.failed_outputs = failed
+        activation.last_failure = str(status.get("last_failure", ""))
+        findings = status.get("sensor_findings", ())
+        activation.findings = tuple(
+            str(f["what"]) for f in findings if isinstance(f, Mapping) and "what" in f
+        )
         return before != (self._silence(provider, now_s), self._only_fails(provider))
 
     def problems(self, providers: Iterable[ProviderId], now_s: float) -> dict[ProviderId, str]:
@@ -114,10 +125,17 @@ class ProviderMonitor:
             if now_s - self._gone_since_s.get(provider, now_s) > GONE_S:
                 reason = f"the process of {provider} is gone"
             elif not reason and self._only_fails(provider):
-                reason = f"the last {MAX_FAILED_OUTPUTS} outputs of {provider} failed"
+                reason = self._failure(provider)
             if reason:
                 problems[provider] = reason
         return problems
+
+    def _failure(self, provider: ProviderId) -> str:
+        """Return why the last outputs of a provider failed."""
+        activation = self._activations[provider]
+        reasons = f" ({activation.last_failure})" if activation.last_failure else ""
+        findings = "".join(f"; {finding}" for finding in activation.findings)
+        return f"the last {MAX_FAILED_OUTPUTS} outputs of {provider} failed{reasons}{findings}"
 
     def _silence(self, provider: ProviderId, now_s: float) -> str:
         """Return why a provider lacks samples: a mandatory sensor or all its sensors are silent."""

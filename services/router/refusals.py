@@ -46,6 +46,8 @@ _ACCEPTED = re.compile(r"Accepted TLS connection .* Common Name: (\S+)\.$")
 _CACHING = re.compile(r"caching permissions for `(\S+)`")
 _CACHED = "Using cached result"
 _LAST_COMPUTED = "Declare Liveliness Subscriber"
+#: Links that broke off before the handshake was complete, such as of a client that was ended meanwhile.
+_BROKEN = re.compile(r"os error (104|32|110)|Connection reset|Broken pipe|\beof\b|end of file", re.IGNORECASE)
 _LINK = re.compile(r"zenoh_link_tls::\w+: (.*?)(?:: verification time .*)?(?:\. Hint.*)?$")
 
 
@@ -94,7 +96,8 @@ class LogParser:
             return previous
         if " WARN " in line:
             link = _LINK.search(line)
-            return Refused("", "connect", "", link[1]) if link else None
+            is_refused = link is not None and _BROKEN.search(link[1]) is None
+            return Refused("", "connect", "", link[1]) if link and is_refused else None
         if session := _SESSION.search(line):
             self._on_permission(thread, line, *session.groups())
         elif accepted := _ACCEPTED.search(line):

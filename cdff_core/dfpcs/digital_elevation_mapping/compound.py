@@ -77,7 +77,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             self._patch.drops["queue_full"] += 1
         outputs = list(self._process_queue())
         if not outputs and self._patch.drops["queue_full"] and not self._patch.captures:
-            outputs += self._report_missing_poses()
+            outputs += self._report_missing_input()
         return outputs
 
     on_scan = on_stereo = on_cloud
@@ -149,6 +149,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             self._add(sample, in_map_frame=in_map_frame)
             if self._is_patch_due():
                 outputs += self._publish()
+        if not outputs and self._patch.drops["no_extrinsics"] and not self._patch.captures:
+            outputs += self._report_missing_input()
         return outputs
 
     def _add(self, sample: Sample, *, in_map_frame: bool = False, at_ns: int | None = None) -> None:
@@ -217,8 +219,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         step = -(-len(thin) // self.config.max_cloud_points)
         return Pointcloud.from_points(thin[::step], frame=frame, stamp_ns=stamp_ns)
 
-    def _report_missing_poses(self) -> list[Output]:
-        """Report once per period that captures arrive without poses."""
+    def _report_missing_input(self) -> list[Output]:
+        """Report once per period that captures arrive without poses, or without a mount."""
         last_ns, period_ns = self._last_output_ns, self.config.patch_period_s * 1e9
         is_due = last_ns is None or self._newest_ns - last_ns >= period_ns
         return self._failed() if is_due else []

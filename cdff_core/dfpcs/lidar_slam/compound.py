@@ -41,7 +41,12 @@ class LidarSlam(LidarSlamInterface):
         self._mapper = KeyframeMapper(self, self.config)
         self._relocaliser = Relocaliser(self.config.loops.candidates)
         self._products = ProductBuilder(
-            self.name, self.context.robot, self.config.gates, self._mapper, self._relocaliser
+            self.name,
+            self.context.robot,
+            self.context.sensor_frame("lidar", "lidar"),
+            self.config.gates,
+            self._mapper,
+            self._relocaliser,
         )
         self.forget()
         self.store.offer("map", self.state)
@@ -163,8 +168,8 @@ class LidarSlam(LidarSlamInterface):
 
     def _T_base_lidar(self) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Return the mount of the lidar; the identity if unknown: odometry is then that of the lidar."""
-        robot = self.context.robot
+        base, lidar = f"{self.context.robot}/base", self.context.sensor_frame("lidar", "lidar")
         try:
-            return self.context.frames.lookup(f"{robot}/base", f"{robot}/lidar", 0).matrix
+            return self.context.frames.lookup(base, lidar, 0).matrix
         except FrameNotFoundError:
             return np.eye(4)

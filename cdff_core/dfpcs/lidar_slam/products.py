@@ -27,12 +27,13 @@ from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
 
 
 class ProductBuilder:
-    """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and ``{robot}/lidar``."""
+    """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and that of the lidar."""
 
     def __init__(
         self,
         producer: str,
         robot: str,
+        lidar_frame: str,
         gates: TrackingGates,
         mapper: KeyframeMapper,
         relocaliser: Relocaliser,
@@ -42,7 +43,7 @@ class ProductBuilder:
         self._map_frame, self._odom_frame, self._lidar_frame = (
             f"{robot}/slam",
             f"{robot}/lidar_odom",
-            f"{robot}/lidar",
+            lidar_frame,
         )
         self.clear()
 

@@ -38,7 +38,9 @@ class PositionManager(PositionManagerInterface):
     def setup(self) -> None:
         """Create frame tree, filter and timeline; offer the store items."""
         c, t, context = self.config, self.config.timeline, self.context
-        self._frames = RobotFrames(context.robot, context.frames, context.urdf)
+        self._frames = RobotFrames(
+            context.robot, context.frames, context.urdf, context.sensor_frame("imu", "imu")
+        )
         self._imu = ImuBuffer(int(2 * t.memory_s * 1e9))
         self._estimator = Estimator(c, self.dfn, self._imu, self._frames)
         self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * 1e9))
@@ -71,7 +73,7 @@ class PositionManager(PositionManagerInterface):
     def on_imu(self, sample: Sample) -> Iterable[Output]:
         """Buffer the reading; estimate from the IMU alone if no other source has measured for a while."""
         if self._imu.T_base_imu is None:
-            self._imu.T_base_imu = self._frames.mount(f"{self.context.robot}/imu", sample.stamp_ns)
+            self._imu.T_base_imu = self._frames.mount(self._frames.imu, sample.stamp_ns)
         self._imu.insert(sample.stamp_ns, sample.value.acc, sample.value.gyro)
         if not self._history.is_started:
             yield from self._initialise(sample)
@@ -86,13 +88,21 @@ class PositionManager(PositionManagerInterface):
             yield from self.on_visual_odometry(sample)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Process a pose of any source; after a FAILED pose the next increment is omitted."""
+        """Process a pose of any source; after a FAILED pose the next increment is omitted.
+
+        A pose of a sensor that has no place on the robot yet, for example on a mast whose joint values are
+        missing, is not used and named in the reasons.
+        """
         if not self._history.is_started:
             yield from self._initialise(sample)
         elif sample.value is None or sample.quality.status is Status.FAILED:
             self._sources.mark_failed(sample.port)
         else:
-            yield from self._estimate(sample, self._sources.measurement(sample, self._frames.base))
+            measurement = self._sources.measurement(sample, self._frames.base)
+            if self._frames.is_placed(measurement.child, sample.stamp_ns):
+                yield from self._estimate(sample, measurement)
+            else:
+                self._sources.mark_unplaced(sample.port, measurement.child)
 
     on_lidar_odometry = on_fix = on_absolute_fix = on_visual_odometry
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.errors import FrameNotFoundError, InputError
+from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import Joint, read_urdf
@@ -33,11 +33,13 @@ class RobotFrames:
     """Two frame trees, of the site and of the base, which the timeline connects.
 
     ``context`` has the mounts below ``{robot}/base`` and, if surveyed, the transform from ``{robot}/odom`` to
-    ``site``; the URDF document, which may be empty, describes the joints.
+    ``site``; the URDF document, which may be empty, describes the joints. ``imu`` is the frame of the
+    IMU, by default ``{robot}/imu``.
     """
 
-    def __init__(self, robot: str, context: FrameGraph, urdf: str) -> None:
+    def __init__(self, robot: str, context: FrameGraph, urdf: str, imu: str = "") -> None:
         self.robot, self.base, self.odom = robot, f"{robot}/base", f"{robot}/odom"
+        self.imu = imu or f"{robot}/imu"
         self._graph = FrameGraph()
         for child in context.frames:
             parent = context.parent_of(child)
@@ -75,6 +77,14 @@ class RobotFrames:
         while (parent := self._graph.parent_of(root)) is not None:
             root = parent
         return root == self.base
+
+    def is_placed(self, frame: str, stamp_ns: int) -> bool:
+        """Return whether the place of a frame on the robot is known at a time."""
+        try:
+            self.on_robot(self.base, frame, stamp_ns)
+        except (FrameNotFoundError, ExtrapolationError):
+            return False
+        return True
 
     def mount(self, frame: str, stamp_ns: int) -> FloatArray:
         """Return ``T_base_frame`` (4, 4) at a time."""

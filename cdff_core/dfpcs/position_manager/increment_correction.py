@@ -95,7 +95,7 @@ class IncrementCorrection:
         if m.source in MOUNTS:
             self._sensor_frames[m.source] = m.child
         if self._imu.T_base_imu is not None:
-            self._sensor_frames["imu"] = f"{self._frames.robot}/imu"
+            self._sensor_frames["imu"] = self._frames.imu
         reasons = self._mounts.deviations(corrected, self._sensor_frames)
         return replace(corrected, consecutive_refusals=0), MeasurementResult(True, reasons)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 
+from cdff_common.errors import CdffError
 from cdff_core.dfpcs.position_manager.estimate import Estimate
 from cdff_core.dfpcs.position_manager.estimator import Estimator
 from cdff_core.dfpcs.position_manager.measurement import Measurement, MeasurementResult
@@ -67,7 +68,10 @@ class MeasurementHistory:
             self._process(index)
 
     def insert(self, measurement: Measurement) -> MeasurementResult:
-        """Insert a measurement, not older than ``oldest``, by its time; process it and all later ones."""
+        """Insert a measurement, not older than ``oldest``, by its time; process it and all later ones.
+
+        A measurement that cannot be processed raises its error and leaves the history unchanged.
+        """
         self.refresh()
         stamp_ns = measurement.stamp_ns
         k = bisect_right(self._stamps, stamp_ns)
@@ -76,7 +80,12 @@ class MeasurementHistory:
             k -= 1
         self._stamps.insert(k, stamp_ns)
         self._measurements.insert(k, measurement)
-        result = self._process(k)
+        try:
+            result = self._process(k)
+        except CdffError:
+            del self._stamps[k], self._measurements[k]
+            self._process(k)
+            raise
         self._remove_before(self._stamps[-1] - self._memory_ns)
         return result
 

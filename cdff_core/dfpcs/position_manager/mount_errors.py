@@ -44,7 +44,7 @@ class MountErrors:
 
     def imu_covariance(self, stamp_ns: int) -> FloatArray:
         """Return the covariance (3, 3) of the rotation of the IMU in base axes."""
-        stated = self._frames.mount_covariance(f"{self._frames.robot}/imu", stamp_ns)
+        stated = self._frames.mount_covariance(self._frames.imu, stamp_ns)
         return self._imu_variance * np.eye(3) if stated is None else stated[3:, 3:]
 
     def attached(self, estimate: Estimate, source: str, frame: str) -> Estimate:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from cdff_common.geometry import UncertainTransform
@@ -30,6 +32,9 @@ _ACCURATE = (*_FREQUENT, "absolute_fix")
 _WHEEL_PERIOD_NS = 45_000_000
 #: Factor on the variances of a DEGRADED measurement.
 _DEGRADED_SCALE = 25.0
+#: Number of the newest measurements of a source of which the fraction of refused ones is computed, the least
+#: number, and the fraction above which a pose is DEGRADED: the source contradicts the others.
+_WINDOW, _LEAST_RESULTS, _MAX_REFUSED_FRACTION = 20, 8, 0.5
 
 
 class SourceMonitor:
@@ -45,6 +50,10 @@ class SourceMonitor:
         self._used_ns: dict[str, int] = {}
         self._failed: set[str] = set()
         self._refusals: dict[str, int] = {}
+        #: Whether each of the newest measurements of a source was refused.
+        self._results: dict[str, deque[bool]] = {}
+        #: Frame of each source whose sensor has no place on the robot at present.
+        self._unplaced: dict[str, str] = {}
         self._last_degraded_ns: int | None = None
         #: Number of poses published as DEGRADED.
         self.degraded_poses = 0
@@ -81,10 +90,19 @@ class SourceMonitor:
             restart=sample.port in self._failed,
         )
 
+    def mark_unplaced(self, source: str, frame: str) -> None:
+        """Record that the frame of a source has no place on the robot: its measurements are not used."""
+        self._unplaced[source] = frame
+        self._failed.add(source)
+        self.count_refusal(source)
+
     def record(self, measurement: Measurement, result: MeasurementResult) -> None:
         """Record the result of a measurement."""
         source, stamp_ns = measurement.source, measurement.stamp_ns
         self._failed.discard(source)
+        self._unplaced.pop(source, None)
+        if result.used or result.is_refused:
+            self._results.setdefault(source, deque(maxlen=_WINDOW)).append(result.is_refused)
         if result.used:
             self._used_ns[source] = max(stamp_ns, self._used_ns.get(source, stamp_ns))
         elif result.is_refused:
@@ -113,7 +131,8 @@ class SourceMonitor:
         name = _NAMES[source] if source else "start" if at_start else "none"
         last_ns = self._last_degraded_ns
         input_degraded = last_ns is not None and stamp_ns - last_ns <= self._timeout_ns
-        is_ok = at_start or (source in _ACCURATE and not input_degraded)
+        conflicts = (*self._refused_fractions(), *self._unplaced_sources())
+        is_ok = at_start or (source in _ACCURATE and not input_degraded and not conflicts)
         self.degraded_poses += not is_ok
         sigma = np.sqrt(np.diagonal(np.asarray(T.covariance)))
         used_ns = max(self._used_ns.get(s, self._start_ns) for s in _ODOMETRIES)
@@ -123,8 +142,25 @@ class SourceMonitor:
             "visual_age_s": max(stamp_ns - used_ns, 0) * 1e-9,
             **{f"refused_{_NAMES.get(s, s)}": float(n) for s, n in sorted(self._refusals.items())},
         }
-        reasons = (f"source:{name}", *reasons, *(("odometry_degraded",) if input_degraded else ()))
+        reasons = (
+            f"source:{name}",
+            *reasons,
+            *(("odometry_degraded",) if input_degraded else ()),
+            *conflicts,
+        )
         return Quality(Status.OK if is_ok else Status.DEGRADED, reasons, CovarianceKind.FORMAL, metrics)
+
+    def _refused_fractions(self) -> list[str]:
+        """Return a reason for each source most of whose newest measurements were refused."""
+        return [
+            f"refused:{_NAMES.get(source, source)}_{sum(results) / len(results):.2f}"
+            for source, results in self._results.items()
+            if len(results) >= _LEAST_RESULTS and sum(results) > _MAX_REFUSED_FRACTION * len(results)
+        ]
+
+    def _unplaced_sources(self) -> list[str]:
+        """Return a reason for each source whose sensor has no place on the robot."""
+        return [f"unplaced:{_NAMES.get(s, s)}_{frame}" for s, frame in self._unplaced.items()]
 
     def _is_recent(self, source: str, stamp_ns: int) -> bool:
         used_ns = self._used_ns.get(source)

@@ -26,7 +26,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.image_acceptance import assess_pair
 from cdff_core.dfpcs.visual_odometry_sparse.interface import VisualOdometrySparseInterface
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe, KeyframeBuilder, KeyframeWindow
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe_tracker import KeyframeTracker
-from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionPrior
+from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import CAMERAS, MotionPrior
 from cdff_core.dfpcs.visual_odometry_sparse.quality import (
     blur_reasons,
     is_scene_uncertain,
@@ -44,7 +44,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
 
     def setup(self) -> None:
         """Create the DFNs and an empty path; offer the store items."""
-        self._parent, self._child = f"{self.context.robot}/vo", f"{self.context.robot}/navcam_left"
+        self._parent = f"{self.context.robot}/vo"
+        self._child = self.context.sensor_frame("navcam_left", *CAMERAS)
         dfn = cache(self.dfn)  # builder and tracker share stateful DFNs
         self._assessment = dfn("assessment")
         self._calibration = DisparityCalibration()

@@ -17,6 +17,8 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_core.dfns.gyro_integration.interface import GyroIntegrationInputs
 
+#: Kinds of sensors with a camera whose frame the poses have.
+CAMERAS = ("stereo_camera", "camera")
 #: Time for which samples are kept, and maximum extrapolation of the motion by the wheels, nanoseconds.
 _MEMORY_NS, _EXTRAPOLATION_NS = 10_000_000_000, 300_000_000
 
@@ -80,9 +82,11 @@ class MotionPrior:
         frames, robot = context.frames, context.robot
         base = f"{robot}/base"
         try:
-            T_base_left = T_base_left or frames.lookup(base, f"{robot}/navcam_left", stamp_ns)
+            T_base_left = T_base_left or frames.lookup(
+                base, context.sensor_frame("navcam_left", *CAMERAS), stamp_ns
+            )
             self._T_left_base = se3.inverse(T_base_left.matrix)
-            T_base_imu = frames.lookup(base, f"{robot}/imu", stamp_ns).matrix
+            T_base_imu = frames.lookup(base, context.sensor_frame("imu", "imu"), stamp_ns).matrix
             self._R_left_imu = self._T_left_base[:3, :3] @ T_base_imu[:3, :3]
         except FrameNotFoundError:
             return

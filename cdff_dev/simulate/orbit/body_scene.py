@@ -126,6 +126,21 @@ class BodyScene:
         distance_m += skipped[of_pose[chosen[index]]].astype(np.float32)
         return Hits(index, distance_m, points_m, normals, to_eye, material)
 
+    def clearances_m(self, points_m: FloatArray) -> FloatArray:
+        """Return the distances (n,) of points (n, 3), body axes, from the surface; 0 inside the body.
+
+        A point is inside if the surfaces that it sees along and against each axis all face away from it.
+        """
+        points = np.ascontiguousarray(points_m, dtype=np.float32)
+        distances = self._scene.compute_distance(self._tensor(points), nthreads=1).numpy().astype(float)
+        enclosed = np.ones(len(points), dtype=bool)
+        for direction in np.concatenate([np.eye(3), -np.eye(3)]).astype(np.float32):
+            rays = np.hstack([points, np.broadcast_to(direction, points.shape)])
+            cast = self._scene.cast_rays(self._tensor(np.ascontiguousarray(rays)), nthreads=1)
+            faces_away = cast["primitive_normals"].numpy() @ direction > 0.0
+            enclosed &= faces_away & np.isfinite(cast["t_hit"].numpy())
+        return np.where(enclosed, 0.0, distances)
+
     def is_hidden(self, points_m: Float32Array, direction: Float32Array) -> NDArray[np.bool_]:
         """Return whether this body hides points (n, 3) from a light in a direction (3,), body axes."""
         rays = np.empty((len(points_m), 6), dtype=np.float32)

@@ -12,15 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.errors import ConfigurationError
+from cdff_common.errors import CodecError, ConfigurationError
+from cdff_common.formats.meshes import UNITS, read_mesh
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.simulate.orbit.built_in import BUILT_IN_MODELS
 from cdff_dev.simulate.orbit.materials import MATERIALS, Material
 
 #: Names of the built-in models.
 BUILT_IN = tuple(BUILT_IN_MODELS)
-#: Metres of the units of mesh files.
-UNITS = {"m": 1.0, "mm": 0.001, "cm": 0.01, "km": 1000.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,10 +101,13 @@ def load_body(
             path = mesh_file(mesh)
         except ConfigurationError as error:
             raise ConfigurationError(f"{field}.{error}") from error
-        vertices, triangles = _read(path, f"{field}.mesh={mesh!r}")
+        try:
+            arrays = read_mesh(path).scaled(UNITS[unit])
+        except CodecError as error:
+            raise ConfigurationError(f"{field}.mesh={mesh!r}: {error}") from error
         chosen = MATERIALS[material] if isinstance(material, str) else material
-        of_first = np.zeros(len(triangles), np.intp)
-        body = BodyMesh(vertices * UNITS[unit], triangles, of_first, (chosen,))
+        of_first = np.zeros(len(arrays.triangles), np.intp)
+        body = BodyMesh(arrays.vertices, arrays.triangles, of_first, (chosen,))
         low, high = size_m
         if not low <= body.extent_m <= high:
             unlikely = {
@@ -119,18 +121,6 @@ def load_body(
                 f"expected {low:g} to {high:g} m ({field}.size_m){likely}"
             )
     return body
-
-
-def _read(path: Path, owner: str) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return vertices (n, 3) in the unit of the file, and triangles (m, 3); raises ConfigurationError."""
-    import open3d as o3d
-
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(path)
-    vertices, triangles = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.triangles, dtype=np.int64)
-    if not len(triangles) or not np.isfinite(vertices).all():
-        raise ConfigurationError(f"{owner}: {path} is no mesh with triangles: expected obj, ply, stl or glb")
-    return vertices, triangles
 
 
 def _built_in(name: str) -> BodyMesh:

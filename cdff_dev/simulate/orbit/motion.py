@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cdff_common.clock import NS_PER_S
+from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.stars.aberration import ASTRONOMICAL_UNIT_M
@@ -26,6 +27,9 @@ from cdff_dev.simulate.orbit.scenario import Client, Companion, OrbitScenario, P
 
 #: Half step of numerical derivatives of attitudes and of positions, seconds.
 _RATE_STEP_S, _ACCELERATION_STEP_S = 1e-3, 0.05
+#: Times at which the path is checked, smallest distance from the client, and sine of the smallest angle
+#: between line of sight and upward axis.
+_PATH_CHECKS, _APART_M, _AXIS_SINE = 2000, 0.01, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +85,7 @@ class OrbitMotion:
             _SmoothError(pointing.error_deg, 1.0 / pointing.period_s, rng),
             _SmoothError(pointing.jitter_deg, pointing.jitter_hz, rng),
         ]
+        self._upward = self._upward_axis()
         self._fixed_sun = self._fixed_sun_direction()
 
     # -- positions
@@ -167,11 +172,39 @@ class OrbitMotion:
         return T
 
     def _pointed(self, t_s: FloatArray) -> FloatArray:
-        """Return attitudes (n, 3, 3) with x to the client and z near the orbit normal, or z of the body."""
+        """Return attitudes (n, 3, 3) with x to the client and z near the upward axis."""
         x = -_unit(self.servicer_offsets_m(t_s))
-        normal = -self.path_axes(t_s)[:, :, 1] if self.reference else np.tile([0.0, 0.0, 1.0], (len(t_s), 1))
-        y = _unit(np.cross(normal, x))
+        y = _unit(np.cross(self.path_axes(t_s) @ self._upward, x))
         return np.stack([x, y, np.cross(x, y)], axis=2)
+
+    def _upward_axis(self) -> FloatArray:
+        """Return the axis (3,) of the path near which z of the servicer is.
+
+        It is the orbit normal, or z for a small body; if the path comes close to that axis, the first axis.
+
+        Raises
+        ------
+        ConfigurationError
+            If the servicer is at the position of the client, or passes both axes.
+        """
+        t_s = np.linspace(0.0, self._scenario.duration_s, _PATH_CHECKS)
+        positions = self._path.positions_m(t_s)
+        distances = np.linalg.norm(positions, axis=1)
+        nearest = int(distances.argmin())
+        if distances[nearest] < _APART_M:
+            raise ConfigurationError(
+                f"servicer.path: the servicer is {distances[nearest]:.3g} m from the centre of the client at "
+                f"{t_s[nearest]:g} s, expected at least {_APART_M:g} m"
+            )
+        axes = [np.array([0.0, -1.0, 0.0] if self.reference else [0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])]
+        for axis in axes:
+            sine = np.linalg.norm(np.cross(positions, axis), axis=1) / distances
+            if sine.min() > _AXIS_SINE:
+                return axis
+        raise ConfigurationError(
+            "servicer.path: it passes both the orbit normal and V-bar of the client (z and x of a small "
+            "body), so that no attitude towards the client is continuous; use pointing.mode inertial or change it"
+        )
 
     # -- light
 
@@ -198,8 +231,8 @@ class OrbitMotion:
             return None
         t_s = np.array([sun.at_s])
         to_servicer = _unit(self.servicer_offsets_m(t_s))[0]
-        normal = -self.path_axes(t_s)[0, :, 1]
-        across = normal - (normal @ to_servicer) * to_servicer
+        upward = self.path_axes(t_s)[0] @ self._upward
+        across = upward - (upward @ to_servicer) * to_servicer
         across = np.asarray(
             se3.exp_so3(to_servicer * np.radians(sun.clock_deg)) @ (across / np.linalg.norm(across))
         )

@@ -54,6 +54,13 @@ class SmallBody(StrictModel):
     sun_direction: Annotated[Vector3, Field(description="direction of the Sun, inertial axes")]
     sun_distance_au: Annotated[float, Field(gt=0.1, lt=100)]
 
+    @field_validator("sun_direction")
+    @classmethod
+    def _check_direction(cls, value: Vector3) -> Vector3:
+        if not any(value):
+            raise ValueError("[0, 0, 0]: expected a direction")
+        return value
+
 
 class SunDirection(StrictModel):
     """Sun direction relative to the line of sight at one time; it replaces the ephemeris.
@@ -273,6 +280,13 @@ class OrbitScenario(StrictModel):
                 )
         elif not any([self.servicer.cameras, self.servicer.lidars, self.servicer.star_tracker]):
             raise ValueError("servicer: no camera, lidar or star tracker")
+        for group in ("cameras", "lidars"):
+            for sensor, model in getattr(self.servicer, group).items():
+                if model.start_s >= self.duration_s:
+                    raise ValueError(
+                        f"servicer.{group}.{sensor}.start_s {model.start_s:g} is not before the end of the "
+                        f"path, {self.duration_s:g} s"
+                    )
         return self
 
     @property

@@ -19,8 +19,8 @@ from cdff_dev.simulate.orbit.meshes import BodyMesh, load_body
 from cdff_dev.simulate.orbit.motion import Light, OrbitMotion
 from cdff_dev.simulate.orbit.scenario import Appendage, Body, OrbitScenario
 
-#: Interval at which the distance to the bodies is checked, seconds, and the largest number of checks.
-_CHECK_S, _MAX_CHECKS = 1.0, 4_000
+#: Number of times at which the distance to the bodies is checked.
+_CHECKS = 4000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +61,8 @@ class OrbitWorld:
             self.meshes[body.name] = load_body(
                 body.mesh, unit=body.unit, material=body.material, size_m=size_m, field=field
             )
-        check_distances(scenario, self.motion, self.meshes)
         self.scenes = {name: BodyScene(mesh) for name, mesh in self.meshes.items()}
+        check_distances(scenario, self.motion, self.scenes)
 
     def placed(self, t_s: FloatArray) -> list[PlacedBody]:
         """Return all bodies at times (n,), with the light at their middle."""
@@ -113,19 +113,17 @@ def bodies_with_fields(scenario: OrbitScenario) -> list[tuple[str, Body]]:
     return [("client", scenario.client), *companions, *parts]
 
 
-def check_distances(scenario: OrbitScenario, motion: OrbitMotion, meshes: dict[str, BodyMesh]) -> None:
+def check_distances(scenario: OrbitScenario, motion: OrbitMotion, scenes: dict[str, BodyScene]) -> None:
     """Refuse a path on which a body comes closer to a sensor than its ``near_m``.
 
-    The distance is that to the bounding sphere of the body; only if the sensor is inside it, that to the
-    nearest vertex.
+    The distance is that to the bounding sphere of the body; only if it is too small, that to its surface.
 
     Raises
     ------
     ConfigurationError
         With the field, the body, the time and the distance.
     """
-    count = min(max(int(scenario.duration_s / _CHECK_S), 2), _MAX_CHECKS)
-    t_s = np.linspace(0.0, scenario.duration_s, count)
+    t_s = np.linspace(0.0, scenario.duration_s, _CHECKS)
     sensors = [
         (f"servicer.cameras.{n}.near_m", c.near_m, c.mount) for n, c in scenario.servicer.cameras.items()
     ]
@@ -134,13 +132,12 @@ def check_distances(scenario: OrbitScenario, motion: OrbitMotion, meshes: dict[s
     ]
     for body in scenario.bodies:
         T_base_body = motion.poses_in_base(body.name, t_s)
-        mesh = meshes[body.name]
+        scene = scenes[body.name]
         for field, near_m, mount in sensors:
-            at = se3.inverse(T_base_body) @ np.append(mount.xyz_m, 1.0)
-            positions = at[:, :3]
-            distances = np.linalg.norm(positions, axis=1) - mesh.radius_m
-            for k in np.flatnonzero(distances < near_m):
-                distances[k] = np.linalg.norm(mesh.vertices_m - positions[k], axis=1).min()
+            positions = (se3.inverse(T_base_body) @ np.append(mount.xyz_m, 1.0))[:, :3]
+            distances = np.linalg.norm(positions - scene.centre_m, axis=1) - scene.radius_m
+            close = np.flatnonzero(distances < near_m)
+            distances[close] = scene.clearances_m(positions[close])
             nearest = int(distances.argmin())
             if distances[nearest] < near_m:
                 raise ConfigurationError(

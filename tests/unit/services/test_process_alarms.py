@@ -66,7 +66,7 @@ def test_data_that_lastingly_contradict_the_calibration_raise_an_alarm_and_singl
     assert alarms.active() == []
 
 
-@pytest.mark.parametrize("kind", ["sensor_rotation", "sensor_clock"])
+@pytest.mark.parametrize("kind", ["sensor_rotation", "sensor_clock", "sensor_samples", "sensor_frame"])
 def test_a_sensor_that_disagrees_with_the_others_is_an_alarm_until_it_agrees(kind: str) -> None:
     alarms = Alarms()
     sensor_alarms = SensorAlarms(alarms, "mana", "digital_elevation_mapping")

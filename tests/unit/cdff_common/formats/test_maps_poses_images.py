@@ -22,6 +22,7 @@ from cdff_common.formats.tum import read_tum, write_tum
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.types import (
+    BodyMotion,
     BundleProblem,
     CorrespondenceMap2D,
     ElevationMap,
@@ -221,6 +222,7 @@ def test_every_type_can_be_written_in_each_of_its_formats(
         ),
         GroundAreas.from_rings([3], [1], [3], [[0, 0], [1, 0], [0, 1]], frame="site", t0_ns=0, t1_ns=0),
         ObjectTrack.from_arrays(1, [1000], T, frame="site"),
+        BodyMotion(),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,10 +14,15 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Product, Quality, Status
 from cdff_common.interfaces.registry import Registry
+from cdff_common.types import LidarScan
 from cdff_core.runtime import Runner
 from tests.support.sensor_drive import MOUNTS, T0, Drive, context
 
 UPSIDE_DOWN = MOUNTS["lidar"] @ se3.transform(se3.exp_so3([np.pi, 0.0, 0.0]), [0, 0, 0])
+
+
+def in_frame(scan: LidarScan, frame: str) -> LidarScan:
+    return replace(scan, metadata=replace(scan.metadata, frame_id=frame))
 
 
 def products(samples: list[Sample], dfpc: str, stated: Mapping[str, np.ndarray]) -> list[Product]:
@@ -63,3 +69,14 @@ def test_a_map_from_a_pose_with_a_wrong_sensor_inherits_the_reason(captures: lis
     maps = products(marked, "digital_elevation_mapping", {})
     assert maps
     assert all(reason in p.header.quality.reasons for p in maps if p.value is not None)
+
+
+def test_maps_of_sweeps_in_an_unknown_frame_fail_with_the_frame_instead_of_silence(
+    captures: list[Sample],
+) -> None:
+    renamed = [replace(s, value=in_frame(s.value, "mana/lidr")) if s.port == "scan" else s for s in captures]
+    maps = products(renamed, "digital_elevation_mapping", {})
+    failed = [p for p in maps if p.header.quality.status is Status.FAILED]
+    assert failed
+    assert any(r.startswith("dropped_no_extrinsics") for r in failed[-1].header.quality.reasons)
+    assert "sensor_frame:lidar_mana/lidr" in failed[-1].header.quality.reasons

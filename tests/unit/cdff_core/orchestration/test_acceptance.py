@@ -127,9 +127,20 @@ def test_a_candidate_exactly_at_each_limit_is_accepted_and_one_just_beyond_is_no
         {"resolution_m": 0.05 * 1.0011},
     )
     for fields in at_limit:
-        assert assess(replace(GOOD, **fields), REQUEST, NOW_NS).differences == []  # type: ignore[arg-type]
+        assert assess(replace(GOOD, **fields), REQUEST, NOW_NS).unmet == ""  # type: ignore[arg-type]
     for fields in beyond:
         assert not assess(replace(GOOD, **fields), REQUEST, NOW_NS).satisfies  # type: ignore[arg-type]
+
+
+def test_a_product_ahead_of_the_clock_has_a_negative_age_and_is_remarked() -> None:
+    ahead = replace(GOOD, t1_ns=NOW_NS + 1_000_000_000, oldest_t1_ns=NOW_NS + 500_000_000)
+    assessment = assess(ahead, REQUEST, NOW_NS)
+    assert assessment.satisfies
+    assert assessment.differences == [
+        "time: ahead of the mission clock by 1.000 s; the clock of a sensor is wrong"
+    ]
+    delivered = delivery_summary(ahead, assessment, NOW_NS, "site")
+    assert (delivered["age_s"], delivered["oldest_age_s"]) == (-1.0, -0.5)
 
 
 def test_the_age_of_a_map_at_a_requested_time_is_relative_to_that_time() -> None:
@@ -146,9 +157,9 @@ def test_coverage_is_not_assessed_without_region_or_coverage() -> None:
         assert assess(candidate, request, NOW_NS).differences == []
 
 
-def test_a_capture_ahead_of_the_clock_has_age_zero() -> None:
+def test_the_age_of_a_capture_ahead_of_the_clock_is_negative() -> None:
     ahead = replace(GOOD, t1_ns=NOW_NS + 5, oldest_t1_ns=NOW_NS + 4)
-    assert (ahead.age_s(NOW_NS), ahead.oldest_age_s(NOW_NS)) == (0.0, 0.0)
+    assert (ahead.age_s(NOW_NS), ahead.oldest_age_s(NOW_NS)) == (-5e-9, -4e-9)
 
 
 def test_equal_candidates_are_ranked_by_id_and_fewer_shortfalls_come_before_coverage() -> None:

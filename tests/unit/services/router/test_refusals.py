@@ -110,6 +110,19 @@ def test_an_intruder_that_varies_the_key_does_not_fill_the_memory() -> None:
     assert sum(count for _, count in reported) == 1000
 
 
+def test_a_link_that_broke_off_in_the_handshake_is_no_refused_identity() -> None:
+    assert refused_links("Connection reset by peer (os error 104)") == []
+    assert refused_links("tls handshake eof") == []
+    assert refused_links("peer sent no certificates") == ["peer sent no certificates"]
+
+
+def refused_links(reason: str) -> list[str]:
+    """Return the reasons of the refusals in a warning of the TLS link."""
+    line = f"2026-11-23T17:05:03.188333Z  WARN acc-0 ThreadId(7) zenoh_link_tls::unicast: {reason}. Hint: see"
+    refused = LogParser().parse(line)
+    return [] if refused is None else [refused.reason]
+
+
 def test_a_log_that_cannot_be_read_is_a_problem_of_the_router() -> None:
     loops = Loops()
     monitor = RefusalMonitor(lambda refused, count: None, Alarms(), loops.add("refusals"))

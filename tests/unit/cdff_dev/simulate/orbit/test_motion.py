@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cdff_common.clock import parse_stamp
+from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
 from cdff_common.stars import sun_position_m
 from cdff_dev.simulate.orbit.environment import earth_light, sun_positions_m
@@ -83,6 +84,16 @@ def test_the_servicer_points_to_the_client_within_its_pointing_error() -> None:
     assert 0.1 < off_deg.max() < 3.0
     steps = np.linalg.norm(np.diff(wrong[:, :3, 3], axis=0), axis=1)
     assert steps.max() < 0.1  # the error varies smoothly
+
+
+def test_a_servicer_on_the_orbit_normal_points_to_the_client_and_a_path_over_both_axes_is_refused() -> None:
+    above = OrbitMotion(small_scenario(servicer__start_m=[0.0, -20.0, 0.0]))
+    np.testing.assert_allclose(
+        above.poses_in_base("client", np.zeros(1))[0, :3, 3], [20.0, 0.0, 0.0], atol=1e-9
+    )
+    around = [{"kind": "circle", "axis": [0.0, 0.0, 1.0], "period_s": 40.0, "duration_s": 40.0}]
+    with pytest.raises(ConfigurationError, match=r"servicer\.path.*both"):
+        OrbitMotion(small_scenario(servicer__path=around))
 
 
 def test_rates_are_the_derivatives_of_the_attitudes() -> None:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +64,18 @@ def cube_file(folder: Path, scale: float) -> str:
             r"either orbit or",
         ),
         ({"orbit": None}, r"either orbit or"),
+        (
+            {"servicer__cameras__camera__start_s": 20.0},
+            r"servicer\.cameras\.camera\.start_s 20 is not before",
+        ),
+        (
+            {
+                "orbit": None,
+                "lighting": None,
+                "small_body": {"mu_m3_s2": 1.0, "sun_direction": [0, 0, 0], "sun_distance_au": 3.0},
+            },
+            r"small_body\.sun_direction.*expected a direction",
+        ),
     ],
 )
 def test_a_wrong_value_is_refused_with_its_field(changes: dict[str, Any], words: str) -> None:
@@ -84,6 +98,14 @@ def test_a_client_inside_the_near_plane_is_refused_with_sensor_and_time(position
         ConfigurationError, match=r"servicer\.cameras\.camera\.near_m=2\.5: client is .* at \d+"
     ):
         OrbitWorld(scenario)
+
+
+def test_a_path_through_the_client_is_refused_also_inside_of_it() -> None:
+    path = [{"kind": "line", "to_m": [15.0, 0.05, 0.05], "duration_s": 20.0}]
+    with pytest.raises(ConfigurationError, match=r"near_m=0\.1: client is 0 m from the sensor at \d+"):
+        OrbitWorld(small_scenario(servicer__path=path, servicer__start_m=[-15.0, 0.05, 0.05]))
+    with pytest.raises(ConfigurationError, match=r"servicer\.path: the servicer is 0 m .* expected at least"):
+        OrbitWorld(small_scenario(servicer__start_m=[0.0, 0.0, 0.0]))
 
 
 def test_an_impossible_transfer_is_refused_with_its_index() -> None:
@@ -151,16 +173,57 @@ def test_a_file_that_is_no_mesh_is_refused_with_its_field(tmp_path: Path) -> Non
         OrbitWorld(small_scenario(client__mesh=str(tmp_path / "text.obj")))
 
 
-@pytest.mark.parametrize("suffix", ["obj", "ply", "stl"])
+def glb(vertices: np.ndarray, triangles: np.ndarray) -> bytes:
+    """Return a binary glTF file of one mesh."""
+    blocks = [vertices.astype("<f4").tobytes(), triangles.astype("<u4").tobytes()]
+    views = [
+        {"buffer": 0, "byteOffset": 0, "byteLength": len(blocks[0])},
+        {"buffer": 0, "byteOffset": len(blocks[0]), "byteLength": len(blocks[1])},
+    ]
+    low, high = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
+    points = {
+        "bufferView": 0,
+        "componentType": 5126,
+        "count": len(vertices),
+        "type": "VEC3",
+        "min": low,
+        "max": high,
+    }
+    corners = {"bufferView": 1, "componentType": 5125, "count": triangles.size, "type": "SCALAR"}
+    scene = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": sum(map(len, blocks))}],
+        "bufferViews": views,
+        "accessors": [points, corners],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}],
+        "scene": 0,
+    }
+    text = json.dumps(scene).encode()
+    text += b" " * (-len(text) % 4)
+    binary = b"".join(blocks)
+    chunks = (
+        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    )
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb"])
 def test_meshes_are_read_in_every_format(tmp_path: Path, suffix: str) -> None:
     import open3d as o3d
 
-    mesh = o3d.geometry.TriangleMesh.create_box(1.0, 2.0, 3.0)
-    mesh.compute_triangle_normals()
-    mesh.compute_vertex_normals()
-    assert o3d.io.write_triangle_mesh(str(tmp_path / f"box.{suffix}"), mesh)
-    world = OrbitWorld(small_scenario(client__mesh=str(tmp_path / f"box.{suffix}")))
-    np.testing.assert_allclose(np.ptp(world.meshes["client"].vertices_m, axis=0), [1.0, 2.0, 3.0], atol=1e-6)
+    box = o3d.geometry.TriangleMesh.create_box(1.0, 2.0, 3.0)
+    box.compute_triangle_normals()
+    box.compute_vertex_normals()
+    file = tmp_path / f"box.{suffix}"
+    if suffix == "glb":
+        file.write_bytes(glb(np.asarray(box.vertices), np.asarray(box.triangles)))
+    else:
+        assert o3d.io.write_triangle_mesh(str(file), box)
+    world = OrbitWorld(small_scenario(client__mesh=str(file)))
+    extents = np.ptp(world.meshes["client"].vertices_m, axis=0)
+    np.testing.assert_allclose(extents, [1.0, 2.0, 3.0], atol=1e-6)
     assert len(world.meshes["client"].triangles) == 12
 
 
