@@ -55,11 +55,11 @@ def table(figures: Mapping[str, Any]) -> str:
         *(_promises_row(name, run) for name, run in figures.items()),
     ]
     memory = [
-        "| service | run | at the start | largest | at the end | bound |",
-        "|---|---|---|---|---|---|",
+        "| service | run | at the start | largest | at the end | bound | memory, descriptors, threads per hour |",
+        "|---|---|---|---|---|---|---|",
         *(
             f"| `{service}` | {_label(name)} | {m['before']:.0f} MB | {m['peak']:.0f} MB "
-            f"| {m['after']:.0f} MB | {m['limit']} MB |"
+            f"| {m['after']:.0f} MB | {m['limit']} MB | {_slopes(m.get('slopes_per_hour'))} |"
             for name, run in figures.items()
             for service, m in run["memory_mb"].items()
         ),
@@ -78,6 +78,12 @@ def _promises_row(name: str, run: Mapping[str, Any]) -> str:
         f"| {_label(name)} | {counts} | {run['products']['promised']} | {run['requests']['sent'] - junk}, "
         f"{errors} with a typed error; {junk} with junk | {alarms} | {len(run['violations'])} |"
     )
+
+
+def _slopes(slopes: Mapping[str, float] | None) -> str:
+    if slopes is None:
+        return "not recorded"
+    return f"{slopes['memory_mb']:+.0f} MB, {slopes['descriptors']:+.1f}, {slopes['threads']:+.1f}"
 
 
 def _label(name: str) -> str:

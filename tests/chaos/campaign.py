@@ -9,6 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tests.chaos.mission import Mission, wait_until
 from tests.chaos.oracle import Oracle, Stored, memory_limit_mb
 from tests.chaos.schedule import disturb
@@ -21,24 +23,39 @@ _SETTLED_S = 15.0
 _PAGE = 1000
 
 
-class MemoryPeaks:
-    """Largest resident memory of each service, sampled in a thread."""
+class ResourceUse:
+    """Memory, descriptors and threads of each service, sampled in a thread."""
 
     def __init__(self, mission: Mission) -> None:
-        self.peaks_mb: dict[str, float] = {}
+        self._samples: dict[str, list[tuple[float, ...]]] = {}
         self._mission, self._stop = mission, threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
+        start_s = time.monotonic()
         while not self._stop.wait(2.0):
-            for name, used_mb in self._mission.memory_mb().items():
-                self.peaks_mb[name] = max(used_mb, self.peaks_mb.get(name, 0.0))
+            for name, used in self._mission.resources().items():
+                self._samples.setdefault(name, []).append((time.monotonic() - start_s, *used))
 
     def stop(self) -> None:
         """End the thread."""
         self._stop.set()
         self._thread.join()
+
+    def peak_mb(self, name: str) -> float:
+        """Return the largest memory of a service."""
+        return max(sample[1] for sample in self._samples[name])
+
+    def slopes_per_hour(self, name: str) -> dict[str, float]:
+        """Return the slopes of straight lines through the second half of the samples, over all restarts."""
+        samples = np.array(self._samples[name])
+        half = samples[len(samples) // 2 :]
+        slopes = np.polyfit(half[:, 0] / 3600.0, half[:, 1:], 1)[0]
+        return {
+            quantity: round(float(slope), 1)
+            for quantity, slope in zip(("memory_mb", "descriptors", "threads"), slopes, strict=True)
+        }
 
 
 def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
@@ -47,7 +64,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
     with Mission(folder) as mission:
         traffic = Traffic(mission, oracle, seed)
         time.sleep(_SETTLED_S)
-        before_mb, peaks = mission.memory_mb(), MemoryPeaks(mission)
+        before_mb, used = mission.memory_mb(), ResourceUse(mission)
         counts = disturb(mission, oracle, minutes, seed)
         traffic.stop()
         if not mission.wait_ready():
@@ -55,7 +72,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
         if not wait_until(lambda: not _missing(mission, oracle), _DELIVERED_S):
             oracle.violate(f"at the end: products not delivered within {_DELIVERED_S:g} s")
         time.sleep(_SETTLED_S)
-        peaks.stop()
+        used.stop()
         after_mb = mission.memory_mb()
         oracle.check_products(stored_products(mission))
         oracle.check_requests()
@@ -63,9 +80,10 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
     memory_mb = {
         name: {
             "before": before_mb[name],
-            "peak": peaks.peaks_mb[name],
+            "peak": used.peak_mb(name),
             "after": after_mb[name],
             "limit": round(memory_limit_mb(name, before_mb[name])),
+            "slopes_per_hour": used.slopes_per_hour(name),
         }
         for name in after_mb
     }

@@ -184,17 +184,22 @@ class Mission:
                 continue
         return None
 
-    def memory_mb(self) -> dict[str, float]:
-        """Return the resident memory of the running services."""
+    def resources(self) -> dict[str, tuple[float, int, int]]:
+        """Return resident memory in MB, number of descriptors and number of threads of each running service."""
         result = {}
         for name in self.services:
             process = self.process(name)
             try:
                 if process is not None:
-                    result[name] = round(process.memory_info().rss / 1e6, 1)
+                    used_mb = round(process.memory_info().rss / 1e6, 1)
+                    result[name] = used_mb, process.num_fds(), process.num_threads()
             except psutil.Error:
                 continue
         return result
+
+    def memory_mb(self) -> dict[str, float]:
+        """Return the resident memory of the running services."""
+        return {name: used[0] for name, used in self.resources().items()}
 
     def is_ready(self) -> bool:
         """Return whether every service is alive and the DPM answers."""
