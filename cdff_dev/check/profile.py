@@ -30,12 +30,15 @@ class ProfileReport:
         Streams of the log.
     findings : tuple of StreamFinding
         Differences between log and profile; empty if the profile has errors.
+    comparisons : tuple of str
+        Verticals, rotations and clock offsets of the sensors in words.
     """
 
     checked: CheckedProfile
     log: str | None
     streams: Mapping[str, StreamReport]
     findings: tuple[StreamFinding, ...]
+    comparisons: tuple[str, ...] = ()
 
     @property
     def has_errors(self) -> bool:
@@ -48,6 +51,7 @@ class ProfileReport:
             "profile": str(self.checked.path),
             "faults": [fault.to_json() for fault in self.checked.faults],
             "streams": {name: stream.to_json() for name, stream in self.streams.items()},
+            "comparisons": list(self.comparisons),
             "log_faults": [finding.to_json() for finding in self.findings],
         }
 
@@ -62,6 +66,9 @@ class ProfileReport:
             yield f"log {self.log}:"
         for name, stream in self.streams.items():
             yield f"  {stream_line(name, stream)}"
+        if self.comparisons:
+            yield "sensors compared with each other:"
+        yield from (f"  {line}" for line in self.comparisons)
         yield from map(str, self.findings)
         severities = [fault.severity for fault in self.checked.faults]
         severities += [finding.severity for finding in self.findings]
@@ -81,9 +88,27 @@ def report(path: str, log: str | None) -> ProfileReport:
     checked = check_profile(path)
     streams = {} if log is None else _stream_reports(log)
     findings: tuple[StreamFinding, ...] = ()
-    if streams and checked.profile is not None and not checked.errors:
-        findings = tuple(log_findings(checked.profile, streams))
-    return ProfileReport(checked, log, streams, findings)
+    lines: tuple[str, ...] = ()
+    if streams and log is not None and checked.profile is not None and not checked.errors:
+        compared, lines = _comparison(checked.profile, log)
+        findings = (*log_findings(checked.profile, streams), *compared)
+    return ProfileReport(checked, log, streams, findings, lines)
+
+
+def _comparison(profile: Profile, log: str) -> tuple[list[StreamFinding], tuple[str, ...]]:
+    """Return the findings of the comparison of the sensors of each robot, and its estimates in words."""
+    from cdff_dev.check.sensors import comparison_findings, comparison_lines, sensor_comparison
+    from cdff_dev.logs import open_log
+
+    findings: list[StreamFinding] = []
+    lines: list[str] = []
+    with closing(open_log(log)) as source:
+        for robot in profile.robots:
+            monitor = sensor_comparison(source, robot)
+            if monitor is not None:
+                findings += comparison_findings(monitor, robot.id)
+                lines += (f"{robot.id}: {line}" for line in comparison_lines(monitor))
+    return findings, tuple(lines)
 
 
 def _count(number: int, what: str) -> str:
