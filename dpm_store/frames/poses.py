@@ -77,7 +77,7 @@ class PoseTable:
         product_id: str,
         inserted_ns: int,
     ) -> None:
-        """Insert the poses of a product, inside a transaction; the first pose of a stamp and source is used."""
+        """Insert the poses of a product in a transaction; the first pose of a stamp and source is used."""
         edge = {"parent": parent, "child": child, "source": source, "robot": robot}
         origin = {"product_id": product_id, "inserted_ns": inserted_ns}
         rows = [{**edge, **origin, "stamp_ns": stamp_ns, **pack(T)} for stamp_ns, T in poses]

@@ -208,7 +208,7 @@ def box_outline(bbox: Sequence[float]) -> BaseGeometry:
 
 
 def span_of(datetime: str | None) -> tuple[int | None, int | None]:
-    """Return ``(t0_ns, t1_ns)`` of the ``datetime`` of STAC and OGC: a time, or an interval, open at ``..``."""
+    """Return ``(t0_ns, t1_ns)`` of a ``datetime`` of STAC and OGC: a time or an interval, open at ``..``."""
     if datetime is None:
         return None, None
     parts = datetime.split("/")
