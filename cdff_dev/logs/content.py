@@ -129,7 +129,10 @@ def _table_of(text: str) -> str:
 
 
 def _names(path: Path) -> str:
-    content = json.loads(path.read_bytes())
+    try:
+        content = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return "damaged content"
     if isinstance(content, dict):
         names = list(content)
         return f"the names {', '.join(names[:4])}" + (", …" if len(names) > 4 else "")

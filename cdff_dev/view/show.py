@@ -133,12 +133,10 @@ def _first_samples(chosen: Sequence[tuple[LogSource, list[str]]]) -> list[LogSam
     """Return the first sample of each stream with poses."""
     from cdff_common.world.history import POSE_TYPES
 
-    return [
-        next(log.samples([name]))
-        for log, names in chosen
-        for name in names
-        if log.streams[name].type_name in POSE_TYPES and log.streams[name].count
-    ]
+    samples: list[LogSample] = []
+    for log, names in chosen:
+        samples += log.first_samples([n for n in names if log.streams[n].type_name in POSE_TYPES]).values()
+    return samples
 
 
 def _order(sample: LogSample) -> tuple[int, str, int]:
