@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,9 +12,7 @@ import numpy as np
 
 from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
 from cdff_common.errors import InputError
-from cdff_dev.logs.content import TEXT, describe
 from cdff_dev.logs.file_stamps import file_stamps
-from cdff_dev.logs.formats import LogLocation
 from cdff_dev.logs.formats.images.attitudes import attitude_stream
 from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences, sequences_of
 from cdff_dev.logs.formats.images.stereo import (
@@ -26,18 +23,13 @@ from cdff_dev.logs.formats.images.stereo import (
 from cdff_dev.logs.formats.images.truth import truth_stream, truth_tables
 from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, frame_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS
 
 ROBOT = "robot"
 PAIR = f"/{ROBOT}/navcam.pair"
 _CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml")
-#: Files that describe a data set and are not part of the recording.
-_DESCRIPTIONS = ("readme", "license")
-_NOT_READ = "not an image, a calibration of one, times.txt or a table of true poses"
-_CLOUD = "a model or point cloud: open it alone"
-#: More files of one type are listed together.
-_MAX_NAMED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +81,15 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         content.used.update(sequence.files)
     first = next((i for i, s in enumerate(sequences) if not s.is_depth), 0)
     _add_truth(folder, sequences[first], stamps[first], content)
-    _list_other_files(folder, content)
+    content.unconverted = (
+        other_files(
+            folder,
+            lambda file: file in content.used or file.suffix.lower() in IMAGE_SUFFIXES,
+            "not an image, a calibration of one, times.txt or a table of true poses",
+            ("*", "*/*"),
+        )
+        | content.unconverted
+    )
     return IndexedLog(content.streams, content.unconverted)
 
 
@@ -225,25 +225,3 @@ def _add_truth(folder: Path, sequence: ImageSequence, stamps_ns: Stamps, content
                 content.unconverted[fields] = Unconverted(
                     "entry", found[1].info.count, "no part of an attitude"
                 )
-
-
-def _list_other_files(folder: Path, content: _Content) -> None:
-    """List files that are neither used nor descriptions of the data set: a few by name, many by type."""
-    others: dict[str, list[Path]] = defaultdict(list)
-    for pattern in ("*", "*/*"):
-        for file in sorted(folder.glob(pattern)):
-            if file.is_file() and file not in content.used and not _is_image_or_description(file):
-                others[file.suffix.lower()].append(file)
-    for suffix, files in sorted(others.items()):
-        if len(files) > _MAX_NAMED:
-            name = f"*{suffix}" if suffix else "no suffix"
-            content.unconverted[name] = Unconverted("file", len(files), _NOT_READ)
-            continue
-        for file in files:
-            what = _CLOUD if suffix == ".ply" else describe(LogLocation.of(file))
-            reason = _NOT_READ if what is None or what == TEXT else what
-            content.unconverted.setdefault(str(file.relative_to(folder)), Unconverted("file", 1, reason))
-
-
-def _is_image_or_description(file: Path) -> bool:
-    return file.suffix.lower() in IMAGE_SUFFIXES or file.name.lower().startswith(_DESCRIPTIONS)
