@@ -39,7 +39,7 @@ class JoinedLog(LogSource):
             for stream in log.streams:
                 if (other := self._owners.setdefault(stream, name)) != name:
                     raise InputError(
-                        f"stream {stream} is in {other} and in {name}; expected it in one: name the file to read"
+                        f"stream {stream} is in {other} and in {name}; expected it once: name one file"
                     )
 
     @property

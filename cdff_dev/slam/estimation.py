@@ -222,10 +222,10 @@ def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _O
     n_failed, n = outputs.statuses.get("FAILED", 0), sum(outputs.statuses.values())
     info = log.streams[sensor]
     period_s = (info.t1_ns - info.t0_ns) * 1e-9 / max(info.count - 1, 1)
-    first = "the first " if n < info.count else ""
     reasons = ", ".join(sorted(outputs.reasons, key=outputs.reasons.__getitem__, reverse=True)[:3])
+    part = f"the first {n}" if n < info.count else str(n)
     return (
-        f"{name}: {n_failed} of {first}{n} {method.unit} were not located ({reasons or 'no output'}); they are "
+        f"{name}: {n_failed} of {part} {method.unit} were not located ({reasons or 'no output'}); they are "
         f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next"
     )
 
