@@ -23,7 +23,7 @@ class WorldHistory:
 
     Poses are interpolated, and used up to ``EXTRAPOLATION_LIMIT_NS`` outside their track, as the DPM does. Of
     several streams with the pose of one frame, the one whose poses are nearest in time is used; true poses
-    only if no other stream has one.
+    only if no other stream has one. Poses of static streams hold at all times (see ``is_static``).
     """
 
     def __init__(self) -> None:
@@ -47,6 +47,9 @@ class WorldHistory:
             transform = value.transform
         except InputError as error:
             self._omitted[name] = str(error)
+            return
+        if is_static(name):
+            self._fixed[child] = WorldEdge(parent, child, transform, name)
             return
         track = self._tracks.setdefault((child, parent, name), PoseTrack(EXTRAPOLATION_LIMIT_NS))
         track.insert(value.stamp_ns, transform)
@@ -89,6 +92,12 @@ class WorldHistory:
 def is_truth(name: str) -> bool:
     """Return whether a stream holds true values of a data set or a simulation."""
     return "/truth." in name
+
+
+def is_static(name: str) -> bool:
+    """Return whether a stream is of the topic ``tf_static`` of ROS, whose poses hold at all times."""
+    sensor, _, _ = name.rpartition("/")[2].partition(".")
+    return sensor.endswith("tf_static")
 
 
 def frames_of_pose(value: Any, header: Header | None) -> tuple[str, str]:

@@ -48,7 +48,7 @@ def sensor_comparison(log: LogSource, robot: Robot) -> SensorMonitor | None:
 
 
 def comparison_findings(monitor: SensorMonitor, robot: str) -> Iterator[StreamFinding]:
-    """Yield the sensors whose mount or clock contradicts the others; rates and frames are those of the log."""
+    """Yield the sensors whose mount or clock contradicts the others."""
     for finding in monitor.history:
         if finding.kind in (ROTATION, CLOCK):
             yield StreamFinding(f"/{robot}/{finding.name}", f"{finding.what}; {finding.remedy}", "error")

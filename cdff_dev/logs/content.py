@@ -33,6 +33,22 @@ _BY_SUFFIX = {
     ".img": ("raster (PDS)", ""),
     ".md": (TEXT, ""),
 }
+_VIDEO = "not supported: extract images with ffmpeg -i FILE frame_%06d.png"
+_ARCHIVE = "not supported: unpack it"
+#: Offset and bytes of files that are recognised but have no reader, with the remedy.
+_NOT_SUPPORTED = (
+    (4, b"ftyp", f"MP4 or MOV video, {_VIDEO}"),
+    (8, b"AVI ", f"AVI video, {_VIDEO}"),
+    (0, b"\x1a\x45\xdf\xa3", f"Matroska or WebM video, {_VIDEO}"),
+    (0, b"ULog\x01\x12\x35", "PX4 log, not supported: convert it to CSV files with ulog2csv"),
+    (0, b"\x89HDF\r\n\x1a\n", "HDF5 file, not supported: write its arrays to .npy, .png or .csv files"),
+    (0, b"PAR1", "Parquet table, not supported: write it as .csv"),
+    (0, b"RRF2", "recording of Rerun, not supported: open it with rerun FILE"),
+    (0, b"PK\x03\x04", f"zip archive, {_ARCHIVE}"),
+    (0, b"7z\xbc\xaf\x27\x1c", f"7z archive, {_ARCHIVE}"),
+    (0, b"\xfd7zXZ\x00", f"xz archive, {_ARCHIVE}"),
+    (257, b"ustar", f"tar archive, {_ARCHIVE}"),
+)
 _CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml", ".txt")
 
 
@@ -84,6 +100,8 @@ def _by_content(path: Path, suffix: str) -> tuple[str, str] | None:
 
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
+    if what := next((what for at, magic, what in _NOT_SUPPORTED if head[at:].startswith(magic)), None):
+        return what, ""
     if suffix == ".gz":
         try:
             with gzip.open(path) as compressed:
@@ -129,7 +147,10 @@ def _table_of(text: str) -> str:
 
 
 def _names(path: Path) -> str:
-    content = json.loads(path.read_bytes())
+    try:
+        content = json.loads(path.read_bytes())
+    except (ValueError, RecursionError):
+        return "damaged content"
     if isinstance(content, dict):
         names = list(content)
         return f"the names {', '.join(names[:4])}" + (", …" if len(names) > 4 else "")

@@ -39,12 +39,14 @@ class StreamReport:
     def text(self, name: str) -> list[str]:
         """Return one line, and one for each irregularity."""
         times = self.timing
-        rate = f"{times.rate_hz:8.2f} Hz" if times.rate_hz else " " * 11
+        rate = _rate(times.mean_rate_hz if times.has_bursts else times.rate_hz)
         start = format_stamp(self.info.t0_ns) if self.info.count else "empty"
         frames = f"  {self.frame} → {self.child}" if self.child else f"  {self.frame}"
         interval = f"{start} + {times.duration_s:.3f} s"
         head = f"{name}  {self.info.type_name:24} {self.info.count:8d} {rate}  {interval}"
         lines = [head + (frames if self.frame else "")]
+        if times.has_bursts:
+            lines.append(f"    in bursts with {times.rate_hz:.0f} Hz; the rate is the mean")
         if times.gaps:
             at = format_stamp(times.longest_gap_at_ns)
             lines.append(f"    {times.gaps} gaps, the longest of {times.longest_gap_s:.3f} s after {at}")
@@ -56,12 +58,19 @@ class StreamReport:
         return lines
 
 
+def _rate(rate_hz: float) -> str:
+    """Return a rate with 11 characters: in hertz, or as the period if that is above 10 s."""
+    if not rate_hz:
+        return " " * 11
+    return f"{rate_hz:8.2f} Hz" if rate_hz >= 0.1 else f"1/{1.0 / rate_hz:.0f} s".rjust(11)
+
+
 def stream_reports(log: LogSource) -> dict[str, StreamReport]:
     """Return the report of each stream; the first sample of each stream is read."""
     reports = {}
+    firsts = log.first_samples()
     for name, info in log.streams.items():
-        first = next(iter(log.samples([name])), None) if info.count else None
-        header = None if first is None else first.header
+        header = firsts[name].header if name in firsts else None
         frame, child = ("", "") if header is None else (header.frame, header.child or "")
         reports[name] = StreamReport(info, timing(log.stamps_ns(name)), frame, child)
     return reports

@@ -126,6 +126,11 @@ class RestoredLog(LogSource):
         """Yield the samples from a stamp on, in the order of ``samples``."""
         return self._in_order(self._log.samples_from(stamp_ns, self._names_of(streams)))
 
+    def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
+        """Return the first sample of all or some streams."""
+        found = [self._restored(s) for s in self._log.first_samples(self._names_of(streams)).values()]
+        return {sample.stream: sample for sample in found}
+
     def _names_of(self, streams: Collection[str] | None) -> list[str]:
         """Return the names in the converted log."""
         return [self._read_as[name] for name in chosen_streams(self._read_as, streams)]

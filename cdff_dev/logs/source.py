@@ -173,6 +173,12 @@ class LogSource(Protocol):
         """Yield the samples from a stamp on, in the order of ``samples``; by default others are read too."""
         return (sample for sample in self.samples(streams) if sample.stamp_ns >= stamp_ns)
 
+    def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
+        """Return the first sample of all or some streams that have one; by default each is read for it."""
+        names = chosen_streams(self.streams, streams)
+        found = {name: next(iter(self.samples([name])), None) for name in names}
+        return {name: sample for name, sample in found.items() if sample is not None}
+
     def stamps_ns(self, stream: str) -> NDArray[np.int64]:
         """Return the stamps of a stream in the order of writing; by default all its samples are read."""
         stamps = sorted((sample.seq, sample.stamp_ns) for sample in self.samples([stream]))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 #: A gap is a step of more than this number of median periods.
 _GAP_PERIODS = 3.0
+#: Samples come in bursts if the rate by the median period is this multiple of the mean.
+_BURST_RATIO = 100.0
 #: A step forwards is a jump of the clock if it is longer than both.
 _JUMP_PERIODS, _JUMP_S = 1000.0, 60.0
 
@@ -25,6 +27,8 @@ class Timing:
         From the smallest to the largest stamp.
     rate_hz : float
         Inverse of the median period; 0 without one.
+    mean_rate_hz : float
+        Steps by the duration; 0 without one.
     gaps : int
         Steps of more than 3 median periods.
     longest_gap_s : float
@@ -38,6 +42,7 @@ class Timing:
 
     duration_s: float
     rate_hz: float
+    mean_rate_hz: float
     gaps: int
     longest_gap_s: float
     longest_gap_at_ns: int
@@ -45,20 +50,27 @@ class Timing:
     backwards: int
     clock_jumps: int
 
+    @property
+    def has_bursts(self) -> bool:
+        """True if the median period is far below the mean one: that within bursts."""
+        return self.rate_hz > _BURST_RATIO * self.mean_rate_hz
+
 
 def timing(stamps_ns: NDArray[np.int64]) -> Timing:
     """Return the timing of stamps ``(n,)`` in the order of writing."""
     if len(stamps_ns) < 2:
-        return Timing(0.0, 0.0, 0, 0.0, 0, 0, 0, 0)
+        return Timing(0.0, 0.0, 0.0, 0, 0.0, 0, 0, 0, 0)
     steps_s = np.diff(stamps_ns) * 1e-9
     forwards = steps_s[steps_s > 0.0]
     period_s = float(np.median(forwards)) if len(forwards) else 0.0
     is_gap = steps_s > _GAP_PERIODS * period_s
     is_jump = (steps_s < -period_s) | (steps_s > max(_JUMP_PERIODS * period_s, _JUMP_S))
     longest = int(np.argmax(steps_s))
+    duration_s = float(stamps_ns.max() - stamps_ns.min()) * 1e-9
     return Timing(
-        duration_s=float(stamps_ns.max() - stamps_ns.min()) * 1e-9,
+        duration_s=duration_s,
         rate_hz=1.0 / period_s if period_s else 0.0,
+        mean_rate_hz=len(steps_s) / duration_s if duration_s else 0.0,
         gaps=int(is_gap.sum()),
         longest_gap_s=float(steps_s[longest]) if is_gap.any() else 0.0,
         longest_gap_at_ns=int(stamps_ns[longest]) if is_gap.any() else 0,

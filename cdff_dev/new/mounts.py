@@ -3,8 +3,8 @@
 """Mounts of sensors from a URDF and from camera calibrations, in the conventions of a profile.
 
 A URDF has ``T_parent_link`` with roll, pitch and yaw about fixed axes in radians. OpenCV's ``R, T`` of a
-stereo calibration and Kalibr's ``T_cn_cnm1`` and ``T_cam_imu`` map coordinates into the later camera: they are
-inverted here, because an edge of a profile is the pose of the child in the parent.
+stereo calibration and Kalibr's ``T_cn_cnm1`` and ``T_cam_imu`` map coordinates into the later camera: they
+are inverted here, because an edge of a profile is the pose of the child in the parent.
 """
 
 from __future__ import annotations

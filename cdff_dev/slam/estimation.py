@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,6 +29,8 @@ from cdff_dev.slam.methods import Method
 
 #: Largest share of FAILED poses of a result: the path after each is continued by a prediction.
 _MAX_FAILED = 0.05
+#: The streams of a log with more of them are named by their types.
+_MAX_NAMED = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +50,8 @@ class Estimation:
         All poses with their quality, and the last products of the other ports.
     truth : Track or None
         True poses of the log; None without exactly one stream of them.
+    truth_fault : str
+        Reason without true poses.
     step_s : NDArray[np.float64], shape (n,)
         Elapsed time of each sample of the sensor, seconds.
     run : dict
@@ -59,6 +64,7 @@ class Estimation:
     values: dict[str, Any]
     products: list[Product]
     truth: Track | None
+    truth_fault: str
     step_s: NDArray[np.float64]
     run: dict[str, Any]
 
@@ -122,9 +128,8 @@ def estimate(
     """
     types = {stream_name: info.type_name for stream_name, info in log.streams.items()}
     if method.type_name not in types.values():
-        available = ", ".join(f"{n} ({t})" for n, t in types.items()) or "no streams"
         raise InputError(
-            f"{name}: no {method.type_name} for cdff {method.name}: it has {available}; {method.hint}"
+            f"{name}: no {method.type_name} for cdff {method.name}: it has {_contents(types)}; {method.hint}"
         )
     sensor = only_stream(log, [method.type_name], stream, f"type {method.type_name}")
     robot = robot_of({sensor: types[sensor]}, None)
@@ -134,6 +139,7 @@ def estimate(
     n = sum(outputs.statuses.values())
     if not outputs.poses or too_many_failed(outputs.statuses):
         raise RefusedError(_refusal(method, log, sensor, name, outputs))
+    truth, truth_fault = _truth(log)
     run = {
         "log": name,
         "streams": wired,
@@ -152,10 +158,19 @@ def estimate(
         child=outputs.child,
         values=outputs.values,
         products=[*outputs.products, *outputs.last.values()],
-        truth=_truth(log),
+        truth=truth,
+        truth_fault=truth_fault,
         step_s=np.array(outputs.step_s),
         run=run,
     )
+
+
+def _contents(types: Mapping[str, str]) -> str:
+    """Return the streams of a log with their types, or the types of many streams with their numbers."""
+    if len(types) <= _MAX_NAMED:
+        return ", ".join(f"{name} ({type_name})" for name, type_name in types.items()) or "no streams"
+    counts = Counter(types.values())
+    return ", ".join(f"{count} streams of {type_name}" for type_name, count in counts.most_common())
 
 
 def too_many_failed(statuses: Mapping[str, int]) -> bool:
@@ -179,9 +194,10 @@ def _configured(method: Method, robot: str, profile: str | None) -> Dfpc:
 def _run(
     dfpc: Dfpc, method: Method, log: LogSource, wired: dict[str, str], robot: str
 ) -> tuple[_Outputs, dict[str, float]]:
-    """Return the outputs, and wall and CPU seconds."""
+    """Return the outputs, and wall and CPU seconds; ends once too many of all poses have failed."""
     runner, outputs = Runner(dfpc), _Outputs()
-    progress = Progress(log.streams[wired[method.port]].count, method.unit)
+    count = log.streams[wired[method.port]].count
+    progress = Progress(count, method.unit)
     start_s, cpu_start_s = time.monotonic(), time.process_time()
     for sample in samples_of(log, wired, robot):
         step_start_s = time.monotonic()
@@ -191,6 +207,8 @@ def _run(
         if sample.port == method.port:
             outputs.step_s.append(time.monotonic() - step_start_s)
             progress.advance()
+        if outputs.statuses.get("FAILED", 0) > _MAX_FAILED * count:
+            break
     for product in runner.finish():
         outputs.add(product)
     progress.close()
@@ -205,8 +223,9 @@ def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _O
     info = log.streams[sensor]
     period_s = (info.t1_ns - info.t0_ns) * 1e-9 / max(info.count - 1, 1)
     reasons = ", ".join(sorted(outputs.reasons, key=outputs.reasons.__getitem__, reverse=True)[:3])
+    part = f"the first {n}" if n < info.count else str(n)
     return (
-        f"{name}: {n_failed} of {n} {method.unit} were not located ({reasons or 'no output'}); they are "
+        f"{name}: {n_failed} of {part} {method.unit} were not located ({reasons or 'no output'}); they are "
         f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next"
     )
 
@@ -223,13 +242,17 @@ def _track(outputs: _Outputs) -> Track:
     return Track("estimate", stamps_ns, np.array([T.matrix for T in transforms]), covariances)
 
 
-def _truth(log: LogSource) -> Track | None:
-    """Return the true poses of a log; None without a stream of them, or with several."""
+def _truth(log: LogSource) -> tuple[Track | None, str]:
+    """Return the true poses of a log; without a stream of them, or with several, None and the reason."""
     names = [
         n for n, i in log.streams.items() if "/truth.pose" in n and i.type_name == "TransformWithCovariance"
     ]
     if len(names) != 1:
-        return None
+        return (
+            None,
+            f"several streams of true poses: {', '.join(names)}" if names else "no true poses in the log",
+        )
     samples = list(log.samples(names))
     stamps_ns = np.array([sample.stamp_ns for sample in samples], dtype=np.int64)
-    return Track("truth", stamps_ns, np.array([sample.value.transform.matrix for sample in samples]))
+    matrices = np.array([sample.value.transform.matrix for sample in samples])
+    return Track("truth", stamps_ns, matrices), ""

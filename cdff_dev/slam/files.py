@@ -96,7 +96,7 @@ def _write_elevation(estimation: Estimation, elevation: Elevation, writer: LogWr
 def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:
     """Return the comparison with the true poses, or None and the reason."""
     if estimation.truth is None:
-        return None, "the log has not exactly one stream of true poses"
+        return None, estimation.truth_fault
     try:
         return compare(estimation.track, estimation.truth), ""
     except CdffError as error:

@@ -7,12 +7,13 @@ from __future__ import annotations
 import heapq
 from collections.abc import Collection, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.progress import Progress
+from cdff_common.world.history import is_static
 from cdff_dev.logs.opened import opened
 from cdff_dev.logs.source import LogSample, LogSource
 from cdff_dev.view.derived import Deriver
@@ -64,11 +65,14 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
     with ExitStack() as stack:
         logs = [stack.enter_context(opened(path, calibration)) for path, calibration in paths]
         chosen = [(log, names) for log in logs if (names := selection.of(log))]
+        static: list[LogSample] = []
+        if any(not is_static(name) for _, names in chosen for name in names):
+            chosen, static = _without_static(chosen)
         infos = [log.streams[name] for log, names in chosen for name in names]
         if not infos:
             known = ", ".join(name for log in logs for name in log.streams) or "none"
             raise InputError(f"--stream {selection.streams}: the logs have {known}")
-        sources = sources_of(_first_samples(chosen))
+        sources = sources_of([*_first_samples(chosen), *static])
         n = sum(info.count for info in infos)
         feed = Feed(output.scene, sources, path_interval(max(info.count for info in infos)))
         samples = heapq.merge(*(log.samples(names) for log, names in chosen), key=_order)
@@ -80,6 +84,8 @@ def show_logs(output: Output, paths: Sequence[tuple[str, Path | None]], selectio
                 continue
             if not count:
                 _add_profile(feed, selection.profile, sample.stamp_ns)
+                for item in static:
+                    feed.add(replace(item, stamp_ns=sample.stamp_ns))
             for item in (sample, *deriver.derived(sample)):
                 feed.add(item)
             count += 1
@@ -129,16 +135,27 @@ def summary_text(output: Output, contents: Contents, count: int) -> str:
     return "\n".join(lines)
 
 
+def _without_static(
+    chosen: Sequence[tuple[LogSource, list[str]]],
+) -> tuple[list[tuple[LogSource, list[str]]], list[LogSample]]:
+    """Return the other streams of each log, and the first sample of each static stream."""
+    static: list[LogSample] = []
+    others = []
+    for log, names in chosen:
+        static += log.first_samples([name for name in names if is_static(name)]).values()
+        if moving := [name for name in names if not is_static(name)]:
+            others.append((log, moving))
+    return others, static
+
+
 def _first_samples(chosen: Sequence[tuple[LogSource, list[str]]]) -> list[LogSample]:
     """Return the first sample of each stream with poses."""
     from cdff_common.world.history import POSE_TYPES
 
-    return [
-        next(log.samples([name]))
-        for log, names in chosen
-        for name in names
-        if log.streams[name].type_name in POSE_TYPES and log.streams[name].count
-    ]
+    samples: list[LogSample] = []
+    for log, names in chosen:
+        samples += log.first_samples([n for n in names if log.streams[n].type_name in POSE_TYPES]).values()
+    return samples
 
 
 def _order(sample: LogSample) -> tuple[int, str, int]:

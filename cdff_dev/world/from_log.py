@@ -8,7 +8,7 @@ from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
 from cdff_common.world import World, WorldHistory
-from cdff_common.world.history import POSE_TYPES
+from cdff_common.world.history import POSE_TYPES, is_static
 from cdff_dev.logs.source import LogSource
 
 
@@ -42,7 +42,8 @@ def time_of(log: LogSource, text: str | None, name: str) -> int:
     InputError
         If the log has no samples, or the text is no time.
     """
-    infos = [info for info in log.streams.values() if info.count]
+    of_stream = {name: info for name, info in log.streams.items() if info.count}
+    infos = [info for name, info in of_stream.items() if not is_static(name)] or list(of_stream.values())
     if not infos:
         raise InputError(f"{name}: no samples, so no world")
     if text is not None and text.startswith("+"):

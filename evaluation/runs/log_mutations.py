@@ -29,6 +29,8 @@ from evaluation.scenes.log_files import Files, recordings
 #: Memory that a child may allocate beyond that of its libraries, and CPU time for one recording.
 MEMORY_BYTES = 1 << 30
 CPU_LIMIT_S = 60.0
+#: Folder of the copies: in memory, because most of the time is that of the disk otherwise.
+_MEMORY_FOLDER = Path("/dev/shm")
 _ROOT = Path(__file__).resolve().parents[2]
 _PATTERNS = (b"\xff\xff\xff\xff", b"\0\0\0\0", b"\xff\xff\xff\x7f", b"\0\0\xc0\x7f", b"nan ", b"-1e9")
 
@@ -138,7 +140,7 @@ def main(name: str, first: str, last: str, state: str, data: str) -> None:
     """Open the copies and print the outcomes."""
     logging.disable(logging.CRITICAL)
     available = recordings(Path(data) if data else None, name)
-    with tempfile.TemporaryDirectory() as parent:
+    with tempfile.TemporaryDirectory(dir=_MEMORY_FOLDER if _MEMORY_FOLDER.is_dir() else None) as parent:
         recorded = [(known, files) for known, all_files in available.items() for files in all_files]
         chosen = [(*each, Path(parent) / f"recording_{k}") for k, each in enumerate(recorded)]
         for _, files, folder in chosen:

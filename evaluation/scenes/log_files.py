@@ -34,6 +34,7 @@ POCOLOG = "pocolog (measured)"
 _START_NS = 1_600_000_000_000_000_000
 _POINTS_M = np.array([[5.0, 1.0, -1.7], [3.0, 4.0, 0.5], [2.0, -3.0, 0.1]])
 _IMAGE = np.arange(48, dtype=np.uint8).reshape(6, 8)
+_IMU_TABLE = b"time,ax [g],ay [g],az [g],gx,gy,gz,t\n0.1,0,0,1,0.1,0,0,20\n0.2,0,0,1,0.1,0,0,20\n"
 _P0, _P1 = "7 0 4.5 0 0 7 2.8 0 0 0 1 0", "7 0 4.5 -3.5 0 7 2.8 0 0 0 1 0"
 
 
@@ -249,6 +250,7 @@ _BUILDERS: dict[str, Callable[[], list[Files]]] = {
     "BOP": lambda: [data_set_files.bop_scene(), data_set_files.bop_frame()],
     "SPEED": lambda: [data_set_files.speed()],
     "poses": data_set_files.poses,
+    "IMU table": lambda: [{"imu.csv": _IMU_TABLE}],
 }
 #: Formats with simulated recordings.
 SIMULATED = tuple(_BUILDERS)

@@ -59,9 +59,9 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.resources import resolve
     from cdff_common.terminal import styled
     from services.supervisor.plan import first_scope, plan
-    from services.supervisor.readiness import ready_line
+    from services.supervisor.readiness import expected_tokens, ready_line
     from services.supervisor.supervisor import Supervisor
-    from services.supervisor.vacancy import check_vacant
+    from services.supervisor.vacancy import check_unclaimed, check_vacant
 
     if not args.profile:
         raise ConfigurationError(
@@ -88,6 +88,8 @@ def run_up(args: argparse.Namespace) -> int:
     has_dpm = any(spec.name == "dpm" for spec in specs)
     check_vacant(connect, args.http if has_dpm else None, data_dir)
     os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
+    if args.uplink:
+        check_unclaimed(args.uplink, expected_tokens(specs))
     link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
     line = ready_line(specs, link[0], args.http, is_secure=args.secure is not None)
 

@@ -1,17 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check that no other system uses the addresses and the data directory, before a process is started."""
+"""Check that no other system uses the addresses, the data directory or the scopes, before the start."""
 
 from __future__ import annotations
 
 import os
 import socket
+import time
+from collections.abc import Collection
 from pathlib import Path
 
-from cdff_common.errors import UnavailableError
+from cdff_common.bus.keys import GROUND
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import ConflictError, UnavailableError
 from cdff_common.process import lock_file
 
 _TIMEOUT_S = 1.0
+#: Time in which the tokens of an ended system disappear, seconds.
+_ENDED_S = 6.0
 _ALL_INTERFACES = {"0.0.0.0": "127.0.0.1", "[::]": "::1"}
 
 
@@ -41,6 +47,39 @@ def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
         os.close(
             lock_file(data_dir / "store.lock", str(os.getpid()), lambda holder: _in_use(data_dir, holder))
         )
+
+
+def check_unclaimed(uplink: str, tokens: Collection[str]) -> None:
+    """Raise ConflictError if services of the same scopes run already at the router of an uplink.
+
+    A router that is not reachable is no error: the local one links to it when it is.
+
+    Parameters
+    ----------
+    uplink : str
+        Endpoint of the remote router.
+    tokens : collection of str
+        Liveliness tokens of the services that are to be started.
+    """
+    from cdff_common.bus import Bus, keys
+
+    if not _is_served(uplink.partition("/")[2]):
+        return
+    with Bus.open(uplink, name="cdff up") as bus:
+        until_s = monotonic_s() + _ENDED_S
+        while claimed := sorted(set(tokens) & bus.alive(keys.alive("*", "*"))):
+            if monotonic_s() > until_s:
+                scope, service = claimed[0].split("/")[2], claimed[0].split("/")[-1]
+                if scope == GROUND:
+                    raise ConflictError(
+                        f"uplink {uplink}: a ground runs there already ({service}); start a robot only, with "
+                        "--scopes ROBOT, or end the other ground"
+                    )
+                raise ConflictError(
+                    f"uplink {uplink}: robot {scope} runs there already ({service}); end it, or give this "
+                    "robot another id in its profile"
+                )
+            time.sleep(0.2)
 
 
 def _in_use(data_dir: Path, holder: str) -> str:

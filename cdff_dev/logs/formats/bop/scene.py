@@ -24,6 +24,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.file_stamps import PERIOD_NS
 from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, frame_stream, pose_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 ROBOT = "bop"
@@ -78,7 +79,9 @@ def single_frame_log(folder: Path) -> IndexedLog:
     streams, _ = _truth_streams(path, {0: [document["pose"]]})
     streams[_COLOUR] = frame_stream(_COLOUR, [folder / "rgb.png"], stamps_ns, camera)
     streams[_DEPTH] = depth_stream(_DEPTH, [folder / "depth.png"], stamps_ns, camera, unit_m)
-    return IndexedLog(streams)
+    read = ("rgb.png", "depth.png", path.name)
+    reason = f"not one of {', '.join(read)}"
+    return IndexedLog(streams, other_files(folder, lambda file: file.name in read, reason))
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,23 +13,23 @@ import numpy as np
 from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
 from cdff_common.errors import InputError
 from cdff_dev.logs.file_stamps import file_stamps
+from cdff_dev.logs.formats.images.attitudes import attitude_stream
 from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences, sequences_of
 from cdff_dev.logs.formats.images.stereo import (
     read_stereo_calibration,
     stereo_sequences,
     stereo_stream,
 )
-from cdff_dev.logs.formats.images.truth import truth_stream
+from cdff_dev.logs.formats.images.truth import truth_stream, truth_tables
 from cdff_dev.logs.image_streams import IMAGE_SUFFIXES, Stamps, depth_stream, frame_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.stereo_pairs import PAIR_TOLERANCE_NS
 
 ROBOT = "robot"
 PAIR = f"/{ROBOT}/navcam.pair"
 _CALIBRATION_SUFFIXES = (".yaml", ".yml", ".json", ".xml")
-#: Files that describe a data set and are not part of the recording.
-_DESCRIPTIONS = ("readme", "license")
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +60,14 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     ``times.txt`` next to the images, else of their names (see ``file_stamps``), else 100 ms apart. The camera
     is ``calibration``; else, of the calibrations in the folder, its ``config`` or that of the images: the one
     after whose name the images are named, else the only one, or the only one of images with or without depth.
-    ``truth.csv`` is described in ``formats.images.truth``. All other files are listed as not converted.
+    Tables of true poses are described in ``formats.images.truth``, and true attitudes in
+    ``formats.images.attitudes``. All other files are listed as not converted.
 
     Raises
     ------
     InputError
-        If a calibration that the user names cannot be read or does not fit, or ``times.txt`` or ``truth.csv``
-        cannot be read.
+        If a calibration that the user names cannot be read or does not fit, or ``times.txt`` or a table of
+        true poses cannot be read.
     """
     content = _Content()
     sequences = image_sequences(folder)
@@ -79,14 +79,17 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         chosen = _calibration_of(sequence, folder, calibration, content)
         _add_stream(sequence, stamps_ns, chosen, content)
         content.used.update(sequence.files)
-    if (path := folder / "truth.csv").is_file():
-        first = next((i for i, s in enumerate(sequences) if not s.is_depth), 0)
-        name, stream, without_image = truth_stream(ROBOT, folder, path, sequences[first], stamps[first])
-        content.streams[name] = stream
-        content.used.add(path)
-        if without_image:
-            content.unconverted[path.name] = Unconverted("pose", without_image, "without an image")
-    _list_other_files(folder, content)
+    first = next((i for i, s in enumerate(sequences) if not s.is_depth), 0)
+    _add_truth(folder, sequences[first], stamps[first], content)
+    content.unconverted = (
+        other_files(
+            folder,
+            lambda file: file in content.used or file.suffix.lower() in IMAGE_SUFFIXES,
+            "not an image, a calibration of one, times.txt or a table of true poses",
+            ("*", "*/*"),
+        )
+        | content.unconverted
+    )
     return IndexedLog(content.streams, content.unconverted)
 
 
@@ -185,6 +188,12 @@ def _add_stream(
 ) -> None:
     camera = None if chosen is None else chosen.camera
     is_depth = sequence.is_depth and read_image(sequence.files[0]).dtype == np.uint16
+    if is_depth and (chosen is None or chosen.depth_unit_m is None):
+        missing = "no calibration" if chosen is None else f"no depthScale in {chosen.path.name}"
+        reason = f"{missing}: they are images; expected --calibration FILE with depthScale, metres"
+        content.unconverted[f"distances of {sequence.sensor}"] = Unconverted(
+            "image", len(sequence.files), reason
+        )
     if is_depth and chosen is not None and chosen.depth_unit_m is not None:
         name = f"/{ROBOT}/{sequence.sensor}.depth"
         content.streams[name] = depth_stream(
@@ -195,17 +204,24 @@ def _add_stream(
         content.streams[name] = frame_stream(name, sequence.files, stamps_ns, camera)
 
 
-def _list_other_files(folder: Path, content: _Content) -> None:
-    """List files that are neither used nor descriptions of the data set, by type."""
-    others = Counter(
-        file.suffix.lower() or "no suffix"
-        for pattern in ("*", "*/*")
-        for file in folder.glob(pattern)
-        if file.is_file()
-        and file not in content.used
-        and file.suffix.lower() not in IMAGE_SUFFIXES
-        and not file.name.lower().startswith(_DESCRIPTIONS)
-    )
-    for suffix, count in sorted(others.items()):
-        reason = "not an image, a calibration of one, times.txt or truth.csv"
-        content.unconverted[f"*{suffix}"] = Unconverted("file", count, reason)
+def _add_truth(folder: Path, sequence: ImageSequence, stamps_ns: Stamps, content: _Content) -> None:
+    """Add true poses and attitudes of the camera with a sequence; their other content is listed."""
+    for path in truth_tables(folder):
+        truth = truth_stream(ROBOT, folder, path, sequence, stamps_ns)
+        content.streams[truth.name] = truth.stream
+        content.used.add(path)
+        if truth.without_image:
+            content.unconverted[path.name] = Unconverted("pose", truth.without_image, "without an image")
+        if truth.other_columns:
+            columns = f"{path.name}: {', '.join(truth.other_columns)}"
+            content.unconverted[columns] = Unconverted("row", truth.rows, "no part of a pose")
+    for path in sorted(folder.glob("*.json")):
+        found = None if path in content.used else attitude_stream(ROBOT, path, sequence, stamps_ns)
+        if found is not None:
+            name, content.streams[name], others = found
+            content.used.add(path)
+            if others:
+                fields = f"{path.name}: {', '.join(others)}"
+                content.unconverted[fields] = Unconverted(
+                    "entry", found[1].info.count, "no part of an attitude"
+                )

@@ -14,6 +14,7 @@ from cdff_dev.logs.file_stamps import natural_order
 from cdff_dev.logs.image_streams import IMAGE_SUFFIXES
 
 _NUMBER = re.compile(r"-?\d+")
+_DEPTH = "depth"
 _OTHER_THAN_WORDS = re.compile(r"[^a-z0-9]+")
 
 
@@ -43,7 +44,7 @@ class ImageSequence:
     @property
     def is_depth(self) -> bool:
         """True if the name of the sequence contains "depth"."""
-        return "depth" in self.sensor
+        return _DEPTH in self.sensor
 
 
 def image_sequences(folder: Path) -> list[ImageSequence]:
@@ -62,7 +63,7 @@ def sequences_of(files: Sequence[Path]) -> list[ImageSequence]:
     for (place, pattern), files in found.items():
         alone = sum(other == place for other, _ in found) == 1
         name = _sensor(place.name if alone else pattern.rpartition(".")[0])
-        if len(found) == 1:
+        if len(found) == 1 and _DEPTH not in name:
             name = "camera"
         elif any(other.sensor == name for other in sequences):
             name = f"{_sensor(place.name)}_{name}"

@@ -15,16 +15,16 @@ NANOSECONDS_ABOVE = 100_000_000_000_000_000
 
 
 class Quirks:
-    """Counter of quirks by description; the first of each is logged as a warning."""
+    """Counter of quirks by description; the first of each is logged as a warning with its file."""
 
-    def __init__(self, log_name: str) -> None:
-        self._log_name = log_name
+    def __init__(self) -> None:
+        self.file_name = "log"
         self.counts: Counter[str] = Counter()
 
     def record(self, text: str) -> None:
-        """Count a quirk, and log it if it is the first with this description."""
+        """Count a quirk, and log it with ``file_name`` if it is the first with this description."""
         if not self.counts[text]:
-            _log.warning("%s: %s", self._log_name, text)
+            _log.warning("%s: %s", self.file_name, text)
         self.counts[text] += 1
 
 

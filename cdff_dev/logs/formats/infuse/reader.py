@@ -58,7 +58,7 @@ class LogReader(IndexedLog):
 
     def __init__(self, files: list[Path]) -> None:
         self.files = files
-        self.quirks = quirk.Quirks(files[0].name if files else "log")
+        self.quirks = quirk.Quirks()
         self._files = LogFiles(files)
         self._parts: dict[str, list[_Part]] = {}
         self._types: dict[str, str] = {}
@@ -86,6 +86,7 @@ class LogReader(IndexedLog):
         def read(number: int) -> Any:
             part, at = part_of(number)
             data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
+            self.quirks.file_name = self.files[part.file].name
             with self._located(part, name, number):
                 dict_form = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
                 return from_dict_form(
@@ -112,16 +113,17 @@ class LogReader(IndexedLog):
 
     def _index(self, file: int, path: Path) -> None:
         """Index the samples of a file."""
+        self.quirks.file_name = path.name
         size = path.stat().st_size
         if size == 0:
-            self.quirks.record(f"{path.name}: empty file")
+            self.quirks.record("empty file")
             return
         with mapped_file(path) as mapped:
             metas, extents = _read_index(mapped, path, self.quirks)
         for name, (starts, ends) in extents.items():
             self._add_part(path, file, name, metas.get(name), starts, ends)
         for name in metas.keys() - extents.keys():
-            self.quirks.record(f"{path.name}: {name}.meta without {name}")
+            self.quirks.record(f"{name}.meta without {name}")
 
     def _add_part(
         self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
@@ -136,7 +138,7 @@ class LogReader(IndexedLog):
         n = len(starts)
         if len(times) != n:
             self.quirks.record(
-                f"{path.name}: {name} has {n} samples and {len(times)} timestamps; the remainder is ignored"
+                f"{name} has {n} samples and {len(times)} timestamps; the remainder is ignored"
             )
             n = min(n, len(times))
         try:
@@ -170,7 +172,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
     for _ in range(pairs):
         after = skip(buffer, at)
         if after < 0:
-            quirks.record(f"{path.name}: truncated; the remainder is lost")
+            quirks.record("truncated; the remainder is lost")
             return metas, extents
         key = _unpacked(buffer, at, int(after), path)
         at = int(after)
@@ -179,14 +181,14 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         if key.endswith(".meta"):
             after = skip(buffer, at)
             if after < 0:
-                quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
+                quirks.record(f"truncated in {key}; the remainder is lost")
                 return metas, extents
             metas[key.removesuffix(".meta")] = _unpacked(buffer, at, int(after), path)
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")
         if count > buffer.size - at:
-            quirks.record(f"{path.name}: truncated in {key}; the remainder is lost")
+            quirks.record(f"truncated in {key}; the remainder is lost")
             count = buffer.size - at
         ends = np.zeros(count, dtype=np.int64)
         complete = _skip_samples(file, at, ends)
@@ -196,8 +198,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         )
         if complete < count:
             quirks.record(
-                f"{path.name}: truncated in {key}: {complete} of {count} samples are complete; the "
-                "remainder is lost"
+                f"truncated in {key}: {complete} of {count} samples are complete; the remainder is lost"
             )
             return metas, extents
         at = int(ends[-1]) if count else at

@@ -22,6 +22,7 @@ from cdff_common.types import LidarScan
 from cdff_dev.logs.formats.kitti.velodyne import read_scan, scan_files
 from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream, pose_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
+from cdff_dev.logs.other_files import other_files
 
 ROBOT = "kitti"
 PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
@@ -83,7 +84,8 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[SCAN] = scan_stream(list(scans.values()), stamps_ns[list(scans)])
     if (truth := _truth(folder, len(pairs) or n)) is not None:
         streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
-    return IndexedLog(streams)
+    reason = "not a calibration, times.txt or poses"
+    return IndexedLog(streams, other_files(folder, lambda file: file.suffix.lower() == ".txt", reason))
 
 
 def scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:

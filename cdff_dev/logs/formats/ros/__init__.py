@@ -11,12 +11,13 @@ from cdff_dev.logs.formats import LogFormat, LogLocation
 from cdff_dev.logs.names import robot_name
 
 if TYPE_CHECKING:
+    from cdff_dev.logs.formats.ros.recording import Recording
     from cdff_dev.logs.source import LogSource
 
 #: First bytes of a ROS 1 bag of any version, of an MCAP file, and of the SQLite database of a ROS 2 bag.
 _MAGIC = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")
 #: Files of which a folder has one if it is a recording; a recorder that was ended has written no metadata.
-_FOLDER_PATTERNS = ("metadata.yaml", "*.bag", "*.db3", "*.db3.zstd", "*.mcap.zstd")
+_FOLDER_PATTERNS = ("metadata.yaml", "*.bag", "*.db3", "*.mcap", "*.db3.zstd", "*.mcap.zstd")
 
 
 def _is_ros(location: LogLocation) -> bool:
@@ -29,8 +30,27 @@ def _open(location: LogLocation, _: Path | None) -> LogSource:
     from cdff_dev.logs.formats.ros.bags import open_files, open_folder
     from cdff_dev.logs.formats.ros.original_names import open_recording
 
-    recording = open_files(location.files) if location.folder is None else open_folder(location.folder)
-    return open_recording(recording, robot_name(Path(recording.name)))
+    found = open_files(location.files) if location.folder is None else open_folder(location.folder)
+    if len(found) == 1:
+        recording = next(iter(found.values()))
+        return open_recording(recording, robot_name(Path(recording.name)))
+    return _joined(found)
+
+
+def _joined(recordings: dict[str, Recording]) -> LogSource:
+    """Return several recordings as one log: each has the robot id that it has if it is opened alone."""
+    from cdff_dev.logs.formats.ros.original_names import open_recording
+    from cdff_dev.logs.joined import JoinedLog
+
+    logs: dict[str, LogSource] = {}
+    try:
+        for name, recording in recordings.items():
+            logs[Path(name).name] = open_recording(recording, robot_name(Path(name)))
+        return JoinedLog(logs)
+    except BaseException:
+        for log in logs.values():
+            log.close()
+        raise
 
 
 FORMAT = LogFormat(

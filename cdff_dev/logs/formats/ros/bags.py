@@ -1,11 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files and folders of ROS 1 and ROS 2 bags, and MCAP files."""
+"""Files and folders of ROS 1 and ROS 2 bags, and MCAP files, by the recording to which they belong."""
 
 from __future__ import annotations
 
 import logging
+import re
 import tempfile
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path, PurePath
@@ -26,54 +28,104 @@ from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
 METADATA = "metadata.yaml"
-_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+_BAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+_SUFFIXES = (*_BAG2_SUFFIXES, ".bag")
+_NUMBERS = re.compile(r"\d+")
 #: Largest ratio of the size of a compressed file to that in the folder, before it is refused as damaged.
 _MAX_RATIO = 1000
 
 
-def open_folder(folder: Path) -> Recording:
-    """Open the ROS 2 bag or the ROS 1 bags of a folder.
+def open_folder(folder: Path) -> dict[str, Recording]:
+    """Open the ROS 2 bag of a folder, or its bags and MCAP files as ``open_files``.
+
+    Without ``metadata.yaml``, files of which one is the database of a ROS 2 bag are one recording, if their
+    names differ only in numbers.
 
     Raises
     ------
     CodecError
         If no file can be read.
     """
-    found = [path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)]
-    if not found and not (folder / METADATA).is_file():
-        return open_files(sorted(folder.glob("*.bag")))
-    return _open_bag2(folder, sorted(found, key=natural_order))
+    found = sorted((path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)), key=natural_order)
+    if (folder / METADATA).is_file():
+        return {str(folder): _open_bag2(folder, found)}
+    groups = _by_recording(found)
+    if len(groups) == 1 and found[0].name.endswith((".db3", ".zstd")):
+        return {str(folder): _open_bag2(folder, found)}
+    return _recordings(groups, str(folder))
 
 
-def open_files(files: Sequence[Path]) -> Recording:
-    """Open files of one recording by their content.
+def open_files(files: Sequence[Path]) -> dict[str, Recording]:
+    """Open files by their content; those whose names differ only in numbers are parts of one recording.
+
+    Returns
+    -------
+    dict
+        Recordings by the name of their first file.
 
     Raises
     ------
     CodecError
         If no file can be read.
     """
-    return _joined(str(files[0]), [(path, partial(_open, path)) for path in files], {})
+    return _recordings(_by_recording(files), str(files[0]))
+
+
+def _by_recording(files: Sequence[Path]) -> list[list[Path]]:
+    """Return the files of each recording: a recorder that splits one numbers its files."""
+    groups: dict[str, list[Path]] = defaultdict(list)
+    for path in files:
+        groups[_NUMBERS.sub("#", path.name)].append(path)
+    return list(groups.values())
+
+
+def _recordings(groups: Sequence[Sequence[Path]], name: str) -> dict[str, Recording]:
+    """Open recordings; one that cannot be read is listed with another that can."""
+    found: dict[str, Recording] = {}
+    missing: dict[str, Unconverted] = {}
+    for files in groups:
+        openers = [
+            (path, partial(_open_compressed if path.suffix == ".zstd" else _open, path, "")) for path in files
+        ]
+        try:
+            found[str(files[0])] = _joined(name if len(groups) == 1 else str(files[0]), openers, {})
+        except CodecError as error:
+            if len(groups) == 1:
+                raise
+            _log.warning("%s", error)
+            missing[files[0].name] = Unconverted("damaged part", 1, str(error))
+    if not found:
+        reasons = "; ".join(item.reason for item in missing.values())
+        raise CodecError(f"{name}: no readable bag: {reasons or 'no .db3, .mcap or .bag file'}")
+    if missing:
+        first, recording = next(iter(found.items()))
+        found[first] = JoinedRecording(first, [recording], missing)
+    return found
 
 
 def _open_bag2(folder: Path, found: Sequence[Path]) -> Recording:
     """Open a ROS 2 bag; without metadata, its files are those of the folder."""
     missing: dict[str, Unconverted] = {}
     information = _metadata(folder / METADATA, missing)
-    named = [folder / PurePath(str(path)).name for path in information.get("relative_file_paths") or ()]
     mode = str(information.get("compression_mode") or "").lower()
-    for path in found if named else ():
-        if path not in named:
-            missing[path.name] = Unconverted("file", 1, f"{METADATA} does not name it")
+    named = [folder / PurePath(str(path)).name for path in information.get("relative_file_paths") or ()]
+    parts = named or [path for path in found if path.name.endswith(_BAG2_SUFFIXES)]
+    for path in found:
+        if path not in parts:
+            missing[path.name] = Unconverted("file", 1, f"not in the list of {METADATA}")
     openers = [
-        (path, partial(_open_compressed if path.suffix == ".zstd" else _open, path, mode))
-        for path in named or found
+        (path, partial(_open_compressed if path.suffix == ".zstd" else _open, path, mode)) for path in parts
     ]
     return _joined(str(folder), openers, missing)
 
 
 def _metadata(path: Path, missing: dict[str, Unconverted]) -> Mapping[str, Any]:
     """Return the information about a bag; none if the recording was not completed or it is damaged."""
+    if not path.is_file():
+        reason = "missing, the recorder was ended"
+        _log.warning("%s: %s; the files of the folder are read", path, reason)
+        missing[path.name] = Unconverted("damaged part", 1, f"{reason}; the files of the folder are read")
+        return {}
     try:
         information = yaml.load(path.read_bytes(), yaml.CSafeLoader)["rosbag2_bagfile_information"]
         if isinstance(information, dict) and isinstance(information.get("relative_file_paths"), list):

@@ -83,6 +83,7 @@ class RosLog(LogSource):
 
     def __init__(self, recording: Recording, robot: str) -> None:
         self._recording = recording
+        self._split_streams: dict[str, set[str]] = {}
         try:
             self._topics = self._converted_topics(robot)
             self._unconverted = self._other_topics()
@@ -188,6 +189,9 @@ class RosLog(LogSource):
         names = np.array([name for name, _, _ in parts], dtype=object)
         stamps_ns = np.array([stamp for _, stamp, _ in parts], dtype=np.int64)
         types = {name: topic.conversion.type_name for name, _, topic in parts if isinstance(topic, Topic)}
+        for name, _, topic in parts:
+            if isinstance(topic, Topic) and topic.conversion.split is not None:
+                self._split_streams.setdefault(topic.name, set()).add(name)
         self._names, self._stamps_ns, unmatched = self._pairs.index(names, stamps_ns)
         self._unconverted |= unmatched
         types |= dict.fromkeys(self._pairs.streams, "FramePair")
@@ -233,9 +237,11 @@ class RosLog(LogSource):
     def _has_streams(self, channel: Channel, streams: Collection[str] | None) -> bool:
         """Return whether a channel can have samples of the streams, of which None are all."""
         topic = self._topics.get(id(channel))
-        return topic is not None and (
-            streams is None or topic.conversion.split is not None or topic.stream in streams
-        )
+        if topic is None or streams is None:
+            return topic is not None
+        if topic.conversion.split is None:
+            return topic.stream in streams
+        return not self._split_streams.get(topic.name, set()).isdisjoint(streams)
 
     def _parts(self, chosen: set[str]) -> Iterator[_Part]:
         """Yield the samples of streams in the order of recording, pairs after their second image."""
@@ -274,6 +280,20 @@ class RosLog(LogSource):
         for seq, part in self._ordered_parts(streams):
             if part.stamp_ns >= stamp_ns:
                 yield self._sample(seq, part)
+
+    def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
+        """Return the first sample of all or some streams, from one pass through the recording."""
+        names = chosen_streams(self.streams, streams)
+        wanted = {name: int(np.argmin(self.stamps_ns(name))) for name in names}
+        found: dict[str, LogSample] = {}
+        seqs: Counter[str] = Counter()
+        for part in self._parts(set(wanted)) if wanted else ():
+            if seqs[part.stream] == wanted[part.stream]:
+                found[part.stream] = self._sample(seqs[part.stream], part)
+                if len(found) == len(wanted):
+                    break
+            seqs[part.stream] += 1
+        return found
 
     def _ordered_parts(self, streams: Collection[str] | None) -> Iterator[tuple[int, _Part]]:
         """Yield the number in its stream of each sample, and the sample, in the order of ``samples``."""

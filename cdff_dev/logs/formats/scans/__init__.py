@@ -52,7 +52,7 @@ def _is_matrix(data: bytes) -> bool:
 def _open(location: LogLocation, _: Path | None) -> IndexedLog:
     from cdff_dev.logs.formats.scans.scans import scans_log
 
-    return scans_log(_files(location))
+    return scans_log(_files(location), location.folder)
 
 
 def _recognises(location: LogLocation) -> bool:

@@ -18,6 +18,7 @@ from cdff_common.types import LidarScan
 from cdff_dev.logs.file_stamps import file_stamps
 from cdff_dev.logs.formats.scans.e57 import MAGIC, read_e57
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
+from cdff_dev.logs.other_files import other_files
 
 ROBOT = "robot"
 SCAN = f"/{ROBOT}/lidar.scan"
@@ -29,10 +30,11 @@ _OF_8_BITS = 257.0
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".pts")
 
 
-def scans_log(files: list[Path]) -> IndexedLog:
+def scans_log(files: list[Path], folder: Path | None = None) -> IndexedLog:
     """Open scans as the stream ``/robot/lidar.scan`` in the frame ``robot/lidar``.
 
-    The points of a scan have one stamp: that of ``times.txt`` in their folder, else of their name.
+    The points of a scan have one stamp: that of ``times.txt`` in their folder, else of their name. Other
+    files of ``folder``, if it is given, are listed as not converted.
     Raises InputError if the stamps do not ascend.
     """
     times = files[0].parent / "times.txt"
@@ -42,7 +44,10 @@ def scans_log(files: list[Path]) -> IndexedLog:
         return _scan(files[i], int(stamps_ns[i]))
 
     header = headers(SCAN, stamps_ns, frame=_FRAME, producer=_FRAME)
-    return IndexedLog({SCAN: IndexedStream("LidarScan", stamps_ns, read, header)})
+    reason = f"not a scan as the others ({files[0].suffix}), nor times.txt"
+    used = {*files, times}
+    others = {} if folder is None else other_files(folder, used.__contains__, reason)
+    return IndexedLog({SCAN: IndexedStream("LidarScan", stamps_ns, read, header)}, others)
 
 
 def _scan(path: Path, stamp_ns: int) -> LidarScan:

@@ -143,3 +143,10 @@ def test_edges_that_would_close_a_loop_are_omitted() -> None:
     world = World.of(0, edges, [])
     assert [edge.child for edge in world.edges] == ["b"]
     assert "close a loop" in next(iter(world.omitted.values()))
+
+
+def test_poses_of_a_static_topic_of_ros_hold_at_all_times() -> None:
+    made = WorldHistory()
+    made.add_pose("/mana/tf_static.lidar", pose(0.3, 900 * S, child="mana/lidar"))
+    made.add_pose("/mana/vo.pose", pose(1.0, S))
+    np.testing.assert_allclose(made.at(S).transform("site", "mana/lidar").matrix[:3, 3], [0.3, 0.0, 0.0])

@@ -18,7 +18,7 @@ name: tilted
 robots:
   - id: mana
     frames:
-      - {{parent: mana/base, child: mana/lidar, translation_m: [0.1, 0.0, 0.85], rpy_deg: [0, {pitch_deg}, 0]}}
+      - {{parent: mana/base, child: mana/lidar, translation_m: [0.1, 0, 0.85], rpy_deg: [0, {pitch_deg}, 0]}}
       - {{parent: mana/base, child: mana/imu, translation_m: [-0.05, 0.02, 0.05], rpy_deg: [0, 0, 90]}}
     sensors:
       lidar: {{kind: lidar, frame: mana/lidar, streams: {{scan: LidarScan}}}}

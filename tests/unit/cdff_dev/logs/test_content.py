@@ -108,3 +108,21 @@ def test_every_file_and_folder_of_a_data_set_opens_by_its_path_alone(
     paths = [folder, *(p for p in folder.rglob("*") if p.is_dir()), *kinds.values()]
     refused = [str(path.relative_to(folder)) for path in paths if main(["log", "info", str(path)]) != 0]
     assert not refused, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "expected"),
+    [
+        ("drive.mp4", b"\0\0\0\x18ftypmp42", "MP4 or MOV video, not supported: extract images"),
+        ("flight.ulg", b"ULog\x01\x12\x35\x01", "PX4 log, not supported"),
+        ("data.h5", b"\x89HDF\r\n\x1a\n", "HDF5 file, not supported"),
+        ("scans.zip", b"PK\x03\x04", "zip archive, not supported: unpack it"),
+    ],
+)
+def test_files_of_other_formats_are_named_with_a_remedy(
+    name: str, head: bytes, expected: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(head + bytes(300))
+    with pytest.raises(InputError, match="no recording") as refused:
+        open_log(tmp_path / name)
+    assert expected in str(refused.value)

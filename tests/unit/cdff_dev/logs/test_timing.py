@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cdff_dev.logs.information import StreamReport
+from cdff_dev.logs.source import StreamInfo
 from cdff_dev.logs.timing import timing
 
 SECOND_NS = 1_000_000_000
@@ -44,3 +46,18 @@ def test_the_clock_jumps_back_and_forwards() -> None:
 @pytest.mark.parametrize("seconds", [(), (1.0,), (1.0, 1.0)])
 def test_few_stamps_have_no_rate(seconds: tuple[float, ...]) -> None:
     assert _timing(*seconds)["rate_hz"] == 0.0
+
+
+def test_samples_in_bursts_have_the_mean_rate() -> None:
+    bursts_us = [second * 1_000_000 + k * 15 for second in range(10) for k in range(4)]
+    found = timing(np.array(bursts_us, np.int64) * 1000)
+    assert found.has_bursts
+    assert found.rate_hz == pytest.approx(1e6 / 15)
+    assert found.mean_rate_hz == pytest.approx(39 / 9.000045)
+    assert not timing(np.arange(10, dtype=np.int64) * 10**8).has_bursts
+
+
+def test_rates_below_a_tenth_of_a_hertz_are_shown_as_periods() -> None:
+    info = StreamInfo("Frame", 3, 0, 7_200_000_000_000)
+    hourly = timing(np.arange(3, dtype=np.int64) * 3_600_000_000_000)
+    assert "1/3600 s" in StreamReport(info, hourly, "", "").text("/a/b.c")[0]

@@ -123,3 +123,25 @@ def test_geopackage_contains_positions_and_outlines(log: Path, tmp_path: Path) -
     assert "site" in meta["crs"]
     bounds = pyogrio.read_info(out, layer="items")["total_bounds"]
     np.testing.assert_allclose(bounds, [2.0, 1.0, 29.0, 28.0])
+
+
+def test_the_time_of_a_log_is_not_that_of_its_static_frames(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "drive.msg"
+    with LogWriter(path) as writer:
+        for second in range(3):
+            T = UncertainTransform(se3.transform(np.eye(3), [second, 0.0, 0.0]))
+            moving = TransformWithCovariance.from_transform(
+                T, parent="site", child="mana/base", stamp_ns=second * S
+            )
+            writer.write("/mana/vo.pose", moving, second * S)
+        fixed = TransformWithCovariance.from_transform(
+            MOUNT, parent="mana/base", child="mana/lidar", stamp_ns=900 * S
+        )
+        writer.write("/mana/tf_static.lidar", fixed, 900 * S)
+    assert main(["world", "show", str(path)]) == EXIT_DONE
+    out = capsys.readouterr().out
+    assert "at 1970-01-01T00:00:02" in out
+    assert "mana/base: x 2.000" in out
+    assert "mana/lidar: x 0.000, y 0.000, z 1.500 m" in out

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,7 +62,7 @@ def test_poses_of_a_camera_and_files_that_are_not_used(tmp_path: Path) -> None:
     (pose,) = log.samples(["/robot/truth.pose"])
     assert pose.stamp_ns == 200_000_000
     assert pose.value.transform.matrix[0, 3] == pytest.approx(1.0)
-    assert {name: item.count for name, item in log.unconverted.items()} == {"truth.csv": 1, "*.doc": 1}
+    assert {name: item.count for name, item in log.unconverted.items()} == {"truth.csv": 1, "notes.doc": 1}
 
 
 @pytest.mark.parametrize("text", ["frame,qw\n1,1\n", "image,T00\n", "frame,T00\nx,1\n"])
@@ -77,9 +78,9 @@ def test_a_table_of_poses_with_other_columns_is_refused(tmp_path: Path, text: st
     [
         ("speedplus_lightbox", {"camera.frame": 25, "truth.target": 25}),
         ("rosetta_67p", {"camera.frame": 60, "truth.target": 60}),
-        ("star_images", {"camera.frame": 4}),
+        ("star_images", {"camera.frame": 4, "truth.attitude": 4}),
         ("visp_castle", {"gray.frame": 20, "depth.frame": 20, "truth.target": 20}),
-        ("visp_rbt_rgbd", {"color.frame": 24, "depth.depth": 24}),
+        ("visp_rbt_rgbd", {"color.frame": 24, "depth.depth": 24, "truth.board": 24}),
         ("m3t_pair", {"body.frame": 1, "color_camera_image.frame": 2, "depth_camera_image.depth": 2}),
     ],
 )
@@ -102,3 +103,48 @@ def test_a_folder_with_one_log_is_that_log_and_with_several_they_are_named(tmp_p
     write_images(tmp_path / "outer" / "second" / "images", "1.png")
     with pytest.raises(InputError, match=r"several logs: name one of .*inner.*second"):
         open_log(tmp_path / "outer")
+
+
+def test_a_table_named_after_two_frames_has_the_poses_of_one_in_the_other(tmp_path: Path) -> None:
+    write_images(tmp_path, "1.png", "2.png")
+    (tmp_path / "camera_from_board.csv").write_text(
+        "frame,qw,qx,qy,qz,tx_m,ty_m,tz_m,weather\n1,1,0,0,0,0.5,0,2,dry\n2,1,0,0,0,0.6,0,2,dry\n",
+        encoding="utf-8",
+    )
+    log = open_log(tmp_path)
+    poses = list(log.samples(["/robot/truth.board"]))
+    assert [(p.header.frame, p.header.child) for p in poses if p.header] == [
+        ("robot/camera", "robot/board")
+    ] * 2
+    assert poses[1].value.transform.matrix[:3, 3] == pytest.approx([0.6, 0.0, 2.0])
+    assert log.unconverted["camera_from_board.csv: weather"].count == 2
+
+
+def test_attitudes_of_star_images_are_those_of_their_stars(real_data: Callable[[str], Path]) -> None:
+    folder = real_data("star_images")
+    solved = json.loads((folder / "truth.json").read_bytes())
+    log = open_log(folder)
+    for image, pose in zip(sorted(solved), log.samples(["/robot/truth.attitude"]), strict=True):
+        stars_deg = np.radians(np.array(solved[image]["matched_stars"])[:, :2])
+        ra, dec = stars_deg.T
+        directions = np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
+        in_camera = directions @ pose.value.transform.matrix[:3, :3]
+        focal_px = 512.0 / np.tan(np.radians(solved[image]["FOV"]) / 2)
+        pixels = in_camera[:, :2] / in_camera[:, 2:] * focal_px + (512.0, 384.0)
+        centroids = np.array(solved[image]["matched_centroids"])[:, ::-1]
+        assert np.abs(pixels - centroids).max() < 2.0
+    assert "matched_stars" in next(iter(log.unconverted))
+
+
+def test_depths_without_a_unit_remain_images_with_the_remedy(tmp_path: Path) -> None:
+    (tmp_path / "depth").mkdir()
+    cv2.imwrite(str(tmp_path / "depth" / "1.png"), np.full((48, 64), 900, np.uint16))
+    (tmp_path / "camera.yaml").write_text(CAMERA, encoding="utf-8")
+    log = open_log(tmp_path)
+    (stream,) = log.streams
+    assert log.streams[stream].type_name == "Frame"
+    (item,) = log.unconverted.values()
+    assert "no depthScale in camera.yaml" in item.reason
+    (tmp_path / "camera.yaml").write_text(CAMERA + "depthScale: 0.001\n", encoding="utf-8")
+    (sample,) = open_log(tmp_path).samples()
+    assert sample.value.data[0] == pytest.approx(0.9)

@@ -164,3 +164,38 @@ def test_each_frame_of_the_tree_becomes_a_stream(tmp_path: Path) -> None:
         poses = [s.value for s in log.samples(["/rover/tf.base"])]
     assert [p.transform.matrix[0, 3] for p in poses] == [1.0, 3.0]
     assert (poses[0].parent_frame, poses[0].child_frame) == ("rover/odom", "rover/base")
+
+
+def test_bags_and_mcap_files_of_a_folder_are_one_log_with_a_robot_each(tmp_path: Path) -> None:
+    recorded = drive(ROS1)
+    write_ros1(tmp_path / "husky", recorded)
+    for part, messages in enumerate((recorded[:2], recorded[2:])):
+        write_ros1(tmp_path / f"split_{part}", messages)
+    folder = write_ros2(tmp_path / "scratch", drive(ROS2), StoragePlugin.MCAP)
+    next(folder.glob("*.mcap")).rename(tmp_path / "turtle.mcap")
+    (folder / "metadata.yaml").unlink()
+    folder.rmdir()
+    with open_log(tmp_path) as log:
+        counts = dict.fromkeys(("husky", "split_0", "turtle"), 0)
+        for name, info in log.streams.items():
+            counts[name.split("/")[1]] += info.count
+        stamps_ns = [sample.stamp_ns for sample in log.samples()]
+        assert set(log.first_samples()) == set(log.streams)
+    assert counts["husky"] == counts["split_0"] == counts["turtle"] > 0
+    assert stamps_ns == sorted(stamps_ns)
+    assert len(stamps_ns) == sum(counts.values())
+
+
+def test_a_damaged_bag_of_a_folder_is_listed_with_the_others(tmp_path: Path) -> None:
+    write_ros1(tmp_path / "husky", drive(ROS1))
+    (tmp_path / "broken.bag").write_bytes(b"garbage")
+    with open_log(tmp_path) as log:
+        assert {name.split("/")[1] for name in log.streams} == {"husky"}
+        assert "broken.bag" in log.unconverted["broken.bag"].reason
+
+
+def test_the_first_sample_of_each_stream_is_that_with_the_earliest_stamp(bag: Path) -> None:
+    with open_log(bag) as log:
+        for name, sample in log.first_samples().items():
+            expected = next(iter(log.samples([name])))
+            assert (sample.stream, sample.stamp_ns, sample.seq) == (name, expected.stamp_ns, expected.seq)

@@ -1,0 +1,34 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables of an inertial measurement unit: CSV files with named columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cdff_dev.logs.formats import LogFormat, LogLocation
+
+if TYPE_CHECKING:
+    from cdff_dev.logs.indexed import IndexedLog
+
+_HEAD_BYTES = 4096
+
+
+def _recognises(location: LogLocation) -> bool:
+    if len(location.files) != 1 or location.files[0].suffix.lower() not in (".csv", ".txt"):
+        return False
+    from cdff_dev.logs.formats.imu_table.table import columns_of
+
+    return columns_of(location.head(_HEAD_BYTES)) is not None
+
+
+def _open(location: LogLocation, _: Path | None) -> IndexedLog:
+    from cdff_dev.logs.formats.imu_table.table import imu_log
+
+    return imu_log(location.files[0])
+
+
+FORMAT = LogFormat(
+    "IMU table", "a .csv file with columns for time, acceleration and angular rate", _recognises, _open
+)
