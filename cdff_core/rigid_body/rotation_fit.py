@@ -152,7 +152,7 @@ def _most_probable(fits: Sequence[RotationFit]) -> RotationFit | None:
 def _is_at_middle_axis(fit: RotationFit, t_s: FloatArray) -> bool:
     """Return whether the rate stays near the axis of the middle moment.
 
-    This rotation is unstable. Such a tumble explains a slow turn of the reference frame, not a motion of the body.
+    This rotation is unstable. Such a tumble explains a slow turn of the reference frame, not of the body.
     """
     model = fit.model
     if not isinstance(model, Tumble):
