@@ -85,7 +85,9 @@ COLUMNS = {
     "LidarScanData": Columns(("points", "time_offsets"), ("intensity", "ring")),
     "MeshData": Columns(("vertices",), ("normals", "colors")),
     "ObjectTrackData": Columns(
-        ("stamps", "poses"), ("velocities", "covariances", "velocity_covariances"), ascending="stamps"
+        ("stamps", "poses"),
+        ("velocities", "covariances", "velocity_covariances", "bearings", "pixels", "pixel_sigmas"),
+        ascending="stamps",
     ),
     "PointCloudData": Columns(("points",), ("colors", "intensity")),
     "PoseGraphEdges": Columns(("ends", "poses", "information", "kinds")),

@@ -79,11 +79,12 @@ class ObjectDetections(Message):
 
 
 class ObjectTrackStatusT(IntEnum):
-    """``ObjectTrack-status-t``."""
+    """track-COASTING: predicted, without a measurement at the time of the newest state."""
 
     TRACK_TENTATIVE = 0
     TRACK_CONFIRMED = 1
     TRACK_LOST = 2
+    TRACK_COASTING = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -133,13 +134,19 @@ class ObjectTrackData(Message):
     stamps : NDArray[np.int64], shape (n,)
         us since the UNIX epoch, ascending.
     poses : NDArray[np.float64], shape (n, 7)
-        T_frame_object: x y z (m), qx qy qz qw.
+        T_frame_object: x y z (m; NaN while the range is not observable), qx qy qz qw.
     velocities : NDArray[np.float64], shape (n, 6)
         m/s and rad/s, in the frame; none or one per state.
     covariances : NDArray[np.float64], shape (n, 36)
         of the poses, 6x6 rows: x y z rx ry rz, in the frame; none or one per state.
     velocity_covariances : NDArray[np.float64], shape (n, 36)
         6x6 rows: vx vy vz wx wy wz, in the frame; none or one per state.
+    bearings : NDArray[np.float64], shape (n, 6)
+        azimuth, elevation, sigma across and up (rad), range and sigma (m or NaN); none or one per state.
+    pixels : NDArray[np.float64], shape (n, 2)
+        column and row in the image; NaN where not seen; none or one per state.
+    pixel_sigmas : NDArray[np.float64], shape (n, 2)
+        of the pixels; none or one per state.
     """
 
     ASN1_NAME: ClassVar[str] = "ObjectTrack-Data"
@@ -148,6 +155,9 @@ class ObjectTrackData(Message):
     velocities: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6), np.float64))
     covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
     velocity_covariances: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 36), np.float64))
+    bearings: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 6), np.float64))
+    pixels: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2), np.float64))
+    pixel_sigmas: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

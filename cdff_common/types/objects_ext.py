@@ -123,6 +123,65 @@ class ObjectTrackExt(Message):
         )
         return types.ObjectTrack(metadata, data)
 
+    @classmethod
+    def from_bearing(
+        cls,
+        track_id: int,
+        stamp_ns: int,
+        *,
+        frame: str,
+        bearing: ArrayLike,
+        position_m: ArrayLike,
+        position_covariance: ArrayLike,
+        velocity: ArrayLike,
+        pixel: ArrayLike,
+        pixel_sigma: ArrayLike,
+        label: str = "",
+        status: types.ObjectTrackStatusT | int = 1,
+        score: float = 0.0,
+        size_m: ArrayLike = (0.0, 0.0, 0.0),
+        producer: str = "",
+    ) -> types.ObjectTrack:
+        """Return one state of an object of which the direction is known, and perhaps the range.
+
+        Parameters
+        ----------
+        bearing : array_like, shape (6,)
+            Azimuth and elevation in ``frame``, their standard deviations across and up, radians; range
+            and its
+            standard deviation, metres, NaN while it is not observable.
+        position_m : array_like, shape (3,)
+            NaN while the range is not observable.
+        position_covariance : array_like, shape (3, 3)
+            Square metres; NaN while the range is not observable.
+        velocity : array_like, shape (3,)
+            Angular velocity of the direction, radians per second.
+        pixel, pixel_sigma : array_like, shape (2,)
+            Column and row, NaN outside the image.
+        """
+        covariance = np.full((6, 6), np.nan)
+        covariance[:3, :3] = position_covariance
+        data = types.ObjectTrackData(
+            stamps=stamps_us([stamp_ns], "ObjectTrack stamps"),
+            poses=np.concatenate([np.asarray(position_m, dtype=float), [0.0, 0.0, 0.0, 1.0]])[None],
+            velocities=np.concatenate([np.full(3, np.nan), np.asarray(velocity, dtype=float)])[None],
+            covariances=covariance.reshape(1, 36),
+            bearings=np.asarray(bearing, dtype=float).reshape(1, 6),
+            pixels=np.asarray(pixel, dtype=float).reshape(1, 2),
+            pixel_sigmas=np.asarray(pixel_sigma, dtype=float).reshape(1, 2),
+        )
+        metadata = types.ObjectTrackMetadata(
+            time_stamp=types.Time(int(data.stamps[-1])),
+            producer_id=producer,
+            frame_id=frame,
+            track_id=track_id,
+            label=label,
+            status=status,  # type: ignore[arg-type]  # its number is valid too
+            score=score,
+            size=np.asarray(size_m),
+        )
+        return types.ObjectTrack(metadata, data)
+
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
         """Times ``(n,)``, nanoseconds."""

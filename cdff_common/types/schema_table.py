@@ -1071,7 +1071,10 @@ _139 = Struct(
         Field("detections", "detections", ListOf(_138, 0, 4096, "ObjectDetection")),
     ),
 )
-_140 = Enumeration("ObjectTrackStatusT", (("track-TENTATIVE", 0), ("track-CONFIRMED", 1), ("track-LOST", 2)))
+_140 = Enumeration(
+    "ObjectTrackStatusT",
+    (("track-TENTATIVE", 0), ("track-CONFIRMED", 1), ("track-LOST", 2), ("track-COASTING", 3)),
+)
 _141 = Struct(
     "ObjectTrack-Metadata",
     "ObjectTrackMetadata",
@@ -1096,6 +1099,9 @@ _142 = Struct(
         Field("velocities", "velocities", OctetString(1073741824, "<f8", 6)),
         Field("covariances", "covariances", OctetString(1073741824, "<f8", 36)),
         Field("velocityCovariances", "velocity_covariances", OctetString(1073741824, "<f8", 36)),
+        Field("bearings", "bearings", OctetString(1073741824, "<f8", 6)),
+        Field("pixels", "pixels", OctetString(1073741824, "<f8", 2)),
+        Field("pixelSigmas", "pixel_sigmas", OctetString(1073741824, "<f8", 2)),
     ),
 )
 _143 = Struct(

@@ -18,6 +18,7 @@ import numpy as np
 from cdff_common.errors import ProductNotFoundError
 from cdff_common.formats.payload import FORMATS, to_file
 from cdff_common.formats.track_csv import write_track_csv
+from cdff_common.formats.tracks import TRACK_COLUMNS, track_rows
 from cdff_common.formats.tum import write_tum
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc
@@ -38,7 +39,8 @@ class ReplayOutput:
     product is written.
 
     ``write_items`` adds a file for the last map, graph and cloud of each port and item of the local store, in
-    the first format of its type: ``map.tif``, ``graph.g2o``, ``cloud.ply``.
+    the first format of its type: ``map.tif``, ``graph.g2o``, ``cloud.ply``; and a table of the states of the
+    objects of a port ``track``: ``tracks.csv``.
 
     Parameters
     ----------
@@ -58,6 +60,7 @@ class ReplayOutput:
         self._paths: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
         self._tracks: dict[str, list[tuple[ObjectTrack, str]]] = defaultdict(list)
         self._last_values: dict[str, Any] = {}
+        self._bearings: dict[str, list[str]] = defaultdict(list)
         self._start_s, self._cpu_start_s = time.monotonic(), time.process_time()
         self._writer: LogWriter | None = None
         if folder is not None:
@@ -73,6 +76,10 @@ class ReplayOutput:
             if self._writer is not None:
                 self._writer.write(f"/{product.robot}/{name}", product.value, stamp_ns, product.header)
             output = f"{product.robot}.{name}" if self._full_names else product.port
+            if product.type_name == "ObjectTrack" and len(product.value.data.bearings):
+                self._last_values[output] = product.value
+                self._bearings[output].extend(track_rows(product.value))
+                continue
             if product.type_name == "TransformWithCovariance":
                 self._paths[output].append((stamp_ns, product.value.transform.matrix))
                 continue
@@ -95,6 +102,9 @@ class ReplayOutput:
         for item in dfpc.store.items:
             with suppress(ProductNotFoundError):
                 values[item] = dfpc.store.get(item)
+        for name, rows in self._bearings.items():
+            text = "\n".join([",".join(TRACK_COLUMNS), *rows]) + "\n"
+            write_file(self._folder / f"{name}s.csv", text.encode())
         for name, value in values.items():
             if (type_name := type(value).__name__) in _FILES:
                 suffix = FORMATS[type_name][0]

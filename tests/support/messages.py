@@ -240,5 +240,14 @@ _COLUMNS: dict[str, tuple[Column, ...]] = {
         lambda n, rng: np.zeros(n, np.uint32),
         _reals(3),
     ),
-    "ObjectTrackData": (_increasing, _reals(7), _empty(6, np.float64), _reals(36), _empty(36, np.float64)),
+    "ObjectTrackData": (
+        _increasing,
+        _reals(7),
+        _empty(6, np.float64),
+        _reals(36),
+        _empty(36, np.float64),
+        _reals(6),
+        _empty(2, np.float64),
+        _empty(2, np.float64),
+    ),
 }

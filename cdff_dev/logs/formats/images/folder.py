@@ -13,6 +13,7 @@ import numpy as np
 from cdff_common.camera import CameraModel, check_image_size, read_camera, read_depth_unit
 from cdff_common.errors import InputError
 from cdff_dev.logs.file_stamps import file_stamps
+from cdff_dev.logs.formats.images.attitude import given_attitude_stream
 from cdff_dev.logs.formats.images.attitudes import attitude_stream
 from cdff_dev.logs.formats.images.sequences import ImageSequence, image_sequences, sequences_of
 from cdff_dev.logs.formats.images.stereo import (
@@ -81,6 +82,10 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         content.used.update(sequence.files)
     first = next((i for i, s in enumerate(sequences) if not s.is_depth), 0)
     _add_truth(folder, sequences[first], stamps[first], content)
+    if (path := folder / "attitude.csv").is_file():
+        name, stream = given_attitude_stream(ROBOT, sequences[first].sensor, path)
+        content.streams[name] = stream
+        content.used.add(path)
     content.unconverted = (
         other_files(
             folder,

@@ -1,0 +1,415 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Controller of FarRangeObjectTracking: detect, identify stars, associate, filter, publish."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.camera import CameraModel
+from cdff_common.errors import InputError, ProductNotFoundError, RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
+from cdff_common.types import (
+    MatrixXd,
+    ObjectDetection,
+    ObjectDetections,
+    ObjectTrack,
+    ObjectTrackStatusT,
+    Time,
+)
+from cdff_core.bearing_tracking.motion import BearingStates, across
+from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
+from cdff_core.dfns.multi_target_association.interface import (
+    MultiTargetAssociationInputs,
+    MultiTargetAssociationOutputs,
+)
+from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
+from cdff_core.dfpcs.far_range_object_tracking.image_sources import ImageSources, SourceExtractor
+from cdff_core.dfpcs.far_range_object_tracking.interface import FarRangeObjectTrackingInterface
+from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator, CameraAttitude
+from cdff_core.dfpcs.far_range_object_tracking.track_output import INERTIAL, TrackState, object_track
+
+#: Status of an object by the state of the association.
+_STATUS = (
+    ObjectTrackStatusT.TRACK_TENTATIVE,
+    ObjectTrackStatusT.TRACK_CONFIRMED,
+    ObjectTrackStatusT.TRACK_COASTING,
+    ObjectTrackStatusT.TRACK_LOST,
+)
+#: Distance of two sources that cannot be separated, in standard deviations of the point spread.
+_BLEND_SIGMAS = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tracked:
+    """The confirmed objects after an image: numbers and states."""
+
+    stamp_ns: int
+    ids: IntArray
+    states: BearingStates
+
+
+class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
+    """Tracking of objects among the stars."""
+
+    Config = FarRangeObjectTrackingConfig
+    config: FarRangeObjectTrackingConfig
+
+    def setup(self) -> None:
+        """Create the DFNs, clear the state, offer the store items."""
+        self._extractor = SourceExtractor(
+            self.dfn("background"),
+            self.dfn("detect"),
+            self.dfn("detect_weak"),
+            self.dfn("centroid"),
+            self.config.point_spread_px,
+            self.config.saturation_dn,
+        )
+        self._attitudes = AttitudeEstimator(self.dfn("identify"), self.dfn("attitude"), self.config)
+        self._filter = self.dfn("filter")
+        self._frame: str | None = None
+        self._tracked: _Tracked | None = None
+        self._newest: ObjectTrack | None = None
+        self.store.offer("tracks", lambda: self._newest)
+        self.store.offer("point_spread", lambda: MatrixXd(self._extractor.point_spread))
+
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Store the attitude for the image of its time."""
+        self._attitudes.give(sample)
+        return ()
+
+    def on_image(self, sample: Sample) -> Iterable[Output]:
+        """Process one image.
+
+        Raises
+        ------
+        InputError
+            If the image has no camera, or is not later than the previous one.
+        """
+        camera = CameraModel.of_frame(sample.value)
+        if self._tracked is not None and sample.stamp_ns <= self._tracked.stamp_ns:
+            raise InputError(
+                f"image at {sample.stamp_ns} ns: expected later than the previous one,"
+                f" {self._tracked.stamp_ns} ns"
+            )
+        reasons: tuple[str, ...] = ()
+        try:
+            sources = self._extractor.extract(sample.value)
+        except RefusedError as refusal:
+            if self._tracked is None:
+                return [self._no_detections(sample, Quality.from_error(refusal))]
+            sources, reasons = None, tuple(refusal.reasons)
+        if sources is None:
+            return self._coast(sample, camera, reasons)
+        attitude = self._attitudes.estimate(
+            sample.stamp_ns, camera, sources.pixels, sources.sigmas_px, sources.snr
+        )
+        if self._extractor.is_smeared:
+            reasons += ("smeared",)
+        reasons += attitude.reasons
+        frame = self._frame_of(sample, attitude)
+        if frame is None:
+            return self._coast(sample, camera, reasons)
+        sources = self._with_weak(sources, attitude, camera, sample.stamp_ns)
+        found, chosen = self._associate(sample.stamp_ns, camera, attitude, sources)
+        outputs = self._outputs(sample, camera, attitude, sources.selected(chosen), found, reasons)
+        if attitude.is_from_stars:
+            outputs.append(self._attitude_output(sample, attitude))
+        return outputs
+
+    def predict(self, id: int, t_ns: int) -> ObjectTrack:
+        """Return direction and covariance of an object at a time.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If there is no such object.
+        InputError
+            If the time is before the last image.
+        """
+        tracked = self._tracked
+        if tracked is None or id not in tracked.ids:
+            known = [] if tracked is None else tracked.ids.tolist()
+            raise ProductNotFoundError(f"object {id}: expected one of {known}")
+        t_ns = tracked.stamp_ns if t_ns < 0 else t_ns
+        states = self._predicted(tracked, t_ns)
+        i = int(np.flatnonzero(tracked.ids == id)[0])
+        nothing = np.full(2, np.nan)
+        state = TrackState(
+            id,
+            states.directions[i],
+            states.rates[i],
+            states.covariances[i],
+            nothing,
+            nothing,
+            ObjectTrackStatusT.TRACK_COASTING,
+            0.0,
+        )
+        return object_track(state, t_ns, self._frame or INERTIAL, self.name)
+
+    def _frame_of(self, sample: Sample, attitude: CameraAttitude) -> str | None:
+        """Return the frame of the objects at an image; None if the objects are in the inertial frame, and the
+        attitude is not known.
+
+        Objects that were tracked in the camera frame are cleared when the attitude becomes known.
+        """
+        if attitude.rotation is None:
+            frame = sample.frame or f"{self.context.robot}/camera"
+            if self._frame == INERTIAL:
+                return None
+        else:
+            frame = INERTIAL
+        if frame != self._frame:
+            self._frame, self._tracked = frame, None
+            self._association = self.dfn("associate")
+        return frame
+
+    def _with_weak(
+        self, sources: ImageSources, attitude: CameraAttitude, camera: CameraModel, stamp_ns: int
+    ) -> ImageSources:
+        """Add the weak sources near the predicted places of the objects."""
+        self._star_count = int(attitude.stars.sum())
+        is_star = attitude.stars
+        strong = sources.selected(~is_star)
+        self._stars_px = sources.pixels[is_star]
+        if self._tracked is None or len(self._tracked.ids) == 0:
+            return strong
+        states = self._predicted(self._tracked, stamp_ns)
+        places = attitude.pixels(camera, states.directions)
+        position, _ = across(states)
+        reach = 4.0 * np.sqrt(np.linalg.eigvalsh(position)[:, -1]) * camera.fx + 2.0
+        for place, reach_px in zip(places, reach, strict=True):
+            if np.isfinite(place).all() and reach_px < self.config.weak_window_px:
+                weak = self._extractor.weak_sources(place, float(reach_px), sources.pixels)
+                strong = ImageSources.joined(strong, weak)
+        return strong
+
+    def _associate(
+        self, stamp_ns: int, camera: CameraModel, attitude: CameraAttitude, sources: ImageSources
+    ) -> tuple[MultiTargetAssociationOutputs, IntArray]:
+        """Associate the sources that are no defects; return the objects and these sources."""
+        chosen = np.flatnonzero(~sources.is_defect)
+        used = sources.selected(chosen)
+        directions = attitude.directions(camera, used.pixels)
+        covariances = _direction_covariances(camera, attitude, used.covariances, directions)
+        # The stars of the catalogue that are no sources of their own.
+        stars = attitude.directions(camera, self._stars_px)
+        spread_px = float(np.sqrt(np.linalg.eigvalsh(self._extractor.point_spread)[-1]))
+        found = self._association.process(
+            MultiTargetAssociationInputs(
+                stamp=stamp_ns,
+                directions=directions,
+                covariances=covariances,
+                snr=used.snr,
+                pixels=used.pixels,
+                can_start=~used.is_weak,
+                defect_evidence=used.evidence,
+                stars=stars[np.isfinite(stars).all(axis=1)],
+                blend_angle=max(_BLEND_SIGMAS * spread_px, 1.5) / camera.fx,
+                solid_angle=camera.rows * camera.cols / (camera.fx * camera.fy),
+                is_dark=False,
+            )
+        )
+        self._keep(stamp_ns, found)
+        return found, chosen
+
+    def _coast(self, sample: Sample, camera: CameraModel, reasons: tuple[str, ...]) -> list[Output]:
+        """Publish the predicted objects of an image that cannot be used."""
+        none = np.zeros(0)
+        found = self._association.process(
+            MultiTargetAssociationInputs(
+                stamp=sample.stamp_ns,
+                directions=np.zeros((0, 3)),
+                covariances=np.zeros((0, 3, 3)),
+                snr=none,
+                pixels=np.zeros((0, 2)),
+                can_start=none.astype(bool),
+                defect_evidence=none,
+                stars=np.zeros((0, 3)),
+                blend_angle=1.0 / camera.fx,
+                solid_angle=camera.rows * camera.cols / (camera.fx * camera.fy),
+                is_dark=True,
+            )
+        )
+        self._keep(sample.stamp_ns, found)
+        unknown = CameraAttitude(None, np.zeros((3, 3)), none.astype(bool))
+        return self._outputs(sample, camera, unknown, None, found, reasons)
+
+    def _keep(self, stamp_ns: int, found: MultiTargetAssociationOutputs) -> None:
+        alive = (found.states == 1) | (found.states == 2)
+        states = BearingStates(found.object_directions, found.rates, found.object_covariances)
+        self._tracked = _Tracked(stamp_ns, found.ids[alive], states.selected(alive))
+
+    def _predicted(self, tracked: _Tracked, stamp_ns: int) -> BearingStates:
+        """Return the states of the objects at a time by the filter."""
+        result = self._filter.process(
+            BearingFilteringInputs(
+                directions=tracked.states.directions,
+                rates=tracked.states.rates,
+                covariances=tracked.states.covariances,
+                interval=(stamp_ns - tracked.stamp_ns) * 1e-9,
+            )
+        )
+        return BearingStates(result.directions, result.rates, result.covariances)
+
+    def _outputs(
+        self,
+        sample: Sample,
+        camera: CameraModel,
+        attitude: CameraAttitude,
+        sources: ImageSources | None,
+        found: MultiTargetAssociationOutputs,
+        reasons: tuple[str, ...],
+    ) -> list[Output]:
+        frame = self._frame or INERTIAL
+        outputs = []
+        detections = []
+        known = attitude.rotation is not None or frame != INERTIAL
+        places = np.full((len(found.ids), 2), np.nan)
+        if known:
+            places = attitude.pixels(camera, found.object_directions)
+        position, _ = across(BearingStates(found.object_directions, found.rates, found.object_covariances))
+        for i in np.flatnonzero(found.states > 0):
+            source = int(found.sources[i])
+            status = _STATUS[int(found.states[i])]
+            pixel, sigma_px = places[i], np.full(2, np.sqrt(0.5 * np.trace(position[i])) * camera.fx)
+            if sources is not None and source >= 0 and status is ObjectTrackStatusT.TRACK_CONFIRMED:
+                pixel = sources.pixels[source]
+                sigma_px = np.sqrt(np.diag(sources.covariances[source]))
+                detections.append(_detection(sources, source, int(found.ids[i])))
+            inside = np.all((pixel >= -0.5) & (pixel <= np.array([camera.cols, camera.rows]) - 0.5))
+            if not inside:
+                pixel, sigma_px = np.full(2, np.nan), np.full(2, np.nan)
+            score = 1.0 - np.exp(-max(float(found.scores[i]), 0.0))
+            # Errors of lens and catalogue are the same in all images: the filter does not average them.
+            covariance = found.object_covariances[i].copy()
+            covariance[:3, :3] += np.eye(3) * (self.config.catalogue_sigma_rad**2 + attitude.bias_rad**2)
+            state = TrackState(
+                int(found.ids[i]),
+                found.object_directions[i],
+                found.rates[i],
+                covariance,
+                pixel,
+                sigma_px,
+                status,
+                float(score),
+            )
+            track = object_track(state, sample.stamp_ns, frame, self.name)
+            outputs.append(
+                self._track_output(sample, track, frame, attitude, reasons, int(found.hypotheses[i]))
+            )
+        message = ObjectDetections(
+            time_stamp=Time.from_ns(sample.stamp_ns),
+            producer_id=self.name,
+            sensor_id=sample.value.frame,
+            frame_id=self._camera_frame(sample),
+            detections=tuple(detections),
+        )
+        quality = Quality(Status.DEGRADED if reasons else Status.OK, reasons, CovarianceKind.NONE)
+        outputs.append(
+            self._output(sample, "detections", message, self._camera_frame(sample), quality, attitude)
+        )
+        return outputs
+
+    def _track_output(
+        self,
+        sample: Sample,
+        track: ObjectTrack,
+        frame: str,
+        attitude: CameraAttitude,
+        reasons: tuple[str, ...],
+        hypotheses: int,
+    ) -> Output:
+        status = track.metadata.status
+        own = []
+        if status is ObjectTrackStatusT.TRACK_COASTING:
+            own.append("coasting")
+        if status is ObjectTrackStatusT.TRACK_LOST:
+            own.append("lost")
+        if not np.isfinite(track.data.bearings[0, 4]):
+            own.append("range_unobservable")
+        limited = [*reasons, *own]
+        is_degraded = bool(reasons) or status is not ObjectTrackStatusT.TRACK_CONFIRMED
+        metrics = {"hypotheses": float(hypotheses), "sigma_rad": float(track.data.bearings[0, 2:4].max())}
+        if attitude.is_from_stars:
+            metrics |= {"stars": float(attitude.stars.sum()), "stars_rms_rad": attitude.residual_rad}
+        quality = Quality(
+            Status.DEGRADED if is_degraded else Status.OK, tuple(limited), self.covariance_kind, metrics
+        )
+        self._newest = track
+        return self._output(sample, "track", track, frame, quality, attitude)
+
+    def _attitude_output(self, sample: Sample, attitude: CameraAttitude) -> Output:
+        assert attitude.rotation is not None
+        covariance = np.zeros((6, 6))
+        covariance[3:, 3:] = attitude.covariance
+        T = UncertainTransform(se3.transform(attitude.rotation, np.zeros(3)), covariance)
+        metrics = {
+            "stars": float(attitude.stars.sum()),
+            "residual_rad": attitude.residual_rad,
+            "focal_length_ratio": attitude.scale,
+        }
+        status = Status.DEGRADED if attitude.reasons else Status.OK
+        quality = Quality(status, ("rotation_only", *attitude.reasons), CovarianceKind.FORMAL, metrics)
+        return Output.of_pose(
+            "attitude_estimate",
+            T,
+            stamp_ns=sample.stamp_ns,
+            frame=INERTIAL,
+            child=self._camera_frame(sample),
+            quality=quality,
+            inputs=(sample.id, *attitude.inputs),
+            producer=self.name,
+        )
+
+    def _output(
+        self,
+        sample: Sample,
+        port: str,
+        value: ObjectTrack | ObjectDetections | None,
+        frame: str,
+        quality: Quality,
+        attitude: CameraAttitude | None = None,
+    ) -> Output:
+        inputs = (sample.id, *(attitude.inputs if attitude is not None else ()))
+        return Output(port, value, sample.stamp_ns, sample.stamp_ns, frame, None, quality, inputs)
+
+    def _no_detections(self, sample: Sample, quality: Quality) -> Output:
+        return self._output(sample, "detections", None, self._camera_frame(sample), quality)
+
+    def _camera_frame(self, sample: Sample) -> str:
+        return sample.frame or sample.value.frame or f"{self.context.robot}/camera"
+
+
+def _detection(sources: ImageSources, index: int, number: int) -> ObjectDetection:
+    """Return the detection of a source; the box of a point has the width of its error."""
+    if sources.is_extended[index]:
+        first_u, last_u, first_v, last_v = sources.boxes[index]
+        box = np.array([first_u, first_v, last_u - first_u + 1.0, last_v - first_v + 1.0])
+    else:
+        box = np.array([*(sources.pixels[index] - 1.5), 3.0, 3.0])
+    score = 1.0 - float(np.exp(-0.5 * min(sources.snr[index], 30.0) ** 2))
+    return ObjectDetection(label=f"object {number}", score=score, image_box=box)
+
+
+def _direction_covariances(
+    camera: CameraModel, attitude: CameraAttitude, pixel_covariances: FloatArray, directions: FloatArray
+) -> FloatArray:
+    """Return the covariances (n, 3, 3) of directions: those of the pixels and of the attitude.
+
+    A pixel is an angle of 1 / f near the optical axis; the small change towards the border is neglected.
+    """
+    R = np.eye(3) if attitude.rotation is None else attitude.rotation
+    axes = R[:, :2]
+    scale = np.diag([1.0 / camera.fx, 1.0 / camera.fy])
+    covariances = np.asarray(axes @ (scale @ pixel_covariances @ scale) @ axes.T)
+    if attitude.rotation is not None:
+        turn = se3.skew(directions) if len(directions) else np.zeros((0, 3, 3))
+        covariances = covariances + turn @ attitude.covariance @ np.swapaxes(turn, 1, 2)
+    return covariances

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC FarRangeObjectTracking."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.types import ObjectTrack
+
+
+class FarRangeObjectTrackingInterface(Dfpc):
+    """Detect and track unresolved and small objects among the stars: direction in the inertial frame
+    with covariance from the first images, and range from the apparent size once the object is
+    resolved and its size known.
+    """
+
+    name = "far_range_object_tracking"
+    INPUT_PORTS = ("image", "attitude")
+
+    @abstractmethod
+    def on_image(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Frame. Grey or colour image with its camera, 8 or 16 bit or float,
+        linear in the light.
+        """
+
+    @abstractmethod
+    def on_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_inertial_camera, rotation only, for
+        example of a star tracker.
+        """
+
+    @abstractmethod
+    def predict(self, id: int, t_ns: int) -> ObjectTrack:
+        """Direction and covariance of an object at a time, by its motion."""

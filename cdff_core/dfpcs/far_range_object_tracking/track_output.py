@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Outputs of tracked objects: direction, range where observable, and pixel, with standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.types import ObjectTrack, ObjectTrackStatusT
+
+#: Frame of directions whose attitude is known.
+INERTIAL = "inertial"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackState:
+    """State of an object at an image.
+
+    Attributes
+    ----------
+    number : int
+    direction, rate : ndarray (3,)
+        Unit vector and angular velocity, rad/s, in the frame of the track.
+    covariance : ndarray (6, 6)
+        Covariance of rotation vector and angular velocity.
+    pixel, pixel_sigma : ndarray (2,)
+        Column and row; NaN outside the image.
+    status : ObjectTrackStatusT
+    score : float
+        0 to 1.
+    range_m, range_sigma_m : float
+        NaN while not observable.
+    size_m : ndarray (3,)
+        Size of the body; 0 if unknown.
+    """
+
+    number: int
+    direction: FloatArray
+    rate: FloatArray
+    covariance: FloatArray
+    pixel: FloatArray
+    pixel_sigma: FloatArray
+    status: ObjectTrackStatusT
+    score: float
+    range_m: float = float("nan")
+    range_sigma_m: float = float("nan")
+    size_m: FloatArray | None = None
+
+
+def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) -> ObjectTrack:
+    """Return the message of a state."""
+    azimuth, elevation, tangents = angles(state.direction, frame)
+    turn = np.cross(state.direction, tangents)
+    across = turn @ state.covariance[:3, :3] @ turn.T
+    u = state.direction
+    position_covariance = (
+        state.range_m** 2 * tangents.T @ across @ tangents + state.range_sigma_m** 2 * np.outer(u, u)
+    )
+    sigmas = np.sqrt(np.maximum(np.diag(across), 0.0))
+    return ObjectTrack.from_bearing(
+        state.number,
+        stamp_ns,
+        frame=frame,
+        bearing=[azimuth, elevation, sigmas[0], sigmas[1], state.range_m, state.range_sigma_m],
+        position_m=state.range_m * u,
+        position_covariance=position_covariance,
+        velocity=state.rate,
+        pixel=state.pixel,
+        pixel_sigma=state.pixel_sigma,
+        label=f"object {state.number}",
+        status=state.status,
+        score=state.score,
+        size_m=np.zeros(3) if state.size_m is None else state.size_m,
+        producer=producer,
+    )
+
+
+def angles(direction: FloatArray, frame: str) -> tuple[float, float, FloatArray]:
+    """Return azimuth, elevation and the unit vectors (2, 3) in which they grow.
+
+    In the inertial frame these are right ascension and declination; in a camera frame the azimuth grows
+    to the
+    right from the optical axis, the elevation upwards.
+    """
+    x, y, z = direction
+    if frame == INERTIAL:
+        azimuth, elevation = np.arctan2(y, x) % (2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
+        east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        north = np.cross(direction, east)
+    else:
+        azimuth, elevation = np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
+        east = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])
+        north = np.cross(east, direction)
+    return float(azimuth), float(elevation), np.stack([east, north])
