@@ -33,7 +33,7 @@ from evaluation.scenes.star_frames import (
     pinhole,
 )
 
-PARTS = ("solution", "centroids", "tracking", "range")
+PARTS = ("solution", "centroids", "tracking")
 OPTIONS = {"seed": 1, "count": 30_000}
 #: Images of one series, their period, s, and the signal-to-noise ratios of the injected sources.
 SERIES, PERIOD_S, SNR = 100, 1.0, (5.0, 20.0)
@@ -57,10 +57,6 @@ def evaluate(
         figures["centroids"] = centroid_errors(photographs, seed)
     if "tracking" in parts:
         figures["tracking"] = tracking(photographs, seed, count, progress)
-    if "range" in parts:
-        from evaluation.far_range_sizes import range_errors
-
-        figures["range"] = range_errors(data / "rosetta_67p", progress)
     return figures
 
 
