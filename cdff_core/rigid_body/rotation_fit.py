@@ -35,8 +35,8 @@ _FIRST_PART = 8
 _SEARCH_PART = 64
 #: Number of initial values that are always compared; a wrong one can explain few orientations by chance.
 _MIN_STARTS = 2
-#: Angle between the rate and the axis of the middle moment that a tumble exceeds, rad.
-_MIDDLE_AXIS_RAD = 0.2
+#: Angle from the axis of the middle moment within which moments are unobservable, rad; number of tested times.
+_MIDDLE_AXIS_RAD, _CHECKED = 0.2, 200
 #: Growth of the number of orientations after which unexplained ones start a new search.
 _SEARCH_GROWTH = 2.0
 #: Deviation of a mean squared residual from 1, in standard deviations, that is explained by noise.
@@ -127,14 +127,13 @@ def fit_rotation(
     if guess is not None:
         with suppress(InputError):  # the new orientations lead to the axis of the middle moment
             fits.append(data.fit(_later(guess.model, data.epoch_s - guess.epoch_s), part=n))
-    fits = [fit for fit in fits if not _is_at_middle_axis(fit, t_s)]
     best = _most_probable(fits)
     if best is None or (n >= _SEARCH_GROWTH * searched and not data.is_explained(best)):
         fits.append(data.fit(steady_start(t_s, orientations)))
         if data.has_turned and not data.is_explained(fits[-1]):
             with suppress(InputError):  # as above
                 fits.append(data.fit(data.best_start(tumble_starts(t_s, orientations)), _SEARCH_PART))
-        best, searched = _most_probable([fit for fit in fits if not _is_at_middle_axis(fit, t_s)]), n
+        best, searched = _most_probable([fit for fit in fits if _is_predictable(fit)]), n
     if best is None:
         raise InputError(f"{n} orientations, expected at least 1")
     return replace(best, searched=searched)
@@ -149,19 +148,29 @@ def _most_probable(fits: Sequence[RotationFit]) -> RotationFit | None:
     return tumble if tumble.criterion < steady.criterion - _MIN_GAIN else steady
 
 
-def _is_at_middle_axis(fit: RotationFit, t_s: FloatArray) -> bool:
+def is_at_middle_axis(fit: RotationFit) -> bool:
     """Return whether the rate stays near the axis of the middle moment.
 
-    This rotation is unstable. Such a tumble explains a slow turn of the reference frame, not of the body.
+    This rotation is unstable: a slow turn of the reference frame gives the same orientations, so that the
+    moments of inertia are not known.
     """
     model = fit.model
     if not isinstance(model, Tumble):
         return False
-    times_s = t_s - fit.epoch_s
+    times_s = np.linspace(0.0, fit.last_s - fit.epoch_s, _CHECKED)
     body_rates = np.einsum("nji,nj->ni", model.orientations(times_s), model.rates(times_s))
     _, axes = np.linalg.eigh(model.inertia)
     cosines = np.abs(body_rates @ axes[:, 1]) / np.linalg.norm(body_rates, axis=1)
     return bool(cosines.min() > np.cos(_MIDDLE_AXIS_RAD))
+
+
+def _is_predictable(fit: RotationFit) -> bool:
+    """Return whether the closed form has values near the parameters of the fit."""
+    try:
+        fit.predict(np.array([fit.last_s]))
+    except InputError:
+        return False
+    return True
 
 
 def _criterion(fit: RotationFit) -> float:

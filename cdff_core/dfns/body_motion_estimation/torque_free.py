@@ -19,7 +19,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.body_motion_estimation.interface import Inputs, Interface, Outputs
 from cdff_core.rigid_body.centre_fit import CentreFit, fit_centre
 from cdff_core.rigid_body.motion_models import Tumble, value_derivatives
-from cdff_core.rigid_body.rotation_fit import RotationFit, fit_rotation
+from cdff_core.rigid_body.rotation_fit import RotationFit, fit_rotation, is_at_middle_axis
 
 
 class TorqueFreeConfig(DfnConfig):
@@ -149,7 +149,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
     def _inertia(self, fit: RotationFit) -> tuple[FloatArray | None, FloatArray | None, FloatArray | None]:
         """Return the ratios of the moments, their covariance and the principal axes; None if unobservable."""
         model = fit.model
-        if not isinstance(model, Tumble):
+        if not isinstance(model, Tumble) or is_at_middle_axis(fit):
             return None, None, None
         by_ratios = value_derivatives(model, lambda m: m.moment_ratios)
         covariance = by_ratios @ fit.fit.covariance @ by_ratios.T
