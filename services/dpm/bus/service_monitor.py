@@ -18,6 +18,9 @@ from services.dpm.operations.overview import overview
 
 logger = logging.getLogger(__name__)
 
+#: Fields of a status from which the load of a DFPC is computed.
+_TIMES = ("uptime_s", "step_cpu_s")
+
 
 class ServiceMonitor:
     """Follows status keys, liveliness tokens and events on the bus."""
@@ -77,8 +80,8 @@ class ServiceMonitor:
         parts = key.split("/")
         owner = (parts[2], parts[4])
         with self._lock:
-            body["cpu_cores"] = _cpu_cores(self._dfpcs.get(owner), body)
-            self._dfpcs[owner] = body
+            cores = _cpu_cores(self._dfpcs.get(owner), body)
+            self._dfpcs[owner] = body if cores is None else {**body, "cpu_cores": cores}
 
     def _on_alarms(self, key: str, body: dict[str, Any]) -> None:
         _, _, scope, _, service = key.split("/")
@@ -109,7 +112,7 @@ def _cpu_cores(before: dict[str, Any] | None, body: dict[str, Any]) -> float | N
 
     The time between them is that of the host's uptime, so that a delayed message does not change the result.
     """
-    if before is None or "uptime_s" not in before or "uptime_s" not in body:
+    if before is None or any(name not in status for name in _TIMES for status in (before, body)):
         return None
     elapsed_s = body["uptime_s"] - before["uptime_s"]
     if elapsed_s < 0.2:  # another process, or a status out of turn
