@@ -17,11 +17,12 @@ WITH_TABLES = [name for name, module in evaluations().items() if hasattr(module,
 
 @pytest.mark.parametrize("name", WITH_TABLES)
 def test_a_page_has_the_tables_of_its_results(name: str) -> None:
-    figures = json.loads((PAGES / f"{name}.json").read_text(encoding="utf-8"))["figures"]
-    subject = getattr(evaluations()[name], "PAGE", name)
+    subject, record = getattr(evaluations()[name], "PAGE", name), PAGES / f"{name}.json"
     page = (PAGES / f"{subject}.md").read_text(encoding="utf-8")
-    command = f"run: python -m evaluation --draw-only {name}"
-    assert filled(page, name, evaluations()[name].table(figures)) == page, command
+    table = "Not recorded yet."
+    if record.is_file():
+        table = evaluations()[name].table(json.loads(record.read_text(encoding="utf-8"))["figures"])
+    assert filled(page, name, table) == page, f"run: python -m evaluation --draw-only {name}"
 
 
 def test_the_table_of_real_sensors_has_the_recorded_results() -> None:
