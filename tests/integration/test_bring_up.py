@@ -37,7 +37,12 @@ def test_every_command_of_the_page_succeeds_and_every_sample_is_used(
         result = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
         )
-        assert result.returncode == 0, result.stderr
+        # The check of the log finds the mount that the next command calibrates.
+        is_check = command[3] == "check"
+        assert result.returncode == (1 if is_check else 0), result.stderr
+        assert (
+            not is_check or "imu_data disagrees with the other sensors by a rotation of 90" in result.stdout
+        )
         printed += result.stdout
     for found in re.findall(r"^  (?:roll|pitch|yaw) .*°$", page, re.MULTILINE):
         assert found in printed
