@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ _LEAST_FORCE_M_S2 = 0.5
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-class Source:
+class Source(ABC):
     """A sensor, or a fused pose, that measures the motion of the robot.
 
     Parameters
@@ -54,9 +55,9 @@ class Source:
         self.vertical: Vertical | None = None
         self._previous_ns: int | None = None
 
+    @abstractmethod
     def add(self, stamp_ns: int, value: Any) -> None:
         """Add a sample that is newer than the previous one; None is a failed one."""
-        raise NotImplementedError
 
     def _interval_s(self, stamp_ns: int) -> float:
         """Return the time since the previous sample, seconds; infinite at the first one."""

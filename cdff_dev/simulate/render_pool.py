@@ -22,7 +22,6 @@ class Renderer(Protocol):
 
     def render(self, task: Task) -> Any:
         """Return the value of a sample; the task holds sensor, robot and index."""
-        ...
 
 
 #: Renderers of a worker process, by the file of their factory.

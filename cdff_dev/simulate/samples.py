@@ -24,7 +24,6 @@ class HasDigest(Protocol):
     @property
     def digest(self) -> str:
         """Digest of all values of the scenario."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
