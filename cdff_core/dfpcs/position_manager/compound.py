@@ -37,24 +37,19 @@ class PositionManager(PositionManagerInterface):
 
     def setup(self) -> None:
         """Create frame tree, filter and timeline; offer the store items."""
-        c, t, context = self.config, self.config.timeline, self.context
-        self._frames = RobotFrames(
-            context.robot, context.frames, context.urdf, context.sensor_frame("imu", "imu")
-        )
+        c, t = self.config, self.config.timeline
+        tree = self._frames = RobotFrames.of(self.context)
         self._imu = ImuBuffer(int(2 * t.memory_s * 1e9))
-        self._estimator = Estimator(c, self.dfn, self._imu, self._frames)
+        self._estimator = Estimator(c, self.dfn, self._imu, tree)
         self._timeline = PoseTimeline(self.dfn("interpolation"), int(c.clock.max_silence_s * 1e9))
-        self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * 1e9))
+        history = self._history = MeasurementHistory(self._estimator, self._timeline, int(t.memory_s * 1e9))
         self._mission_time, self._sources = MissionTime(c), SourceMonitor(c)
-        self.stamps = StampCorrection(self._imu, self._frames)
-        self._initialiser = Initialiser(c, self.dfn("levelling"), self._imu, self._frames)
-        self._query = TransformQuery(
-            self._frames, self._timeline, self._history, t.extrapolation_s, self.name
-        )
-        self._publisher = Publisher(c, self._timeline, self._sources, self._frames.base, self.name)
-        history, base = self._history, self._frames.base
+        self.stamps = StampCorrection(self._imu, tree)
+        self._initialiser = Initialiser(c, self.dfn("levelling"), self._imu, tree)
+        self._query = TransformQuery(tree, self._timeline, history, t.extrapolation_s, self.name)
+        self._publisher = Publisher(c, self._timeline, self._sources, tree.base, self.name)
         self.store.offer("trajectory", lambda: self.get_trajectory(-1, -1) if history.is_started else None)
-        self.store.offer("pose", lambda: self.get_pose("site", base, -1) if history.is_started else None)
+        self.store.offer("pose", lambda: self.get_pose("site", tree.base, -1) if history.is_started else None)
         self.store.offer("pins", lambda: self.get_pins() if self._timeline.pins else None)
 
     def step(self, sample: Sample) -> Iterator[Output]:
@@ -88,11 +83,7 @@ class PositionManager(PositionManagerInterface):
             yield from self.on_visual_odometry(sample)
 
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Process a pose of any source; after a FAILED pose the next increment is omitted.
-
-        A pose of a sensor that has no place on the robot yet, for example on a mast whose joint values are
-        missing, is not used and named in the reasons.
-        """
+        """Process a pose of a placed sensor; after a FAILED pose the next increment is omitted."""
         if not self._history.is_started:
             yield from self._initialise(sample)
         elif sample.value is None or sample.quality.status is Status.FAILED:
@@ -189,11 +180,10 @@ class PositionManager(PositionManagerInterface):
             yield from self.step(sample)
 
     def _start_from(self, initial: InitialState) -> None:
-        stamp_ns = initial.estimate.stamp_ns
         self._query.T_odom_base, self._estimator.gravity_m_s2 = initial.T_odom_base, initial.gravity_m_s2
         self._history.start(initial.estimate)
-        self._sources.start(stamp_ns)
-        self._publisher.start(stamp_ns, initial.reasons)
+        self._sources.start(initial.estimate.stamp_ns)
+        self._publisher.start(initial.estimate.stamp_ns, initial.reasons)
 
     def _estimate(self, sample: Sample, measurement: Measurement) -> Iterator[Output]:
         """Insert a measurement by its time, process it and all later ones, publish the pose."""

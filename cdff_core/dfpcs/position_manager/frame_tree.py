@@ -14,6 +14,7 @@ from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputErro
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import Joint, read_urdf
+from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.types import Joints
 
 #: Validity of the last value of a joint, nanoseconds: joints are published only when they move.
@@ -60,6 +61,11 @@ class RobotFrames:
             else:
                 self._joints[joint.name] = (self._graph.track(parent, child, _HOLD_NS), joint)
                 self._values[joint.name] = {}
+
+    @classmethod
+    def of(cls, context: DfpcContext) -> RobotFrames:
+        """Return the frame trees of a compound's context."""
+        return cls(context.robot, context.frames, context.urdf, context.sensor_frame("imu", "imu"))
 
     @property
     def movable_joints(self) -> tuple[str, ...]:

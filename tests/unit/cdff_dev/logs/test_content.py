@@ -42,7 +42,7 @@ SETS = [
         ("a.g2o", b"VERTEX_SE2 0 0 0 0\n", "pose graph (for cdff run pose_graph_optimization graph=FILE)"),
         ("a.obj", b"v 0 0 0\n", "model of an object (for cdff run model_detection model=FILE)"),
         ("a.csv", b"x_m,y_m\n1,2\n", "table with x_m, y_m"),
-        ("a.csv.gz", gzip.compress(b"x_m,y_m\n1,2\n"), "compressed table with x_m, y_m"),
+        ("a.csv.gz", gzip.compress(b"x_m,y_m\n1,2\n", mtime=0), "compressed table with x_m, y_m"),
         ("a.json", b'{"RA": 1, "Dec": 2}', "JSON with the names RA, Dec"),
         ("a.yaml", b"edges: 5\n", "YAML settings"),
         (
