@@ -26,7 +26,7 @@ from cdff_common.formats.ply import write_ply
 from cdff_common.geometry import UncertainTransform
 from cdff_common.types import Frame, LidarScan, TransformWithCovariance
 from cdff_dev.logs.formats.infuse.writer import LogWriter
-from evaluation.scenes import data_set_files
+from evaluation.scenes import data_set_files, ouster_captures
 from evaluation.scenes.data_set_files import Files, encoded_png
 
 #: Format whose recordings are measured.
@@ -246,6 +246,7 @@ _BUILDERS: dict[str, Callable[[], list[Files]]] = {
     "image folder": lambda: [data_set_files.images()],
     "scans": lambda: [*({f"1.{suffix}": content} for suffix, content in _clouds().items()), _sweeps()],
     "pcap": lambda: [{"log.pcap": _pcap()}],
+    "Ouster": lambda: [ouster_captures.recording(profile) for profile in ouster_captures.CHANNELS],
     "7-Scenes": lambda: [data_set_files.seven_scenes(), data_set_files.seven_scenes_extract()],
     "BOP": lambda: [data_set_files.bop_scene(), data_set_files.bop_frame()],
     "SPEED": lambda: [data_set_files.speed()],

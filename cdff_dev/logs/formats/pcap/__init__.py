@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Network captures of a Velodyne lidar."""
+"""Network captures of a Velodyne or an Ouster lidar."""
 
 from __future__ import annotations
 
@@ -11,33 +11,54 @@ from cdff_common.errors import InputError
 from cdff_dev.logs.formats import LogFormat, LogLocation
 
 if TYPE_CHECKING:
-    from cdff_dev.logs.formats.pcap.capture import VelodyneLog
+    from cdff_dev.logs.source import LogSource
 
-#: First bytes of pcap files of both byte orders, with times in microseconds or nanoseconds, and of pcapng.
-_MAGIC = (
-    b"\xd4\xc3\xb2\xa1",
-    b"\xa1\xb2\xc3\xd4",
-    b"\x4d\x3c\xb2\xa1",
-    b"\xa1\xb2\x3c\x4d",
-    b"\x0a\x0d\x0d\x0a",
-)
+_PCAP_MAGIC = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
+_PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
+_SUFFIXES = (".pcap", ".pcapng")
+
+
+def _captures(location: LogLocation) -> list[Path]:
+    """Return the file at a location, or the captures in its folder."""
+    if location.folder is None:
+        return list(location.files)
+    return sorted(file for file in location.folder.iterdir() if file.suffix.lower() in _SUFFIXES)
 
 
 def _recognises(location: LogLocation) -> bool:
-    return location.head(4) in _MAGIC
+    found = _captures(location)
+    if not found or not found[0].is_file():
+        return False
+    with found[0].open("rb") as file:
+        return file.read(4) in (*_PCAP_MAGIC, _PCAPNG_MAGIC)
 
 
-def _open(location: LogLocation, _: Path | None) -> VelodyneLog:
-    path = location.files[0]
-    if len(location.files) > 1:
-        raise InputError(f"{location.name}: {len(location.files)} captures; expected one")
-    if location.head(4) == _MAGIC[-1]:
-        raise InputError(
-            f"{path}: a pcapng file; expected pcap: convert it with editcap -F pcap {path} OUT.pcap"
-        )
-    from cdff_dev.logs.formats.pcap.capture import VelodyneLog
+def _open(location: LogLocation, metadata: Path | None) -> LogSource:
+    found = _captures(location)
+    if len(found) > 1:
+        raise InputError(f"{location.name}: {len(found)} captures; expected one: name it")
+    path = found[0]
+    from cdff_dev.logs.formats.pcap.ouster_sensor import is_metadata
 
-    return VelodyneLog(path)
+    if metadata is None:
+        near = (path.with_suffix(".json"), *sorted(path.parent.glob(f"{path.stem}*.json")))
+        metadata = next((file for file in near if is_metadata(file)), None)
+    if metadata is None:
+        in_folder = [file for file in sorted(path.parent.glob("*.json")) if is_metadata(file)]
+        metadata = in_folder[0] if len(in_folder) == 1 else None
+    if metadata is None:
+        from cdff_dev.logs.formats.pcap.velodyne import VelodyneLog
+
+        return VelodyneLog(path)
+    from cdff_dev.logs.formats.pcap.ouster import ouster_log
+
+    return ouster_log(path, metadata)
 
 
-FORMAT = LogFormat("Velodyne capture", ".pcap files", _recognises, _open)
+FORMAT = LogFormat(
+    "lidar capture",
+    ".pcap files of a Velodyne, or of an Ouster with its metadata .json",
+    _recognises,
+    _open,
+    takes_calibration=True,
+)

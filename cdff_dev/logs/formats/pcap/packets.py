@@ -1,53 +1,155 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""UDP packets of a pcap file (https://www.ietf.org/archive/id/draft-ietf-opsawg-pcap-04.html)."""
+"""UDP datagrams of a network capture, assembled from their IPv4 fragments (RFC 791, RFC 768)."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator
+import logging
+from collections import Counter, OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
-_ETHERNET_HEADER, _VLAN, _IP_V4, _UDP = 14, b"\x81\x00", b"\x08\x00", 17
-_HEADER_BYTES, _MAX_PACKET_BYTES = 24, 1 << 18
+from cdff_common.errors import InputError
+from cdff_dev.logs.formats.pcap.records import DamagedRecordError, RecordReader
+from cdff_dev.logs.source import Unconverted
+
+_log = logging.getLogger(__name__)
+_IP_V4, _UDP = b"\x08\x00", 17
+_VLAN_TAGS = (b"\x81\x00", b"\x88\xa8")
+#: Length of the header of each type of link (https://www.tcpdump.org/linktypes.html), and the position of
+#: the two bytes that name the protocol in it: Ethernet, Linux "any" in both versions; loopback and raw IP
+#: have none.
+_LINKS: dict[int, tuple[int, int | None]] = {
+    1: (14, 12),
+    113: (16, 14),
+    276: (20, 0),
+    0: (4, None),
+    12: (0, None),
+    101: (0, None),
+    228: (0, None),
+}
+_MAX_PENDING = 64
+_NOT_UDP, _INCOMPLETE = "packets other than UDP over IPv4", "datagrams with lost fragments"
 
 
-def udp_packets(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int, bytes]]:
-    """Yield time of arrival in nanoseconds and content of each UDP packet over IPv4 and Ethernet.
+class Datagram(NamedTuple):
+    """A UDP datagram: offsets of its records in the file, arrival, destination port, content."""
 
-    ``report`` is called with offset and reason if the file ends in a damaged packet.
+    start: int
+    end: int
+    arrival_ns: int
+    port: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class _Fragments:
+    """Fragments of a datagram by their offset; ``size`` is 0 until the last one has arrived."""
+
+    start: int
+    parts: dict[int, bytes] = field(default_factory=dict)
+    size: int = 0
+
+    def content(self) -> bytes | None:
+        """Return the datagram if all of it has arrived."""
+        if not self.size or sum(map(len, self.parts.values())) < self.size:
+            return None
+        return b"".join(part for _, part in sorted(self.parts.items()))
+
+
+class Capture:
+    """A capture of UDP datagrams.
+
+    Raises
+    ------
+    InputError
+        If its packets have a type of link that is not supported.
     """
-    with path.open("rb") as file:
-        head = file.read(_HEADER_BYTES)
-        order = "<" if head[:1] in (b"\xd4", b"\x4d") else ">"
-        unit_ns = 1 if b"\x3c" in head[1:3] else 1000
-        prefix = struct.Struct(f"{order}IIII")
-        while True:
-            at = file.tell()
-            found = file.read(prefix.size)
-            if len(found) < prefix.size:
-                if found or len(head) < _HEADER_BYTES:
-                    report(at, "the file ends in the header of a packet")
-                return
-            seconds, fraction, length, _ = prefix.unpack(found)
-            data = file.read(length) if length <= _MAX_PACKET_BYTES else b""
-            if len(data) < length:
-                report(
-                    at,
-                    f"a packet of {length} bytes, expected at most {_MAX_PACKET_BYTES} and all in the file",
-                )
-                return
-            if (content := _udp_content(data)) is not None:
-                yield seconds * 1_000_000_000 + fraction * unit_ns, content
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._reader = RecordReader(path)
+        self._lost: Counter[str] = Counter()
+        self._damage: DamagedRecordError | None = None
+
+    @property
+    def unconverted(self) -> dict[str, Unconverted]:
+        """Packets without a datagram and the end of a damaged file, as found by ``datagrams``."""
+        found = {
+            what: Unconverted("packet", count, "no data of a lidar") for what, count in self._lost.items()
+        }
+        if self._damage is not None:
+            found[f"byte {self._damage.offset}"] = Unconverted("damaged part", 1, self._damage.reason)
+        return found
+
+    def description(self, sizes: Mapping[int, int]) -> str:
+        """Return numbers of datagrams by size, and where a damaged file ends, for an error message."""
+        largest = sorted(sizes.items(), key=lambda item: -item[1])[:3]
+        counts = ", ".join(f"{count} of {size} bytes" for size, count in largest) or "none"
+        return (
+            counts
+            if self._damage is None
+            else f"{counts} (byte {self._damage.offset}: {self._damage.reason})"
+        )
+
+    def datagrams(self, start: int = 0, end: int | None = None) -> Iterator[Datagram]:
+        """Yield the datagrams, or those whose records lie between two offsets of an earlier call."""
+        pending: OrderedDict[bytes, _Fragments] = OrderedDict()
+        lost: Counter[str] = Counter()
+        try:
+            for record in self._reader.records(start):
+                if end is not None and record.start >= end:
+                    return
+                ip = self._ip(record.link, record.data)
+                if ip is None or len(ip) < 20 or ip[0] >> 4 != 4 or ip[9] != _UDP:
+                    lost[_NOT_UDP] += 1
+                    continue
+                first, udp = record.start, ip[4 * (ip[0] & 15) : int.from_bytes(ip[2:4], "big") or None]
+                if ip[6] & 0x3F or ip[7]:
+                    first, whole = _assemble(pending, ip, udp, record.start)
+                    if len(pending) > _MAX_PENDING:
+                        pending.popitem(last=False)
+                        lost[_INCOMPLETE] += 1
+                    if whole is None:
+                        continue
+                    udp = whole
+                port, size = int.from_bytes(udp[2:4], "big"), int.from_bytes(udp[4:6], "big")
+                yield Datagram(first, record.end, record.arrival_ns, port, udp[8:size])
+        except DamagedRecordError as error:
+            if self._damage is None:
+                _log.warning("%s", error)
+                self._damage = error
+        if start == 0 and end is None:
+            lost[_INCOMPLETE] += len(pending)
+            self._lost = +lost
+
+    def _ip(self, link: int, packet: bytes) -> bytes | None:
+        """Return the IPv4 packet in a frame of a link; None for other protocols."""
+        if link not in _LINKS:
+            raise InputError(
+                f"{self.path}: link type {link}, expected one of {', '.join(map(str, sorted(_LINKS)))} "
+                "(Ethernet, Linux any, loopback, raw IP): capture on the Ethernet interface of the lidar"
+            )
+        at, protocol = _LINKS[link]
+        if protocol is None:
+            return packet[at:]
+        while link == 1 and packet[at - 2 : at] in _VLAN_TAGS:
+            at, protocol = at + 4, protocol + 4
+        return packet[at:] if packet[protocol : protocol + 2] == _IP_V4 else None
 
 
-def _udp_content(packet: bytes) -> bytes | None:
-    """Return the content of a UDP packet; None for others."""
-    at = _ETHERNET_HEADER
-    if packet[at - 2 : at] == _VLAN:
-        at += 4
-    ip = packet[at:]
-    if packet[at - 2 : at] != _IP_V4 or len(ip) < 20 or ip[0] >> 4 != 4 or ip[9] != _UDP:
-        return None
-    udp = ip[4 * (ip[0] & 15) :]
-    return udp[8 : int.from_bytes(udp[4:6], "big")]
+def _assemble(
+    pending: OrderedDict[bytes, _Fragments], ip: bytes, part: bytes, start: int
+) -> tuple[int, bytes | None]:
+    """Add a fragment; return the start of its datagram, and its content once it is complete."""
+    key = ip[4:6] + ip[12:20]
+    known = pending.setdefault(key, _Fragments(start))
+    offset = 8 * (int.from_bytes(ip[6:8], "big") & 0x1FFF)
+    known.parts[offset] = part
+    if not ip[6] & 0x20:
+        known.size = offset + len(part)
+    if (whole := known.content()) is not None:
+        del pending[key]
+    return known.start, whole

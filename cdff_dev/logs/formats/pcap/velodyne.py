@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from functools import partial
@@ -15,7 +14,7 @@ import numpy as np
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.types import LidarScan
-from cdff_dev.logs.formats.pcap.packets import udp_packets
+from cdff_dev.logs.formats.pcap.packets import Capture
 from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import (
     LogSample,
@@ -26,7 +25,6 @@ from cdff_dev.logs.source import (
     recorded_header,
 )
 
-_log = logging.getLogger(__name__)
 #: Size of the data packets of all models, and of their position packets.
 _DATA_BYTES, _POSITION_BYTES = 1206, 512
 #: Last bytes of the packets of models other than HDL-64E, whose calibration is in its packets: HDL-32E,
@@ -49,20 +47,22 @@ class VelodyneLog(LogSource):
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._capture = Capture(path)
         self._unconverted: dict[str, Unconverted] = {}
         self._decoder_of = _library()
         self._robot = robot_name(path)
         self._name = f"/{self._robot}/lidar.scan"
         sizes: Counter[int] = Counter()
-        for _, data in udp_packets(path, self._report):
-            if len(data) == _DATA_BYTES and not sizes[_DATA_BYTES]:
-                self._model_id = data[-1]
-            sizes[len(data)] += 1
+        for datagram in self._capture.datagrams():
+            if len(datagram.data) == _DATA_BYTES and not sizes[_DATA_BYTES]:
+                self._model_id = datagram.data[-1]
+            sizes[len(datagram.data)] += 1
         if not sizes[_DATA_BYTES]:
-            known = ", ".join(f"{count} of {size} bytes" for size, count in sizes.most_common(3)) or "none"
+            known = self._capture.description(sizes)
             raise InputError(
-                f"{path}: no packets of a Velodyne ({_DATA_BYTES} bytes); its UDP packets: {known}. Convert "
-                "captures of other lidars to a bag or PCD files with the tool of the manufacturer"
+                f"{path}: no packets of a Velodyne ({_DATA_BYTES} bytes); its UDP packets: {known}. A "
+                f"capture of an Ouster needs the sensor's metadata: put {path.stem}.json next to it or name "
+                "the file with --calibration; convert those of other lidars with the manufacturer's tool"
             )
         if others := sum(count for size, count in sizes.items() if size != _DATA_BYTES):
             what = f"{sizes[_POSITION_BYTES]} of them position packets"
@@ -81,7 +81,7 @@ class VelodyneLog(LogSource):
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
         """Packets without a stream, and the end of a damaged file."""
-        return self._unconverted
+        return self._unconverted | self._capture.unconverted
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the sweeps in the order of their stamps.
@@ -107,9 +107,10 @@ class VelodyneLog(LogSource):
     def _sweeps(self) -> Iterator[tuple[int, Any]]:
         """Yield stamp and points of each sweep."""
         decoder = self._decoder_of(self._path, self._model_id)
-        for arrival_ns, data in udp_packets(self._path, self._report):
-            if len(data) == _DATA_BYTES:
-                yield from self._decoded(partial(decoder.decode, arrival_ns * 1e-9, data, True))
+        for datagram in self._capture.datagrams():
+            if len(datagram.data) == _DATA_BYTES:
+                arrival_s = datagram.arrival_ns * 1e-9
+                yield from self._decoded(partial(decoder.decode, arrival_s, datagram.data, True))
         yield from self._decoded(partial(decoder.finish, True))
 
     def _decoded(self, call: Any) -> Iterator[tuple[int, Any]]:
@@ -119,11 +120,6 @@ class VelodyneLog(LogSource):
             raise CodecError(f"{self._path}: damaged packet: {error}") from error
         if found is not None and len(found[1]):
             yield round(found[0].host * 1e6) * 1000, found[1]
-
-    def _report(self, offset: int, reason: str) -> None:
-        if f"byte {offset}" not in self._unconverted:
-            _log.warning("%s: byte %d: %s; the remainder is lost", self._path, offset, reason)
-            self._unconverted[f"byte {offset}"] = Unconverted("damaged part", 1, reason)
 
     def close(self) -> None:
         """Close the file, which is only open while it is read."""
