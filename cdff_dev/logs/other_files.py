@@ -20,7 +20,7 @@ _CLOUD = "a model or point cloud: open it alone"
 
 
 def other_files(
-    folder: Path, is_read: Callable[[Path], bool], reason: str, patterns: Iterable[str] = ("*",)
+    folder: Path, is_read: Callable[[Path], bool], reason: str, patterns: Iterable[str] = ("*", "*/*")
 ) -> dict[str, Unconverted]:
     """Return the files of a folder that are neither read nor descriptions: a few by name, many by type.
 

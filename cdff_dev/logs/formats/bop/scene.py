@@ -31,6 +31,7 @@ ROBOT = "bop"
 _CAMERA = f"{ROBOT}/camera"
 _COLOUR, _DEPTH = f"/{ROBOT}/colour.frame", f"/{ROBOT}/depth.depth"
 _MM = 1e-3
+_MASKS = ("mask", "mask_visib")
 _MAX_JSON_BYTES = 1 << 26
 
 
@@ -62,10 +63,13 @@ def scene_log(folder: Path) -> IndexedLog:
         streams |= added
         if repeated:
             unconverted[truth.name] = Unconverted("pose", repeated, "further instances of the same object")
-    for name in ("mask", "mask_visib"):
+    for name in _MASKS:
         if count := len(_images(folder, (name,))):
             unconverted[name] = Unconverted("mask", count, "no CDFF type has masks of objects")
-    return IndexedLog(streams, unconverted)
+    masks = [file for name in _MASKS for file in _images(folder, (name,))]
+    used = {*colour, *depth, *masks, folder / "scene_camera.json", truth}
+    others = other_files(folder, used.__contains__, "not an image, a camera or a pose of the scene")
+    return IndexedLog(streams, others | unconverted)
 
 
 def single_frame_log(folder: Path) -> IndexedLog:

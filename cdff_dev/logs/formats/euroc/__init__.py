@@ -42,10 +42,10 @@ def _open(location: LogLocation, calibration: Path | None) -> IndexedLog:
     if recording := recording_folder(location.folder):
         from cdff_dev.logs.formats.euroc.recording import recording_log
 
-        return recording_log(recording, calibration)
+        return recording_log(recording, calibration, location.folder)
     from cdff_dev.logs.formats.euroc.pairs import pairs_log
 
-    return pairs_log(folders_of_pairs(location.folder), calibration)
+    return pairs_log(folders_of_pairs(location.folder), calibration, location.folder)
 
 
 FORMAT = LogFormat(

@@ -18,6 +18,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_dev.logs.formats.euroc import PAIR_NAME
 from cdff_dev.logs.image_streams import pair_stream, pose_stream
 from cdff_dev.logs.indexed import IndexedLog
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.tables import poses_of_rows, read_table
 
@@ -27,8 +28,10 @@ WORLD, BODY = f"{ROBOT}/world", f"{ROBOT}/base"
 _CALIBRATION = "calibration.yaml"
 
 
-def pairs_log(folders: list[Path], calibration: Path | None = None) -> IndexedLog:
+def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> IndexedLog:
     """Open the pairs of all folders as ``/euroc/navcam.pair``, rectified, with the true poses, if available.
+
+    ``root`` is the only folder, or the one around all of them; its other files are listed as not converted.
 
     Raises
     ------
@@ -54,7 +57,8 @@ def pairs_log(folders: list[Path], calibration: Path | None = None) -> IndexedLo
     stamps_ns = (np.array(times, np.int64) + 500) // 1000 * 1000
     pairs = [(images[time, "0"], images[time, "1"]) for time in times]
     streams = {PAIR: pair_stream(PAIR, pairs, stamps_ns, stereo, T_body_left)}
-    if files := [file for folder in folders if (file := _nearest(folder, f"truth_{folder.name}.csv"))]:
+    files = [file for folder in folders if (file := _nearest(folder, f"truth_{folder.name}.csv"))]
+    if files:
         tables = [read_table(file, 7, unit_ns=1) for file in files]
         stamps_ns = np.concatenate([table[0] for table in tables])
         T = np.concatenate([poses_of_rows(file, table[1]) for file, table in zip(files, tables, strict=True)])
@@ -62,7 +66,10 @@ def pairs_log(folders: list[Path], calibration: Path | None = None) -> IndexedLo
         streams[TRUTH] = pose_stream(TRUTH, T[order], stamps_ns[order], parent=WORLD, child=BODY)
     single = len(images) - 2 * len(times)
     unconverted = {"single images": Unconverted("image", single, "the other camera's image is missing")}
-    return IndexedLog(streams, unconverted if single else None)
+    used = {*images.values(), *files, path}
+    patterns = ("*", *(f"{folder.name}/*" for folder in folders if folder != root))
+    others = other_files(root, used.__contains__, "not an image of a pair, nor their poses", patterns)
+    return IndexedLog(streams, (unconverted if single else {}) | others)
 
 
 def _nearest(folder: Path, name: str) -> Path | None:

@@ -19,6 +19,7 @@ from cdff_common.types import IMUSensors, Time
 from cdff_dev.logs.formats.euroc.pairs import BODY, PAIR, ROBOT, TRUTH, WORLD
 from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream, pose_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.tables import poses_of_rows, read_rows, read_table, read_times
 
@@ -26,12 +27,13 @@ _IMU = f"/{ROBOT}/imu.imu"
 _NS = 1
 
 
-def recording_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
+def recording_log(folder: Path, calibration: Path | None = None, root: Path | None = None) -> IndexedLog:
     """Open a folder with ``cam0``, ``cam1``, ``imu0`` and ``state_groundtruth_estimate0``.
 
     Streams are ``/euroc/navcam.pair`` (rectified pairs of the common times of both cameras; with one camera
     ``/euroc/cam0.frame``), ``/euroc/imu.imu`` in the frame of the IMU, ``euroc/base``, and
-    ``/euroc/truth.pose``. Other folders are listed as not converted.
+    ``/euroc/truth.pose``. Other folders and files are listed as not converted, also those of ``root``, the folder
+    around ``mav0``.
 
     Raises
     ------
@@ -49,8 +51,17 @@ def recording_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     known = {*(path.name for path in cameras), "imu0", "state_groundtruth_estimate0"}
     for path in sorted(folder.iterdir()):
         if path.is_dir() and path.name not in known:
-            unconverted[path.name] = Unconverted("folder", 1, "not a camera, imu0 or ground-truth state")
-    return IndexedLog(streams, unconverted)
+            count = sum(1 for file in path.rglob("*") if file.is_file())
+            reason = "in a folder other than cameras, imu0 or ground-truth state"
+            unconverted[path.name] = Unconverted("file", count, reason)
+    used = {path for camera in cameras for path in (*_images(camera).values(), camera / "sensor.yaml")}
+    used |= {folder / name / "data.csv" for name in known} | {calibration or folder}
+    inner = ["*", *(f"{name}/{pattern}" for name in known for pattern in ("*", "data/*"))]
+    if root is not None and root != folder:
+        inner = ["*", *(f"{folder.name}/{pattern}" for pattern in inner)]
+    reason = "no image or table of the recording"
+    others = other_files(root or folder, used.__contains__, reason, inner)
+    return IndexedLog(streams, unconverted | others)
 
 
 def _image_streams(

@@ -91,7 +91,6 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
             folder,
             lambda file: file in content.used or file.suffix.lower() in IMAGE_SUFFIXES,
             "not an image, a calibration of one, times.txt or a table of true poses",
-            ("*", "*/*"),
         )
         | content.unconverted
     )

@@ -22,6 +22,7 @@ from cdff_dev.logs.formats.kitti.oxts import imu_stream, truth_stream
 from cdff_dev.logs.formats.kitti.sequence import PAIR, ROBOT, SCAN, TRUTH, scan_stream, with_size
 from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 _IMU = f"/{ROBOT}/imu.imu"
@@ -29,6 +30,8 @@ _WORLD, _BODY = f"{ROBOT}/world", f"{ROBOT}/base"
 _GREY, _COLOUR = ("image_00", "image_01"), ("image_02", "image_03")
 _STREAMS = (*_GREY, *_COLOUR, "velodyne_points", "oxts")
 _CALIBRATION = "calib_cam_to_cam.txt"
+#: Calibrations that lead from the navigation system to camera 0.
+_BODY_CALIBRATIONS = ("calib_imu_to_velo.txt", "calib_velo_to_cam.txt")
 Files = dict[str, tuple[Path, int]]
 
 
@@ -69,7 +72,12 @@ def raw_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[TRUTH] = truth_stream(TRUTH, paths, stamps_ns, _WORLD, _BODY)
     if not streams:
         raise InputError(f"{folder}: no files in {', '.join(f'{name}/data' for name in _STREAMS)}")
-    return IndexedLog(streams, unconverted)
+    used = {path for found in files.values() for path, _ in found.values()}
+    used |= {folder / name / "timestamps.txt" for name in _STREAMS}
+    used |= {folder / name for name in (_CALIBRATION, *_BODY_CALIBRATIONS)}
+    reason = "not a file of a sensor, its times or a calibration"
+    others = other_files(folder, used.__contains__, reason, ("*", "*/*", "*/*/*"))
+    return IndexedLog(streams, unconverted | others)
 
 
 def _add_cameras(
@@ -175,7 +183,7 @@ def _ascending(files: Sequence[tuple[Path, int]]) -> Stamps:
 
 def _pose_of_body(calibration: Path) -> FloatArray | None:
     """Return the pose of the navigation system in the rectified camera 0; None without its calibrations."""
-    paths = [calibration.parent / name for name in ("calib_imu_to_velo.txt", "calib_velo_to_cam.txt")]
+    paths = [calibration.parent / name for name in _BODY_CALIBRATIONS]
     if not all(path.is_file() for path in paths):
         return None
     T = np.eye(4)

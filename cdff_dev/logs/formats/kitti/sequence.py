@@ -23,6 +23,7 @@ from cdff_dev.logs.formats.kitti.velodyne import read_scan, scan_files
 from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream, pose_stream, read_image
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 from cdff_dev.logs.other_files import other_files
+from cdff_dev.logs.source import Unconverted
 
 ROBOT = "kitti"
 PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
@@ -84,8 +85,25 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[SCAN] = scan_stream(list(scans.values()), stamps_ns[list(scans)])
     if (truth := _truth(folder, len(pairs) or n)) is not None:
         streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
-    reason = "not a calibration, times.txt or poses"
-    return IndexedLog(streams, other_files(folder, lambda file: file.suffix.lower() == ".txt", reason))
+    return IndexedLog(streams, _others(folder, calibration, pairs, scans))
+
+
+def _others(
+    folder: Path, calibration: Path | None, pairs: list[tuple[Path, Path]], scans: dict[int, Path]
+) -> dict[str, Unconverted]:
+    """Return the files that are not part of a stream, nor its times or calibration."""
+    used = {
+        folder / "times.txt",
+        _poses_file(folder),
+        *scans.values(),
+        *(file for pair in pairs for file in pair),
+    }
+    if pairs:
+        used.add(_calibration_file(folder, calibration))
+    if pairs and pairs[0][0].parent.name == _IMAGE_FOLDERS[0][0]:
+        used.update(file for name in _COLOUR_FOLDERS for file in (folder / name).glob("*.png"))
+    reason = "not an image, a scan, their calibration, times.txt or poses of the sequence"
+    return other_files(folder, used.__contains__, reason)
 
 
 def scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:

@@ -11,7 +11,7 @@ from cdff_common.errors import InputError
 from cdff_dev.logs.formats import LogFormat, LogLocation
 
 if TYPE_CHECKING:
-    from cdff_dev.logs.source import LogSource
+    from cdff_dev.logs.source import LogSource, Unconverted
 
 _PCAP_MAGIC = (b"\xd4\xc3\xb2\xa1", b"\xa1\xb2\xc3\xd4", b"\x4d\x3c\xb2\xa1", b"\xa1\xb2\x3c\x4d")
 _PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
@@ -49,10 +49,19 @@ def _open(location: LogLocation, metadata: Path | None) -> LogSource:
     if metadata is None:
         from cdff_dev.logs.formats.pcap.velodyne import VelodyneLog
 
-        return VelodyneLog(path)
+        return VelodyneLog(path, _others(location.folder, {path}))
     from cdff_dev.logs.formats.pcap.ouster import ouster_log
 
-    return ouster_log(path, metadata)
+    return ouster_log(path, metadata, _others(location.folder, {path, metadata}))
+
+
+def _others(folder: Path | None, used: set[Path]) -> dict[str, Unconverted]:
+    """Return the other files of a folder; none if the capture was named itself."""
+    if folder is None:
+        return {}
+    from cdff_dev.logs.other_files import other_files
+
+    return other_files(folder, used.__contains__, "not the capture or its metadata")
 
 
 FORMAT = LogFormat(

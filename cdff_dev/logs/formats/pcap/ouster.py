@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -142,13 +143,14 @@ def _chosen(ports: set[int], named: int, what: str, key: str) -> int:
     return named
 
 
-def ouster_log(path: Path, metadata: Path) -> IndexedLog:
+def ouster_log(path: Path, metadata: Path, others: Mapping[str, Unconverted] | None = None) -> IndexedLog:
     """Open a capture as ``/{robot}/lidar.scan`` and ``/{robot}/imu.imu``.
 
     A sweep has the time of its first column. Its points are those of all returns in the sensor frame (x
     forward, z up), in the order of their times; intensities are signal photons, or reflectivities times 257.
     A sensor whose clock counts from its start gets a constant offset, so that its fastest packet arrived
-    without a delay. The IMU's axes are those of the sensor frame.
+    without a delay. The IMU's axes are those of the sensor frame. ``others`` are files next to the capture that
+    are not converted.
 
     Raises
     ------
@@ -203,7 +205,8 @@ def ouster_log(path: Path, metadata: Path) -> IndexedLog:
         streams[imu] = IndexedStream(
             "IMUSensors", imu_stamps_ns, read_imu, headers(imu, imu_stamps_ns, frame=f"{robot}/imu")
         )
-    return IndexedLog(streams, capture.unconverted | _unconverted(index, sensor, int((~finite).sum())))
+    unconverted = capture.unconverted | _unconverted(index, sensor, int((~finite).sum()))
+    return IndexedLog(streams, unconverted | dict(others or {}))
 
 
 def _plausible(columns: NDArray[Any], begin_ns: int) -> NDArray[Any]:

@@ -37,7 +37,8 @@ class VelodyneLog(LogSource):
     """A capture as a ``LogSource`` with the stream ``/{robot}/lidar.scan``.
 
     A sweep ends where the azimuth passes 0. Its points have the times of their lasers, relative to the
-    arrival of its first packet. Opening a capture decodes it once, for the stamps.
+    arrival of its first packet. Opening a capture decodes it once, for the stamps. ``others`` are files next
+    to it that are not converted.
 
     Raises
     ------
@@ -45,10 +46,10 @@ class VelodyneLog(LogSource):
         If velodyne_decoder is not installed, or the capture has no data packets of a Velodyne.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, others: Mapping[str, Unconverted] | None = None) -> None:
         self._path = path
         self._capture = Capture(path)
-        self._unconverted: dict[str, Unconverted] = {}
+        self._unconverted: dict[str, Unconverted] = dict(others or {})
         self._decoder_of = _library()
         self._robot = robot_name(path)
         self._name = f"/{self._robot}/lidar.scan"
@@ -64,9 +65,9 @@ class VelodyneLog(LogSource):
                 f"capture of an Ouster needs the sensor's metadata: put {path.stem}.json next to it or name "
                 "the file with --calibration; convert those of other lidars with the manufacturer's tool"
             )
-        if others := sum(count for size, count in sizes.items() if size != _DATA_BYTES):
+        if further := sum(count for size, count in sizes.items() if size != _DATA_BYTES):
             what = f"{sizes[_POSITION_BYTES]} of them position packets"
-            self._unconverted["other packets"] = Unconverted("UDP packet", others, what)
+            self._unconverted["other packets"] = Unconverted("UDP packet", further, what)
         stamps_ns = [stamp_ns for stamp_ns, _ in self._sweeps()]
         self._count = len(stamps_ns)
         self._info = StreamInfo(

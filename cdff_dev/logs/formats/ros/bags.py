@@ -24,6 +24,7 @@ from cdff_dev.logs.formats.ros.bag1_records import MAGIC
 from cdff_dev.logs.formats.ros.bag2_database import Bag2Database
 from cdff_dev.logs.formats.ros.mcap_file import McapRecording
 from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Channel, Encoded, JoinedRecording, Recording
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
@@ -39,14 +40,23 @@ def open_folder(folder: Path) -> dict[str, Recording]:
     """Open the ROS 2 bag of a folder, or its bags and MCAP files as ``open_files``.
 
     Without ``metadata.yaml``, files of which one is the database of a ROS 2 bag are one recording, if their
-    names differ only in numbers.
+    names differ only in numbers. Other files of the folder are listed with the first recording.
 
     Raises
     ------
     CodecError
         If no file can be read.
     """
-    found = sorted((path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)), key=natural_order)
+    files = sorted((path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)), key=natural_order)
+    recordings = _recordings_of(folder, files)
+    used = {*files, folder / METADATA}
+    if others := other_files(folder, used.__contains__, "not a file of a bag"):
+        name, first = next(iter(recordings.items()))
+        recordings[name] = JoinedRecording(first.name, [first], others)
+    return recordings
+
+
+def _recordings_of(folder: Path, found: list[Path]) -> dict[str, Recording]:
     if (folder / METADATA).is_file():
         return {str(folder): _open_bag2(folder, found)}
     groups = _by_recording(found)

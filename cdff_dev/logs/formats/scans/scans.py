@@ -44,7 +44,7 @@ def scans_log(files: list[Path], folder: Path | None = None) -> IndexedLog:
         return _scan(files[i], int(stamps_ns[i]))
 
     header = headers(SCAN, stamps_ns, frame=_FRAME, producer=_FRAME)
-    reason = f"not a scan as the others ({files[0].suffix}), nor times.txt"
+    reason = f"not one of the {files[0].suffix} scans of the folder, nor times.txt"
     used = {*files, times}
     others = {} if folder is None else other_files(folder, used.__contains__, reason)
     return IndexedLog({SCAN: IndexedStream("LidarScan", stamps_ns, read, header)}, others)

@@ -20,6 +20,7 @@ from cdff_dev.logs.file_stamps import PERIOD_NS
 from cdff_dev.logs.formats.seven_scenes import COLOUR_NAME
 from cdff_dev.logs.image_streams import Stamps, depth_stream, frame_stream, pose_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.tables import read_rows
 
 ROBOT = "seven_scenes"
@@ -29,6 +30,8 @@ _COLOUR_CAMERA = CameraModel(480, 640, 525.0, 525.0, 320.0, 240.0)
 _DEPTH_CAMERA = CameraModel(480, 640, 585.0, 585.0, 320.0, 240.0)
 _DEPTH_UNIT_M = 1e-3
 _MAX_DIGITS = 6
+#: Folder of the images of an extract, and the table of poses next to it.
+_EXTRACT, _TABLE = "frames", "truth.csv"
 
 
 def sequence_log(frames: Path) -> IndexedLog:
@@ -59,7 +62,13 @@ def sequence_log(frames: Path) -> IndexedLog:
         streams[_TRUTH] = pose_stream(
             _TRUTH, T, _stamps(list(poses)), parent=f"{ROBOT}/world", child=f"{ROBOT}/depth"
         )
-    return IndexedLog(streams)
+    used = {*colour.values(), *depth.values(), *(_beside(file, ".pose.txt") for file in colour.values())}
+    # The pictures of an extract have a folder of their own.
+    folder = frames.parent if frames.name == _EXTRACT else frames
+    used.add(folder / _TABLE)
+    return IndexedLog(
+        streams, other_files(folder, used.__contains__, "no part of a frame with a colour image")
+    )
 
 
 def _beside(colour: Path, suffix: str) -> Path:
@@ -76,7 +85,7 @@ def _poses(frames: Path, colour: dict[int, Path]) -> dict[int, FloatArray]:
     files = {n: path for n, file in colour.items() if (path := _beside(file, ".pose.txt")).is_file()}
     if files:
         return {n: _pose(path, [words for _, words in read_rows(path, 4)][:3]) for n, path in files.items()}
-    table = frames.parent / "truth.csv"
+    table = frames.parent / _TABLE
     if not table.is_file():
         return {}
     poses = {}

@@ -21,6 +21,7 @@ from cdff_dev.logs.file_stamps import file_stamps
 from cdff_dev.logs.formats.speed import label_files
 from cdff_dev.logs.image_streams import frame_stream, pose_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 ROBOT = "speed"
@@ -69,7 +70,9 @@ def labelled_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[_TRUTH] = pose_stream(
             _TRUTH, T, stamps_ns[posed], parent=f"{ROBOT}/camera", child=f"{ROBOT}/target"
         )
-    return IndexedLog(streams, unconverted)
+    used = {*images, *label_files(folder), default, calibration or default}
+    others = other_files(folder, used.__contains__, "not a label or a labelled image")
+    return IndexedLog(streams, others | unconverted)
 
 
 def _read(path: Path) -> list[dict[str, Any]]:
