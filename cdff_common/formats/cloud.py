@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cdff_common.errors import InputError
+from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry.points import checked_points
 
 
@@ -73,11 +73,12 @@ class CloudArrays:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, NDArray[np.generic]], what: str) -> CloudArrays:
-        """Return the columns with known names; raises InputError if x, y or z is missing."""
-        if not {"x", "y", "z"} <= set(columns):
-            raise InputError(
-                f"{what}: has {', '.join(columns) or 'no columns'}, expected x, y and z among them"
-            )
+        """Return the columns with known names, in any order; raises CodecError if x, y or z is missing.
+
+        Names in capital letters are those in small letters, if both do not exist.
+        """
+        check_axes(columns, what)
+        columns = {name.lower(): column for name, column in columns.items()} | dict(columns)
         intensity = next((columns[k] for k in _INTENSITY_NAMES if k in columns), None)
         normals = next((n for n in _NORMAL_NAMES if set(n) <= set(columns)), None)
         has_color = {"red", "green", "blue"} <= set(columns)
@@ -89,8 +90,18 @@ class CloudArrays:
         )
 
 
-_INTENSITY_NAMES = ("intensity", "scalar_intensity", "scalar_Intensity", "i", "reflectance", "remission")
+_INTENSITY_NAMES = ("intensity", "scalar_intensity", "i", "reflectance", "remission")
 _NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+
+
+def check_axes(names: Iterable[str], what: str) -> None:
+    """Raise CodecError if x, y or z is not among the names of the columns of a file."""
+    known = list(names)
+    if not {"x", "y", "z"} <= {name.lower() for name in known}:
+        raise CodecError(
+            f"{what}: has {', '.join(known) or 'no columns'}, expected x, y and z among them: rename the columns "
+            "of the coordinates"
+        )
 
 
 def _stacked(columns: Mapping[str, NDArray[np.generic]], names: tuple[str, ...]) -> NDArray[np.float64]:

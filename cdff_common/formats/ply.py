@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.cloud import CloudArrays, check_axes
 from cdff_common.formats.file_source import Readable, Source, load
 
 _TYPES = {
@@ -39,6 +39,13 @@ _TYPES = {
 _NAMES = {code: name for name, code in _TYPES.items() if name.isalpha()}
 PLY_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _HEADER_LIMIT = 1 << 16
+_KEYWORDS = ("ply", "format", "comment", "obj_info", "element", "property")
+#: Form of the lines of a header.
+_EXPECTED = {
+    "format": f"format and one of {', '.join(PLY_BYTE_ORDERS)}",
+    "element": "element NAME COUNT",
+    "property": f"property TYPE NAME with one of the types {', '.join(_NAMES.values())}, or property list TYPE TYPE NAME",
+}
 
 
 @dataclass(slots=True)
@@ -77,6 +84,7 @@ def read_ply(source: Readable) -> CloudArrays:
         raise s.error(
             f"has the elements {', '.join(e.name for e in elements) or 'none'}, expected vertex among them"
         )
+    check_axes([name for name, _ in vertex.properties], s.name)
     if vertex.has_list:
         raise s.error("vertices with list properties, expected scalars")
     before = elements[: elements.index(vertex)]
@@ -84,7 +92,11 @@ def read_ply(source: Readable) -> CloudArrays:
         columns = _ascii_columns(s, start, sum(e.count for e in before), vertex)
     else:
         if any(e.has_list for e in before):
-            raise s.error("an element with lists precedes the vertices, expected vertices first")
+            lists = next(e.name for e in before if e.has_list)
+            raise s.error(
+                f"byte {start}: the element {lists} with lists precedes the vertices, expected them first: write the "
+                "file again as ascii or with the vertices first"
+            )
         offset = start + sum(e.count * _dtype(e, layout).itemsize for e in before)
         columns = _binary_columns(s, offset, _dtype(vertex, layout), vertex.count)
     return CloudArrays.from_columns(columns, s.name)
@@ -122,8 +134,11 @@ def ply_header(s: Source) -> tuple[str, list[PlyElement], int]:
     if newline < 0:
         raise s.error(f"no end_header within {_HEADER_LIMIT} bytes")
     layout, elements = "", []
-    for line in s.data[:end].decode("latin-1").splitlines():
+    at = 0
+    for line in s.data[:end].decode("latin-1").split("\n"):
         words = line.split()
+        if words and words[0] not in _KEYWORDS:
+            raise s.error(f"byte {at}: header line {line.strip()!r}, expected one of {', '.join(_KEYWORDS)}")
         try:
             if words[:1] == ["format"]:
                 layout = words[1]
@@ -134,7 +149,11 @@ def ply_header(s: Source) -> tuple[str, list[PlyElement], int]:
             elif words[:1] == ["property"]:
                 elements[-1].properties.append((words[2], _TYPES[words[1]]))
         except (IndexError, KeyError, ValueError) as error:
-            raise s.error(f"header line {line!r} is malformed") from error
+            expected = _EXPECTED.get(words[0], "another line")
+            if words[0] == "property" and not elements:
+                expected = f"an element line before it, then {expected}"
+            raise s.error(f"byte {at}: header line {line.strip()!r}, expected {expected}") from error
+        at += len(line) + 1
     if layout not in PLY_BYTE_ORDERS:
         raise s.error(f"format {layout!r}, expected one of {', '.join(PLY_BYTE_ORDERS)}")
     if any(e.count < 0 for e in elements):

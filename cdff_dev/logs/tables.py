@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
@@ -16,6 +17,10 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.image_streams import Stamps
 
 _SEPARATOR = re.compile(r"[,\s]+")
+_UNITS_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+_TIME_UNIT = re.compile(r"[\[(_](s|ms|us|ns)(?:ec)?[\])]?$")
+_FIRST_DATE_S, _MAX_WHOLE_S = 1e9, 1e6
+_NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d{1,2})?", re.IGNORECASE)
 _MAX_NS = int(np.iinfo(np.int64).max) - 1000
 #: Largest deviation of the length of a quaternion from 1: files have few digits.
 _QUATERNION_TOLERANCE = 0.01
@@ -60,6 +65,24 @@ def read_times(path: Path, rows: list[tuple[int, list[str]]], unit_ns: int) -> S
             raise InputError(f"{path}:{number}: {words[0]!r}, expected a time since 1970") from None
         stamps_ns.append((int(stamp_ns) + 500) // 1000 * 1000)
     return np.array(stamps_ns, np.int64)
+
+
+def time_unit_ns(name: str, words: Sequence[str]) -> int:
+    """Return the nanoseconds of a time of 1 in a column.
+
+    They are those of the unit at the end of its name, such as ``time [ms]`` or ``t_s``. Without one, the times
+    are in the unit in which all of them are a date from 2001 to 2286; if there is none, they are seconds if one
+    has a decimal point or all are below a million, otherwise nanoseconds. Words that are no numbers do not count.
+    """
+    if found := _TIME_UNIT.search(name.strip().lower()):
+        return _UNITS_NS[found[1]]
+    numbers = [float(word) for word in words if _NUMBER.fullmatch(word.strip())] or [0.0]
+    smallest_s, largest_s = min(numbers) * 1e-9, max(numbers) * 1e-9
+    for unit_ns in _UNITS_NS.values():
+        if smallest_s * unit_ns >= _FIRST_DATE_S and largest_s * unit_ns < 10 * _FIRST_DATE_S:
+            return unit_ns
+    has_decimals = any("." in word for word in words)
+    return _UNITS_NS["s"] if has_decimals or max(numbers) < _MAX_WHOLE_S else _UNITS_NS["ns"]
 
 
 def read_table(path: Path, columns: int, unit_ns: int) -> tuple[Stamps, FloatArray]:

@@ -5,8 +5,8 @@
 Recognised names, in any order, are those of EuRoC (``w_RS_S_x``, ``a_RS_S_x``), of exported ROS messages
 (``angular_velocity.x``, ``linear_acceleration.x``), and ``gx``, ``gyro_x``, ``wx``, ``omega_x`` with ``ax``,
 ``acc_x``, ``accel_x``. A unit in brackets is that of the column: ``[rad/s]`` or ``[deg/s]``, ``[m/s^2]`` or
-``[g]``; without one they are rad/s and m/s2. Times are in nanoseconds if they are integers, otherwise in
-seconds.
+``[g]``; without one they are rad/s and m/s2. The unit of the times is that of the name of their column, or of
+their size (see ``time_unit_ns``).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cdff_dev.logs.image_streams import Stamps
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import Unconverted
-from cdff_dev.logs.tables import read_times
+from cdff_dev.logs.tables import read_times, time_unit_ns
 
 _STANDARD_GRAVITY = 9.80665  # m/s2
 _NAMES = {
@@ -39,10 +39,11 @@ _FACTORS = {"g": _STANDARD_GRAVITY, "deg": np.pi / 180.0}
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns of a table: the index of each quantity, the factor to its unit, and the other names."""
+    """Columns of a table: the index and the factor of each quantity, the name of the time, the other names."""
 
     index: dict[str, int]
     factor: dict[str, float]
+    time_name: str
     others: list[str]
 
 
@@ -61,7 +62,8 @@ def columns_of(head: bytes) -> Columns | None:
             factor[quantity] = next((f for prefix, f in _FACTORS.items() if unit.startswith(prefix)), 1.0)
     if len(index) < len(_NAMES):
         return None
-    return Columns(index, factor, [name for at, name in enumerate(names) if at not in index.values()])
+    others = [name for at, name in enumerate(names) if at not in index.values()]
+    return Columns(index, factor, names[index["time"]], others)
 
 
 def imu_log(path: Path) -> IndexedLog:
@@ -108,5 +110,5 @@ def _read(path: Path, columns: Columns) -> tuple[Stamps, FloatArray]:
     table = np.array(rows, dtype=np.float64).reshape(-1, len(order))
     if bad := np.flatnonzero(~np.isfinite(table).all(axis=1)).tolist():
         raise InputError(f"{path}:{times[bad[0]][0]}: a number that is not finite; remove the line")
-    is_in_ns = all(words[0].lstrip("-").isdigit() for _, words in times)
-    return read_times(path, times, 1 if is_in_ns else 1_000_000_000), table
+    unit_ns = time_unit_ns(columns.time_name, [words[0] for _, words in times])
+    return read_times(path, times, unit_ns), table

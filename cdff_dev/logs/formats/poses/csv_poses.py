@@ -5,16 +5,20 @@
 from __future__ import annotations
 
 import re
+from decimal import Decimal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.formats.file_source import Source
 from cdff_common.geometry import se3
+from cdff_dev.logs.tables import time_unit_ns
+
+_MAX_NS = int(np.iinfo(np.int64).max) - 1000
 
 #: Columns of a pose, and the patterns of their names: p_RS_R_x [m], tx_m, x; q_RS_w [], qw.
 _COLUMNS = {
-    "time": r"timestamp.*|time.*|t_ns",
+    "time": r"timestamp.*|time.*|stamp.*|t(_[mun]?s)?",
     **{axis: rf"(p_.*_|t|p|position_)?{axis}(_m)?" for axis in "xyz"},
     **{f"q{part}": rf"q(_.*_|_)?{part}" for part in "xyzw"},
 }
@@ -26,27 +30,41 @@ def is_pose_csv(source: Source) -> bool:
 
 
 def read_pose_csv(source: Source) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Read stamps ``(n,)`` in nanoseconds, and matrices ``(n, 4, 4)``; raises CodecError with the line."""
+    """Read stamps ``(n,)`` in nanoseconds, and matrices ``(n, 4, 4)``; raises CodecError with the line.
+
+    The unit of the times is that of the name of their column, or of their size (see ``time_unit_ns``).
+    """
     header = _header(source)
     columns = _columns(header)
-    is_in_seconds = re.search(r"\[s\]|_s$", header[columns["time"]].strip()) is not None
-    stamps, rows = [], []
+    times: list[tuple[int, str]] = []
+    rows = []
     lines = source.data.decode("utf-8", "replace").splitlines()
     for number, line in enumerate(lines[1:], start=2):
         words = line.split("#")[0].split(",")
         if len(words) == 1 and not words[0].strip():
             continue
         try:
-            stamp = words[columns["time"]]
-            stamps.append(np.int64(round(float(stamp) * 1e9) if is_in_seconds else int(stamp)))
+            times.append((number, words[columns["time"]].strip()))
             rows.append([float(words[columns[name]]) for name in ("x", "y", "z", "qx", "qy", "qz", "qw")])
-        except (ValueError, IndexError, OverflowError) as error:
+        except (ValueError, IndexError) as error:
             raise source.error(f"line {number}: {error}; expected {', '.join(header)}") from error
     table = np.array(rows, dtype=np.float64).reshape(-1, 7)
     if not (np.isfinite(table).all() and (np.abs(np.linalg.norm(table[:, 3:], axis=1) - 1.0) < 0.01).all()):
         raise source.error("a pose is not finite or its quaternion is not of unit length")
     T = se3.transform_from_quaternion_xyzw(table[:, :3], table[:, 3:]) if len(table) else np.zeros((0, 4, 4))
-    return np.array(stamps, dtype=np.int64), T
+    unit_ns = time_unit_ns(header[columns["time"]], [word for _, word in times])
+    return np.array([_stamp_ns(source, *time, unit_ns) for time in times], dtype=np.int64), T
+
+
+def _stamp_ns(source: Source, number: int, word: str, unit_ns: int) -> int:
+    try:
+        stamp_ns = Decimal(word) * unit_ns
+        is_time = abs(stamp_ns) <= _MAX_NS
+    except ArithmeticError:
+        is_time = False
+    if not is_time:
+        raise source.error(f"line {number}: time {word!r}, expected one before 2262 in units of {unit_ns} ns")
+    return int(stamp_ns)
 
 
 def _header(source: Source) -> list[str]:

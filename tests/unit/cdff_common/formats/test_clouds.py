@@ -42,6 +42,51 @@ def test_a_ply_file_survives_a_round_trip(cloud: CloudArrays, ascii_text: bool) 
     np.testing.assert_allclose(reread.normals, cloud.normals, atol=1e-6)
 
 
+def ply_of_names(*lines: str) -> bytes:
+    """A PLY file of text with one vertex of four numbers."""
+    return "\n".join(
+        ["ply", "format ascii 1.0", "element vertex 1", *lines, "end_header", "1 2 3 4"]
+    ).encode()
+
+
+@pytest.mark.parametrize("names", [("z", "intensity", "x", "y"), ("Z", "Intensity", "X", "Y")])
+def test_the_properties_of_a_ply_file_may_have_any_order_and_capitals(names: tuple[str, ...]) -> None:
+    cloud = read_ply(ply_of_names(*(f"property float {name}" for name in names)))
+    assert cloud.points_m.tolist() == [[3.0, 4.0, 1.0]]
+    assert cloud.intensity is not None
+    assert cloud.intensity.tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (
+            ["property float16 x"],
+            "byte 38: header line 'property float16 x', expected property TYPE NAME .*float",
+        ),
+        (["property float"], "byte 38: header line 'property float', expected property TYPE NAME"),
+        (["propertyy float x"], "byte 38: header line 'propertyy float x', expected one of ply, format"),
+        (
+            ["property float a", "property float b"],
+            "has a, b, expected x, y and z among them: rename the columns",
+        ),
+        (["property float x", "property float x"], "element vertex has a repeated property"),
+    ],
+)
+def test_a_wrong_header_of_a_ply_file_is_refused_with_offset_and_expectation(
+    tmp_path: Path, lines: list[str], message: str
+) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply_of_names(*lines))
+    with pytest.raises(CodecError, match=f"{path}: {message}"):
+        read_ply(path)
+
+
+def test_a_property_before_the_first_element_of_a_ply_file_is_refused() -> None:
+    with pytest.raises(CodecError, match="byte 21: .*expected an element line before it"):
+        read_ply(b"ply\nformat ascii 1.0\nproperty float x\nelement vertex 0\nend_header\n")
+
+
 @pytest.mark.parametrize("layout", ["binary", "ascii"])
 def test_a_pcd_file_survives_a_round_trip(cloud: CloudArrays, layout: str) -> None:
     data = write_pcd(cloud, layout=layout)

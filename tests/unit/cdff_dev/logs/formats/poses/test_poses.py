@@ -63,6 +63,50 @@ def test_a_file_of_poses_is_a_stream(
 
 
 @pytest.mark.parametrize(
+    ("name", "times", "stamps_ns"),
+    [
+        (
+            "timestamp",
+            ["1403715273.262143", "1403715273.312"],
+            [1_403_715_273_262_143_000, 1_403_715_273_312_000_000],
+        ),
+        (
+            "timestamp",
+            ["1403715273262142976", "1403715273312143104"],
+            [1_403_715_273_262_142_976, 1_403_715_273_312_143_104],
+        ),
+        (
+            "#timestamp [ns]",
+            ["1403715273262142976.0", "1.403715273312e18"],
+            [1_403_715_273_262_142_976, 1_403_715_273_312_000_000],
+        ),
+        ("timestamp", ["0.5", "12"], [500_000_000, 12_000_000_000]),
+        ("time", ["0", "1"], [0, 1_000_000_000]),
+        ("time", ["0", "5000000000"], [0, 5_000_000_000]),
+        ("timestamp_ms", ["10", "20.5"], [10_000_000, 20_500_000]),
+        ("t", ["1403715273262", "1403715273312"], [1_403_715_273_262_000_000, 1_403_715_273_312_000_000]),
+        ("timestamp", ["1403715273", "1403715274"], [1_403_715_273_000_000_000, 1_403_715_274_000_000_000]),
+    ],
+)
+def test_times_of_a_table_are_in_the_unit_of_their_name_or_size(
+    tmp_path: Path, name: str, times: list[str], stamps_ns: list[int]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{name},x,y,z,qx,qy,qz,qw\n" + "".join(f"{time},2,3,4,0,0,0,1\n" for time in times))
+    assert read_track(path).stamps_ns.tolist() == stamps_ns
+    with open_log(path) as log:
+        assert [s.stamp_ns for s in log.samples()] == [round(stamp / 1000) * 1000 for stamp in stamps_ns]
+
+
+@pytest.mark.parametrize("time", ["nan", "inf", "1e400", "1e999999999", "9e30", "x", ""])
+def test_an_impossible_time_of_a_table_is_refused_with_its_line(tmp_path: Path, time: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"timestamp,x,y,z,qx,qy,qz,qw\n1.5,2,3,4,0,0,0,1\n{time},2,3,4,0,0,0,1\n")
+    with pytest.raises(CodecError, match=r"a\.csv: line 3"):
+        open_log(path)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [(KITTI + "1 2 3\n", "12 numbers"), (KITTI + KITTI.replace("2", "nan"), "not finite")],
 )
