@@ -83,7 +83,7 @@ def test_a_wrong_header_of_a_ply_file_is_refused_with_offset_and_expectation(
 
 
 def test_a_property_before_the_first_element_of_a_ply_file_is_refused() -> None:
-    with pytest.raises(CodecError, match="byte 21: .*expected an element line before it"):
+    with pytest.raises(CodecError, match=r"byte 21: .*expected an element line before it"):
         read_ply(b"ply\nformat ascii 1.0\nproperty float x\nelement vertex 0\nend_header\n")
 
 
