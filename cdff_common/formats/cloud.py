@@ -99,8 +99,8 @@ def check_axes(names: Iterable[str], what: str) -> None:
     known = list(names)
     if not {"x", "y", "z"} <= {name.lower() for name in known}:
         raise CodecError(
-            f"{what}: has {', '.join(known) or 'no columns'}, expected x, y and z among them: rename the columns "
-            "of the coordinates"
+            f"{what}: has {', '.join(known) or 'no columns'}, expected x, y and z among them: rename the "
+            "columns of the coordinates"
         )
 
 

@@ -44,7 +44,7 @@ _KEYWORDS = ("ply", "format", "comment", "obj_info", "element", "property")
 _EXPECTED = {
     "format": f"format and one of {', '.join(PLY_BYTE_ORDERS)}",
     "element": "element NAME COUNT",
-    "property": f"property TYPE NAME with one of the types {', '.join(_NAMES.values())}, or property list TYPE TYPE NAME",
+    "property": f"property TYPE NAME, or property list TYPE TYPE NAME, with types {', '.join(_NAMES.values())}",
 }
 
 
@@ -94,8 +94,8 @@ def read_ply(source: Readable) -> CloudArrays:
         if any(e.has_list for e in before):
             lists = next(e.name for e in before if e.has_list)
             raise s.error(
-                f"byte {start}: the element {lists} with lists precedes the vertices, expected them first: write the "
-                "file again as ascii or with the vertices first"
+                f"byte {start}: the element {lists} with lists precedes the vertices, expected them first: "
+                "write the file again as ascii or with the vertices first"
             )
         offset = start + sum(e.count * _dtype(e, layout).itemsize for e in before)
         columns = _binary_columns(s, offset, _dtype(vertex, layout), vertex.count)

@@ -70,9 +70,10 @@ def read_times(path: Path, rows: list[tuple[int, list[str]]], unit_ns: int) -> S
 def time_unit_ns(name: str, words: Sequence[str]) -> int:
     """Return the nanoseconds of a time of 1 in a column.
 
-    They are those of the unit at the end of its name, such as ``time [ms]`` or ``t_s``. Without one, the times
-    are in the unit in which all of them are a date from 2001 to 2286; if there is none, they are seconds if one
-    has a decimal point or all are below a million, otherwise nanoseconds. Words that are no numbers do not count.
+    They are those of the unit at the end of its name, such as ``time [ms]`` or ``t_s``. Without one, the
+    times are in the unit in which all of them are a date from 2001 to 2286; if there is none, they are
+    seconds if one has a decimal point or all are below a million, otherwise nanoseconds. Words that are no
+    numbers do not count.
     """
     if found := _TIME_UNIT.search(name.strip().lower()):
         return _UNITS_NS[found[1]]

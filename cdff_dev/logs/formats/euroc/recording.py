@@ -32,8 +32,8 @@ def recording_log(folder: Path, calibration: Path | None = None, root: Path | No
 
     Streams are ``/euroc/navcam.pair`` (rectified pairs of the common times of both cameras; with one camera
     ``/euroc/cam0.frame``), ``/euroc/imu.imu`` in the frame of the IMU, ``euroc/base``, and
-    ``/euroc/truth.pose``. Other folders and files are listed as not converted, also those of ``root``, the folder
-    around ``mav0``.
+    ``/euroc/truth.pose``. Other folders and files are listed as not converted, also those of ``root``, the
+    folder around ``mav0``.
 
     Raises
     ------

@@ -39,7 +39,7 @@ _FACTORS = {"g": _STANDARD_GRAVITY, "deg": np.pi / 180.0}
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns of a table: the index and the factor of each quantity, the name of the time, the other names."""
+    """Columns of a table: index and factor of each quantity, the name of the time, the other names."""
 
     index: dict[str, int]
     factor: dict[str, float]

@@ -27,7 +27,7 @@ _STANDARD_GRAVITY = 9.80665  # m/s2
 #: Times of the sensor before 2000 count from its start.
 _FIRST_DATE_NS = 946_684_800_000_000_000
 _LAST_DATE_NS = 1 << 62
-#: Times further than this from the begin of a sweep are damaged.
+#: Times further than this from the start of a sweep are damaged.
 _MAX_SWEEP_NS = 10_000_000_000
 
 
@@ -149,8 +149,8 @@ def ouster_log(path: Path, metadata: Path, others: Mapping[str, Unconverted] | N
     A sweep has the time of its first column. Its points are those of all returns in the sensor frame (x
     forward, z up), in the order of their times; intensities are signal photons, or reflectivities times 257.
     A sensor whose clock counts from its start gets a constant offset, so that its fastest packet arrived
-    without a delay. The IMU's axes are those of the sensor frame. ``others`` are files next to the capture that
-    are not converted.
+    without a delay. The IMU's axes are those of the sensor frame. ``others`` are files next to the capture
+    that are not converted.
 
     Raises
     ------
