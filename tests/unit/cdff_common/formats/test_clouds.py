@@ -62,9 +62,9 @@ def test_the_properties_of_a_ply_file_may_have_any_order_and_capitals(names: tup
     [
         (
             ["property float16 x"],
-            "byte 38: header line 'property float16 x', expected property TYPE NAME .*float",
+            "byte 38: header line 'property float16 x', expected property TYPE NAME, .*float",
         ),
-        (["property float"], "byte 38: header line 'property float', expected property TYPE NAME"),
+        (["property float"], "byte 38: header line 'property float', expected property TYPE NAME,"),
         (["propertyy float x"], "byte 38: header line 'propertyy float x', expected one of ply, format"),
         (
             ["property float a", "property float b"],
