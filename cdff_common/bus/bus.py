@@ -59,6 +59,7 @@ class Bus:
         self._latched: dict[str, Mapping[str, Any]] = {}
         self._clock: MissionClock | None = None
         self._verb_tables: dict[str, VerbTable] = {}
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._announced = False
 
     @classmethod
@@ -69,17 +70,19 @@ class Bus:
         name: str,
         wait_s: float | None = 5.0,
         stop: threading.Event | None = None,
+        identity: Identity | None = None,
     ) -> Self:
         """Connect to the router (argument, ``CDFF_CONNECT`` or the default), trying for ``wait_s`` seconds.
 
-        ``wait_s=None`` tries until the router answers or ``stop`` is set.
+        ``wait_s=None`` tries until the router answers or ``stop`` is set. The default ``identity`` is that of
+        ``CDFF_IDENTITY``.
 
         Raises
         ------
         UnavailableError
             If no router answers in time, or ``stop`` was set before.
         """
-        return cls(open_client(connect, wait_s, stop), name)
+        return cls(open_client(connect, wait_s, stop, identity), name)
 
     @classmethod
     def open_router(cls, listen: str, *, uplink: str | None = None, name: str = "router") -> Self:
@@ -236,12 +239,26 @@ class Bus:
 
     def declare_alive(self, scope: str, service: str) -> None:
         """Announce a service by its liveliness token; call it last, when the service can answer."""
-        self.declare_token(keys.alive(scope, service))
+        if not self.has_token(keys.alive(scope, service)):
+            self.declare_token(keys.alive(scope, service))
         self._announced = True
 
     def declare_token(self, key: str) -> None:
-        """Declare a liveliness token on a key for the lifetime of this session."""
-        self._add_declaration(self._session.liveliness().declare_token(key))
+        """Declare a liveliness token on a key until ``withdraw_token`` or the end of this session."""
+        self._tokens[key] = self._add_declaration(self._session.liveliness().declare_token(key))
+
+    def has_token(self, key: str) -> bool:
+        """Return True if this session has declared a liveliness token on a key."""
+        return key in self._tokens
+
+    def withdraw_token(self, key: str) -> None:
+        """Undeclare the liveliness token on a key; without one nothing happens."""
+        with self._lock:
+            token = self._tokens.pop(key, None)
+            if token is None or token not in self._declarations:
+                return
+            self._declarations.remove(token)
+        token.undeclare()
 
     def alive(self, keyexpr: str, *, timeout_s: float = 2.0) -> set[str]:
         """Return the liveliness tokens that match now."""

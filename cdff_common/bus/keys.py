@@ -73,6 +73,11 @@ def icu_rpc(scope: str, verb: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/icu/@rpc/{_chunk('verb', verb)}"
 
 
+def supervisor_rpc(scope: str, verb: str) -> str:
+    """Return the call key of the supervisor of a machine: ``profile``."""
+    return f"{PREFIX}/{_chunk('scope', scope)}/supervisor/@rpc/{_chunk('verb', verb)}"
+
+
 def player_rpc(scope: str, verb: str) -> str:
     """Return the call key of a player of a log: ``status pause resume step speed seek loop stop``."""
     return f"{PREFIX}/{_chunk('scope', scope)}/player/@rpc/{_chunk('verb', verb)}"

@@ -66,7 +66,10 @@ def check_endpoint(address: str, *, is_secure: bool) -> None:
 
 
 def open_client(
-    connect: str | None, wait_s: float | None, stop: threading.Event | None = None
+    connect: str | None,
+    wait_s: float | None,
+    stop: threading.Event | None = None,
+    identity: Identity | None = None,
 ) -> zenoh.Session:
     """Open a client session, trying until the router answers.
 
@@ -78,15 +81,17 @@ def open_client(
         Timeout, seconds; None for no limit.
     stop : threading.Event, optional
         Event that ends the waiting.
+    identity : Identity, optional
+        Default: that of ``CDFF_IDENTITY``.
 
     Raises
     ------
     ConfigurationError
-        If the endpoint and the identity of ``CDFF_IDENTITY`` do not fit.
+        If the endpoint and the identity do not fit.
     UnavailableError
         If no router answers in time.
     """
-    address, identity = endpoint(connect), Identity.of_environment()
+    address, identity = endpoint(connect), identity or Identity.of_environment()
     check_endpoint(address, is_secure=identity is not None)
     config = _config(
         "client",

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -187,21 +187,26 @@ def world_of(
     optimistic: bool = False,
     priority: int = -1,
     measured: Mapping[ProviderId, ResourceUsage] | None = None,
+    absent: Container[ProviderId] = frozenset(),
 ) -> World:
     """Return the current world for a request of a priority.
 
     ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
-    With ``optimistic``, every DFPC of the profile counts as available, also without a running process. A
-    request may take sensors from requests of lower ``priority``, by default from none.
+    With ``optimistic``, every DFPC of the profile counts as available, also without a running process, except
+    ``absent`` ones, whose robot has left or no longer has them. A request may take sensors from requests of
+    lower ``priority``, by default from none.
     """
     providers = {}
     rates_hz = _rates_hz(profile, observed)
     for provider_id, description in descriptions.items():
         history = observed.failures.get(provider_id)
         reason = history.reason if history is not None and history.reason else "its process is not running"
+        is_absent = provider_id in absent
+        if is_absent:
+            reason = f"it has left with robot {provider_id.robot}"
         providers[provider_id] = provider_of(
             description,
-            alive=optimistic or provider_id in observed.alive,
+            alive=not is_absent and (optimistic or provider_id in observed.alive),
             active=provider_id in observed.active,
             unavailable_reason=reason,
             measured=(measured or {}).get(provider_id),

@@ -123,6 +123,15 @@ class Leases:
             self._chosen_sources.pop(provider, None)
         return expired
 
+    def remove_robot(self, robot: str) -> None:
+        """Remove all leases of the DFPCs and sensors of a robot, also those with a holder."""
+        for by_provider in (self._provider_leases, self._mode_of, self._chosen_sources):
+            for provider in [p for p in by_provider if p.robot == robot]:
+                del by_provider[provider]
+        for by_sensor in (self._demands, self._mode, self._avoided_modes):
+            for sensor in [s for s in by_sensor if s.robot == robot]:
+                del by_sensor[sensor]
+
     def without(self, holder: str) -> Leases:
         """Return the leases of all other holders, in which the providers of ``holder`` do not linger."""
         others = replace(

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Sequence
 
 from cdff_common.bus import Bus, keys
-from cdff_common.errors import StorageError
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import Profile, load_profile
 from cdff_common.mission_clock import MissionClock
@@ -18,16 +17,16 @@ from cdff_common.process import run_service
 from dpm_store import Store, open_store
 from dpm_store.engine.disk_space import RESERVE_BYTES
 from services.alarm_reporter import AlarmReporter
-from services.alarms import Severity
+from services.dpm.bus.joined_robots import JoinedRobots, enter_profile
 from services.dpm.bus.recorder import Recorder, rules_of_history
 from services.dpm.bus.retention import rules_of
 from services.dpm.bus.service import serve
 from services.dpm.bus.service_monitor import ServiceMonitor
 from services.dpm.operations.condition_monitor import ConditionMonitor
 from services.dpm.operations.dpm import Dpm
-from services.dpm.operations.profile_entry import enter
 from services.dpm.settings import Settings, parse_settings
 from services.memory_budget import memory_budget_mb, memory_check
+from services.robot_roster import RobotRoster
 
 logger = logging.getLogger(__name__)
 
@@ -62,13 +61,21 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
         dpm.reports.add("overview", watch.overview)
         with HttpServer(Context(dpm, settings, bus, watch, profile)) as http:
             dpm.loops.add_check(http.problem)
-            serve(bus, dpm, served_robots(profile, store), rules_of(profile) + rules_of_history(profile))
-            recorder = None if profile is None else Recorder(bus, dpm, profile)
+            rules = rules_of(profile) + rules_of_history(profile)
+            serve_scope = serve(bus, dpm, served_robots(profile, store), rules)
+            recorder = roster = None
+            if profile is not None:
+                recorder = Recorder(bus, dpm, profile)
+                joined = JoinedRobots(bus, dpm, profile, watch, recorder, serve_scope)
+                roster = RobotRoster(bus, profile, joined, dpm.loops, joined.refuse)
+                roster.start()
             logger.info("serving", extra=_addresses(settings, store))
             warming = threading.Thread(target=_warm, name="warm", daemon=True)
             warming.start()
             conditions = ConditionMonitor(dpm, () if recorder is None else (recorder.store_waiting,))
             stop.wait()
+            if roster is not None:
+                roster.close()
             conditions.close()
         reporter.close()
         bus.close()
@@ -84,19 +91,6 @@ def served_robots(profile: Profile | None, store: Store) -> tuple[str, ...]:
     if profile is not None:
         return profile.robot_ids
     return tuple(sorted({robot for robot, _ in store.statistics().products} - {"ground"}))
-
-
-def enter_profile(dpm: Dpm, profile: Profile) -> None:
-    """Add a profile as ``enter`` does, with an alarm for each frame that differs; on a full disk the store is
-    served as it is.
-    """
-    try:
-        for difference in enter(dpm.store, profile):
-            dpm.alarms.set(
-                "frame_differs", difference.frame, Severity.WARNING, difference.text, difference.remedy
-            )
-    except StorageError as error:
-        logger.error("the profile is not entered in the store: %s", error)
 
 
 def _warm() -> None:

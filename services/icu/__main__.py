@@ -19,9 +19,11 @@ from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.contract.queries import FaultParameters, ModeParameters, RobotParameters
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.process import run_service
 from cdff_core.orchestration.request import parse_robot
 from services.icu.unit import Faults, SimulatedIcu
+from services.robot_roster import RobotRoster
 
 logger = logging.getLogger(__name__)
 
@@ -47,23 +49,58 @@ def main(argv: list[str] | None = None) -> int:
         with Bus.open(args.connect, name="icu", wait_s=None, stop=stop) as bus:
             faults = Faults.of_text(args.faults)
             unit = SimulatedIcu(profile, lambda robot, event: _publish(bus, robot, event), faults)
+            service = _Service(bus, unit)
             scopes = (*profile.robot_ids, keys.GROUND)
             for scope in scopes:
-                for verb, handler, workers in (
-                    ("modes", _modes, 4),
-                    ("set_mode", _set_mode, 8),
-                    ("fault", _fault, 4),
-                ):
-                    answer = partial(handler, unit)
-                    bus.serve(keys.icu_rpc(scope, verb), answer, workers=workers, busy_limit_s=_BUSY_LIMIT_S)
+                service.serve(scope)
             add_check(bus.loops.problem)
             for scope in scopes:
                 bus.declare_alive(scope, "icu")
             logger.info("simulated instrument control unit of %s, %s", ", ".join(unit.robots), faults)
+            roster = RobotRoster(bus, profile, service, bus.loops)
+            roster.start()
             stop.wait()
+            roster.close()
             unit.close()
 
     return run_service("icu", body)
+
+
+class _Service:
+    """Calls of the unit under each scope; robots may join and leave."""
+
+    def __init__(self, bus: Bus, unit: SimulatedIcu) -> None:
+        self._bus, self._unit = bus, unit
+        self._scopes: set[str] = set()
+
+    def serve(self, scope: str) -> None:
+        """Answer the calls under a scope."""
+        self._scopes.add(scope)
+        for verb, handler, workers in (
+            ("modes", _modes, 4),
+            ("set_mode", _set_mode, 8),
+            ("fault", _fault, 4),
+        ):
+            answer = partial(handler, self._unit)
+            key = keys.icu_rpc(scope, verb)
+            self._bus.serve(key, answer, workers=workers, busy_limit_s=_BUSY_LIMIT_S)
+
+    def set_robot(self, joined: RobotProfile) -> None:
+        """Simulate the sensors of a robot that has joined or changed, unless it has a unit of its own."""
+        robot = joined.robot.id
+        token = keys.alive(robot, "icu")
+        if not self._bus.has_token(token) and token in self._bus.alive(token):
+            logger.info("robot %s has an instrument control unit of its own", robot)
+            return
+        self._unit.set_robot(joined.robot)
+        if robot not in self._scopes:
+            self.serve(robot)
+        self._bus.declare_alive(robot, "icu")
+
+    def remove_robot(self, robot: str) -> None:
+        """Remove the sensors of a robot that has left."""
+        self._unit.remove_robot(robot)
+        self._bus.withdraw_token(keys.alive(robot, "icu"))
 
 
 def _publish(bus: Bus, robot: str, event: Mapping[str, object]) -> None:

@@ -19,7 +19,7 @@ from cdff_common.cli import key_values
 from cdff_common.clock import monotonic_s
 from cdff_common.contract.parameters import Number, Parameters, Whole
 from cdff_common.errors import ConflictError, DeniedError, ProductNotFoundError, UnavailableError
-from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile import Profile, Robot
 from cdff_core.orchestration.modes import ModeMachine
 
 #: Called with robot and event body when a mode is confirmed, or a sensor is lost or recovered.
@@ -70,18 +70,38 @@ class SimulatedIcu:
         faults: Faults | None = None,
         clock: Callable[[], float] = monotonic_s,
     ) -> None:
-        self._machines = {
-            (robot.id, name): ModeMachine(name, sensor)
-            for robot in profile.robots
-            for name, sensor in robot.sensors.items()
-        }
         self.faults = faults or Faults()
-        self._random = {key: random.Random(f"{self.faults.seed}/{key[0]}/{key[1]}") for key in self._machines}
+        self._machines: dict[tuple[str, str], ModeMachine] = {}
+        self._random: dict[tuple[str, str], random.Random] = {}
         self._will_refuse: set[tuple[str, str]] = set()
         self._on_mode = on_mode
         self._now_s = clock
         self._changed = threading.Condition()
         self._closed = False
+        for robot in profile.robots:
+            self.set_robot(robot)
+
+    def set_robot(self, robot: Robot) -> None:
+        """Add the sensors of a robot, or replace them; unchanged sensors keep their mode."""
+        with self._changed:
+            machines = {}
+            for name, sensor in robot.sensors.items():
+                key = (robot.id, name)
+                machine = self._machines.get(key)
+                is_same = machine is not None and machine.sensor == sensor
+                machines[key] = machine if machine is not None and is_same else ModeMachine(name, sensor)
+                self._random.setdefault(key, random.Random(f"{self.faults.seed}/{robot.id}/{name}"))
+            # A new table: others iterate over the present one.
+            others = {key: m for key, m in self._machines.items() if key[0] != robot.id}
+            self._machines = {**others, **machines}
+            self._changed.notify_all()
+
+    def remove_robot(self, robot: str) -> None:
+        """Remove the sensors of a robot."""
+        with self._changed:
+            self._machines = {key: m for key, m in self._machines.items() if key[0] != robot}
+            self._random = {key: r for key, r in self._random.items() if key[0] != robot}
+            self._changed.notify_all()
 
     def modes(self, robot: str) -> dict[str, Any]:
         """Return the sensors of a robot with their state and modes."""

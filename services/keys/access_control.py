@@ -30,6 +30,7 @@ _READING_CALLS = (
     *(f"*/orchestrator/@rpc/{verb}" for verb in ("jobs", "catalogue", "stat")),
     "*/icu/@rpc/modes",
     *(f"*/dfpc/*/@rpc/{verb}" for verb in ("status", "describe")),
+    "*/supervisor/@rpc/profile",
 )
 _REQUESTS = tuple(f"orchestrator/@rpc/{verb}" for verb in ("request", "cancel", "renew"))
 #: Shared services answer under every scope.
@@ -38,6 +39,7 @@ _GROUND_OFFERS = (
     "*/dpm/**",
     *(f"*/{service}/@rpc/**" for service in ("dpm", "orchestrator", "icu")),
     *(f"*/@alive/{service}" for service in ("dpm", "orchestrator", "icu")),
+    f"{GROUND}/supervisor/@rpc/**",
     f"{GROUND}/@alive/*",
     f"{GROUND}/alarms/*",
     "*/@lead/*",

@@ -40,6 +40,7 @@ def register(nouns: Any) -> None:
         issue.add_argument("--days", type=int, default=365, help="validity (default 365)")
         if kind == "robot":
             _add_host_option(issue)
+            add_profile_option(issue)
         if kind == "operator":
             roles = ("reader", "operator", "admin")
             issue.add_argument("--role", choices=roles, default="operator", help="default operator")
@@ -91,7 +92,13 @@ def _issue(args: argparse.Namespace) -> int:
 
     if args.days < 1:
         raise InputError(f"--days {args.days}: expected at least 1")
-    issued = MissionKeys.read(args.folder).issue(
+    keys = MissionKeys.read(args.folder)
+    if getattr(args, "profile", None):
+        from cdff_common.interfaces.profile import load_profile
+        from cdff_common.resources import resolve
+
+        keys.add_robots(load_profile(resolve("profiles", args.profile)))
+    issued = keys.issue(
         args.name,
         Kind(args.kind),
         role=getattr(args, "role", ""),

@@ -110,6 +110,11 @@ class MissionKeys:
                 f"{path}: {error}; expected the register of `cdff keys init`, or --folder with its folder"
             ) from error
 
+    def add_robots(self, profile: Profile) -> None:
+        """Adopt the robots of a further profile, which join the mission."""
+        self.robots = tuple(dict.fromkeys((*self.robots, *profile.robot_ids)))
+        self.write()
+
     def issue(
         self,
         name: str,
@@ -230,7 +235,8 @@ class MissionKeys:
         if (kind is Kind.ROBOT) != (name in self.robots) or (kind is Kind.GROUND) != (name == GROUND):
             raise InputError(
                 f"{name} cannot be a {kind}: the profile {self.profile} has the robots "
-                f"{', '.join(self.robots)}, and {GROUND} is the ground; `cdff keys init` adopts a new profile"
+                f"{', '.join(self.robots)}, and {GROUND} is the ground; `cdff keys robot ID --profile FILE` "
+                "adds a robot of another profile, and `cdff keys init` adopts a new one"
             )
         for other in self.certificates:
             if other.name == name and other.kind is not kind and other.state == "valid":

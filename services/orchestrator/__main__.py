@@ -20,6 +20,7 @@ from services.alarm_reporter import AlarmReporter
 from services.memory_budget import memory_budget_mb, memory_check
 from services.orchestrator.leader import ProcessIdentity, claim
 from services.orchestrator.service import Orchestrator
+from services.robot_roster import RobotRoster
 from services.warming import load_formats
 
 
@@ -57,10 +58,13 @@ def main(argv: list[str] | None = None) -> int:
                 orchestrator.mode_alarms.update,
             )
             reporter = AlarmReporter(bus, keys.GROUND, "orchestrator", alarms, loop, checks)
+            roster = RobotRoster(bus, profile, orchestrator, orchestrator.loops)
             try:
                 orchestrator.start()
+                roster.start()
                 stop.wait()
             finally:
+                roster.close()
                 reporter.close()
                 orchestrator.close()
 

@@ -70,3 +70,10 @@ def claim(bus: Bus, robots: tuple[str, ...]) -> ProcessIdentity:
                 who = f": {min(others)}" if others else ""
                 raise UnavailableError(f"another orchestrator leads {scope}{who}; stop it first")
     return own
+
+
+def claim_robot(bus: Bus, robot: str) -> None:
+    """Claim the lead of a robot that joins; raises UnavailableError if another orchestrator serves it."""
+    key = keys.alive(robot, "orchestrator")
+    if key in bus.alive(key) and not bus.has_token(key):
+        raise UnavailableError(f"another orchestrator leads {robot}; stop it first")

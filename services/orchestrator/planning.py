@@ -48,7 +48,7 @@ class RequestPlanner:
 
     def robots(self, request: ProductRequest) -> tuple[str, ...]:
         """Return the robots that may serve a request."""
-        return self.state.profile.robot_ids if request.robot == "any" else (request.robot,)
+        return self.state.robot_ids if request.robot == "any" else (request.robot,)
 
     def check_frames(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> None:
         """Raise FrameNotFoundError for a frame in neither the profile nor the frame tree of the DPM.

@@ -79,7 +79,7 @@ class ProductFinder:
 
     dpm: DpmClient
     clock: Clock
-    profile: Profile
+    profile: Callable[[], Profile]
 
     def find(
         self, request: ProductRequest, robots: Sequence[str], until_s: float
@@ -151,7 +151,7 @@ class ProductFinder:
             held_cells = cells.containing(observed_points(match.value))
         reach: dict[str, int] = {}
         for robot in robots:
-            radius_m = reach_m(self.profile.robot(robot), horizon_s)
+            radius_m = reach_m(self.profile().robot(robot), horizon_s)
             if radius_m is None:
                 continue
             try:

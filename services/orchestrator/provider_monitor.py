@@ -75,6 +75,10 @@ class ProviderMonitor:
         self._usage_at_s: dict[ProviderId, float] = {}
         self.usage: dict[ProviderId, ResourceUsage] = {}
 
+    def set_profile(self, profile: Profile) -> None:
+        """Replace the profile, after robots have joined or changed."""
+        self._profile = profile
+
     def set_alive(self, provider: ProviderId, alive: bool, now_s: float) -> None:
         """Record that the process of a provider appeared or disappeared."""
         if alive:

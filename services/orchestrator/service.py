@@ -20,6 +20,7 @@ from cdff_common.contract.queries import (
 )
 from cdff_common.errors import CdffError, ProductNotFoundError
 from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import parse_request, parse_robot, requested_type
@@ -28,6 +29,7 @@ from services.orchestrator.dpm import DpmClient
 from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
+from services.orchestrator.leader import claim_robot
 from services.orchestrator.metrics import Metrics
 from services.orchestrator.mode_alarms import ModeAlarms
 from services.orchestrator.planning import RequestPlanner
@@ -54,6 +56,8 @@ _COMPACTION_BYTES = 16 << 20
 class Orchestrator:
     """Service ``request jobs cancel renew catalogue stat`` for every robot of a profile and for ``ground``.
 
+    Further robots may join and leave; it is a ``RosterListener``.
+
     Parameters
     ----------
     bus : Bus
@@ -74,7 +78,8 @@ class Orchestrator:
         self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = 64, timing: Timing = REAL
     ) -> None:
         self._bus = bus
-        self._profile = profile
+        self._ground_robots = profile.robot_ids
+        self._scopes: set[str] = set()
         self._capacity = capacity
         self._metrics = Metrics()
         self.loops = Loops(timing.now_s)
@@ -86,7 +91,7 @@ class Orchestrator:
         self._jobs = JobRegistry(self._journal, capacity, wake=self._state.notify, timing=timing)
         self._recover()
         clock, dpm = bus.mission_clock, DpmClient(bus, timing)
-        finder = ProductFinder(dpm, clock, profile)
+        finder = ProductFinder(dpm, clock, lambda: self._state.profile)
         self._planning = RequestPlanner(self._state, finder, clock, timing)
         reply_builder = ReplyBuilder(dpm, clock)
         self._flow = RequestFlow(
@@ -100,29 +105,58 @@ class Orchestrator:
 
     def start(self) -> None:
         """Start all parts; the liveliness tokens come last, when the service is ready."""
-        scopes = (*self._profile.robot_ids, keys.GROUND)
+        scopes = (*self._ground_robots, keys.GROUND)
         self._monitor.start()
         self._reconciler.start()
         self._history.start()
         for scope in scopes:
-            # No backlog: without a free thread the reply is OVERLOADED at once, not after the deadline.
-            self._bus.serve(
-                keys.orchestrator_rpc(scope, "request"),
-                self._on_request,
-                workers=self._capacity + _EXTRA_WORKERS,
-                backlog=0,
-            )
-            for verb, handler in {
-                "jobs": self._on_jobs,
-                "cancel": self._on_cancel,
-                "renew": self._on_renew,
-                "catalogue": self._on_catalogue,
-                "stat": self._on_stat,
-            }.items():
-                self._bus.serve(keys.orchestrator_rpc(scope, verb), handler)
+            self._serve(scope)
         for scope in scopes:
             self._bus.declare_alive(scope, "orchestrator")
-        logger.info("orchestrating %s", ", ".join(self._profile.robot_ids))
+        logger.info("orchestrating %s", ", ".join(self._ground_robots))
+
+    def _serve(self, scope: str) -> None:
+        self._scopes.add(scope)
+        # No backlog: without a free thread the reply is OVERLOADED at once, not after the deadline.
+        self._bus.serve(
+            keys.orchestrator_rpc(scope, "request"),
+            self._on_request,
+            workers=self._capacity + _EXTRA_WORKERS,
+            backlog=0,
+        )
+        for verb, handler in {
+            "jobs": self._on_jobs,
+            "cancel": self._on_cancel,
+            "renew": self._on_renew,
+            "catalogue": self._on_catalogue,
+            "stat": self._on_stat,
+        }.items():
+            self._bus.serve(keys.orchestrator_rpc(scope, verb), handler)
+
+    def set_robot(self, joined: RobotProfile) -> None:
+        """Orchestrate a robot that has joined, or another revision of its profile.
+
+        Raises
+        ------
+        ConfigurationError
+            If the robot has a DFPC that is not installed here.
+        UnavailableError
+            If another orchestrator leads the robot.
+        """
+        robot = joined.robot.id
+        if robot not in self._ground_robots:
+            claim_robot(self._bus, robot)
+        self._state.set_robot(joined)
+        if robot not in self._scopes:
+            self._serve(robot)
+        self._monitor.follow(robot)
+        if robot not in self._ground_robots:
+            self._bus.declare_alive(robot, "orchestrator")
+
+    def remove_robot(self, robot: str) -> None:
+        """Stop planning with a robot that has left; its scope answers, and its stored products are served."""
+        self._state.remove_robot(robot)
+        self._bus.withdraw_token(keys.alive(robot, "orchestrator"))
 
     def close(self) -> None:
         """End the open requests as retriable and stop; active DFPCs stay active, and the next orchestrator
@@ -154,7 +188,7 @@ class Orchestrator:
         description: Mapping[str, Any] = {**call.parameters, "request": request_id}
         try:
             request = parse_request({**call.parameters, "request": request_id}, call.scope)
-            if request.robot not in (*self._profile.robot_ids, "any"):
+            if request.robot not in (*self._state.profile.robot_ids, "any"):
                 raise self._unknown_robot(request.robot)
             description = request.describe()
             return self._planning.explain(request) if request.explain else self._flow.run(request)
@@ -194,12 +228,12 @@ class Orchestrator:
     def _robots(self, call: Request) -> set[str]:
         """Return the robots of a listing: all under ``ground`` unless the call states one."""
         if call.scope == keys.GROUND and call.parameters.get("robot", "any") == "any":
-            return set(self._profile.robot_ids)
+            return set(self._state.robot_ids)
         robot = parse_robot(call.parameters.get("robot"), call.scope)
-        if robot not in self._profile.robot_ids:
+        if robot not in self._state.profile.robot_ids:
             raise self._unknown_robot(robot)
         return {robot}
 
     def _unknown_robot(self, robot: str) -> ProductNotFoundError:
-        robots = ", ".join(self._profile.robot_ids)
+        robots = ", ".join(self._state.robot_ids)
         return ProductNotFoundError(f"no robot {robot!r}: expected any or one of {robots}")

@@ -7,13 +7,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cdff_common.contract.products import requestable_products
 from cdff_common.contract.wiring import mode_names
-from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.registry import Registry
+from cdff_common.interfaces.robot_profile import RobotProfile, with_robot
 from cdff_core.orchestration.catalogue import (
     description_of,
     sensors_used,
@@ -80,33 +81,90 @@ class SystemState:
     """
 
     def __init__(self, profile: Profile, timing: Timing = REAL) -> None:
-        registry = Registry.default()
-        entries = [
-            (ProviderId(robot.id, entry.name), robot, entry)
-            for robot in profile.robots
-            for entry in robot.dfpcs
-        ]
         self.profile = profile
         self.version = 0
         self._timing = timing
         self._changed = timing.condition()
-        self._descriptions: dict[ProviderId, Mapping[str, Any]] = {
-            provider: description_of(robot, entry, registry.dfpc(entry.name))
-            for provider, robot, entry in entries
-        }
+        self._descriptions: dict[ProviderId, Mapping[str, Any]] = {}
         self._observed = ObservedState()
         self._monitor = ProviderMonitor(profile, self._observed, self._descriptions)
         self._state_changes: dict[ProviderId, int] = {}
-        self._warm_up_s = {provider: entry.warm_up_s for provider, _, entry in entries}
+        self._warm_up_s: dict[ProviderId, float] = {}
         self._refused_modes: dict[tuple[SensorId, str], tuple[float, str]] = {}  # until when, and why
         self._changed_modes: set[SensorId] = set()
         self._insertions: Counter[str] = Counter()
-        self._leases = Leases({provider: entry.linger_s for provider, _, entry in entries})
-        for provider, robot, entry in entries:
+        self._linger_s: dict[ProviderId, float] = {}
+        self._leases = Leases(self._linger_s)
+        self._left: set[str] = set()
+        self._absent: set[ProviderId] = set()
+        for robot in profile.robots:
+            self._add_dfpcs(robot)
+
+    def _add_dfpcs(self, robot: Robot) -> None:
+        """Add the DFPCs of a robot, and leases of those that are always active."""
+        registry = Registry.default()
+        for entry in robot.dfpcs:
+            provider = ProviderId(robot.id, entry.name)
+            self._descriptions[provider] = description_of(robot, entry, registry.dfpc(entry.name))
+            self._warm_up_s[provider], self._linger_s[provider] = entry.warm_up_s, entry.linger_s
             if entry.activation == "always":
                 accepts = {SensorId(robot.id, s): mode_names(m) for s, m in robot.modes_of(entry).items()}
                 modes = {s: names[0] for s, names in accepts.items()}
                 self._leases.acquire(ALWAYS, [provider], modes, priority=ALWAYS_PRIORITY, accepts=accepts)
+
+    # -- robots that join and leave
+
+    @property
+    def robot_ids(self) -> tuple[str, ...]:
+        """Ids of the robots of the profile and of those that have joined, without those that have left."""
+        with self._changed:
+            return tuple(r for r in self.profile.robot_ids if r not in self._left)
+
+    def has_left(self, robot: str) -> bool:
+        """Return True for a robot that had joined and has left."""
+        with self._changed:
+            return robot in self._left
+
+    def set_robot(self, joined: RobotProfile) -> None:
+        """Add a robot, or replace it by another revision of its profile; its DFPCs are then observed again.
+
+        Raises
+        ------
+        ConfigurationError
+            If the robot has a DFPC that is not installed here.
+        """
+        robot, registry = joined.robot, Registry.default()
+        for entry in robot.dfpcs:
+            registry.dfpc(entry.name)
+        with self._change():
+            self._clear_robot(robot.id)
+            self.profile = with_robot(self.profile, joined)
+            self._monitor.set_profile(self.profile)
+            self._left.discard(robot.id)
+            self._absent -= {ProviderId(robot.id, entry.name) for entry in robot.dfpcs}
+            self._add_dfpcs(robot)
+
+    def remove_robot(self, robot: str) -> None:
+        """Take the DFPCs of a robot that has left out of planning and catalogue; its products stay stored."""
+        with self._change():
+            self._clear_robot(robot)
+            self._left.add(robot)
+
+    def _clear_robot(self, robot: str) -> None:
+        """Clear leases and observations of a robot, and mark its DFPCs as absent."""
+        providers = [p for p in self._descriptions if p.robot == robot]
+        o = self._observed
+        for provider in providers:
+            self.set_alive(provider, alive=False)
+        for subject in [s for s in o.failures if s.robot == robot]:
+            o.clear_failures(subject)
+        for by_sensor in (o.modes, o.lost):
+            for sensor in [s for s in by_sensor if s.robot == robot]:
+                del by_sensor[sensor]
+        self._changed_modes = {s for s in self._changed_modes if s.robot != robot}
+        self._refused_modes = {k: v for k, v in self._refused_modes.items() if k[0].robot != robot}
+        self._leases.remove_robot(robot)
+        self._absent.update(providers)
 
     # -- change signal
 
@@ -131,8 +189,8 @@ class SystemState:
     # -- observations of DFPCs
 
     def has_provider(self, provider: ProviderId) -> bool:
-        """Return True if the profile has the DFPC."""
-        return provider in self._descriptions
+        """Return True if the profile has the DFPC, and its robot has not left."""
+        return provider in self._descriptions and provider not in self._absent
 
     def products_of(self, provider: ProviderId) -> frozenset[str]:
         """Return the products that can be requested from a DFPC."""
@@ -373,6 +431,7 @@ class SystemState:
                 optimistic=optimistic,
                 priority=priority,
                 measured=self._monitor.usage,
+                absent=self._absent,
             )
 
     def progress(self, plan: Plan) -> PlanProgress:
@@ -397,8 +456,11 @@ class SystemState:
             )
 
     def catalogue(self, robots: Iterable[str], product: str | None = None) -> dict[str, Any]:
-        """Return DFPCs, sensors, leases and product offers as plain data; only of ``product`` if it is given."""
-        robots = sorted(set(robots))
+        """Return DFPCs, sensors, leases and product offers as plain data; only of ``product`` if it is given.
+
+        ``robots`` that have left have none.
+        """
+        robots = sorted(set(robots).intersection(self.robot_ids))
         with self._changed:
             world, optimistic, o = self.world(), self.world(optimistic=True), self._observed
             descriptions = {
@@ -415,6 +477,9 @@ class SystemState:
                 }
                 for m, d in self._descriptions.items()
             }
+            world = replace(
+                world, providers={m: p for m, p in world.providers.items() if m not in self._absent}
+            )
             leases = [x for x in self._leases.describe() if str(x["dfpc"]).partition("/")[0] in robots]
         body = describe_world(world, self.profile, descriptions, robots)
         products = requestable_products() if product is None else [product]

@@ -48,6 +48,17 @@ class SystemMonitor:
         self._bus.subscribe(keys.event("*", "inserted"), on_map(self._on_inserted), depth=256)
         self._bus.subscribe(keys.event("*", "alarm"), on_map(self._on_alarm), depth=64)
 
+    def follow(self, robot: str) -> None:
+        """Query the processes of a robot that has joined or changed: their tokens may have come before."""
+        self._work.put(lambda: self._find_processes(robot))
+
+    def _find_processes(self, robot: str) -> None:
+        for provider in [p for p in (*self._tokens, *self._described) if p.robot == robot]:
+            self._tokens.discard(provider)
+            self._described.discard(provider)
+        for token in self._bus.alive(keys.alive(robot, "*")):
+            self._on_alive(token, True)
+
     def close(self) -> None:
         """Stop the thread."""
         self._work.put(None)

@@ -59,9 +59,10 @@ def run_up(args: argparse.Namespace) -> int:
     from cdff_common.resources import resolve
     from cdff_common.terminal import styled
     from services.supervisor.plan import first_scope, plan
+    from services.supervisor.profile_link import SupervisorLink, served_profiles
     from services.supervisor.readiness import expected_tokens, ready_line
     from services.supervisor.supervisor import Supervisor
-    from services.supervisor.vacancy import check_unclaimed, check_vacant
+    from services.supervisor.vacancy import check_joins, check_vacant
 
     if not args.profile:
         raise ConfigurationError(
@@ -88,10 +89,16 @@ def run_up(args: argparse.Namespace) -> int:
     has_dpm = any(spec.name == "dpm" for spec in specs)
     check_vacant(connect, args.http if has_dpm else None, data_dir)
     os.environ.update(specs[0].environment)  # this process connects to the bus as the router's scope
+    scopes = args.scopes or ()
+    link = SupervisorLink(
+        specs[0].environment["CDFF_CONNECT"],
+        first_scope(profile, scopes),
+        served_profiles(profile, scopes),
+        None if args.secure is None else Path(args.secure),
+    )
     if args.uplink:
-        check_unclaimed(args.uplink, expected_tokens(specs))
-    link = (specs[0].environment["CDFF_CONNECT"], first_scope(profile, args.scopes or ()))
-    line = ready_line(specs, link[0], args.http, is_secure=args.secure is not None)
+        check_joins(args.uplink, expected_tokens(specs), link.profiles)
+    line = ready_line(specs, link.connect, args.http, is_secure=args.secure is not None)
 
     def announce() -> None:
         print(styled(line, "green", sys.stdout), flush=True)

@@ -17,6 +17,7 @@ from services.alarms import Alarms, Severity
 from services.supervisor.alarm_link import start_alarm_link
 from services.supervisor.child import Child, Limits
 from services.supervisor.plan import ProcessSpec
+from services.supervisor.profile_link import SupervisorLink
 from services.supervisor.readiness import Readiness, expected_tokens
 
 logger = logging.getLogger(__name__)
@@ -45,8 +46,8 @@ class Supervisor:
     log_dir : Path or None
         Folder of a log file per process; None: standard error of this process.
     limits : Limits, optional
-    link : (str, str), optional
-        Endpoint of the router, and scope of this supervisor: it publishes its alarms there.
+    link : SupervisorLink, optional
+        Router on which it publishes its alarms and profiles.
     on_ready : callable, optional
         Called once when all services are alive; it needs the link.
     """
@@ -54,7 +55,7 @@ class Supervisor:
     specs: Sequence[ProcessSpec]
     log_dir: Path | None = None
     limits: Limits = field(default_factory=Limits)
-    link: tuple[str, str] | None = None
+    link: SupervisorLink | None = None
     on_ready: Callable[[], None] | None = None
     children: dict[str, Child] = field(default_factory=dict)
     alarms: Alarms = field(default_factory=Alarms)
@@ -67,7 +68,7 @@ class Supervisor:
         """
         if self.link is not None:
             readiness = self.on_ready and Readiness(expected_tokens(self.specs), self.on_ready)
-            start_alarm_link(self.alarms, *self.link, stop, readiness)
+            start_alarm_link(self.alarms, self.link, stop, readiness)
         polled_s = rotated_s = monotonic_s()
         for i, spec in enumerate(self.specs):
             log = None if self.log_dir is None else self.log_dir / f"{spec.name}.log"

@@ -7,13 +7,17 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from cdff_common.bus.keys import GROUND
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import ConflictError, UnavailableError
 from cdff_common.process import lock_file
+
+if TYPE_CHECKING:
+    from cdff_common.bus import Bus
 
 _TIMEOUT_S = 1.0
 #: Time in which the tokens of an ended system disappear, seconds.
@@ -49,8 +53,8 @@ def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
         )
 
 
-def check_unclaimed(uplink: str, tokens: Collection[str]) -> None:
-    """Raise ConflictError if services of the same scopes run already at the router of an uplink.
+def check_joins(uplink: str, tokens: Collection[str], profiles: Mapping[str, Mapping[str, Any]]) -> None:
+    """Check that the scopes do not run at the router of an uplink, and that the robots can join its ground.
 
     A router that is not reachable is no error: the local one links to it when it is.
 
@@ -60,26 +64,61 @@ def check_unclaimed(uplink: str, tokens: Collection[str]) -> None:
         Endpoint of the remote router.
     tokens : collection of str
         Liveliness tokens of the services that are to be started.
+    profiles : mapping of str to mapping
+        Profiles that the supervisor will serve, by scope.
+
+    Raises
+    ------
+    ConflictError
+        If services of the same scopes run there already.
+    ConfigurationError
+        If a robot cannot join the mission of the ground.
     """
     from cdff_common.bus import Bus, keys
 
     if not _is_served(uplink.partition("/")[2]):
         return
+    own = {*tokens, *(keys.alive(scope, "supervisor") for scope in profiles)}
     with Bus.open(uplink, name="cdff up") as bus:
-        until_s = monotonic_s() + _ENDED_S
-        while claimed := sorted(set(tokens) & bus.alive(keys.alive("*", "*"))):
-            if monotonic_s() > until_s:
-                scope, service = claimed[0].split("/")[2], claimed[0].split("/")[-1]
-                if scope == GROUND:
-                    raise ConflictError(
-                        f"uplink {uplink}: a ground runs there already ({service}); start a robot only, with "
-                        "--scopes ROBOT, or end the other ground"
-                    )
+        _check_unclaimed(bus, uplink, own)
+        if GROUND not in profiles:
+            _check_mission(bus, profiles)
+
+
+def _check_unclaimed(bus: Bus, uplink: str, tokens: Collection[str]) -> None:
+    from cdff_common.bus import keys
+
+    until_s = monotonic_s() + _ENDED_S
+    while claimed := sorted(set(tokens) & bus.alive(keys.alive("*", "*"))):
+        if monotonic_s() > until_s:
+            scope, service = claimed[0].split("/")[2], claimed[0].split("/")[-1]
+            if scope == GROUND:
                 raise ConflictError(
-                    f"uplink {uplink}: robot {scope} runs there already ({service}); end it, or give this "
-                    "robot another id in its profile"
+                    f"uplink {uplink}: a ground runs there already ({service}); start a robot only, with "
+                    "--scopes ROBOT, or end the other ground"
                 )
-            time.sleep(0.2)
+            raise ConflictError(
+                f"uplink {uplink}: robot {scope} runs there already ({service}); end it, or give this "
+                "robot another id in its profile"
+            )
+        time.sleep(0.2)
+
+
+def _check_mission(bus: Bus, profiles: Mapping[str, Mapping[str, Any]]) -> None:
+    """Compare the profiles of robots with that of the ground, which repeats it when they join."""
+    from pydantic import ValidationError
+
+    from cdff_common.bus import keys
+    from cdff_common.interfaces.profile import Profile
+    from cdff_common.interfaces.robot_profile import RobotProfile
+
+    try:
+        answer = bus.call(keys.supervisor_rpc(GROUND, "profile"), timeout_s=_TIMEOUT_S)
+        ground = Profile.model_validate(answer.body())
+    except (UnavailableError, ValidationError):  # no ground yet, or one of another version
+        return
+    for robot, profile in profiles.items():
+        RobotProfile.from_dict(profile, robot).check_joins(ground)
 
 
 def _in_use(data_dir: Path, holder: str) -> str:

@@ -19,6 +19,7 @@ from cdff_common.errors import UnavailableError
 from cdff_dev.ports import free_port
 from services.supervisor.child import Limits
 from services.supervisor.plan import ProcessSpec
+from services.supervisor.profile_link import SupervisorLink
 from services.supervisor.supervisor import Supervisor
 from tests.integration.conftest import Eventually
 
@@ -56,7 +57,9 @@ class Mission:
             spec("failing", "-c", "raise SystemExit(3)"),
         ]
         limits = Limits(backoff_first_s=0.01, backoff_longest_s=0.05, silence_s=3.0)
-        self.supervisor = Supervisor(specs, folder, limits, link=(endpoint, "ground"))
+        self.supervisor = Supervisor(
+            specs, folder, limits, link=SupervisorLink(endpoint, "ground", {"ground": {}})
+        )
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.supervisor.run, args=(self.stop,))
         self.thread.start()

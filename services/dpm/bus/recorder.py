@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cdff_common.bus import Bus, Message, keys
+from cdff_common.bus import Bus, Message, Subscription, keys
 from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.codecs import decode, encode, encoding_string, parse_encoding
 from cdff_common.contract.products import product_of_sample
@@ -33,6 +33,10 @@ _PRODUCER = "dpm/history/1"
 _DEPTH = 512
 #: Mission seconds between two applications of the retention rules, and largest share of the time for them.
 _RETIRE_EVERY_S, _RETIRE_SHARE = 10.0, 0.05
+
+
+#: Robot, sensor and stream.
+_StreamKey = tuple[str, str, str]
 
 
 @dataclass(slots=True)
@@ -82,22 +86,46 @@ class Recorder:
         self._storing = threading.Lock()
         self._waiting = WaitingSamples(dpm.store.directory / FOLDER, dpm.store.disk_space, CAPACITY_BYTES)
         dpm.events.other_counters["history"] = lambda: self.counters
-        self._streams = {(s.robot, s.policy.sensor, s.policy.stream): s for s in streams_of(profile)}
-        self._subscriptions = [
-            bus.subscribe(keys.sensor(*names), self.record, depth=_DEPTH) for names in self._streams
-        ]
+        self._bus, self._dropped = bus, 0
+        self._streams: dict[_StreamKey, _Stream] = {}
+        self._subscriptions: dict[_StreamKey, Subscription] = {}
+        self._subscribe(streams_of(profile))
+
+    def _subscribe(self, streams: Iterable[_Stream]) -> None:
+        for stream in streams:
+            names = (stream.robot, stream.policy.sensor, stream.policy.stream)
+            self._streams[names] = stream
+            self._subscriptions[names] = self._bus.subscribe(keys.sensor(*names), self.record, depth=_DEPTH)
+
+    def set_robot(self, profile: Profile) -> None:
+        """Record the streams of the robot of a one-robot profile, in place of its earlier ones."""
+        self.remove_robot(profile.robots[0].id)
+        self._rules = tuple(dict.fromkeys((*self._rules, *rules_of_history(profile))))
+        self._subscribe(streams_of(profile))
+
+    def remove_robot(self, robot: str) -> None:
+        """Stop the recording of a robot, and store its open spans; its retention rules stay."""
+        for names in [n for n in self._streams if n[0] == robot]:
+            subscription = self._subscriptions.pop(names)
+            subscription.close()
+            self._dropped += subscription.dropped
+            stream = self._streams.pop(names)
+            if stream.span:
+                self._close_span(stream)
 
     @property
     def counters(self) -> dict[str, int]:
         """Counts since the start."""
         with self._lock:
-            dropped = sum(s.dropped for s in self._subscriptions)
+            dropped = self._dropped + sum(s.dropped for s in tuple(self._subscriptions.values()))
             return self._counters | {"dropped": dropped, "waiting": len(self._waiting)}
 
     def record(self, message: Message) -> None:
         """Record a sample if its policy selects it."""
         _, _, robot, _, sensor, stream_name = message.key.split("/")
-        stream = self._streams[(robot, sensor, stream_name)]
+        stream = self._streams.get((robot, sensor, stream_name))
+        if stream is None:  # its robot has just left
+            return
         try:
             header = Header.from_attachment(message.attachment)
             with self._lock:

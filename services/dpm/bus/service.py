@@ -58,8 +58,14 @@ _BUSY_LIMIT_S, _RETENTION_LIMIT_S = 900.0, 7200.0
 MAX_PART_BYTES = 16 << 20
 
 
-def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ()) -> None:
-    """Declare every key on the bus, the liveliness tokens last, and publish events from then on."""
+def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ()) -> Callable[[str], None]:
+    """Declare every key on the bus, the liveliness tokens last, and publish events from then on.
+
+    Returns
+    -------
+    callable
+        Declares the keys of one more scope and its liveliness token, as for a robot that joins.
+    """
     handlers: dict[str, Handler] = {
         "search": search,
         "get": get,
@@ -83,10 +89,9 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         "acknowledge": acknowledge,
         "retention": lambda dpm, request: retention(dpm, rules, request),
     }
-    scopes = [*robots, GROUND]
     refusals = RefusalLog(dpm)
-    dpm.events.listen(functools.partial(_publish, bus))
-    for scope in scopes:
+
+    def declare(scope: str) -> None:
         for verb, handler in handlers.items():
             answer = functools.partial(_answer_as_scope, dpm, refusals, verb, handler)
             limit_s = _RETENTION_LIMIT_S if verb == "retention" else _BUSY_LIMIT_S
@@ -94,8 +99,21 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
             bus.serve(keys.dpm_rpc(scope, verb), answer, workers=workers, busy_limit_s=limit_s)
         answer = functools.partial(_answer_as_scope, dpm, refusals, "payload", payload)
         bus.serve(keys.dpm_product(scope, "*"), answer, busy_limit_s=_BUSY_LIMIT_S)
-    for scope in scopes:
+
+    served = {*robots, GROUND}
+
+    def serve_scope(scope: str) -> None:
+        if scope not in served:
+            served.add(scope)
+            declare(scope)
         bus.declare_alive(scope, "dpm")
+
+    dpm.events.listen(functools.partial(_publish, bus))
+    for scope in (*robots, GROUND):
+        declare(scope)
+    for scope in (*robots, GROUND):
+        bus.declare_alive(scope, "dpm")
+    return serve_scope
 
 
 def _answer_as_scope(

@@ -26,7 +26,11 @@ class ServiceMonitor:
     """Follows status keys, liveliness tokens and events on the bus."""
 
     def __init__(self, bus: Bus, dpm: Dpm, robots: Sequence[Robot] = ()) -> None:
-        self._dpm, self._robots = dpm, tuple(robots)
+        self._dpm = dpm
+        self._robots = {robot.id: robot for robot in robots}
+        #: By robot that has joined: revision of its profile.
+        self._joined: dict[str, str] = {}
+        self._left: set[str] = set()
         self._lock = threading.Lock()
         self._dfpcs: dict[tuple[str, str], dict[str, Any]] = {}
         self._alive: set[tuple[str, str]] = set()
@@ -36,6 +40,32 @@ class ServiceMonitor:
         bus.subscribe(keys.alarms("*", "*"), on_map(self._on_alarms), depth=256)
         bus.subscribe(keys.event("*", "*"), self._on_event, depth=1024)
         bus.watch_alive(keys.alive("*", "*"), self._on_alive)
+
+    def set_robot(self, robot: Robot, revision: str) -> None:
+        """Follow a robot that has joined, or another revision of its profile."""
+        with self._lock:
+            self._robots = {**self._robots, robot.id: robot}
+            self._joined[robot.id] = revision
+            self._left.discard(robot.id)
+
+    def remove_robot(self, robot: str) -> None:
+        """Remove the streams and DFPCs of a robot that has left."""
+        with self._lock:
+            self._robots = {r: known for r, known in self._robots.items() if r != robot}
+            self._joined.pop(robot, None)
+            self._left.add(robot)
+            self._dfpcs = {k: v for k, v in self._dfpcs.items() if k[0] != robot}
+            self._modes = {k: v for k, v in self._modes.items() if k[0] != robot}
+
+    def revision(self, robot: str) -> str:
+        """Return the revision of the profile with which a robot has joined; empty for others."""
+        with self._lock:
+            return self._joined.get(robot, "")
+
+    def has_left(self, robot: str) -> bool:
+        """Return True for a robot that had joined and has left."""
+        with self._lock:
+            return robot in self._left
 
     def dfpcs(self, robot: str) -> list[dict[str, Any]]:
         """Return the newest status of each DFPC of a robot, with the liveliness of its process."""
@@ -56,7 +86,7 @@ class ServiceMonitor:
 
     def overview(self) -> dict[str, Any]:
         """Return the tables of streams, DFPCs and newest products."""
-        return overview(self._robots, self.all_dfpcs(), self.modes())
+        return overview(tuple(self._robots.values()), self.all_dfpcs(), self.modes())
 
     def modes(self) -> dict[tuple[str, str], dict[str, Any]]:
         """Return the mode of each sensor that has changed since the start, by robot and sensor."""

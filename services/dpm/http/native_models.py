@@ -194,6 +194,8 @@ class Robot(OpenModel):
     dfpcs: list[dict[str, Any]]
     services: list[str]
     described: dict[str, Any] | None
+    profile_revision: str
+    has_left: bool
 
 
 class AlarmBody(OpenModel):

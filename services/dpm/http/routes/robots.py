@@ -56,5 +56,7 @@ def _robot(context: Context, robot: str) -> Any:
             "dfpcs": dfpcs,
             "services": services,
             "described": described.get(robot),
+            "profile_revision": context.watch.revision(robot) if context.watch is not None else "",
+            "has_left": context.watch.has_left(robot) if context.watch is not None else False,
         }
     )

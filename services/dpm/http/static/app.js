@@ -139,7 +139,9 @@ function robotCard(robot) {
     const what = make("span", { class: "what" }, counts.join(", "), " ", badge(dfpc.alive ? dfpc.state : "dead"));
     return make("li", { title: dfpc.last_error || null }, make("span", { class: "name" }, words(dfpc.name || "?")), what);
   });
-  card.append(rows.length ? make("ul", { class: "dfpcs" }, ...rows) : make("p", { class: "empty" }, "No DFPC answers."));
+  const none = robot.has_left ? "The robot has left; its products stay." : "No DFPC answers.";
+  card.append(rows.length ? make("ul", { class: "dfpcs" }, ...rows) : make("p", { class: "empty" }, none));
+  if (robot.profile_revision) card.append(make("p", { class: "empty" }, `Joined with profile revision ${robot.profile_revision}.`));
   return card;
 }
 

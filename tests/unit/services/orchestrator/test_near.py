@@ -49,7 +49,7 @@ class DpmClient:
 def test_a_product_inserted_during_the_position_query_is_not_used(product: str) -> None:
     clock = ManualClock()
     clock.set_ns(10 * S)
-    finder = ProductFinder(DpmClient(), clock, load_profile(PROFILE))  # type: ignore[arg-type]  # double
+    finder = ProductFinder(DpmClient(), clock, lambda: load_profile(PROFILE))  # type: ignore[arg-type]  # double
     parameters = {
         "type": product,
         "robot": "mana",

@@ -84,7 +84,7 @@ def request(**parameters: str) -> ProductRequest:
 
 def finder(dpm: DpmDouble) -> ProductFinder:
     clock, profile = ManualClock(NOW_S * S), load_profile(PROFILE)
-    return ProductFinder(dpm, clock, profile)  # type: ignore[arg-type]  # double
+    return ProductFinder(dpm, clock, lambda: profile)  # type: ignore[arg-type]  # double
 
 
 def test_elevation_of_any_robot_is_one_window_of_all_robots_in_the_requested_frame() -> None:
