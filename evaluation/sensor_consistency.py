@@ -90,6 +90,9 @@ FAULTS = (
     Fault("camera axes forward-left-up", _POSITION, "navcam", frame="navcam_left", form="body"),
     Fault("camera pose inverted", _POSITION, "navcam", frame="navcam_left", form="inverse"),
     Fault("clock of the IMU 1 s ahead", _POSITION, "imu", "sensor_clock", port="imu", offset_s=1.0),
+    Fault(
+        "clock of the wheels 1 s ahead", _POSITION, "wheels", "sensor_clock", port="odometry", offset_s=1.0
+    ),
     Fault("clock of the lidar 1 s ahead", _MAPPING, "lidar", "sensor_clock", port="scan", offset_s=1.0),
     Fault("clock of the lidar 1 s behind", _MAPPING, "lidar", "sensor_clock", port="scan", offset_s=-1.0),
 )
