@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +24,23 @@ MOUNTS = {
     "imu": se3.transform(se3.exp_so3([0.0, 0.0, np.pi / 2]), [-0.05, 0.02, 0.05]),
 }
 FRAME_OF = {"imu": "imu", "scan": "lidar", "lidar_odometry": "lidar", "visual_odometry": "navcam_left"}
-SENSORS = {
-    "imu": {"kind": "imu", "frame": "mana/imu", "streams": {"sample": "IMUSensors"}},
-    "wheels": {"kind": "wheels", "frame": "mana/base", "streams": {"odometry": "TransformWithCovariance"}},
-    "navcam": {"kind": "stereo_camera", "frame": "mana/navcam_left", "streams": {"pair": "FramePair"}},
-    "lidar": {"kind": "lidar", "frame": "mana/lidar", "streams": {"scan": "LidarScan"}},
+_KINDS = {
+    "imu": ("imu", "imu", {"sample": "IMUSensors"}),
+    "wheels": ("wheels", "base", {"odometry": "TransformWithCovariance"}),
+    "navcam": ("stereo_camera", "navcam_left", {"pair": "FramePair"}),
+    "lidar": ("lidar", "lidar", {"scan": "LidarScan"}),
 }
+
+
+def sensors_of(robot: str) -> dict[str, dict[str, Any]]:
+    """Return the sensors of a robot, as in its profile."""
+    return {
+        name: {"kind": kind, "frame": f"{robot}/{frame}", "streams": streams}
+        for name, (kind, frame, streams) in _KINDS.items()
+    }
+
+
+SENSORS = sensors_of("mana")
 
 
 def context(stated: Mapping[str, np.ndarray] | None = None) -> DfpcContext:
@@ -43,13 +55,15 @@ def context(stated: Mapping[str, np.ndarray] | None = None) -> DfpcContext:
 class Drive:
     """A drive of ``duration_s`` at 0.4 m/s, after two seconds of rest.
 
-    ``relief_m`` scales the heights of the ground; ``offset_s`` shifts the stamps of a port.
+    ``relief_m`` scales the heights of the ground; ``offset_s`` shifts the stamps of a port; ``robot`` owns the
+    frames.
     """
 
     seed: int = 0
     duration_s: float = 25.0
     relief_m: float = 0.06
     offset_s: Mapping[str, float] = field(default_factory=dict)
+    robot: str = "mana"
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
@@ -105,7 +119,7 @@ class Drive:
             for i in range(1, int(self.duration_s / period_s)):
                 t_s = i * period_s
                 value = make(port, t_s)
-                frame = f"mana/{FRAME_OF.get(port, 'base')}"
+                frame = f"{self.robot}/{FRAME_OF.get(port, 'base')}"
                 out.append(Sample(port, T0 + round(t_s * 1e9) + shift_ns, i, value, f"{port} {i}", frame))
         return sorted(out, key=lambda s: (s.stamp_ns, s.port))
 
@@ -125,7 +139,7 @@ class Drive:
         yaw = float(se3.log_so3(step[:3, :3])[2]) * (1.0 + self._rng.normal(0, 0.1))
         planar = last[1] @ se3.transform(se3.exp_so3([0, 0, yaw]), [distance_m, 0, 0])
         self._previous = (T, planar)
-        return self._pose(planar, "mana/odom", "mana/base")
+        return self._pose(planar, f"{self.robot}/odom", f"{self.robot}/base")
 
     def _odometry(self, port: str, t_s: float) -> TransformWithCovariance:
         name = FRAME_OF[port]
@@ -135,10 +149,12 @@ class Drive:
         noise = se3.exp_se3(self._rng.normal(0, [1e-3] * 3 + [2e-4] * 3))
         measured = self._previous[1] @ se3.inverse(self._previous[0]) @ T @ noise
         self._previous = (T, measured)
-        return self._pose(measured, port, f"mana/{name}")
+        return self._pose(measured, port, f"{self.robot}/{name}")
 
     def _fused(self, _port: str, t_s: float) -> TransformWithCovariance:
-        return self._pose(self.pose(t_s) @ se3.exp_se3(self._rng.normal(0, 2e-4, 6)), "site", "mana/base")
+        return self._pose(
+            self.pose(t_s) @ se3.exp_se3(self._rng.normal(0, 2e-4, 6)), "site", f"{self.robot}/base"
+        )
 
     def _scan(self, _port: str, t_s: float) -> LidarScan:
         T = self.pose(t_s) @ MOUNTS["lidar"]
@@ -148,7 +164,7 @@ class Drive:
         local = (points - T[:3, 3]) @ T[:3, :3]
         stamp_ns = T0 + round(t_s * 1e9)
         return LidarScan.from_arrays(
-            local, np.zeros(9000, np.uint32), frame="mana/lidar", t0_ns=stamp_ns, t1_ns=stamp_ns
+            local, np.zeros(9000, np.uint32), frame=f"{self.robot}/lidar", t0_ns=stamp_ns, t1_ns=stamp_ns
         )
 
     @staticmethod
