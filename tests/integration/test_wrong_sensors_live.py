@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Five robots drive on one router, four with a mistake of their integrator: each is named while they run.
 
-The same mistakes in replay: ``tests/unit/cdff_core/consistency``. Each robot sends the samples of one drive, the
-profile of all but one is wrong, or their clock.
+The same mistakes in replay: ``tests/unit/cdff_core/consistency``. Each robot sends the samples of one drive;
+the profile or the clock of all but one is wrong.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ ROBOT = """
     frames:
       - {{parent: site, child: {robot}/odom}}
       - {{parent: {robot}/base, child: {robot}/imu, rpy_deg: [0, 0, {imu_yaw_deg}]}}
-      - {{parent: {robot}/base, child: {robot}/lidar, translation_m: [0.1, 0.0, 0.85], rpy_deg: [{roll_deg}, 20, 0]}}
+      - {{parent: {robot}/base, child: {robot}/mast, translation_m: [0.1, 0.0, 0.85]}}
+      - {{parent: {robot}/mast, child: {robot}/lidar, rpy_deg: [{roll_deg}, 20, 0]}}
       - {{parent: {robot}/base, child: {robot}/navcam_left, quaternion_xyzw: {camera_xyzw}}}
     sensors:
       imu: {{kind: imu, frame: {robot}/imu, streams: {{sample: IMUSensors}}}}
@@ -43,7 +44,10 @@ ROBOT = """
 POSITION = """      - name: position_manager
         activation: always
         queue: 10000
-        inputs: {imu: sensor/imu/sample, odometry: sensor/wheels/odometry, visual_odometry: sensor/navcam/odometry}
+        inputs:
+          imu: sensor/imu/sample
+          odometry: sensor/wheels/odometry
+          visual_odometry: sensor/navcam/odometry
 """
 MAPPING = """      - name: digital_elevation_mapping
         activation: always
