@@ -69,6 +69,7 @@ def timing_picture(step_s: FloatArray) -> bytes:
     axes = figure.subplots()
     axes.plot(1e3 * np.asarray(step_s), lw=1.0)
     axes.set(xlabel="sample", ylabel="elapsed time, ms", ylim=(0.0, None))
+    axes.xaxis.get_major_locator().set_params(integer=True)
     return figure_bytes(figure)
 
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import os
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -31,6 +33,9 @@ _LOOPBACK = "127.0.0.1"
 FOXGLOVE_PORT = 8765
 #: Longest start of the viewer, seconds.
 _START_S = 60.0
+#: Variables of the environment, of which one names the display.
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+_WITHOUT = "use --web, or --save NAME.rrd"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,17 +103,23 @@ def rerun_file(path: Path) -> Output:
 def rerun_viewer(*, web: bool = False) -> Output:
     """Start the viewer in a window, or for the browser.
 
-    Without ``--bind`` its servers listen on every interface.
+    Without ``--bind`` its servers listen on every interface. It sends no usage statistics, unless the
+    environment has ``RERUN_ANALYTICS``. Raises UnavailableError without a display for the window.
     """
     import rerun as rr
 
+    if not web and sys.platform == "linux" and not any(os.environ.get(name) for name in _DISPLAYS):
+        raise UnavailableError(
+            f"no display for the window of the viewer ({', '.join(_DISPLAYS)}); {_WITHOUT}"
+        )
     port, web_port = free_port(), free_port()
     command = [rerun_program(), "--bind", _LOOPBACK, "--port", str(port)]
     if web:
         command += ["--serve-web", "--web-viewer-port", str(web_port)]
     else:
         command += ["--expect-data-soon", "--hide-welcome-screen"]
-    viewer = subprocess.Popen(command, start_new_session=not web)
+    environment = {"RERUN_ANALYTICS": "0"} | os.environ
+    viewer = subprocess.Popen(command, start_new_session=not web, env=environment)
     if web:  # ends with this process
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         atexit.register(viewer.terminate)
@@ -136,9 +147,7 @@ def _wait_for(port: int, viewer: subprocess.Popen[bytes]) -> None:
         with suppress(OSError), socket.create_connection((_LOOPBACK, port), timeout=1.0):
             return
         time.sleep(0.1)
-    raise UnavailableError(
-        "the viewer Rerun did not start (a window needs a display); use --web, or --save NAME.rrd"
-    )
+    raise UnavailableError(f"the viewer Rerun did not start; {_WITHOUT}")
 
 
 def _rerun_output(

@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cdff_common.errors import CdffError, InputError
+from cdff_common.formats.clouds import read_cloud
+from cdff_common.formats.file_source import load
 from cdff_dev.compare import elevation
 from cdff_dev.compare.elevation.read import read_dem
 from cdff_dev.compare.trajectory.compare import compare as compare_trajectories
@@ -25,6 +28,10 @@ _QUALITY = (
     *("dropped", "errors", "last_error", "last_failure", "out_of_order", "answered", "stored", "gated"),
     *("samples_by_port", "outputs_by_port", "path_length_m", "duration_s", "dem", "dfpcs", "requests"),
 )
+
+#: Names of the configuration of a DFPC whose results are among those of another.
+_CONFIGURATION = frozenset({"parameters", "config_hash", "dfpc", "implementation"})
+_MAX_POINTS = 200_000
 
 
 def compare_runs(a: Path, b: Path) -> dict[str, Any]:
@@ -51,15 +58,24 @@ def compare_runs(a: Path, b: Path) -> dict[str, Any]:
     return {
         "a": str(a),
         "b": str(b),
-        "configuration": {n: p for n, p in differing.items() if n.split(".")[0] not in (*_QUALITY, *_COST)},
-        "quality": {n: p for n, p in differing.items() if n.split(".")[0] in _QUALITY},
+        "configuration": {n: p for n, p in differing.items() if _part(n) == "configuration"},
+        "quality": {n: p for n, p in differing.items() if _part(n) == "quality"},
         "cost": {n: p for n, p in values.items() if n in _COST},
         "trajectories": _each(a, b, [f for f in common if f.endswith(".tum")], _trajectory),
-        "maps": _each(a, b, [f for f in common if f.endswith(".tif")], _map),
+        "maps": _each(a, b, [f for f in common if f.endswith(".tif")], _map)
+        | _each(a, b, [f for f in common if f.endswith(".ply")], _cloud),
         "requests": _requests(a, b),
         "only_in_a": sorted(files_a - files_b),
         "only_in_b": sorted(files_b - files_a),
     }
+
+
+def _part(name: str) -> str:
+    """Return the part of the comparison to which a value of a summary belongs, by its name."""
+    words = name.split(".")
+    if words[0] in _COST:
+        return "cost"
+    return "quality" if words[0] in _QUALITY and not _CONFIGURATION.intersection(words) else "configuration"
 
 
 def _summary(folder: Path) -> dict[str, Any]:
@@ -126,6 +142,21 @@ def _map(a: Path, b: Path) -> dict[str, Any]:
     second = read_dem(str(b))
     results = elevation.compare(read_dem(str(a), frame=second.frame), second)
     return {name: results[name] for name in ("cells", "completeness", "bias_m", "rmse_m", "max_m")}
+
+
+def _cloud(a: Path, b: Path) -> dict[str, Any]:
+    """Return the numbers of points, and the distances of the points of A to the nearest ones of B."""
+    first, second = (read_cloud(load(path), "ply").points_m for path in (a, b))
+    if not len(first) or not len(second):
+        return {"points": [len(first), len(second)]}
+    chosen = first[:: -(-len(first) // _MAX_POINTS)]
+    distances_m, _ = cKDTree(second).query(chosen)
+    return {
+        "points": [len(first), len(second)],
+        "median_m": float(np.median(distances_m)),
+        "p95_m": float(np.percentile(distances_m, 95.0)),
+        "max_m": float(distances_m.max()),
+    }
 
 
 def _requests(a: Path, b: Path) -> dict[str, Any]:

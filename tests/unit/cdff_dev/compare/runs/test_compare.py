@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from cdff_common.cli import main
+from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.ply import write_ply
 from cdff_common.formats.tum import write_tum
 from cdff_common.raster import GridGeometry
 from cdff_common.types import ElevationMap
@@ -55,6 +57,27 @@ def test_differences_of_all_parts_are_reported(tmp_path: Path, capsys: pytest.Ca
     assert results["only_in_a"] == ["map.ply"]
     assert main(["eval", "compare", str(a), str(b)]) == 0
     assert "parameters.voxel_m  0.4  0.5" in capsys.readouterr().out
+
+
+def test_clouds_of_both_runs_are_compared_by_the_distances_of_their_points(tmp_path: Path) -> None:
+    a, b = run(tmp_path / "a", 0.0), run(tmp_path / "b", 0.0)
+    points_m = np.column_stack([np.arange(100.0), np.zeros((100, 2))])
+    (a / "map.ply").write_bytes(write_ply(CloudArrays.of(points_m[:50] + [0.0, 0.3, 0.0])))
+    (b / "map.ply").write_bytes(write_ply(CloudArrays.of(points_m)))
+    compared = compare_runs(a, b)["maps"]["map.ply"]
+    assert compared["points"] == [50, 100]
+    assert [compared[name] for name in ("median_m", "p95_m", "max_m")] == pytest.approx([0.3] * 3, abs=1e-6)
+    (b / "map.ply").write_bytes(b"ply")
+    assert "map.ply" in compare_runs(a, b)["maps"]["map.ply"]["error"]
+
+
+def test_the_configuration_of_a_second_dfpc_is_no_quality(tmp_path: Path) -> None:
+    a, b = (
+        run(tmp_path / name, 0.0, dem={"parameters": {"cell_m": x}, "patches": 2}) for name, x in ("a1", "b2")
+    )
+    results = compare_runs(a, b)
+    assert results["configuration"] == {"dem.parameters.cell_m": ["1", "2"]}
+    assert results["quality"] == {}
 
 
 def test_equal_runs_have_no_differences(tmp_path: Path) -> None:
