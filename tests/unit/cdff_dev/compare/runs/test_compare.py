@@ -62,7 +62,7 @@ def test_differences_of_all_parts_are_reported(tmp_path: Path, capsys: pytest.Ca
 def test_clouds_of_both_runs_are_compared_by_the_distances_of_their_points(tmp_path: Path) -> None:
     a, b = run(tmp_path / "a", 0.0), run(tmp_path / "b", 0.0)
     points_m = np.column_stack([np.arange(100.0), np.zeros((100, 2))])
-    (a / "map.ply").write_bytes(write_ply(CloudArrays.of(points_m[:50] + [0.0, 0.3, 0.0])))
+    (a / "map.ply").write_bytes(write_ply(CloudArrays.of(points_m[:50] + np.array([0.0, 0.3, 0.0]))))
     (b / "map.ply").write_bytes(write_ply(CloudArrays.of(points_m)))
     compared = compare_runs(a, b)["maps"]["map.ply"]
     assert compared["points"] == [50, 100]
