@@ -27,6 +27,7 @@ def compilation_notice(name: str, after_s: float = _USUAL_S) -> Iterator[None]:
 
 def _print_notice(name: str) -> None:
     sys.stderr.write(
-        f"{name}: compiling kernels at their first use, some minutes on a slow machine; `make warm` compiles all\n"
+        f"{name}: compiling kernels at their first use, some minutes on a slow machine; "
+        "`make warm` compiles all\n"
     )
     sys.stderr.flush()

@@ -44,7 +44,8 @@ _KEYWORDS = ("ply", "format", "comment", "obj_info", "element", "property")
 _EXPECTED = {
     "format": f"format and one of {', '.join(PLY_BYTE_ORDERS)}",
     "element": "element NAME COUNT",
-    "property": f"property TYPE NAME, or property list TYPE TYPE NAME, with types {', '.join(_NAMES.values())}",
+    "property": "property TYPE NAME, or property list TYPE TYPE NAME, with types "
+    + ", ".join(_NAMES.values()),
 }
 
 

@@ -94,18 +94,26 @@ class World:
         items: Iterable[WorldItem],
         omitted: Mapping[str, str] | None = None,
     ) -> World:
-        """Return the world of edges in order of preference, without those that contradict earlier ones."""
+        """Return the world of edges in order of preference, without those that contradict earlier ones.
+
+        A frame has one parent. A second pose of it, such as the one by SLAM next to that by odometry, makes
+        its parent a child of the frame, unless it is a true pose.
+        """
         graph, reasons = FrameGraph(), dict(omitted or {})
         kept: dict[str, WorldEdge] = {}
         for edge in edges:
+            used, placed = kept.get(edge.child), edge
+            if used is not None and edge.parent not in kept and "/truth." not in edge.source:
+                placed = WorldEdge(edge.child, edge.parent, edge.transform.inverse(), edge.source)
             try:
-                if edge.child in kept:
-                    raise CdffError(f"{kept[edge.child].source or 'a fixed frame'} is used instead")
-                graph.set_static(edge.parent, edge.child, edge.transform)
+                if placed.child in kept:
+                    raise CdffError("a second pose of the frame")
+                graph.set_static(placed.parent, placed.child, placed.transform)
             except CdffError as error:
-                reasons.setdefault(f"{edge.parent} to {edge.child} by {edge.source or 'profile'}", str(error))
+                reason = str(error) if used is None else f"{used.source or 'a fixed frame'} is used instead"
+                reasons.setdefault(f"{edge.parent} to {edge.child} by {edge.source or 'profile'}", reason)
                 continue
-            kept[edge.child] = edge
+            kept[placed.child] = placed
         ordered = sorted(items, key=lambda item: item.name)
         return cls(stamp_ns, tuple(kept[name] for name in sorted(kept)), tuple(ordered), reasons)
 

@@ -18,10 +18,10 @@ MOUNT = UncertainTransform.exact(se3.transform(np.eye(3), [0.0, 0.0, 1.5]))
 
 
 def pose(
-    x_m: float, stamp_ns: int, *, child: str = "mana/base", sigma_m: float = 0.1
+    x_m: float, stamp_ns: int, *, child: str = "mana/base", sigma_m: float = 0.1, parent: str = "site"
 ) -> TransformWithCovariance:
     T = UncertainTransform(se3.transform(np.eye(3), [x_m, 0.0, 0.0]), np.eye(6) * sigma_m**2)
-    return TransformWithCovariance.from_transform(T, parent="site", child=child, stamp_ns=stamp_ns)
+    return TransformWithCovariance.from_transform(T, parent=parent, child=child, stamp_ns=stamp_ns)
 
 
 def history() -> WorldHistory:
@@ -67,7 +67,23 @@ def test_true_poses_are_used_only_without_other_poses() -> None:
 def test_of_two_sources_the_one_nearest_in_time_is_used() -> None:
     made = history()
     made.add_pose("/mana/gnss.pose", pose(1.4, S + 400_000_000))
-    assert made.at(S + 400_000_000).transform("site", "mana/base").matrix[0, 3] == 1.4
+    world = made.at(S + 400_000_000)
+    assert world.transform("site", "mana/base").matrix[0, 3] == 1.4
+    assert world.omitted == {"site to mana/base by /mana/vo.pose": "/mana/gnss.pose is used instead"}
+
+
+def test_a_pose_in_a_second_frame_connects_both_with_covariance() -> None:
+    made = history()
+    made.add_pose("/mana/slam.pose", pose(5.0, S, sigma_m=0.05, parent="mana/map"))
+    world = made.at(S)
+    assert not world.omitted
+    T_map_base, T_site_map = world.transform("mana/map", "mana/base"), world.transform("site", "mana/map")
+    assert T_map_base.matrix[0, 3] == pytest.approx(5.0)
+    assert T_site_map.matrix[0, 3] == pytest.approx(1.0 - 5.0)
+    assert T_map_base.covariance is not None
+    np.testing.assert_allclose(np.diag(T_map_base.covariance), 0.05**2)
+    reread = read_world(write_world(world))
+    assert reread.transform("mana/map", "mana/base").matrix[0, 3] == pytest.approx(5.0)
 
 
 def test_poses_without_valid_frames_are_omitted() -> None:

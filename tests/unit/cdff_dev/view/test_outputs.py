@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Start of the viewer: without a display the user is told at once, and no usage statistics are sent."""
+"""Start of the viewer: without a display the alternatives are named at once; no usage statistics are sent."""
 
 from __future__ import annotations
 
