@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A second ground and a second profile of a robot end at the terminal with a message, before any process starts."""
+"""A second ground or profile of a robot ends at the terminal with a message, before any process starts."""
 
 from __future__ import annotations
 

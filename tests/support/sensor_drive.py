@@ -55,8 +55,8 @@ def context(stated: Mapping[str, np.ndarray] | None = None) -> DfpcContext:
 class Drive:
     """A drive of ``duration_s`` at 0.4 m/s, after two seconds of rest.
 
-    ``relief_m`` scales the heights of the ground; ``offset_s`` shifts the stamps of a port; ``robot`` owns the
-    frames.
+    ``relief_m`` scales the heights of the ground; ``offset_s`` shifts the stamps of a port; frames are those
+    of ``robot``.
     """
 
     seed: int = 0
