@@ -87,6 +87,27 @@ def test_the_cost_is_that_of_the_active_implementation() -> None:
     assert (result.cost, result.memory_mb) == (0.1, 10.0)
 
 
+def test_a_declared_cost_is_that_of_its_ports_and_a_measured_one_that_of_all_samples() -> None:
+    described = describe(A) | {
+        "inputs": [
+            {"port": "scan", "optional": False, "source": "sensor/lidar/scan"},
+            {"port": "imu", "optional": True, "source": "sensor/imu/sample"},
+        ],
+        "cost": {"I": {"cpu_s": 0.04, "samples": 2, "memory_mb": 1.0, "ports": ["scan"]}},
+    }
+    rates = {SensorId("mana", "lidar"): 10.0, SensorId("mana", "imu"): 100.0}
+    declared = provider_of(described, alive=True, active=False, rates_hz=rates)
+    assert declared.cpu == pytest.approx(0.02 * 10.0)
+    every_port = described | {"cost": {"I": {"cpu_s": 0.04, "samples": 2, "memory_mb": 1.0}}}
+    assert provider_of(every_port, alive=True, active=False, rates_hz=rates).cpu == pytest.approx(2.2)
+    # A host measures the mean over the samples of all ports, so that both agree for the same rates.
+    mean_s = 0.02 * 10.0 / 110.0
+    status = {"samples": 1100, "mean_step_cpu_s": mean_s, "last_step_s": 0.0}
+    measured = ResourceUsage.of(status, None, 1.0)
+    again = provider_of(described, alive=True, active=False, rates_hz=rates, measured=measured)
+    assert again.cpu == pytest.approx(declared.cpu)
+
+
 def test_a_leased_sensor_can_be_taken_only_by_a_request_of_higher_priority() -> None:
     modes = {"off": {"on": False}, "slow": {}, "fast": {}}
     wheels = {
