@@ -12,7 +12,7 @@ import pytest
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.profile import Profile
-from services.dpm.__main__ import enter_profile
+from services.dpm.bus.joined_robots import enter_profile
 from services.dpm.operations.dpm import Dpm
 from services.dpm.operations.profile_entry import enter
 
