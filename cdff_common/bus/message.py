@@ -17,6 +17,7 @@ from cdff_common.errors import (
     CdffError,
     CodecError,
     InputError,
+    StorageError,
     UnavailableError,
     public_text,
     rpc_code,
@@ -229,7 +230,10 @@ def error_of(body: Any) -> CdffError:
     """Return the exception that a client raises for an error body."""
     if not isinstance(body, dict) or "code" not in body:
         return CdffError(f"malformed error reply {body!r}")
-    error = ERROR_OF_CODE.get(str(body["code"]), CdffError)(str(body.get("detail", "")))
+    kind = ERROR_OF_CODE.get(str(body["code"]), CdffError)
+    if kind is CdffError and body.get("retriable"):
+        kind = StorageError  # of the internal errors only a full disk is worth a retry (RPC_CODES)
+    error = kind(str(body.get("detail", "")))
     if isinstance(error, UnavailableError) and "retry_after_s" in body:
         error.retry_after_s = float(body["retry_after_s"])
     error.retriable = bool(body.get("retriable", False))

@@ -17,7 +17,7 @@ from cdff_common.bus.message import (
     parse_parameters,
     unpack,
 )
-from cdff_common.errors import CodecError, DeadlineError, InputError, OverloadedError
+from cdff_common.errors import CdffError, CodecError, DeadlineError, InputError, OverloadedError, StorageError
 
 names = st.from_regex(r"[a-z_][a-z0-9_]{0,10}", fullmatch=True)
 
@@ -74,6 +74,12 @@ def test_an_overload_states_when_to_retry() -> None:
     error = error_of(error_body(OverloadedError("full", retry_after_s=2.5)))
     assert isinstance(error, OverloadedError)
     assert error.retry_after_s == 2.5
+
+
+def test_a_full_disk_of_a_service_is_a_storage_error_of_the_client() -> None:
+    error = error_of(error_body(StorageError("disk full")))
+    assert (type(error), str(error), error.retriable) == (StorageError, "disk full", True)
+    assert type(error_of(error_body(RuntimeError("bug")))) is CdffError
 
 
 def test_an_unexpected_exception_becomes_internal_with_its_class_name() -> None:
