@@ -10,9 +10,10 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error
 
-#: Errors of the state: position, rotation, velocity, rate.
-ERRORS = 12
+#: Errors of the state: position, rotation, velocity, rate, centre of mass.
+ERRORS = 15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,57 +26,75 @@ class TrackedState:
     T : ndarray, shape (4, 4)
         T_sensor_body.
     velocity : ndarray, shape (3,)
-        In the frame, m/s.
+        Of the centre of mass in the frame, m/s.
     rate : ndarray, shape (3,)
         Relative to the frame, in the body's axes, rad/s.
-    covariance : ndarray, shape (12, 12)
-        Of the errors x y z, rx ry rz (both in the frame), velocity, rate (in the body's axes).
+    centre_of_mass_m : ndarray, shape (3,)
+        In the frame of the body.
+    covariance : ndarray, shape (15, 15)
+        Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the body).
     """
 
     stamp_ns: int
     T: FloatArray
     velocity: FloatArray
     rate: FloatArray
+    centre_of_mass_m: FloatArray
     covariance: FloatArray
 
-    @classmethod
-    def at_rest(
-        cls,
-        stamp_ns: int,
-        T: FloatArray,
-        pose_covariance: FloatArray,
-        velocity_sigma_mps: float,
-        rate_sigma_radps: float,
-    ) -> TrackedState:
-        """Return the state of a measured pose without knowledge of its motion."""
-        covariance = np.zeros((ERRORS, ERRORS))
-        covariance[:6, :6] = pose_covariance
-        covariance[6:9, 6:9] = velocity_sigma_mps**2 * np.eye(3)
-        covariance[9:, 9:] = rate_sigma_radps**2 * np.eye(3)
-        return cls(stamp_ns, T, np.zeros(3), np.zeros(3), covariance)
-
     def corrected(self, correction: FloatArray, covariance: FloatArray) -> TrackedState:
-        """Return the state plus an error (12,)."""
+        """Return the state plus an error (15,)."""
         R = se3.normalise_rotation(se3.exp_so3(correction[3:6]) @ self.T[:3, :3])
         return replace(
             self,
             T=se3.transform(R, self.T[:3, 3] + correction[:3]),
             velocity=self.velocity + correction[6:9],
-            rate=self.rate + correction[9:],
+            rate=self.rate + correction[9:12],
+            centre_of_mass_m=self.centre_of_mass_m + correction[12:],
             covariance=covariance,
+        )
+
+    def difference(self, other: TrackedState) -> FloatArray:
+        """Return the error (15,) that ``corrected`` adds to the other state to obtain this one."""
+        return np.concatenate(
+            [
+                pose_error(self.T, other.T),
+                self.velocity - other.velocity,
+                self.rate - other.rate,
+                self.centre_of_mass_m - other.centre_of_mass_m,
+            ]
         )
 
     @property
     def velocities(self) -> FloatArray:
-        """Velocity and angular rate (6,) in the frame, m/s and rad/s."""
-        return np.concatenate([self.velocity, self.T[:3, :3] @ self.rate])
+        """Velocity of the origin and angular rate (6,) in the frame, m/s and rad/s."""
+        R = self.T[:3, :3]
+        rate = R @ self.rate
+        return np.concatenate([self.velocity - np.cross(rate, R @ self.centre_of_mass_m), rate])
+
+    @property
+    def velocity_jacobian(self) -> FloatArray:
+        """Derivative (6, 15) of ``velocities`` with respect to the errors."""
+        R = self.T[:3, :3]
+        rate, arm = R @ self.rate, R @ self.centre_of_mass_m
+        J = np.zeros((6, ERRORS))
+        J[3:, 3:6] = -se3.skew(rate)
+        J[3:, 9:12] = R
+        J[:3] = se3.skew(arm) @ J[3:]
+        J[:3, 3:6] += se3.skew(rate) @ se3.skew(arm)
+        J[:3, 6:9] = np.eye(3)
+        J[:3, 12:] = -se3.skew(rate) @ R
+        return J
 
     @property
     def velocity_covariance(self) -> FloatArray:
-        """Covariance (6, 6) of ``velocities``: errors of the rate in the frame and of the attitude."""
-        R = self.T[:3, :3]
-        J = np.zeros((6, ERRORS))
-        J[:3, 6:9] = np.eye(3)
-        J[3:, 3:6] = -se3.skew(R @ self.rate)
-        J[3:, 9:] = R
+        """Covariance (6, 6) of ``velocities``."""
+        J = self.velocity_jacobian
         return np.asarray(J @ self.covariance @ J.T)
+
+    def relative_poses(self, times_s: FloatArray) -> FloatArray:
+        """Return T_sensor_body (n, 4, 4) at times relative to the stamp, by constant velocity and rate."""
+        R = self.T[:3, :3] @ se3.exp_so3(np.asarray(times_s)[:, None] * self.rate)
+        centre = self.T[:3, 3] + self.T[:3, :3] @ self.centre_of_mass_m
+        positions = centre + np.outer(times_s, self.velocity) - R @ self.centre_of_mass_m
+        return se3.transform(R, positions)

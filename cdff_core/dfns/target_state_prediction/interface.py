@@ -21,14 +21,16 @@ class TargetStatePredictionInputs(DfnInputs):
     Attributes
     ----------
     pose : ndarray of float64, shape (4,4)
-        T_frame_body at the start; the origin of the body is its centre of mass.
+        T_frame_body at the start.
     velocity : ndarray of float64, shape (3)
-        Velocity of the origin in the frame, m/s.
+        Velocity of the centre of mass in the frame, m/s.
     rate : ndarray of float64, shape (3)
         Angular rate relative to the frame, in the body's axes, rad/s.
-    covariance : ndarray of float64, shape (12,12)
-        Covariance of the errors x y z, rx ry rz (both in the frame), velocity (in the frame), rate (in the
-        body).
+    centre_of_mass_m : ndarray of float64, shape (3)
+        Centre of mass in the frame of the body, metres.
+    covariance : ndarray of float64, shape (15,15)
+        Covariance of the errors x y z, rx ry rz (both in the frame), velocity (in the frame), rate and
+        centre of mass (both in the body).
     duration_s : float
         Time to propagate, seconds, at least 0.
     """
@@ -38,14 +40,16 @@ class TargetStatePredictionInputs(DfnInputs):
             "pose": "float64[4,4]",
             "velocity": "float64[3]",
             "rate": "float64[3]",
-            "covariance": "float64[12,12]",
+            "centre_of_mass_m": "float64[3]",
+            "covariance": "float64[15,15]",
         },
-        finite=["velocity", "rate", "duration_s"],
+        finite=["velocity", "rate", "centre_of_mass_m", "duration_s"],
     )
 
     pose: NDArray[np.float64]
     velocity: NDArray[np.float64]
     rate: NDArray[np.float64]
+    centre_of_mass_m: NDArray[np.float64]
     covariance: NDArray[np.float64]
     duration_s: float
 
@@ -62,7 +66,7 @@ class TargetStatePredictionOutputs:
         Velocity at the end, m/s.
     rate : ndarray of float64, shape (3)
         Angular rate at the end, in the body's axes, rad/s.
-    covariance : ndarray of float64, shape (12,12)
+    covariance : ndarray of float64, shape (15,15)
         Covariance at the end.
     """
 
@@ -74,7 +78,8 @@ class TargetStatePredictionOutputs:
 
 class TargetStatePredictionInterface(Dfn[ConfigT, TargetStatePredictionInputs, TargetStatePredictionOutputs]):
     """Propagate pose, velocity and angular rate of a free rigid body, and their covariance, to a later
-    time: constant velocity, and rotation without torque by Euler's equations.
+    time: constant velocity of the centre of mass, and rotation about it without torque by Euler's
+    equations.
     """
 
 

@@ -55,13 +55,20 @@ class TorqueFree(Interface[TorqueFreeConfig]):
         dt = inputs.duration_s
         if dt < 0.0:
             raise InputError(f"duration_s={dt:g}: expected at least 0")
-        rate, R, rotation_by_rate, rate_by_rate = self._rotated(inputs.pose[:3, :3], inputs.rate, dt)
-        pose = se3.transform(se3.normalise_rotation(R), inputs.pose[:3, 3] + dt * inputs.velocity)
-        transition = np.eye(12)
+        R_start, c = inputs.pose[:3, :3], inputs.centre_of_mass_m
+        rate, R, rotation_by_rate, rate_by_rate = self._rotated(R_start, inputs.rate, dt)
+        R = se3.normalise_rotation(R)
+        arm_start, arm = R_start @ c, R @ c
+        pose = se3.transform(R, inputs.pose[:3, 3] + arm_start + dt * inputs.velocity - arm)
+        transition = np.eye(15)
+        transition[:3, 3:6] = se3.skew(arm) - se3.skew(arm_start)
         transition[:3, 6:9] = dt * np.eye(3)
-        transition[3:6, 9:] = rotation_by_rate
-        transition[9:, 9:] = rate_by_rate
-        covariance = transition @ inputs.covariance @ transition.T + self._noise(R, dt)
+        transition[:3, 9:12] = se3.skew(arm) @ rotation_by_rate
+        transition[:3, 12:] = R_start - R
+        transition[3:6, 9:12] = rotation_by_rate
+        transition[9:12, 9:12] = rate_by_rate
+        noise = self._noise(R, arm, dt)
+        covariance = transition @ inputs.covariance @ transition.T + noise
         return Outputs(
             pose=pose,
             velocity=np.array(inputs.velocity, np.float64),
@@ -87,16 +94,18 @@ class TorqueFree(Interface[TorqueFreeConfig]):
             rate = rate + h * _acceleration(middle, moments)
         return rate, R, rotation_by_rate, rate_by_rate
 
-    def _noise(self, R: FloatArray, dt: float) -> FloatArray:
-        """Return the covariance (12, 12) of the integrated noise of the accelerations."""
-        noise = np.zeros((12, 12))
+    def _noise(self, R: FloatArray, arm: FloatArray, dt: float) -> FloatArray:
+        """Return the covariance (15, 15) of the integrated noise of the accelerations."""
+        noise = np.zeros((15, 15))
         linear, angular = self.config.acceleration_noise**2, self.config.angular_acceleration_noise**2
         for (value, rate), density, axes in (((0, 6), linear, np.eye(3)), ((3, 9), angular, R)):
             noise[value : value + 3, value : value + 3] = density * dt**3 / 3.0 * np.eye(3)
             noise[value : value + 3, rate : rate + 3] = density * dt**2 / 2.0 * axes
             noise[rate : rate + 3, value : value + 3] = density * dt**2 / 2.0 * axes.T
             noise[rate : rate + 3, rate : rate + 3] = density * dt * np.eye(3)
-        return noise
+        moved = np.eye(15)
+        moved[:3, 3:6] = se3.skew(arm)
+        return np.asarray(moved @ noise @ moved.T)
 
 
 def _acceleration(rate: FloatArray, moments: FloatArray) -> FloatArray:

@@ -10,19 +10,14 @@ import numpy as np
 
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform
-from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
-from cdff_common.types import ObjectTrack, ObjectTrackStatusT
-from cdff_core.dfns.kalman_correction.interface import KalmanCorrectionInputs
-from cdff_core.dfns.target_state_prediction.interface import TargetStatePredictionInputs
+from cdff_common.types import ObjectTrack
 from cdff_core.dfpcs.target_tracking.configuration import TargetTrackingConfig
 from cdff_core.dfpcs.target_tracking.interface import TargetTrackingInterface
-from cdff_core.object_models.prepared import model_name
-from cdff_core.object_models.tracked_state import ERRORS, TrackedState
-
-#: The measurement is the pose, the first six errors of the state.
-_JACOBIAN = np.eye(6, ERRORS)
+from cdff_core.object_models.state_filter import StateFilter
+from cdff_core.object_models.state_output import state_outputs
+from cdff_core.object_models.tracked_state import TrackedState
 
 
 class TargetTracking(TargetTrackingInterface):
@@ -33,7 +28,13 @@ class TargetTracking(TargetTrackingInterface):
 
     def setup(self) -> None:
         """Create the DFNs, clear the state, offer the store item."""
-        self._predict, self._correct = self.dfn("predict"), self.dfn("correct")
+        self._filter = StateFilter(
+            self.dfn("predict"),
+            self.dfn("correct"),
+            self.config,
+            np.array(self.config.centre_of_mass_m),
+            self.config.centre_of_mass_sigma_m,
+        )
         self._track_id = 0
         self._last: ObjectTrack | None = None
         self.restart()
@@ -54,7 +55,7 @@ class TargetTracking(TargetTrackingInterface):
         if self._state is None:
             self._start(sample, measured)
             return self._published(sample, ["new_track"])
-        predicted = self._predicted(self._state, sample.stamp_ns)
+        predicted = self._filter.predicted(self._state, sample.stamp_ns)
         corrected, reason = self._corrected(predicted, measured)
         if corrected is not None:
             self._state, self._rival, self._rival_count = corrected, None, 0
@@ -81,32 +82,13 @@ class TargetTracking(TargetTrackingInterface):
         return f"late:{age_s:.3g}s" if age_s > 0.0 else "repeated_stamp" if age_s == 0.0 else ""
 
     def _start(self, sample: Sample, measured: UncertainTransform) -> None:
-        self._state = self._at_rest(sample, measured)
+        self._state = self._new(sample, measured)
         self._track_id += 1
         self._used, self._last_used_ns = 1, sample.stamp_ns
 
-    def _at_rest(self, sample: Sample, measured: UncertainTransform) -> TrackedState:
+    def _new(self, sample: Sample, measured: UncertainTransform) -> TrackedState:
         assert measured.covariance is not None  # _fault
-        cfg = self.config
-        return TrackedState.at_rest(
-            sample.stamp_ns,
-            measured.matrix,
-            measured.covariance,
-            cfg.initial_velocity_sigma_mps,
-            cfg.initial_rate_sigma_radps,
-        )
-
-    def _predicted(self, state: TrackedState, stamp_ns: int) -> TrackedState:
-        outputs = self._predict.process(
-            TargetStatePredictionInputs(
-                pose=state.T,
-                velocity=state.velocity,
-                rate=state.rate,
-                covariance=state.covariance,
-                duration_s=1e-9 * (stamp_ns - state.stamp_ns),
-            )
-        )
-        return TrackedState(stamp_ns, outputs.pose, outputs.velocity, outputs.rate, outputs.covariance)
+        return self._filter.start(sample.stamp_ns, measured.matrix, measured.covariance)
 
     def _corrected(
         self, predicted: TrackedState, measured: UncertainTransform
@@ -114,25 +96,18 @@ class TargetTracking(TargetTrackingInterface):
         """Return the corrected state; None and the reason if the measurement is beyond the gate."""
         assert measured.covariance is not None  # _fault
         try:
-            outputs = self._correct.process(
-                KalmanCorrectionInputs(
-                    residual=pose_error(measured.matrix, predicted.T),
-                    jacobian=_JACOBIAN,
-                    noise=measured.covariance,
-                    covariance=predicted.covariance,
-                )
-            )
+            return self._filter.corrected(predicted, measured.matrix, measured.covariance), ""
         except RefusedError as error:
             return None, error.reasons[0]
-        return predicted.corrected(outputs.correction, outputs.covariance), ""
 
     def _agrees_with_rival(self, sample: Sample, measured: UncertainTransform) -> bool:
         """Return True if enough rejected measurements in succession agree with each other."""
         updated = None
         if self._rival is not None:
-            updated, _ = self._corrected(self._predicted(self._rival, sample.stamp_ns), measured)
+            predicted = self._filter.predicted(self._rival, sample.stamp_ns)
+            updated, _ = self._corrected(predicted, measured)
         self._rival_count = self._rival_count + 1 if updated is not None else 1
-        self._rival = updated if updated is not None else self._at_rest(sample, measured)
+        self._rival = updated if updated is not None else self._new(sample, measured)
         return self._rival_count >= self.config.restart_after
 
     def _published(self, sample: Sample, reasons: list[str]) -> Iterable[Output]:
@@ -144,36 +119,16 @@ class TargetTracking(TargetTrackingInterface):
         return self._outputs(sample, self._state, quality)
 
     def _outputs(self, sample: Sample, state: TrackedState | None, quality: Quality) -> list[Output]:
-        frame, child = sample.value.parent_frame, sample.value.child_frame
-        T = None if state is None else UncertainTransform(state.T, state.covariance[:6, :6])
-        pose = Output.of_pose(
-            "pose",
-            T,
+        outputs = state_outputs(
+            state,
             stamp_ns=sample.stamp_ns,
-            frame=frame,
-            child=child,
+            frame=sample.value.parent_frame,
+            child=sample.value.child_frame,
+            track_id=self._track_id,
+            is_confirmed=self._used >= self.config.confirm_after,
             quality=quality,
             inputs=(sample.id,),
             producer=self.name,
         )
-        track = None
-        if state is not None and quality.status is not Status.FAILED:
-            confirmed = self._used >= self.config.confirm_after
-            track = ObjectTrack.from_arrays(
-                self._track_id,
-                [sample.stamp_ns],
-                state.T[None],
-                frame=frame,
-                label=model_name(child),
-                status=ObjectTrackStatusT.TRACK_CONFIRMED
-                if confirmed
-                else ObjectTrackStatusT.TRACK_TENTATIVE,
-                score=1.0,
-                velocities=state.velocities[None],
-                covariances=state.covariance[None, :6, :6],
-                velocity_covariances=state.velocity_covariance[None],
-                producer=self.name,
-            )
-            self._last = track
-        t = sample.stamp_ns
-        return [pose, Output("track", track, t, t, frame, quality=quality, inputs=(sample.id,))]
+        self._last = outputs[1].value or self._last
+        return outputs

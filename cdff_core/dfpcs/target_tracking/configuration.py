@@ -6,27 +6,21 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from cdff_common.interfaces.dfpc import DfpcConfig
+from cdff_core.object_models.state_filter import NewTrackConfig
 
 
-class TargetTrackingConfig(DfpcConfig):
+class TargetTrackingConfig(NewTrackConfig):
     """Parameters of the tracker, and of the DFN slots."""
 
-    initial_velocity_sigma_mps: float = Field(
-        0.3, gt=0, le=100, description="Standard deviation of the velocity of a new track"
+    centre_of_mass_m: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Centre of mass in the frame of the body, metres"
     )
-    initial_rate_sigma_radps: float = Field(
-        0.2, gt=0, le=10, description="Standard deviation of the angular rate of a new track"
-    )
-    confirm_after: int = Field(
-        3, ge=1, le=100, description="Number of used measurements from which the track is confirmed"
+    centre_of_mass_sigma_m: float = Field(
+        0.2, ge=0, le=1e4, description="Standard deviation of the centre of mass; 0 if it is known"
     )
     restart_after: int = Field(
         4,
         ge=2,
         le=100,
         description="Number of consecutive rejected measurements that agree and start a new track",
-    )
-    lost_after_s: float = Field(
-        120.0, gt=0, le=1e5, description="Time without a used measurement after which the track is lost"
     )

@@ -20,22 +20,24 @@ from cdff_core.rigid_body.torque_free import TorqueFreeBody
 MOMENTS = (3.0, 2.5, 1.5)
 QUIET = {"acceleration_noise": 0.0, "angular_acceleration_noise": 0.0}
 POSE = se3.transform(se3.exp_so3([0.3, -0.2, 1.0]), [1.0, 2.0, 8.0])
+CENTRE = np.array([0.1, -0.3, 0.2])
 VELOCITY, RATE = np.array([0.02, -0.01, -0.1]), np.array([0.05, 0.03, -0.06])
 
 
 def predict(
     duration_s: float, error: np.ndarray | None = None, **config: object
 ) -> TargetStatePredictionOutputs:
-    """Return the prediction of the state with an error (12,) added."""
-    e = np.zeros(12) if error is None else error
+    """Return the prediction of the state with an error (15,) added."""
+    e = np.zeros(15) if error is None else error
     node = TorqueFree()
     node.configure(config)
     return node.process(
         TargetStatePredictionInputs(
             pose=se3.transform(se3.exp_so3(e[3:6]) @ POSE[:3, :3], POSE[:3, 3] + e[:3]),
             velocity=VELOCITY + e[6:9],
-            rate=RATE + e[9:],
-            covariance=np.eye(12),
+            rate=RATE + e[9:12],
+            centre_of_mass_m=CENTRE + e[12:],
+            covariance=np.eye(15),
             duration_s=duration_s,
         )
     )
@@ -48,24 +50,29 @@ def test_the_rotation_agrees_with_the_closed_solution(duration_s: float) -> None
     angle = se3.rotation_angle(body.orientations([duration_s])[0].T @ outputs.pose[:3, :3])
     assert float(angle) < 1e-4 * max(1.0, duration_s)
     np.testing.assert_allclose(outputs.rate, body.rates([duration_s])[0], atol=1e-5 * duration_s)
-    np.testing.assert_allclose(outputs.pose[:3, 3], POSE[:3, 3] + duration_s * VELOCITY, atol=1e-12)
+    centre = POSE[:3, :3] @ CENTRE + POSE[:3, 3]
+    np.testing.assert_allclose(
+        outputs.pose[:3, :3] @ CENTRE + outputs.pose[:3, 3], centre + duration_s * VELOCITY, atol=1e-12
+    )
 
 
 def test_the_covariance_follows_the_numerical_derivatives() -> None:
     reference = predict(8.0, inertia_ratios=MOMENTS, **QUIET)
-    step, J = 1e-6, np.zeros((12, 12))
-    for i in range(12):
-        moved = predict(8.0, step * np.eye(12)[i], inertia_ratios=MOMENTS, **QUIET)
+    step, J = 1e-6, np.eye(15)
+    for i in range(15):
+        moved = predict(8.0, step * np.eye(15)[i], inertia_ratios=MOMENTS, **QUIET)
         J[:6, i] = pose_error(moved.pose, reference.pose) / step
         J[6:9, i] = (moved.velocity - reference.velocity) / step
-        J[9:, i] = (moved.rate - reference.rate) / step
+        J[9:12, i] = (moved.rate - reference.rate) / step
     np.testing.assert_allclose(reference.covariance, J @ J.T, rtol=2e-3, atol=2e-3 * np.abs(J @ J.T).max())
 
 
 def test_noise_accumulates_with_time_in_the_axes_of_the_body() -> None:
     quiet = predict(10.0, **QUIET).covariance
     noisy = predict(10.0, acceleration_noise=0.01, angular_acceleration_noise=0.002).covariance - quiet
-    assert noisy[0, 0] == pytest.approx(0.01**2 * 1000.0 / 3.0)
+    arm = predict(10.0, **QUIET).pose[:3, :3] @ CENTRE
+    variance = (0.01**2 + 0.002**2 * (arm[1] ** 2 + arm[2] ** 2)) * 1000.0 / 3.0
+    assert noisy[0, 0] == pytest.approx(variance)
     assert noisy[6, 6] == pytest.approx(0.01**2 * 10.0)
     assert noisy[9, 9] == pytest.approx(0.002**2 * 10.0)
     assert np.linalg.eigvalsh(predict(10.0).covariance)[0] > 0.0
