@@ -39,7 +39,8 @@ def main() -> None:
         velocity=np.zeros(3),
         rate=np.array([0.0, 0.0, np.radians(5.0)]),
         centre_of_mass_m=np.zeros(3),
-        covariance=np.eye(15),
+        inertia=np.eye(3),
+        covariance=np.eye(20),
         duration_s=1.0,
     )
     dfpc = Registry.default().make_dfpc("target_tracking")

@@ -80,9 +80,17 @@ class InputPort(Port):
 
 
 class OutputPort(Port):
-    """Output of a DFPC with its product name in requests."""
+    """Output of a DFPC with its product name in requests.
+
+    Attributes
+    ----------
+    product : str or None
+    absolute : bool
+        Files of the trajectory contain the poses as they are, not relative to the first one.
+    """
 
     product: Annotated[str, Field(pattern=rf"^{KEY_NAME}$")] | None = None
+    absolute: bool = False
 
 
 class Cost(StrictModel):

@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
+from cdff_core.object_models.inertia import changed_inertia, inertia_difference
 
-#: Errors of the state: position, rotation, velocity, rate, centre of mass.
-ERRORS = 15
+#: Errors of the state: position, rotation, velocity, rate, centre of mass, inertia.
+ERRORS = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +32,13 @@ class TrackedState:
         Relative to the frame, in the body's axes, rad/s.
     centre_of_mass_m : ndarray, shape (3,)
         In the frame of the body.
-    covariance : ndarray, shape (15, 15)
-        Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the body).
+    inertia : ndarray, shape (3, 3)
+        Up to a factor, trace 3.
+    covariance : ndarray, shape (20, 20)
+        Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the body),
+        inertia along ``inertia.BASIS``.
+    noise_scales : ndarray, shape (2,)
+        Factors of the noise of acceleration and angular acceleration.
     """
 
     stamp_ns: int
@@ -40,28 +46,32 @@ class TrackedState:
     velocity: FloatArray
     rate: FloatArray
     centre_of_mass_m: FloatArray
+    inertia: FloatArray
     covariance: FloatArray
+    noise_scales: FloatArray = field(default_factory=lambda: np.ones(2))
 
     def corrected(self, correction: FloatArray, covariance: FloatArray) -> TrackedState:
-        """Return the state plus an error (15,)."""
+        """Return the state plus an error (20,)."""
         R = se3.normalise_rotation(se3.exp_so3(correction[3:6]) @ self.T[:3, :3])
         return replace(
             self,
             T=se3.transform(R, self.T[:3, 3] + correction[:3]),
             velocity=self.velocity + correction[6:9],
             rate=self.rate + correction[9:12],
-            centre_of_mass_m=self.centre_of_mass_m + correction[12:],
+            centre_of_mass_m=self.centre_of_mass_m + correction[12:15],
+            inertia=changed_inertia(self.inertia, correction[15:]),
             covariance=covariance,
         )
 
     def difference(self, other: TrackedState) -> FloatArray:
-        """Return the error (15,) that ``corrected`` adds to the other state to obtain this one."""
+        """Return the error (20,) that ``corrected`` adds to the other state to obtain this one."""
         return np.concatenate(
             [
                 pose_error(self.T, other.T),
                 self.velocity - other.velocity,
                 self.rate - other.rate,
                 self.centre_of_mass_m - other.centre_of_mass_m,
+                inertia_difference(self.inertia, other.inertia),
             ]
         )
 
@@ -74,7 +84,7 @@ class TrackedState:
 
     @property
     def velocity_jacobian(self) -> FloatArray:
-        """Derivative (6, 15) of ``velocities`` with respect to the errors."""
+        """Derivative (6, 20) of ``velocities`` with respect to the errors."""
         R = self.T[:3, :3]
         rate, arm = R @ self.rate, R @ self.centre_of_mass_m
         J = np.zeros((6, ERRORS))
@@ -83,7 +93,7 @@ class TrackedState:
         J[:3] = se3.skew(arm) @ J[3:]
         J[:3, 3:6] += se3.skew(rate) @ se3.skew(arm)
         J[:3, 6:9] = np.eye(3)
-        J[:3, 12:] = -se3.skew(rate) @ R
+        J[:3, 12:15] = -se3.skew(rate) @ R
         return J
 
     @property

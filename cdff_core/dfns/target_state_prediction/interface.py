@@ -28,9 +28,14 @@ class TargetStatePredictionInputs(DfnInputs):
         Angular rate relative to the frame, in the body's axes, rad/s.
     centre_of_mass_m : ndarray of float64, shape (3)
         Centre of mass in the frame of the body, metres.
-    covariance : ndarray of float64, shape (15,15)
+    inertia : ndarray of float64, shape (3,3)
+        Inertia of the body up to a factor, trace 3; the five errors are along symmetric matrices of norm 1
+        without trace.
+    covariance : ndarray of float64, shape (20,20)
         Covariance of the errors x y z, rx ry rz (both in the frame), velocity (in the frame), rate and
-        centre of mass (both in the body).
+        centre of mass (both in the body), inertia.
+    noise_scales : ndarray of float64, shape (2), optional
+        Factors of the noise densities of acceleration and angular acceleration; 1 by default.
     duration_s : float
         Time to propagate, seconds, at least 0.
     """
@@ -41,17 +46,22 @@ class TargetStatePredictionInputs(DfnInputs):
             "velocity": "float64[3]",
             "rate": "float64[3]",
             "centre_of_mass_m": "float64[3]",
-            "covariance": "float64[15,15]",
+            "inertia": "float64[3,3]",
+            "covariance": "float64[20,20]",
+            "noise_scales": "float64[2]",
         },
-        finite=["velocity", "rate", "centre_of_mass_m", "duration_s"],
+        finite=["velocity", "rate", "centre_of_mass_m", "inertia", "noise_scales", "duration_s"],
+        optional=["noise_scales"],
     )
 
     pose: NDArray[np.float64]
     velocity: NDArray[np.float64]
     rate: NDArray[np.float64]
     centre_of_mass_m: NDArray[np.float64]
+    inertia: NDArray[np.float64]
     covariance: NDArray[np.float64]
     duration_s: float
+    noise_scales: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -66,7 +76,7 @@ class TargetStatePredictionOutputs:
         Velocity at the end, m/s.
     rate : ndarray of float64, shape (3)
         Angular rate at the end, in the body's axes, rad/s.
-    covariance : ndarray of float64, shape (15,15)
+    covariance : ndarray of float64, shape (20,20)
         Covariance at the end.
     """
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry import se3
+from cdff_common.geometry.direction_names import direction_names
 from cdff_common.interfaces.product import CovarianceKind, Quality
 from cdff_core.cloud_matching.acceptance import gate_reasons
 
@@ -20,11 +21,8 @@ if TYPE_CHECKING:
 
 Float = NDArray[np.float64]
 
-_AXES = "xyz"
 #: Largest jump between two levels, in overlap gates of the coarser one.
 _MAX_JUMP_GATES = 1.0
-#: Cosine from which a direction is named after an axis.
-_ALONG_AXIS = 0.85
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,41 +75,7 @@ def _metrics(alignment: Alignment) -> dict[str, float]:
         "least_agreement": float(a.agreement.min()),
         "level_jump_gates": alignment.jump,
         "overlap_radius_m": a.radius_m,
-    } | {f"overlap_{axis}_m": float(value) for axis, value in zip(_AXES, a.centre_m, strict=True)}
-
-
-def direction_names(directions: Float) -> list[str]:
-    """Return names of directions that span the same space as the rows ``(k, 6)``, along axes where possible.
-
-    Eigenvectors of nearly equal eigenvalues are an arbitrary basis of their space: on flat ground the names
-    are x, y and the rotation about z, even if each row is a mixture of the three.
-    """
-    projector = directions.T @ directions
-    names = []
-    for kind, block in (("translation", projector[:3, :3]), ("rotation", projector[3:, 3:])):
-        ratios, vectors = np.linalg.eigh(block)
-        axes = [axis for axis in range(3) if block[axis, axis] >= _ALONG_AXIS**2]
-        if len(axes) == np.count_nonzero(ratios > 0.5):
-            names += [f"{kind}_{_AXES[axis]}" for axis in axes]
-        else:
-            names += [f"{kind}{_components(vector)}" for vector in vectors.T[ratios > 0.5]]
-    return names or [direction_name(direction) for direction in directions]
-
-
-def direction_name(direction: Float) -> str:
-    """Return ``translation_x``, ``rotation_z``, … or, if the direction is along no axis, its components."""
-    translation, rotation = direction[:3], direction[3:]
-    is_translation = np.linalg.norm(translation) >= np.linalg.norm(rotation)
-    kind, vector = ("translation", translation) if is_translation else ("rotation", rotation)
-    unit = vector / max(float(np.linalg.norm(vector)), 1e-12)
-    axis = int(np.argmax(np.abs(unit)))
-    along_axis = abs(unit[axis]) >= _ALONG_AXIS
-    return f"{kind}_{_AXES[axis]}" if along_axis else f"{kind}{_components(unit)}"
-
-
-def _components(unit: Float) -> str:
-    x, y, z = unit * np.sign(unit[np.argmax(np.abs(unit))])
-    return f"({x:.2f},{y:.2f},{z:.2f})"
+    } | {f"overlap_{axis}_m": float(value) for axis, value in zip("xyz", a.centre_m, strict=True)}
 
 
 def displace(T: Float, direction: Float, distance_m: float, centre_m: Float, radius_m: float) -> Float:

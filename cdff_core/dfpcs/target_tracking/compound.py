@@ -15,7 +15,7 @@ from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import ObjectTrack
 from cdff_core.dfpcs.target_tracking.configuration import TargetTrackingConfig
 from cdff_core.dfpcs.target_tracking.interface import TargetTrackingInterface
-from cdff_core.object_models.state_filter import StateFilter
+from cdff_core.object_models.state_filter import StateFilter, with_rejection
 from cdff_core.object_models.state_output import state_outputs
 from cdff_core.object_models.tracked_state import TrackedState
 
@@ -62,7 +62,7 @@ class TargetTracking(TargetTrackingInterface):
             self._used += 1
             self._last_used_ns = sample.stamp_ns
             return self._published(sample, [])
-        self._state = predicted
+        self._state = with_rejection(predicted)
         if self._agrees_with_rival(sample, measured):
             self._state, self._used = self._rival, self._rival_count
             self._rival, self._rival_count, self._last_used_ns = None, 0, sample.stamp_ns

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdff_common.errors import ConfigurationError, InputError
+from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_core.dfns.target_state_prediction.interface import (
@@ -15,6 +15,7 @@ from cdff_core.dfns.target_state_prediction.interface import (
     TargetStatePredictionOutputs,
 )
 from cdff_core.dfns.target_state_prediction.torque_free import TorqueFree
+from cdff_core.object_models.inertia import changed_inertia, inertia_of
 from cdff_core.rigid_body.torque_free import TorqueFreeBody
 
 MOMENTS = (3.0, 2.5, 1.5)
@@ -25,10 +26,13 @@ VELOCITY, RATE = np.array([0.02, -0.01, -0.1]), np.array([0.05, 0.03, -0.06])
 
 
 def predict(
-    duration_s: float, error: np.ndarray | None = None, **config: object
+    duration_s: float,
+    error: np.ndarray | None = None,
+    moments: tuple[float, float, float] = (1.0, 1.0, 1.0),
+    **config: object,
 ) -> TargetStatePredictionOutputs:
-    """Return the prediction of the state with an error (15,) added."""
-    e = np.zeros(15) if error is None else error
+    """Return the prediction of the state with an error (20,) added."""
+    e = np.zeros(20) if error is None else error
     node = TorqueFree()
     node.configure(config)
     return node.process(
@@ -36,8 +40,9 @@ def predict(
             pose=se3.transform(se3.exp_so3(e[3:6]) @ POSE[:3, :3], POSE[:3, 3] + e[:3]),
             velocity=VELOCITY + e[6:9],
             rate=RATE + e[9:12],
-            centre_of_mass_m=CENTRE + e[12:],
-            covariance=np.eye(15),
+            centre_of_mass_m=CENTRE + e[12:15],
+            inertia=changed_inertia(inertia_of(moments), e[15:]),
+            covariance=np.eye(20),
             duration_s=duration_s,
         )
     )
@@ -45,7 +50,7 @@ def predict(
 
 @pytest.mark.parametrize("duration_s", [0.1, 5.0, 60.0])
 def test_the_rotation_agrees_with_the_closed_solution(duration_s: float) -> None:
-    outputs = predict(duration_s, inertia_ratios=MOMENTS, **QUIET)
+    outputs = predict(duration_s, moments=MOMENTS, **QUIET)
     body = TorqueFreeBody(MOMENTS, RATE, POSE[:3, :3])
     angle = se3.rotation_angle(body.orientations([duration_s])[0].T @ outputs.pose[:3, :3])
     assert float(angle) < 1e-4 * max(1.0, duration_s)
@@ -57,10 +62,10 @@ def test_the_rotation_agrees_with_the_closed_solution(duration_s: float) -> None
 
 
 def test_the_covariance_follows_the_numerical_derivatives() -> None:
-    reference = predict(8.0, inertia_ratios=MOMENTS, **QUIET)
-    step, J = 1e-6, np.eye(15)
-    for i in range(15):
-        moved = predict(8.0, step * np.eye(15)[i], inertia_ratios=MOMENTS, **QUIET)
+    reference = predict(8.0, moments=MOMENTS, **QUIET)
+    step, J = 1e-6, np.eye(20)
+    for i in range(20):
+        moved = predict(8.0, step * np.eye(20)[i], moments=MOMENTS, **QUIET)
         J[:6, i] = pose_error(moved.pose, reference.pose) / step
         J[6:9, i] = (moved.velocity - reference.velocity) / step
         J[9:12, i] = (moved.rate - reference.rate) / step
@@ -81,5 +86,17 @@ def test_noise_accumulates_with_time_in_the_axes_of_the_body() -> None:
 def test_wrong_parameters_and_times_are_refused() -> None:
     with pytest.raises(InputError, match="duration_s=-1"):
         predict(-1.0)
-    with pytest.raises(ConfigurationError, match="sum of the other two"):
-        predict(1.0, inertia_ratios=(1.0, 1.0, 5.0))
+    node = TorqueFree()
+    node.configure({})
+    with pytest.raises(InputError, match="positive definite"):
+        node.process(
+            TargetStatePredictionInputs(
+                pose=POSE,
+                velocity=VELOCITY,
+                rate=RATE,
+                centre_of_mass_m=CENTRE,
+                inertia=np.diag([1.0, 1.0, -0.5]),
+                covariance=np.eye(20),
+                duration_s=1.0,
+            )
+        )

@@ -12,11 +12,11 @@ import pytest
 from cdff_common.errors import ConfigurationError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
+from cdff_common.geometry.direction_names import direction_name, direction_names
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Pointcloud, TransformWithCovariance
-from cdff_core.dfpcs.icp_localisation.acceptance import direction_name, direction_names
 from tests.support import surfaces
 
 T_TRUE = se3.exp_se3([0.5, -0.3, 0.2, 0.03, -0.02, 0.1])

