@@ -175,6 +175,12 @@ def valid_points(points_m: FloatArray) -> tuple[FloatArray, np.ndarray]:
     return points[is_valid], is_valid
 
 
+def no_body_reasons(points_m: FloatArray, diameter_m: float) -> list[str]:
+    """Return the reasons if a scan (n, 3) has no body: its points are isolated relative to the model."""
+    extent_m = float(np.linalg.norm(np.ptp(points_m, axis=0))) if len(points_m) else 0.0
+    return ["no_body", "wrong_unit"] if extent_m > _WRONG_UNIT * diameter_m else ["no_body"]
+
+
 def _check_size(model: ModelPreparationOutputs, scan_m: FloatArray) -> None:
     low, high = np.quantile(scan_m, [0.02, 0.98], axis=0)
     ratio = float(np.linalg.norm(high - low)) / model.diameter_m

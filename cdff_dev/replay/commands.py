@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 #: Options of ``--dfpc`` that a mission does not take.
-_OF_ONE_DFPC = ("implementation", "config", "robot", "seed", "start", "duration", "until")
+_OF_ONE_DFPC = ("implementation", "config", "robot", "seed", "start", "duration", "until", "guess")
 
 
 def register(nouns: Any) -> None:
@@ -63,6 +63,16 @@ def register(nouns: Any) -> None:
         help="calibration of the stereo camera of a KITTI folder (OpenCV, Kalibr or KITTI; default: "
         "calib_kitti.txt, calib.txt)",
     )
+    parser.add_argument(
+        "--model",
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="with --dfpc: mesh of a body (OBJ, PLY, STL, GLB, VRML); may be repeated if the DFPC takes several",
+    )
+    parser.add_argument(
+        "--guess", metavar="FILE", help="with --dfpc: pose at the first sample (.json, .txt or .tum)"
+    )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
     parser.add_argument(
         "--start",
@@ -87,7 +97,7 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose) and the last "
+        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, absolute for tracked bodies) and the last "
         "maps, graphs and clouds",
     )
     add_plot_option(parser)
@@ -117,11 +127,11 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
 
     missing = [f"--{name}" for name in ("profile", "out") if getattr(args, name) is None]
     of_one_dfpc = [f"--{n}" for n in _OF_ONE_DFPC if getattr(args, n) is not None]
-    if missing or of_one_dfpc or args.map or args.mask or args.tap or args.speed != "max":
+    if missing or of_one_dfpc or args.map or args.mask or args.model or args.tap or args.speed != "max":
         wrong = (
             f"{missing[0]} is missing"
             if missing
-            else f"{[*of_one_dfpc, '--map, --mask, --tap or --speed'][0]} is for --dfpc"
+            else f"{[*of_one_dfpc, '--map, --mask, --model, --tap or --speed'][0]} is for --dfpc"
         )
         raise InputError(f"--requests: {wrong}; a mission takes --profile FILE --out DIR [--store DIR]")
     store = Path(args.store) if args.store else None
@@ -162,6 +172,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_dev.play.log_part import LogPart
     from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
+    from cdff_dev.replay.first_samples import file_ports, with_files
     from cdff_dev.replay.tap import Tap
     from cdff_dev.replay.wiring import robot_of, wire, with_masks
 
@@ -185,7 +196,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
         parameters.update(read_mapping(Path(args.config)))
     with compilation_notice(dfpc.name):
         dfpc.configure(parameters, context, implementation)
-    wired = wire(dfpc.description, streams, robot, mapping, entry)
+    wired = wire(dfpc.description, streams, robot, mapping, entry, file_ports(args.model, args.guess))
     outputs = tuple(port.attribute for port in dfpc.description.output_ports)
     until = parse_condition(args.until, outputs) if args.until else None
     tap = Tap(args.tap, (*wired, *outputs), partial(print, file=sys.stderr if args.json else sys.stdout))
@@ -200,7 +211,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
 
     summary = replay(
         dfpc,
-        paced(samples_of(part, wired, robot), speed),
+        paced(with_files(samples_of(part, wired, robot), dfpc.description, args.model, args.guess), speed),
         Path(args.out) if args.out else None,
         on_sample,
         tap.on_product,

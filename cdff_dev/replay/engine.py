@@ -75,7 +75,8 @@ def replay(
     StorageError
         If ``out`` cannot be written.
     """
-    runner, output = Runner(dfpc), ReplayOutput(out)
+    absolute = {port.attribute for port in dfpc.description.output_ports if port.absolute}
+    runner, output = Runner(dfpc), ReplayOutput(out, absolute=absolute)
     stopped: dict[str, Any] | None = None
     try:
         for sample in samples:

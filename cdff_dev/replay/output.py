@@ -8,7 +8,7 @@ import json
 import resource
 import time
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,8 @@ class ReplayOutput:
         None writes nothing.
     full_names : bool
         Name trajectories ``{robot}.{dfpc}.{port}`` instead of ``{port}``.
+    absolute : collection of str
+        Ports whose trajectories contain the poses as they are; others are relative to the first pose.
 
     Raises
     ------
@@ -55,8 +57,10 @@ class ReplayOutput:
         If the folder cannot be written.
     """
 
-    def __init__(self, folder: Path | None, *, full_names: bool = False) -> None:
-        self._folder, self._full_names = folder, full_names
+    def __init__(
+        self, folder: Path | None, *, full_names: bool = False, absolute: Collection[str] = ()
+    ) -> None:
+        self._folder, self._full_names, self._absolute = folder, full_names, absolute
         self._paths: dict[str, list[tuple[int, se3.FloatArray]]] = defaultdict(list)
         self._tracks: dict[str, list[tuple[ObjectTrack, str]]] = defaultdict(list)
         self._last_values: dict[str, Any] = {}
@@ -118,7 +122,7 @@ class ReplayOutput:
     def write_summary(self, counts: dict[str, Any]) -> dict[str, Any]:
         """Return the counts with times and memory; write them, and the trajectories.
 
-        A trajectory contains ``T_first_current``: the first pose is the identity.
+        A trajectory contains ``T_first_current``: the first pose is the identity, except for absolute ports.
         """
         summary = {
             **counts,
@@ -129,7 +133,8 @@ class ReplayOutput:
         if self._folder is not None:
             for name, path in self._paths.items():
                 stamps_ns, T = zip(*path, strict=True)
-                text = write_tum(stamps_ns, se3.inverse(T[0]) @ np.stack(T))
+                start = np.eye(4) if name in self._absolute else T[0]
+                text = write_tum(stamps_ns, se3.inverse(start) @ np.stack(T))
                 write_file(self._folder / f"{name}.tum", text)
             for name, states in self._tracks.items():
                 tracks, statuses = zip(*states, strict=True)

@@ -49,6 +49,7 @@ def wire(
     robot: str,
     mapping: Mapping[str, str],
     entry: DfpcEntry | None = None,
+    from_files: Sequence[str] = (),
 ) -> dict[str, str]:
     """Return the stream of each port.
 
@@ -62,6 +63,8 @@ def wire(
         Types of the streams of the log by name.
     entry : DfpcEntry, optional
         The DFPC in a profile.
+    from_files : sequence of str
+        Ports whose values come from files.
 
     Raises
     ------
@@ -81,6 +84,8 @@ def wire(
     candidates = measured or candidates
     wired: dict[str, str] = {}
     for name, port in ports.items():
+        if name in from_files:
+            continue
         stream = mapping.get(name)
         if (
             stream is None
@@ -107,7 +112,7 @@ def wire(
         if streams[stream] != port.type_name:
             raise InputError(f"port {name} takes {port.type_name}; stream {stream} holds {streams[stream]}")
         wired[name] = stream
-    missing = [n for n, p in ports.items() if not p.optional and n not in wired]
+    missing = [n for n, p in ports.items() if not p.optional and n not in wired and n not in from_files]
     if missing or not wired:
         unwired = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
         available = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))

@@ -51,6 +51,9 @@ class PointToPlaneConfig(DfnConfig):
     model_sigma: float = Field(
         0.002, ge=0, le=0.1, description="Standard deviation of the surface, relative to the diameter"
     )
+    model_bias: float = Field(
+        0.0003, ge=0, le=0.1, description="Error of the surface that all rays share, relative to the diameter"
+    )
     min_information: float = Field(
         0.006,
         ge=0,
@@ -204,7 +207,9 @@ class _Fit:
 
         With ``constrained_only``, directions that the points do not constrain keep the prediction.
         """
-        variance = self._config.inflation * self.sigma_m**2
+        # An error that all rays share does not decrease with their number.
+        bias_m = self._config.model_bias * self._diameter_m
+        variance = self._config.inflation * (self.sigma_m**2 + weight * bias_m**2)
         if constrained_only:
             self._weak = self._weak_directions(A[:6, :6], weight)
             root, whole = (np.kron(np.eye(2), Q) for Q in (self._weak.root, self._weak.projection))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from cdff_core.object_models.scan_detection import (
     Hypothesis,
     ScanDetector,
     bounded_noise,
+    no_body_reasons,
     valid_points,
 )
 from cdff_core.object_models.scan_parts import bodies, range_noise
@@ -38,6 +40,8 @@ from cdff_core.object_models.tracked_state import TrackedState
 _AMBIGUITY, _MAX_BODIES = 12.0, 4
 #: Standard deviation of the predicted attitude, rad, from which a scan that does not fit is searched at once.
 _UNCERTAIN_RAD = math.radians(10.0)
+#: Gates up to which a scan that agrees with the model shows that the prediction was too certain.
+_NEAR_GATES = 10.0
 #: Weight of a new estimate of the noise.
 _NOISE_GAIN = 0.2
 
@@ -115,6 +119,10 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
             return self._detected(sample, model, points_m, times_s, [])
         predicted = self._filter.predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted, points_m, times_s)
+        if fit is not None and fault and self._is_underestimated(fit):
+            predicted = replace(predicted, covariance=4.0 * fit.distance / self._gate * predicted.covariance)
+            reasons.append(fault)
+            fit, fault = self._fit(model, predicted, points_m, times_s)
         if fit is not None and not fault:
             return self._used_fit(sample, model, predicted, fit, reasons)
         is_contradiction = fit is not None and fit.distance > self._gate
@@ -140,6 +148,11 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
             noise_m = bounded_noise(fit.sigma_m, model.diameter_m)
             self._sigma_m += _NOISE_GAIN * (noise_m - self._sigma_m)
         return self._published(sample, reasons + [f"degenerate:{name}" for name in _weak_names(fit)], fit)
+
+    def _is_underestimated(self, fit: ScanFit) -> bool:
+        """Return True if the scan agrees with the model, and nearly with the prediction, which was too certain."""
+        is_near = self._gate < fit.distance < _NEAR_GATES * self._gate
+        return fit.agreement >= self.config.min_score and is_near
 
     def _order_fault(self, state: TrackedState, sample: Sample) -> str:
         age_s = 1e-9 * (state.stamp_ns - sample.stamp_ns)
@@ -247,7 +260,9 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
             except RefusedError as error:
                 refusals += error.reasons
         if not accepted:
-            raise RefusedError("no body of the scan is the model", refusals or ["no_body"])
+            raise RefusedError(
+                "no body of the scan is the model", refusals or no_body_reasons(points_m, model.diameter_m)
+            )
         return max(accepted, key=lambda hypotheses: hypotheses[0].score)
 
     def _published(self, sample: Sample, reasons: list[str], fit: ScanFit | None = None) -> Iterable[Output]:

@@ -17,7 +17,13 @@ from cdff_common.types import ObjectDetection, ObjectDetections, Time, Transform
 from cdff_core.dfpcs.target_detection.configuration import TargetDetectionConfig
 from cdff_core.dfpcs.target_detection.interface import TargetDetectionInterface
 from cdff_core.object_models.prepared import PreparedModels, body_frame
-from cdff_core.object_models.scan_detection import DetectionLimits, Hypothesis, ScanDetector, valid_points
+from cdff_core.object_models.scan_detection import (
+    DetectionLimits,
+    Hypothesis,
+    ScanDetector,
+    no_body_reasons,
+    valid_points,
+)
 from cdff_core.object_models.scan_parts import bodies
 
 
@@ -97,7 +103,7 @@ class TargetDetection(TargetDetectionInterface):
             parts = bodies(points_m, model.diameter_m)[: self.config.max_bodies]
             metrics["bodies"] = float(len(parts))
             if not parts:
-                reasons.append("no_body")
+                reasons += no_body_reasons(points_m, model.diameter_m)
             for rows in parts:
                 try:
                     hypotheses = self._detector.detect(name, model, points_m[rows], metrics)
