@@ -24,7 +24,7 @@ def _basis() -> FloatArray:
     return E
 
 
-#: Symmetric matrices (5, 3, 3) without trace, of Frobenius norm 1: the directions of the errors of an inertia.
+#: Symmetric matrices (5, 3, 3) without trace, of Frobenius norm 1: directions of the errors of an inertia.
 BASIS = _basis()
 
 

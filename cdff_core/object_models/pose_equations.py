@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Normal equations of a pose and its rate from the points of a scan: point-to-plane distances.
 
-The unknowns are errors of the pose (x y z, rx ry rz in the sensor's axes, rotation about the origin of the body)
-and their derivatives with respect to time. A point that was measured ``t`` after the time of the pose depends
+The unknowns are errors of the pose (x y z, rx ry rz in the sensor's axes, rotation about the origin of the
+body) and their derivatives with respect to time. A point that was measured ``t`` after the time of the pose depends
 on the error of the pose plus ``t`` times that of the rate.
 """
 
@@ -166,7 +166,7 @@ def _add_miss(
     in_model = np.array([T[0, k] * p[0] + T[1, k] * p[1] + T[2, k] * p[2] for k in range(3)])
     q = surface[nearest_row(grid, in_model[0], in_model[1], in_model[2])]
     e = np.array([T[k, 0] * q[0] + T[k, 1] * q[1] + T[k, 2] * q[2] + T[k, 3] - point[k] for k in range(3)])
-    # Only the part across the ray: the range of a ray that misses says nothing.
+    # Only the part across the ray: a ray that misses has no range to compare.
     ray = point / np.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
     e -= (e[0] * ray[0] + e[1] * ray[1] + e[2] * ray[2]) * ray
     distance = np.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2)
@@ -176,7 +176,7 @@ def _add_miss(
     J = np.empty(6)
     J[0], J[1], J[2] = n[0], n[1], n[2]
     J[3], J[4], J[5] = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
-    w = _MISS * (1.0 - (distance / limit) ** 2) ** 2
+    w: float = _MISS * (1.0 - (distance / limit) ** 2) ** 2
     _add(J, t, w, distance, A, b)
     return w
 

@@ -21,8 +21,8 @@ from cdff_core.object_models.tracked_state import ERRORS, TrackedState
 
 #: A measured pose is the first six errors of the state.
 _JACOBIAN = np.eye(6, ERRORS)
-#: Adaptation of the noise: gain, largest excess of a squared normalised correction, bounds of the factors, and the
-#: decrease of a variance, relative to it, from which a direction was measured.
+#: Adaptation of the noise: gain, largest excess of a squared normalised correction, bounds of the factors,
+#: and the decrease of a variance, relative to it, from which a direction was measured.
 _GAIN, _MAX_EXCESS, _MIN_SCALE, _MAX_SCALE, _LEAST_DECREASE = 0.3, 3.0, 0.3, 300.0, 0.02
 
 
@@ -42,7 +42,7 @@ class NewTrackConfig(DfpcConfig):
         0.15,
         ge=0,
         le=1,
-        description="Standard deviation of the inertia of a new track, relative to the mean moment; 0 if known",
+        description="Standard deviation of the inertia relative to the mean moment; 0 if it is known",
     )
     confirm_after: int = Field(
         3, ge=1, le=100, description="Number of used measurements from which the track is confirmed"

@@ -35,8 +35,8 @@ class TrackedState:
     inertia : ndarray, shape (3, 3)
         Up to a factor, trace 3.
     covariance : ndarray, shape (20, 20)
-        Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the body),
-        inertia along ``inertia.BASIS``.
+        Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the
+        body), inertia along ``inertia.BASIS``.
     noise_scales : ndarray, shape (2,)
         Factors of the noise of acceleration and angular acceleration.
     """

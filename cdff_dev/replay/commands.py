@@ -68,7 +68,7 @@ def register(nouns: Any) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="with --dfpc: mesh of a body (OBJ, PLY, STL, GLB, VRML); may be repeated if the DFPC takes several",
+        help="with --dfpc: mesh of a body (OBJ, PLY, STL, GLB, VRML); may be repeated",
     )
     parser.add_argument(
         "--guess", metavar="FILE", help="with --dfpc: pose at the first sample (.json, .txt or .tum)"
@@ -97,7 +97,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, absolute for tracked bodies) and the last "
+        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, absolute for tracked "
+        "bodies) and the last "
         "maps, graphs and clouds",
     )
     add_plot_option(parser)

@@ -116,9 +116,10 @@ def wire(
     if missing or not wired:
         unwired = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
         available = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
+        mesh = any(ports[n].type_name == "Mesh" for n in missing)
         raise InputError(
-            f"{description.folder}: no stream of the log fits {unwired}; use --map PORT=STREAM. The log "
-            f"has {available}"
+            f"{description.folder}: no stream of the log fits {unwired}; use "
+            f"{'--model FILE' if mesh else '--map PORT=STREAM'}. The log has {available}"
         )
     return wired
 

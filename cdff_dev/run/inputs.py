@@ -286,7 +286,11 @@ def _from_log(type_name: str, path: Path, calibration: Path | None = None) -> An
     """Return the first sample of the type in a log."""
     with closing(open_log(path, calibration)) as log:
         streams = [name for name, info in log.streams.items() if info.type_name == type_name]
+        scans = [name for name, info in log.streams.items() if info.type_name == "LidarScan"]
         sample = next(iter(log.samples(streams)), None) if streams else None
+        if sample is None and type_name == "Pointcloud" and scans:
+            scan = next(iter(log.samples(scans))).value
+            return Pointcloud.from_points(scan.points_m, frame=scan.frame, stamp_ns=scan.stamp_ns)
         if sample is None:
             found = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items())
             raise InputError(

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -118,6 +119,38 @@ def scan_at(body: Body, sensor: Sensor, T_sensor_model: FloatArray, rng: np.rand
     wrong = rng.random(len(measured)) < sensor.outliers
     measured[wrong] = np.median(measured) + rng.uniform(-1.0, 1.0, np.count_nonzero(wrong))
     return np.asarray(rays[hit] * measured[:, None])
+
+
+def line_scan_at(
+    body: Body,
+    sensor: Sensor,
+    pose: Callable[[float], FloatArray],
+    end_s: float,
+    duration_s: float,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Return points (n, 3) of a scan and their times (n,) relative to its end; one line of rays at a time.
+
+    ``pose`` returns T_sensor_model (4, 4) at a time, seconds.
+    """
+    import open3d as o3d
+
+    n = sensor.pixels
+    tangent = np.tan(np.radians(0.5 * sensor.field_deg)) * ((np.arange(n) + 0.5) / n * 2.0 - 1.0)
+    points, times = [], []
+    for line in range(n):
+        time_s = -duration_s * (1.0 - (line + 1) / n)
+        T = pose(end_s + time_s)
+        rays = np.stack([tangent, np.full(n, tangent[line]), np.ones(n)], axis=1)
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        R, t = T[:3, :3], T[:3, 3]
+        query = np.hstack([np.broadcast_to(-R.T @ t, rays.shape), rays @ R]).astype(np.float32)
+        ranges = body.scene.cast_rays(o3d.core.Tensor(query))["t_hit"].numpy().astype(np.float64)
+        hit = np.isfinite(ranges)
+        noise = rng.normal(0.0, sensor.sigma_m, np.count_nonzero(hit))
+        points.append(rays[hit] * (ranges[hit] + noise)[:, None])
+        times.append(np.full(np.count_nonzero(hit), time_s))
+    return np.concatenate(points), np.concatenate(times)
 
 
 def random_scan(body: Body, sensor: Sensor, seed: int) -> Scan:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Point-to-plane registration with a prediction: nearest surface points, then the surface that each ray meets."""
+"""Point-to-plane registration with a prediction: nearest surface points, then rendered ranges."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class PointToPlaneConfig(DfnConfig):
 class PointToPlane(Interface[PointToPlaneConfig]):
     """Point-to-plane distances (Chen and Medioni 1992, doi:10.1016/0262-8856(92)90066-C) along the rays.
 
-    Each Gauss-Newton step is one of an iterated Kalman filter: the prediction contributes its information. Directions
-    that the points do not constrain are removed from their equations (Zhang et al. 2016,
+    Each Gauss-Newton step is one of an iterated Kalman filter: the prediction contributes its information.
+    Directions that the points do not constrain are removed from their equations (Zhang et al. 2016,
     doi:10.1109/ICRA.2016.7487211): they keep the prediction.
     """
 
@@ -151,8 +151,8 @@ class _Fit:
         self._prior_error = np.zeros(k) if error is None else np.array(error, np.float64)
         if self._P.shape != (k, k) or self._prior_error.shape != (k,):
             raise InputError(
-                f"prior_covariance {self._P.shape}, prior_error {self._prior_error.shape}: expected {k} errors "
-                "as in state_jacobian"
+                f"prior_covariance {self._P.shape}, prior_error {self._prior_error.shape}: expected {k} "
+                "errors as in state_jacobian"
             )
         self._correction = np.zeros(k)
 

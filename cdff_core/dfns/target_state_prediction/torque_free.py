@@ -41,7 +41,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the state after ``duration_s``; raises InputError if it is negative or the inertia is wrong."""
+        """Return the state after ``duration_s``; raises InputError if it is negative."""
         dt = inputs.duration_s
         if dt < 0.0:
             raise InputError(f"duration_s={dt:g}: expected at least 0")
@@ -109,7 +109,7 @@ class _Body:
 
 @dataclass(slots=True)
 class _Motion:
-    """Rotation (3, 3) and rate (3,), and derivatives (3, 8) with respect to the first rate and the inertia."""
+    """Rotation (3, 3), rate (3,), and derivatives (3, 8) with respect to the first rate and the inertia."""
 
     R: FloatArray
     rate: FloatArray

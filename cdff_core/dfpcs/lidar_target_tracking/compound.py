@@ -150,7 +150,7 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
         return self._published(sample, reasons + [f"degenerate:{name}" for name in _weak_names(fit)], fit)
 
     def _is_underestimated(self, fit: ScanFit) -> bool:
-        """Return True if the scan agrees with the model, and nearly with the prediction, which was too certain."""
+        """Return True if the scan agrees with the model, and nearly with a too certain prediction."""
         is_near = self._gate < fit.distance < _NEAR_GATES * self._gate
         return fit.agreement >= self.config.min_score and is_near
 
@@ -236,7 +236,7 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
         return self._used_fit(sample, model, predicted, fit, names)
 
     def _agreeing(self, poses: list[FloatArray]) -> TrackedState | None:
-        """Return the state corrected by the first detected pose (4, 4) that agrees with it; None if none does."""
+        """Return the state corrected by the first detected pose (4, 4) that agrees with it, if any."""
         if self._state is None:
             return None
         sigmas = np.repeat([self.config.guess_sigma_m, self.config.guess_sigma_rad], 3)

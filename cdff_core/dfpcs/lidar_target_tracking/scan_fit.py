@@ -21,7 +21,7 @@ from cdff_core.object_models.tracked_state import ERRORS, TrackedState
 
 #: Rotation of the body between two poses of the motion correction, rad, and largest number of poses.
 _STEP_RAD, _MAX_POSES = math.radians(0.5), 200
-#: A correction of the rate that moves points during the scan by more than this needs another motion correction.
+#: Rotation during the scan by a correction of the rate from which the motion correction is repeated.
 _RESIDUAL_MOTION_RAD, _MAX_ROUNDS = math.radians(0.05), 4
 #: Bounds of the capture range, in diameters, and the standard deviations of the prediction that it covers.
 _MIN_CAPTURE, _MAX_CAPTURE, _SIGMAS = 0.05, 0.25, 3.0
@@ -134,7 +134,7 @@ class ScanFitter:
 def near_body(
     model: ModelPreparationOutputs, state: TrackedState, points_m: FloatArray, times_s: FloatArray
 ) -> np.ndarray:
-    """Return the mask (n,) of points that may be on the body: within its radius and the uncertainty of its centre."""
+    """Return the mask (n,) of points within the radius of the body and the uncertainty of its centre."""
     centre = state.T[:3, :3] @ model.centre_m
     J = np.hstack([np.eye(3), -se3.skew(centre)])
     sigma_m = math.sqrt(float(np.linalg.eigvalsh(J @ state.covariance[:6, :6] @ J.T)[-1]))

@@ -82,6 +82,10 @@ class TargetDetection(TargetDetectionInterface):
             )
         ]
 
+    def on_scan(self, sample: Sample) -> Iterable[Output]:
+        """Detect the models in a scan whose points have times."""
+        return self.on_cloud(sample)
+
     def finish(self) -> Iterable[Output]:
         """Return FAILED no_model for a scan that still waits."""
         waiting, self._waiting = self._waiting, None

@@ -17,7 +17,7 @@ class TargetDetectionInterface(Dfpc):
     """
 
     name = "target_detection"
-    INPUT_PORTS = ("model", "cloud")
+    INPUT_PORTS = ("model", "cloud", "scan")
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
@@ -29,6 +29,12 @@ class TargetDetectionInterface(Dfpc):
     def on_cloud(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type Pointcloud. Scan with the sensor at its origin; each scan yields
         one list of detections.
+        """
+
+    @abstractmethod
+    def on_scan(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type LidarScan. The same with a time for each point; the motion during
+        the scan is ignored.
         """
 
     @abstractmethod

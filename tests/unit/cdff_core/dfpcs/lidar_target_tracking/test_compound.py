@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""LidarTargetTracking: a rotating satellite, its motion during a scan, occlusion, outliers, loss, wrong input."""
+"""LidarTargetTracking: a rotating satellite, motion during a scan, occlusion, loss, wrong input."""
 
 from __future__ import annotations
 
