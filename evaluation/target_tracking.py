@@ -4,8 +4,9 @@
 
 ``lidar``: scans of 64 × 64 rays are the input of lidar_target_tracking. ``poses``: the same scans are
 registered with the mesh (point-to-plane, start at the predicted pose, no prediction in the result), and the
-poses are the input of target_tracking. ``rotation_during_scan``: a scan lasts 1 s at 10 degrees per second, one
-line of rays at a time. ``disturbed``: outliers, occlusion, and a single plane in view. All with default parameters.
+poses are the input of target_tracking. ``rotation_during_scan``: a scan lasts 1 s at 10 degrees per second,
+one line of rays at a time. ``disturbed``: outliers, occlusion, and a single plane in view. All with default
+parameters.
 """
 
 from __future__ import annotations
@@ -214,7 +215,7 @@ def _pose_errors(body: Body, poses: FloatArray, frames: list[int]) -> list[dict[
         row["measured_deg"] = float(np.degrees(np.linalg.norm(error[3:])))
         row["measured_mm"] = float(1e3 * np.linalg.norm(error[:3]))
         rows.append(row)
-        # The start of the next registration: the rotation of the last interval goes on.
+        # The start of the next registration: by the tracked rate.
         if k + 1 < len(frames):
             step = _continued(dfpc, outputs.pose, (frames[k + 1] - frame) * INTERVAL_S)
         start = outputs.pose

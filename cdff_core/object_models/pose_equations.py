@@ -3,8 +3,8 @@
 """Normal equations of a pose and its rate from the points of a scan: point-to-plane distances.
 
 The unknowns are errors of the pose (x y z, rx ry rz in the sensor's axes, rotation about the origin of the
-body) and their derivatives with respect to time. A point that was measured ``t`` after the time of the pose depends
-on the error of the pose plus ``t`` times that of the rate.
+body) and their derivatives with respect to time. A point that was measured ``t`` after the time of the pose
+depends on the error of the pose plus ``t`` times that of the rate.
 """
 
 from __future__ import annotations

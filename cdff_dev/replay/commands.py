@@ -97,9 +97,8 @@ def register(nouns: Any) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, absolute for tracked "
-        "bodies) and the last "
-        "maps, graphs and clouds",
+        help="folder for outputs.msg, summary.json, <port>.tum (relative to the first pose, or absolute for "
+        "tracked bodies) and the last maps, graphs and clouds",
     )
     add_plot_option(parser)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
