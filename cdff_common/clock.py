@@ -63,6 +63,7 @@ class ManualClock:
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMAL = re.compile(r"-?\d{1,19}\Z")
+_RFC3339 = re.compile(r"\d{4}-\d\d-\d\d[Tt]\d\d:\d\d:\d\d(\.\d+)?([Zz]|[+-]\d\d:\d\d)\Z")
 
 
 def parse_stamp(text: str, name: str = "t") -> int:
@@ -81,6 +82,13 @@ def parse_stamp(text: str, name: str = "t") -> int:
     if stamp_ns % 1000:
         raise InputError(f"{name}={text}: expected a multiple of 1000 ns (messages contain microseconds)")
     return stamp_ns
+
+
+def parse_rfc3339(text: str, name: str = "t") -> int:
+    """Parse a time exactly as RFC 3339 writes it into ``stamp_ns``; raises InputError for any other text."""
+    if not _RFC3339.match(text):
+        raise InputError(f"{name}={text[:80]!r}: expected a time of RFC 3339, e.g. 2026-11-20T12:00:00.5Z")
+    return parse_stamp(text.upper(), name)
 
 
 def _nanoseconds(text: str, name: str) -> int:

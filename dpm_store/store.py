@@ -110,8 +110,8 @@ class Store:
         Points of a region from all clouds, within a budget.
     pyramid : Pyramid
         Statistics of tiles, at every level.
-    search : callable
-        ``Search.run``: a page of products by a ``Query``.
+    search, count, ordinals_in : callable
+        ``Search.run``: a page of products by a ``Query``; the other two: the products on all pages.
     disk_space : DiskSpace
     changes : ChangeRecorder
         Records of all changes outside the database.
@@ -165,7 +165,7 @@ class Store:
         # operations of the parts
         self.put_all, self.delete = products.put_all, products.delete
         self.get, self.payload = products.get, products.payload
-        self.search = search.run
+        self.search, self.count, self.ordinals_in = search.run, search.count, search.ordinals_in
         self.transact = Transactions(database, products, self.annotations, self.frames).run
         self.purge = partial(purge, database, payloads, self.events)
         self.lineage = partial(lineage, database)

@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import Connection, or_, select
+from sqlalchemy import Connection, func, or_, select
 
 from cdff_common.clock import NS_PER_S
-from cdff_common.contract.limits import LATEST_NS
+from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
+from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
@@ -44,6 +45,8 @@ _COLUMNS = (
     *(c.name for c in schema.products.c if c.name not in (*RECORD_COLUMNS, "sha256")),
 )
 _SELECTED = (*RECORD_COLUMNS, "frame", *schema.SIDES)
+#: Columns that decide whether a product is in a region.
+_PLACED = ("ordinal", "frame", *schema.SIDES)
 _RECORD, _FRAME, _BOX = slice(len(RECORD_COLUMNS)), -1 - len(schema.SIDES), slice(-len(schema.SIDES), None)
 _b = schema.index_buckets.c
 _BUCKETS = select(_b.ordinal, _b.frame, _b.product)
@@ -85,6 +88,39 @@ class Search:
                 rows = self._rows(connection, query, query.limit + 1)
                 return _page(query, [record_of(row) for row in rows], (), tree)
             return self._run_spatial(connection, query, query.region, tree)
+
+    def count(self, query: Query) -> int:
+        """Return the number of products on all pages of a query without a region."""
+        if query.region is not None:
+            raise InputError(f"count: region={query.region.text}, expected a query without a region")
+        source = schema.products.c
+        with self._database.read() as connection:
+            few = few_within(connection, query.metrics)
+            where = conditions(replace(query, cursor=None), source)
+            if few is not None:
+                where.append(source.ordinal.in_(few))
+            return int(connection.execute(select(func.count()).where(*where)).scalar_one())
+
+    def ordinals_in(self, query: Query, most: int) -> set[int] | None:
+        """Return the ordinals of the products on all pages of a query with a region, None if they are more
+        than ``most``.
+        """
+        query = replace(query, cursor=None, limit=MAX_PAGE)
+        assert query.region is not None
+        found: set[int] = set()
+        with self._database.read() as connection:
+            tree = self._frames.tree(_view(query), connection=connection)
+            resolved, _ = resolve_frames(connection, tree, query.frame)
+            boxes = [(frame.ordinal, box) for frame in resolved.values() for box in frame.boxes(query.region)]
+            for candidates in self._slices(connection, query, boxes):
+                rows = self._rows_of(connection, query, candidates, _PLACED)
+                inside_flags = self.inside(connection, rows, query.region, resolved)
+                found.update(
+                    row[0] for row, inside in zip(rows, inside_flags.tolist(), strict=True) if inside
+                )
+                if len(found) > most:
+                    return None
+        return found
 
     def resolved_region(self, query: Query, *, connection: Connection | None = None) -> Region:
         """Return the region of a query with ``near`` replaced by a circle.
@@ -199,16 +235,22 @@ class Search:
                 touching[ringed] = outlines.footprints_touch(region, outline, heights, resolved[name].matrix)
         return touching
 
-    def _rows_of(self, connection: Connection, query: Query, candidates: Slice) -> Sequence[Any]:
+    def _rows_of(
+        self,
+        connection: Connection,
+        query: Query,
+        candidates: Slice,
+        columns: tuple[str, ...] = _SELECTED,
+    ) -> Sequence[Any]:
         """Return the candidates of a slice that match the query, in its order."""
         ordinals = {"ordinals": self._dialect.list_value(candidates.ordinals)}
-        constant = constant_statement(query, self._listed, _SELECTED)
+        constant = constant_statement(query, self._listed, columns)
         if constant is not None:
             statement, values = constant
             bounds = {"after_ns": candidates.after_ns, "until_ns": candidates.until_ns}
             return self._dialect.fetch(connection, statement, values | ordinals | bounds)
         p = self._listed.c
-        rows = select(*(p[name] for name in _SELECTED)).order_by(*ordering(query.order, p))
+        rows = select(*(p[name] for name in columns)).order_by(*ordering(query.order, p))
         rows = rows.where(
             *conditions(query, p), p.t1_ns > candidates.after_ns, p.t1_ns <= candidates.until_ns
         )

@@ -158,6 +158,17 @@ def test_pystac_client_finds_every_item_once_over_all_pages(stac: Any, server: S
     assert {c.id for c in stac.get_collections()} == {"dem", "pose"}
 
 
+def test_pystac_client_walks_the_collections_and_knows_the_number_of_items(stac: Any, server: Server) -> None:
+    dem = stac.get_collection("dem")
+    everything = {*server.patches, server.rotated, server.unanchored}
+    assert {i.id for i in dem.get_items()} == everything
+    assert dem.get_item(server.rotated).id == server.rotated
+    assert len(list(stac.get_items(recursive=True))) == len(everything) + 5
+    assert stac.search(collections=["dem"], limit=10).matched() == len(everything)
+    (west, south), (east, north) = lon_lat(4.5, 0.5), lon_lat(7.5, 1.0)
+    assert stac.search(collections=["dem"], bbox=[west, south, east, north]).matched() == 2
+
+
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_pystac_client_searches_by_region_time_and_id(stac: Any, server: Server, method: str) -> None:
     (west, south), (east, north) = lon_lat(4.5, 0.5), lon_lat(7.5, 1.0)

@@ -9,6 +9,7 @@ import threading
 from typing import Any
 
 from fastapi import Depends, FastAPI
+from fastapi.responses import JSONResponse
 
 from services.dpm.http.context import Context, checked_query
 from services.dpm.http.middleware import problems
@@ -17,7 +18,7 @@ from services.dpm.http.middleware.conditional import Conditional
 from services.dpm.http.middleware.guard import Guard
 from services.dpm.http.middleware.roles import rules_of
 from services.dpm.http.middleware.uploads import Uploads
-from services.dpm.http.models import Problem
+from services.dpm.http.models import OPENAPI, Problem
 from services.dpm.http.routes import annotations as annotation_routes
 from services.dpm.http.routes import (
     bodies,
@@ -93,7 +94,10 @@ def _openapi_document() -> dict[str, Any]:
 
 
 def _app_with_routes() -> FastAPI:
-    app = FastAPI(title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None)
+    app = FastAPI(
+        title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None, openapi_url=None
+    )
+    app.add_route("/openapi.json", lambda _: JSONResponse(openapi(), media_type=OPENAPI))
     for module in MODULES[:-1]:
         app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(checked_query)])
     app.include_router(page.router)

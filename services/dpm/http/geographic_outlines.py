@@ -3,14 +3,14 @@
 """Outlines of products in metres of their frame, and in degrees of longitude and latitude.
 
 Outlines follow GeoJSON (RFC 7946): longitude before latitude, rings counter-clockwise, cut at the
-antimeridian. Unlike there, degrees refer to the body on which the site is anchored (east positive), not to
-WGS 84.
+antimeridian. Unlike there, degrees refer to the body on which the frame of a product is anchored (east
+positive), not to WGS 84.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,7 @@ _POINTS_PER_SIDE = 16
 #: Boxes are cut to this distance around a site: beyond it the tangent plane is no usable approximation.
 _REACH_DEG = 5.0
 #: Minimum extent of a region, degrees: points and lines are widened to it.
-_MIN_EXTENT_DEG = 1e-9
+MIN_EXTENT_DEG = 1e-9
 
 
 class ProductOutlines:
@@ -56,12 +56,17 @@ class ProductOutlines:
         rings = self._store.footprints([record.id for record in records if record.header.box_m is not None])
         return [None if (ring := rings.get(record.id)) is None else ring_outline(ring) for record in records]
 
+    def body_of(self, frame: str) -> Body | None:
+        """Return the body on which a frame is anchored; None if it has no longitude and latitude."""
+        location = self.of(frame)
+        return None if location.anchor is None else location.body
+
     def outline_in_degrees(self, frame: str, outline: BaseGeometry | None) -> BaseGeometry | None:
-        """Return an outline in a frame as degrees, longitude first; None if the frame is not anchored on
-        ``body``.
+        """Return an outline in a frame as degrees on its body, longitude first; None if the frame is not
+        anchored.
         """
         location = self.of(frame)
-        if outline is None or location.anchor is None or location.body != self.body:
+        if outline is None or location.anchor is None:
             return None
         # a store may contain such boxes from before they were refused
         if max(map(abs, outline.bounds)) > FARTHEST_BOX_M:
@@ -71,31 +76,41 @@ class ProductOutlines:
             return None
         return cut_at_antimeridian(degrees, location.anchor.lon_deg)
 
-    def region(self, bounds_deg: Sequence[float]) -> tuple[str, Region] | None:
-        """Return the frame and the region in it for a search in a box of longitudes and latitudes.
+    def heights_m(self, frame: str, box_m: Sequence[float]) -> tuple[float, float]:
+        """Return the least and greatest height of the corners of a box in an anchored frame, metres above
+        the sphere or ellipsoid of its body.
+        """
+        corners = np.array(np.meshgrid(box_m[0::3], box_m[1::3], box_m[2::3])).reshape(3, -1).T
+        heights = self.of(frame).lonlat(corners)[:, 2]
+        return float(heights.min()), float(heights.max())
 
-        None unless exactly one site is near the box.
+    def regions(self, bounds_deg: Sequence[float], body: Body | None = None) -> list[tuple[str, Region]]:
+        """Return frames and regions in them which together cover a box of longitudes and latitudes near
+        anchored frames.
+
+        A body connects its sites: one frame is enough for all products near it. ``body`` restricts the
+        frames to those on it.
 
         Raises
         ------
         InputError
             If the bounds are not a valid box.
         """
-        west, south, east, north = checked_box(bounds_deg)
-        candidates = [
-            (f, cut) for f in self._roots if (cut := _cut(self.of(f), west, south, east, north)) is not None
-        ]
-        if len(candidates) != 1:
-            return None
-        frame, (west, south, east, north) = candidates[0]
+        box = checked_box(bounds_deg)
+        parts: dict[tuple[Any, ...], str] = {}
+        for frame in self._roots:
+            location = self.of(frame)
+            if body is None or location.body == body:
+                for part in _near(location, *box):
+                    parts.setdefault((location.body, *part), frame)
+        return [(frame, self._region(frame, part)) for (_, *part), frame in parts.items()]
+
+    def _region(self, frame: str, bounds_deg: Sequence[float]) -> Region:
+        west, south, east, north = bounds_deg
         side = max(east - west, north - south) / _POINTS_PER_SIDE
         box = shapely.segmentize(shapely.box(west, south, east, north), side)
         ring = self.of(frame).points(shapely.get_coordinates(box))[:-1, :2]
-        return frame, Region("polygon", tuple(float(v) for v in ring.ravel()))
-
-    def several_sites(self) -> bool:
-        """Return True if more than one frame is anchored."""
-        return len(self._roots) > 1
+        return Region("polygon", tuple(float(v) for v in ring.ravel()))
 
     def _anchored_frames(self) -> list[str]:
         """Return the frames that are anchored directly on a body, the site first."""
@@ -104,21 +119,24 @@ class ProductOutlines:
         return sorted((f for f in frames if self.of(f).anchor is not None), key=lambda f: (f != SITE, f))
 
 
-def _cut(
+def _near(
     location: FrameLocation, west: float, south: float, east: float, north: float
-) -> tuple[float, float, float, float] | None:
-    """Return the part of a box near an anchor, with longitudes near its own; None if empty."""
+) -> Iterator[tuple[float, float, float, float]]:
+    """Yield the parts of a box near an anchor, with longitudes near its own."""
     assert location.anchor is not None  # callers ask for anchored frames only
     lon, lat = location.anchor.lon_deg, location.anchor.lat_deg
     if west > east:  # across the antimeridian
         east += 360.0
+    y0, y1 = max(south, lat - _REACH_DEG), min(north, lat + _REACH_DEG)
+    if y0 > y1:
+        return
     reach_lon = min(_REACH_DEG / max(float(np.cos(np.radians(lat))), 0.05), 80.0)
+    last_east = -np.inf
     for offset_deg in (-360.0, 0.0, 360.0):
-        x0, x1 = max(west + offset_deg, lon - reach_lon), min(east + offset_deg, lon + reach_lon)
-        y0, y1 = max(south, lat - _REACH_DEG), min(north, lat + _REACH_DEG)
-        if x0 <= x1 and y0 <= y1:
-            return x0, y0, max(x1, x0 + _MIN_EXTENT_DEG), max(y1, y0 + _MIN_EXTENT_DEG)
-    return None
+        x0, x1 = max(west + offset_deg, lon - reach_lon, last_east), min(east + offset_deg, lon + reach_lon)
+        if x0 <= x1:
+            last_east = x1
+            yield x0, y0, max(x1, x0 + MIN_EXTENT_DEG), max(y1, y0 + MIN_EXTENT_DEG)
 
 
 def checked_box(bounds: Sequence[float]) -> tuple[float, float, float, float]:

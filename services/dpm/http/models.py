@@ -81,5 +81,6 @@ class FeatureCollection(OpenModel):
     type: Literal["FeatureCollection"]
     features: list[Feature]
     links: list[Link]
+    numberMatched: int | None = None
     numberReturned: int
     timeStamp: str | None = None

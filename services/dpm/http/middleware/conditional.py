@@ -14,7 +14,7 @@ from services.dpm.queries.bodies import parse_revision
 
 #: Endless streams, without HEAD.
 _NO_HEAD = frozenset({"/api/v1/events"})
-_JSON = ("application/json", "application/geo+json")
+_JSON = ("application/json", "application/geo+json", "application/vnd.oai.openapi+json")
 #: Larger answers are forwarded without an ETag.
 _MAX_BYTES = 8 << 20
 

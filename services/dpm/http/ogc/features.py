@@ -36,7 +36,7 @@ class FeatureWriter:
 
     def __init__(self, base: str, crs_list: CrsList | None, crs: str | None) -> None:
         self._base = base
-        self._crs_list = crs_list
+        self.crs_list = crs_list
         if crs_list is None and crs is not None:
             raise InputError(
                 f"crs={crs[:120]!r}: the site is not anchored on a body, so that features have no coordinates"
@@ -46,9 +46,9 @@ class FeatureWriter:
 
     def degrees(self, bbox: list[float] | None, crs: str | None) -> list[float] | None:
         """Return a box of the CRS ``crs`` in degrees; raises InputError."""
-        if bbox is None or self._crs_list is None:
+        if bbox is None or self.crs_list is None:
             return bbox
-        return self._crs_list.bounds_to_degrees(bbox, self._crs_list.by_uri(crs, "bbox-crs"))
+        return self.crs_list.bounds_to_degrees(bbox, self.crs_list.by_uri(crs, "bbox-crs"))
 
     def footprint(self, product: OutlinedProduct) -> dict[str, Any]:
         """Return the footprint of a product as a feature."""
@@ -68,7 +68,9 @@ class FeatureWriter:
             "producer": h.producer,
             "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
         }
-        return self._feature(record.product, record.id, product.in_frame, product.in_degrees, properties)
+        is_on_body = self.crs_list is not None and product.body == self.crs_list.body
+        in_degrees = product.in_degrees if is_on_body else None
+        return self._feature(record.product, record.id, product.in_frame, in_degrees, properties)
 
     def track(self, record: TrackRecord) -> dict[str, Any]:
         """Return a trajectory as a line."""

@@ -16,7 +16,8 @@ from cdff_common.errors import ProductNotFoundError
 from dpm_store import Track
 from services.dpm.http.context import Context
 from services.dpm.http.geographic_outlines import ProductOutlines
-from services.dpm.http.stac.catalogue import Collection, bounds_deg, box_outline
+from services.dpm.http.search_places import box_outline
+from services.dpm.http.stac.catalogue import Collection, bounds_deg
 
 TRACKS = "trajectories"
 #: Largest number of corners of a line; longer series are subsampled evenly.
@@ -85,4 +86,6 @@ def _id(track: Track) -> str:
 def _record(context: Context, outlines: ProductOutlines, track: Track) -> TrackRecord:
     xy = context.dpm.store.poses.path(track, _MAX_POSES)[:, :2]
     line = shapely.LineString(np.repeat(xy, 2, axis=0) if len(xy) == 1 else xy)
-    return TrackRecord(_id(track), track, line, outlines.outline_in_degrees(track.parent, line))
+    is_on_body = outlines.body_of(track.parent) == outlines.body
+    in_degrees = outlines.outline_in_degrees(track.parent, line) if is_on_body else None
+    return TrackRecord(_id(track), track, line, in_degrees)

@@ -150,6 +150,7 @@ def items(
     writer = FeatureWriter(base_url(request), crs_list(context, request), parameters.crs)
     bbox = writer.degrees(numbers_of(parameters.bbox), parameters.bbox_crs)
     t0_ns, t1_ns = span_of(parameters.datetime)
+    count: int | None = None
     if collection == TRACKS:
         limit = page_size(parameters.limit)
         tracks, cursor = tracks_in(context, bbox, t0_ns, t1_ns, parameters.robot, limit, parameters.cursor)
@@ -164,8 +165,9 @@ def items(
             limit=page_size(parameters.limit),
             cursor=parameters.cursor,
         )
-        page = Catalogue(context).find(query, bbox=bbox)
-        cursor = page.cursor
+        catalogue = Catalogue(context, None if writer.crs_list is None else writer.crs_list.body)
+        page = catalogue.find(query, bbox=bbox)
+        cursor, count = page.cursor, page.count
         features = [writer.footprint(placed) for placed in page.items]
     url = f"{base_url(request)}/collections/{collection}/items"
     link_parameters = parameters.model_dump(by_alias=True, exclude_none=True)
@@ -179,6 +181,7 @@ def items(
         "type": "FeatureCollection",
         "features": features,
         "links": links,
+        **({} if count is None else {"numberMatched": count}),
         "numberReturned": len(features),
         "timeStamp": format_stamp(wall_ns()),
     }

@@ -110,6 +110,12 @@ class PageParameters(BaseModel):
     f: Form = None
 
 
+class ItemsParameters(PageParameters):
+    """Parameters of a page of a collection's items."""
+
+    collections: Text = Field(None, description="The collection of the path, which pystac-client repeats")
+
+
 class SearchParameters(PageParameters):
     """Parameters of a search; ``bbox`` or ``intersects``, not both."""
 
@@ -195,10 +201,14 @@ def collection(context: Ctx, request: Request, collection: Name) -> StacCollecti
 
 @router.get("/collections/{collection}/items", response_model=ItemCollection, responses=GEOJSON_BODY)
 def items(
-    context: Ctx, request: Request, collection: Name, parameters: Annotated[PageParameters, Query()]
+    context: Ctx, request: Request, collection: Name, parameters: Annotated[ItemsParameters, Query()]
 ) -> Response:
     """Return the items of a collection, newest first."""
     Catalogue(context).extents(collection)
+    if parameters.collections is not None and collection not in (_names(parameters.collections) or ()):
+        raise InputError(
+            f"collections={parameters.collections[:80]!r}: expected {collection!r}, as in the path"
+        )
     body = _search_body(parameters, collections=[collection])
     url = f"{stac_url(request)}/collections/{collection}/items"
     return _answer(context, request, body, url, parameters.model_dump(exclude_none=True))
@@ -306,12 +316,10 @@ def _answer(
             href = f"{url}?{urlencode(query | {'token': result.cursor})}"
             links.append({"rel": "next", "type": GEOJSON, "href": href, "method": "GET"})
             headers["Link"] = f'<{href}>; rel="next"; type="{GEOJSON}"'
-    page = {
-        "type": "FeatureCollection",
-        "features": features,
-        "links": links,
-        "numberReturned": len(features),
-    }
+    page: Json = {"type": "FeatureCollection", "features": features, "links": links}
+    if result.count is not None:
+        page["numberMatched"] = result.count
+    page["numberReturned"] = len(features)
     return Response(json.dumps(page, allow_nan=False), media_type=GEOJSON, headers=headers)
 
 

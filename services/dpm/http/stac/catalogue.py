@@ -10,17 +10,23 @@ from dataclasses import dataclass, replace
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cdff_common.clock import format_stamp, parse_stamp
+from cdff_common.clock import format_stamp, parse_rfc3339
 from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
 from cdff_common.contract.products import product_types
 from cdff_common.errors import InputError, ProductNotFoundError
-from dpm_store import ProductRecord, Query
+from cdff_common.geodesy import Body
+from cdff_common.geometry.region import Region
+from dpm_store import Page, ProductRecord, Query
+from dpm_store.products.records import Cursor
 from dpm_store.search.extents import Extent
 from services.dpm.http.context import Context
-from services.dpm.http.geographic_outlines import ProductOutlines, checked_box
+from services.dpm.http.geographic_outlines import ProductOutlines
+from services.dpm.http.search_places import Place
 
 #: Store pages that one page of features may be filtered from.
 _MAX_STEPS = 50
+#: Largest number of products that are counted in a region.
+_MOST_COUNTED = 20_000
 #: The whole body.
 _EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 
@@ -68,30 +74,38 @@ class Collection:
 
 @dataclass(frozen=True, slots=True)
 class OutlinedProduct:
-    """A product with its outline in metres of its frame and in degrees of the body, None if unknown."""
+    """A product with its outline in metres of its frame and in degrees of its body, None if unknown."""
 
     record: ProductRecord
     in_frame: BaseGeometry | None
     in_degrees: BaseGeometry | None
-
-    def touches(self, place: BaseGeometry) -> bool:
-        """Return True if it shares a point with a geometry in degrees."""
-        return self.in_degrees is not None and bool(self.in_degrees.intersects(place))
+    body: Body | None
 
 
 @dataclass(frozen=True, slots=True)
 class FeaturePage:
-    """A page of products, and the cursor of the next."""
+    """A page of products, the cursor of the next, and the number of products on all pages, None if it was
+    not counted.
+    """
 
     items: tuple[OutlinedProduct, ...]
     cursor: str | None
+    count: int | None = None
 
 
 class Catalogue:
-    """Collections and features of a DPM."""
+    """Collections and features of a DPM.
 
-    def __init__(self, context: Context) -> None:
+    Parameters
+    ----------
+    context : Context
+    body : Body, optional
+        Body to which regions are restricted; all bodies without it.
+    """
+
+    def __init__(self, context: Context, body: Body | None = None) -> None:
         self._context = context
+        self._body = body
         self.places = ProductOutlines(context.dpm.store)
 
     def collections(self) -> tuple[Collection, ...]:
@@ -125,7 +139,12 @@ class Catalogue:
         """Return products with their outlines."""
         outlines = self.places.outlines_in_frame(records)
         return [
-            OutlinedProduct(record, outline, self.places.outline_in_degrees(record.header.frame, outline))
+            OutlinedProduct(
+                record,
+                outline,
+                self.places.outline_in_degrees(record.header.frame, outline),
+                self.places.body_of(record.header.frame),
+            )
             for record, outline in zip(records, outlines, strict=True)
         ]
 
@@ -144,24 +163,63 @@ class Catalogue:
         intersects : geometry, optional
             Degrees, instead of ``bbox``.
         """
-        geometry = intersects if bbox is None else box_outline(bbox)
-        if geometry is None:
+        place = Place(self.places, bbox, intersects)
+        if place.outline is None:
             page = self._context.dpm.retrieval.find(query)
-            return FeaturePage(tuple(self.placed(page.items)), page.cursor)
-        site_region = self.places.region(geometry.bounds if bbox is None else bbox)
-        if site_region is not None:
-            query = replace(query, frame=site_region[0], region=site_region[1])
-        elif not self.places.several_sites():
-            return FeaturePage((), None)
+            return FeaturePage(tuple(self.placed(page.items)), page.cursor, self._count(query))
+        regions = self.places.regions(place.bounds, self._body)
         matches: list[OutlinedProduct] = []
-        count = query.limit
-        for _ in range(_MAX_STEPS):  # the region encloses the geometry
-            page = self._context.dpm.retrieval.find(replace(query, limit=count - len(matches)))
-            matches += [p for p in self.placed(page.items) if p.touches(geometry)]
-            query = replace(query, cursor=page.cursor)
-            if page.cursor is None or len(matches) >= count:
+        limit, cursor = query.limit, query.cursor
+        for _ in range(_MAX_STEPS):  # the regions enclose the place
+            page = self._page(replace(query, limit=limit - len(matches), cursor=cursor), regions)
+            matches += [p for p in self.placed(page.items) if place.touches(p)]
+            cursor = page.cursor
+            if cursor is None or len(matches) >= limit:
                 break
-        return FeaturePage(tuple(matches), query.cursor)
+        count = len(matches) if cursor is None else self._count_in(place, query, regions)
+        return FeaturePage(tuple(matches), cursor, count if query.cursor is None else None)
+
+    def _page(self, query: Query, regions: Sequence[tuple[str, Region]]) -> Page:
+        """Return the products of a page which touch one of the regions, in the query's order."""
+        pages = [
+            self._context.dpm.retrieval.find(replace(query, frame=frame, region=region))
+            for frame, region in regions
+        ]
+        if len(pages) == 1:
+            return pages[0]
+        found = {record.ordinal: record for page in pages for record in page.items}
+        items = sorted(found.values(), key=lambda r: (r.t1_ns, r.ordinal), reverse=True)
+        is_last = len(items) <= query.limit and all(page.cursor is None for page in pages)
+        items = items[: query.limit]
+        if is_last or not items:
+            return Page(tuple(items))
+        last = items[-1]
+        position = Cursor(query.order, last.t1_ns, last.ordinal, pages[0].frames_revision)
+        return Page(tuple(items), position.text)
+
+    def _count(self, query: Query) -> int | None:
+        """Return the number of products on all pages, on the first page only."""
+        return self._context.dpm.store.count(query) if query.cursor is None else None
+
+    def _count_in(self, place: Place, query: Query, regions: Sequence[tuple[str, Region]]) -> int | None:
+        """Return the number of products in a place on all pages; None after the first page, and if they are
+        too many to count.
+        """
+        if query.cursor is not None:
+            return None
+        if not place.is_plain_box:
+            page = self._page(replace(query, limit=MAX_PAGE), regions)
+            touching = sum(place.touches(p) for p in self.placed(page.items))
+            return touching if page.cursor is None else None
+        found: set[int] = set()
+        for frame, region in regions:
+            part = self._context.dpm.store.ordinals_in(
+                replace(query, frame=frame, region=region), _MOST_COUNTED
+            )
+            if part is None:
+                return None
+            found |= part
+        return len(found)
 
     def find_ids(
         self,
@@ -172,18 +230,23 @@ class Catalogue:
         intersects: BaseGeometry | None = None,
     ) -> FeaturePage:
         """Return the products of these ids that match the other conditions; unknown ids are omitted."""
-        geometry = intersects if bbox is None else box_outline(bbox)
+        place = Place(self.places, bbox, intersects)
         records = []
         for product_id in dict.fromkeys(ids):
             try:
                 records.append(self._context.dpm.store.get(product_id))
             except ProductNotFoundError:
                 continue
-        products = self.placed([record for record in records if _fits(record, query)])
-        return FeaturePage(tuple(p for p in products if geometry is None or p.touches(geometry)), None)
+        placed = self.placed([record for record in records if _fits(record, query)])
+        products = tuple(p for p in placed if place.touches(p))
+        return FeaturePage(products, None, len(products))
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
-        boxes = [(e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5])) for e in extents if e.box_m is not None]
+        boxes = [
+            (e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5]))
+            for e in extents
+            if e.box_m is not None and self.places.body_of(e.frame) == self.places.body
+        ]
         bounds = bounds_deg(self.places.outline_in_degrees(frame, box) for frame, box in boxes)
         return Collection(name, bounds, min(e.t0_ns for e in extents), max(e.t1_ns for e in extents))
 
@@ -199,16 +262,14 @@ def bounds_deg(
     return west, south, east, north
 
 
-def box_outline(bbox: Sequence[float]) -> BaseGeometry:
-    """Return a box in degrees, in two parts if it crosses the antimeridian (west > east)."""
-    west, south, east, north = checked_box(bbox)
-    if west <= east:
-        return shapely.box(west, south, east, north)
-    return shapely.union(shapely.box(west, south, 180.0, north), shapely.box(-180.0, south, east, north))
-
-
 def span_of(datetime: str | None) -> tuple[int | None, int | None]:
-    """Return ``(t0_ns, t1_ns)`` of a ``datetime`` of STAC and OGC: a time or an interval, open at ``..``."""
+    """Return ``(t0_ns, t1_ns)`` of a ``datetime`` of STAC and OGC: a time or an interval, open at ``..``.
+
+    Raises
+    ------
+    InputError
+        If a time is not one of RFC 3339, or the interval ends before its start.
+    """
     if datetime is None:
         return None, None
     parts = datetime.split("/")
@@ -217,11 +278,14 @@ def span_of(datetime: str | None) -> tuple[int | None, int | None]:
             f"datetime={datetime[:80]!r}: expected a time, or two of them as t0/t1, one of them may be .."
         )
     times = [
-        None if part in ("", "..") and len(parts) == 2 else parse_stamp(part, "datetime") for part in parts
+        None if part in ("", "..") and len(parts) == 2 else parse_rfc3339(part, "datetime") for part in parts
     ]
     if any(t is not None and abs(t) > LATEST_NS for t in times):
         raise InputError(f"datetime={datetime[:80]!r}: expected times before the year 2116")
-    return times[0], times[-1]
+    t0_ns, t1_ns = times[0], times[-1]
+    if t0_ns is not None and t1_ns is not None and t0_ns > t1_ns:
+        raise InputError(f"datetime={datetime[:80]!r}: the interval ends before its start")
+    return t0_ns, t1_ns
 
 
 def numbers_of(text: str | None, name: str = "bbox") -> list[float] | None:

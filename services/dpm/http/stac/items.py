@@ -46,7 +46,7 @@ class ItemWriter:
         self._places = places
         self._body = places.body
         self._plane = functools.cache(lambda frame: crs_fields(places.of(frame).crs))
-        self._globe = {} if places.body is None else crs_fields(places.body.geographic_crs)
+        self._globe = functools.cache(lambda body: crs_fields(body.geographic_crs))
 
     def item(self, product: OutlinedProduct) -> dict[str, Any]:
         """Return the STAC item of a product."""
@@ -70,7 +70,7 @@ class ItemWriter:
         item: dict[str, Any] = {
             "type": "Feature",
             "stac_version": VERSION,
-            "stac_extensions": self._extensions(),
+            "stac_extensions": [PROJECTION, FILE, PROCESSING, *([] if product.body is None else [TARGETS])],
             "id": record.id,
             "collection": record.product,
             "geometry": geojson(outline),
@@ -106,9 +106,6 @@ class ItemWriter:
             data |= {"stac_extensions": [TARGETS], "ssys:targets": [target(self._body)]}
         return data
 
-    def _extensions(self) -> list[str]:
-        return [PROJECTION, FILE, PROCESSING, *([] if self._body is None else [TARGETS])]
-
     def _properties(self, product: OutlinedProduct) -> dict[str, Any]:
         record, h = product.record, product.record.header
         properties: dict[str, Any] = {
@@ -132,8 +129,11 @@ class ItemWriter:
             properties["cdff:child"] = h.child
         if h.signature is not None:
             properties["cdff:signature"] = h.signature
-        if self._body is not None:
-            properties |= {"ssys:targets": [target(self._body)], "cdff:geographic_crs": code_of(self._body)}
+        if product.body is not None:
+            properties |= {
+                "ssys:targets": [target(product.body)],
+                "cdff:geographic_crs": code_of(product.body),
+            }
         return properties | self._projection(product)
 
     def _projection(self, product: OutlinedProduct) -> dict[str, Any]:
@@ -152,10 +152,10 @@ class ItemWriter:
             "title": "Footprint",
             "roles": ["metadata"],
         }
-        if self._body is not None and product.in_degrees is not None:
+        if product.body is not None and product.in_degrees is not None:
             footprint |= {
-                "proj:code": code_of(self._body),
-                **self._globe,
+                "proj:code": code_of(product.body),
+                **self._globe(product.body),
                 "proj:geometry": geojson(product.in_degrees),
                 "proj:bbox": [float(v) for v in product.in_degrees.bounds],
             }

@@ -111,6 +111,140 @@ def test_two_sites_of_one_body_are_both_found(http: TestClient, dpm: Dpm) -> Non
     assert set(feature_ids(http, "/stac/search?bbox=-180,-90,180,90")) == {at_site.id, at_camp.id}
 
 
+def test_products_on_other_bodies_have_coordinates_on_them(http: TestClient, dpm: Dpm) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    dpm.store.anchors.anchor("moon/camp", Anchor(body("moon"), 10.0, 0.0))
+    _, on_mars = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+    value = Pointcloud.from_points(np.zeros((3, 3)), frame="moon/camp", stamp_ns=0)
+    _, on_moon = dpm.writer.put(
+        *put_arguments(value, "pointcloud", 2, frame="moon/camp", box_m=(0.0, 0.0, 0.0, 10.0, 1.0, 0.0))
+    )
+    item = http.get(f"/stac/collections/pointcloud/items/{on_moon.id}").json()
+    assert item["properties"]["ssys:targets"] == ["Moon"]
+    assert item["properties"]["cdff:geographic_crs"] == "IAU_2015:30100"
+    east_deg = np.degrees(10.0 / 1_737_400.0)
+    assert np.allclose(item["bbox"][::2], [10.0, 10.0 + east_deg], rtol=0, atol=1e-9)
+    mars = http.get(f"/stac/collections/dem/items/{on_mars.id}").json()
+    assert mars["properties"]["ssys:targets"] == ["Mars"]
+    assert set(feature_ids(http, "/stac/search?bbox=9.9,-0.1,10.1,0.1")) == {on_mars.id, on_moon.id}
+    # All features of OGC API Features are in CRSs of Mars.
+    assert feature_ids(http, "/ogc/collections/pointcloud/items?bbox=9.9,-0.1,10.1,0.1") == []
+    (feature,) = http.get("/ogc/collections/pointcloud/items").json()["features"]
+    assert feature["geometry"] is None
+
+
+def test_a_box_around_two_near_sites_is_searched_in_one_pass(
+    http: TestClient, dpm: Dpm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    dpm.store.anchors.anchor("mana/camp", Anchor(MARS, 10.001, 0.0))
+    ids = [
+        dpm.writer.put(*put_arguments(elevation(10.0 * i), "dem", i + 1, resolution_m=0.1))[1].id
+        for i in range(5)
+    ]
+    searches: list[object] = []
+    search = dpm.store.search
+    monkeypatch.setattr(dpm.store, "search", lambda query: (searches.append(query), search(query))[1])
+    assert feature_ids(http, "/stac/search?bbox=10.5,0.5,10.6,0.6") == []
+    assert len(searches) == 1
+    assert set(feature_ids(http, "/stac/search?bbox=9.9,-0.1,10.1,0.1")) == set(ids)
+    assert len(searches) == 2
+
+
+def test_pages_of_a_box_over_distant_sites_repeat_and_skip_no_product(http: TestClient, dpm: Dpm) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    dpm.store.anchors.anchor("mana/camp", Anchor(MARS, 40.0, 0.0))
+    ids = []
+    for i in range(7):
+        frame = "site" if i % 2 else "mana/camp"
+        value = Pointcloud.from_points(np.zeros((3, 3)), frame=frame, stamp_ns=0)
+        arguments = put_arguments(
+            value, "pointcloud", i + 1, frame=frame, box_m=(0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
+        )
+        ids.append(dpm.writer.put(*arguments)[1].id)
+    found: list[str] = []
+    page = http.get("/stac/search?bbox=0,-5,60,5&limit=3").json()
+    while True:
+        found += [feature["id"] for feature in page["features"]]
+        (*_, url) = [None, *(link["href"] for link in page["links"] if link["rel"] == "next")]
+        if url is None:
+            break
+        page = http.get(url).json()
+    assert sorted(found) == sorted(ids)
+    assert found == [i.id for i in dpm.store.search().items]
+
+
+@pytest.mark.parametrize(
+    ("bbox", "is_found"),
+    [
+        ("9.9,-0.1,10.1,0.1", True),
+        ("-350.1,-0.1,-349.9,0.1", True),  # the same place, one turn to the west
+        ("9.9,-0.1,1010,10.1,0.1,1050", False),
+        ("9.9,-0.1,990,10.1,0.1,1010", True),  # the site is 1000 m above the sphere
+        ("9.9,-0.1,-10,10.1,0.1,900", False),
+    ],
+)
+def test_a_box_may_have_heights_and_any_turn_of_longitude(
+    http: TestClient, dpm: Dpm, bbox: str, is_found: bool
+) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0, height_m=1000.0))
+    _, product = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+    expected = [product.id] if is_found else []
+    assert feature_ids(http, f"/stac/search?bbox={bbox}") == expected
+    assert feature_ids(http, f"/ogc/collections/dem/items?bbox={bbox}") == expected
+
+
+def test_the_whole_globe_contains_products_beyond_the_antimeridian_of_their_site(
+    http: TestClient, dpm: Dpm
+) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 179.999, 0.0))
+    _, east = dpm.writer.put(*put_arguments(elevation(1000.0), "dem", 1, resolution_m=0.1))
+    for bbox in ("-180,-90,180,90", "-180,-1,-179,1", "179,-1,181,1"):
+        assert feature_ids(http, f"/stac/search?bbox={bbox}") == [east.id], bbox
+    assert http.get("/stac/search?bbox=0,0,9,1,1,0").status_code == 400
+
+
+@pytest.mark.parametrize(
+    ("text", "status"),
+    [
+        ("1970-01-01t00:00:01z", 200),
+        ("1970-01-01T00:00:01.123456789Z", 200),
+        ("1970-01-01T00:00:01-00:00/..", 200),
+        ("1937-01-01T12:00:27.87+0100", 400),
+        ("1970-01-01T00:00:01.Z", 400),
+        ("1970-01-01T00:00:01,5Z", 400),
+        ("1970-01-01 00:00:01Z", 400),
+        ("1970-01-01T00:00:01", 400),
+        ("1000000000", 400),
+        ("1970-01-01T00:00:02Z/1970-01-01T00:00:01Z", 400),
+        ("../..", 400),
+    ],
+)
+def test_times_of_a_search_are_those_of_rfc_3339(http: TestClient, text: str, status: int) -> None:
+    assert http.get("/stac/search", params={"datetime": text}).status_code == status
+    assert http.post("/stac/search", json={"datetime": text}).status_code == status
+
+
+def test_the_first_page_states_the_number_of_all_products(http: TestClient, dpm: Dpm) -> None:
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    for i in range(5):
+        dpm.writer.put(*put_arguments(elevation(2.0 * i), "dem", i + 1, resolution_m=0.1))
+    for path in ("/stac/search?collections=dem&limit=2", "/ogc/collections/dem/items?limit=2"):
+        assert http.get(path).json()["numberMatched"] == 5
+    assert http.get("/stac/search?bbox=9,-1,11,1").json()["numberMatched"] == 5
+    assert http.get("/stac/search?collections=pose").json()["numberMatched"] == 0
+
+
+def test_items_of_a_collection_accept_its_own_name_only(http: TestClient, inserted_id: InsertedId) -> None:
+    assert feature_ids(http, "/stac/collections/dem/items?collections=dem") == [inserted_id("dem")]
+    assert http.get("/stac/collections/dem/items?collections=pose").status_code == 400
+
+
+def test_the_interface_document_has_the_media_type_of_its_links(http: TestClient) -> None:
+    (link,) = [link for link in http.get("/stac").json()["links"] if link["rel"] == "service-desc"]
+    assert http.get(link["href"]).headers["content-type"] == link["type"]
+
+
 def test_a_body_without_an_iau_code_has_its_own_crs(http: TestClient, dpm: Dpm) -> None:
     bennu = body("bennu")
     dpm.store.anchors.anchor("site", Anchor(bennu, 10.0, 5.0))
