@@ -4,7 +4,8 @@
 
 RFC 7946 supports only longitude and latitude on Earth. Sites of other bodies are in metres of a frame, so the
 collection contains its CRS as WKT, as in GeoJSON of 2008, which GDAL and QGIS read. The member ``cdff``
-repeats the frame for readers that support RFC 7946 only.
+repeats the frame for readers that support RFC 7946 only, and has the frame's axes in the CRS if they differ
+from easting and northing.
 """
 
 from __future__ import annotations
@@ -20,15 +21,19 @@ from cdff_common.formats.geotiff import engineering_crs
 from cdff_common.types.ground_areas_ext import AreaKind
 
 if TYPE_CHECKING:
+    from cdff_common.geodesy import Georeference
     from cdff_common.types import GroundAreas, PoseTrajectory, TransformWithCovariance
 
 Feature = dict[str, Any]
 
 
-def write_geojson(features: Iterable[Feature], frame: str, wkt: str | None = None) -> bytes:
-    """Return a GeoJSON collection of features in a frame, metres."""
-    crs = {"type": "name", "properties": {"name": wkt or engineering_crs(frame)}}
-    frame_member = {"frame": frame, "unit": "m"}
+def write_geojson(features: Iterable[Feature], frame: str, place: Georeference | None = None) -> bytes:
+    """Return a GeoJSON collection of features in a frame, metres; by default in an engineering CRS."""
+    crs = {"type": "name", "properties": {"name": engineering_crs(frame) if place is None else place.wkt}}
+    frame_member: dict[str, Any] = {"frame": frame, "unit": "m"}
+    if place is not None and not place.is_identity:
+        frame_member["axes"] = place.rows
+        features = [_placed(item, place) for item in features]
     collection = {
         "type": "FeatureCollection",
         "name": frame,
@@ -46,6 +51,18 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
         "properties": dict(properties),
         "geometry": {"type": kind, "coordinates": np.asarray(coordinates).tolist()},
     }
+
+
+def _placed(item: Feature, place: Georeference) -> Feature:
+    """Return a feature in the frame with coordinates of the CRS."""
+
+    def convert(coordinates: Any) -> Any:
+        if coordinates and not isinstance(coordinates[0], list | tuple):
+            return place.coordinates(coordinates)[0].tolist()
+        return [convert(part) for part in coordinates]
+
+    geometry = item["geometry"]
+    return item | {"geometry": geometry | {"coordinates": convert(geometry["coordinates"])}}
 
 
 def outline(ring_m: ArrayLike, properties: Mapping[str, Any]) -> Feature:

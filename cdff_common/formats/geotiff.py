@@ -3,7 +3,8 @@
 """GeoTIFF of maps and of single-band float images.
 
 Written with float32 bands, nodata NaN, pixel-is-area, row 0 at ymax. The CRS is an engineering CRS named
-after the frame; times and layer names are stored in the tags, so that maps are read back identically.
+after the frame, or that of its body; a frame that does not face north has rows that are rotated in it. Times,
+layer names and the place in the frame are stored in the tags, so that maps are read back identically.
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ from cdff_common.raster.geometry import MAX_CELLS, GridGeometry
 from cdff_common.raster.resample import area_means
 
 if TYPE_CHECKING:
+    from cdff_common.geodesy import Georeference
     from cdff_common.types import ElevationMap, NavigationMap
 
 #: Bands of a ``dem``, in order.
 DEM_BANDS = ("mean", "variance", "min", "max", "count", "age_s")
 _FALLBACK_FRAME = "site"
+#: Tag with cell size, xmin and ymax in the frame, of a file whose rows are rotated in its CRS.
+_GRID_TAG = "CDFF_GRID_M"
 #: Relative difference of width and height up to which a cell is square.
 _SQUARE_TOLERANCE = 1e-9
 
@@ -38,15 +42,15 @@ def engineering_crs(frame: str) -> str:
     return f'LOCAL_CS["{frame}",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
 
 
-def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) -> bytes:
+def write_map(value: ElevationMap | NavigationMap, *, place: Georeference | None = None) -> bytes:
     """Return a map as GeoTIFF.
 
     Parameters
     ----------
     value : ElevationMap or NavigationMap
         The bands of an elevation map are those of ``DEM_BANDS`` that exist, followed by the auxiliary layers.
-    wkt : str, optional
-        CRS of a frame that is anchored on a body; by default an engineering CRS named after the frame.
+    place : Georeference, optional
+        That of a frame that is anchored on a body; by default an engineering CRS named after the frame.
     """
     names = [
         *(n for n in DEM_BANDS if n in value.layer_names),
@@ -60,7 +64,7 @@ def write_map(value: ElevationMap | NavigationMap, *, wkt: str | None = None) ->
         "CDFF_T1_NS": str(value.t1_ns),
     }
     dtypes = ",".join(value.layer(name).dtype.str.lstrip("<|") for name in names)
-    return write_bands(bands, value.geometry, tags={**tags, "CDFF_DTYPES": dtypes}, wkt=wkt)
+    return write_bands(bands, value.geometry, tags={**tags, "CDFF_DTYPES": dtypes}, place=place)
 
 
 def read_map(
@@ -132,7 +136,7 @@ def write_bands(
     geometry: GridGeometry | None = None,
     *,
     tags: Mapping[str, str] | None = None,
-    wkt: str | None = None,
+    place: Georeference | None = None,
     cloud_optimized: bool = True,
 ) -> bytes:
     """Return a deflated GeoTIFF of float32 bands ``(rows, cols)``; without a geometry in pixel coordinates.
@@ -143,8 +147,8 @@ def write_bands(
     geometry : GridGeometry, optional
     tags : mapping, optional
         Tags of the file.
-    wkt : str, optional
-        CRS; by default an engineering CRS named after the frame.
+    place : Georeference, optional
+        By default an engineering CRS named after the frame.
     cloud_optimized : bool
         Write a COG: tiles of 256 cells, header first, and overviews by nearest neighbour, since a mean of
         variances or counts has no meaning.
@@ -169,16 +173,23 @@ def write_bands(
         "blockysize": 256,
         **({} if cloud_optimized else packing),
     }
+    tags = {"AREA_OR_POINT": "Area", **(tags or {})}
     if geometry is not None:
-        r = geometry.resolution_m
-        profile["transform"] = rasterio.Affine(r, 0.0, geometry.xmin_m, 0.0, -r, geometry.ymax_m)
-        profile["crs"] = rasterio.crs.CRS.from_wkt(wkt or engineering_crs(geometry.frame))
+        r, x, y = geometry.resolution_m, geometry.xmin_m, geometry.ymax_m
+        transform = rasterio.Affine(r, 0.0, x, 0.0, -r, y)
+        wkt = engineering_crs(geometry.frame) if place is None else place.wkt
+        profile["crs"] = rasterio.crs.CRS.from_wkt(wkt)
+        if place is not None and not place.is_identity:
+            (a, b, c), (d, e, f) = place.rows
+            tags[_GRID_TAG] = " ".join(map(repr, (r, x, y)))
+            transform = rasterio.Affine(a * r, -b * r, a * x + b * y + c, d * r, -e * r, d * x + e * y + f)
+        profile["transform"] = transform
     with _quietly(), MemoryFile() as memory:
         with memory.open(**profile) as file:
             for index, (name, band) in enumerate(bands.items(), start=1):
                 file.write(np.asarray(band, dtype=np.float32), index)
                 file.set_band_description(index, name)
-            file.update_tags(AREA_OR_POINT="Area", **(tags or {}))
+            file.update_tags(**tags)
         if not cloud_optimized:
             return bytes(memory.read())
         with MemoryFile() as packed:
@@ -254,7 +265,8 @@ def _read_raster(s: Source) -> _Raster:
                 )
             size = file.width * file.height * sum(np.dtype(kind).itemsize for kind in file.dtypes)
             s.check_claim(size, f"{file.count} bands of {file.height} x {file.width}")
-            t = file.transform
+            tags = {str(k): str(v) for k, v in file.tags().items()}
+            t = _grid_of(tags) or file.transform
             if t.b or t.d:
                 raise s.error(
                     f"transform {tuple(t)[:6]}: expected rows parallel to the x axis; rotate it with gdalwarp"
@@ -267,7 +279,6 @@ def _read_raster(s: Source) -> _Raster:
             if np.any(scale != 1.0) or np.any(offset != 0.0):
                 stored = stored * scale + offset
             stack = stored.astype(np.float32).filled(np.nan)
-            tags = {str(k): str(v) for k, v in file.tags().items()}
             unit_error = _unit_error(file.crs)
     except rasterio.errors.RasterioError as error:
         raise s.error(f"not a readable raster: {error}") from error
@@ -279,6 +290,18 @@ def _read_raster(s: Source) -> _Raster:
         stack, xmin_m = stack[:, :, ::-1], xmin_m + t.a * stack.shape[2]
     bands = dict(zip(names, np.ascontiguousarray(stack), strict=True))
     return _Raster(bands, tags, abs(float(t.a)), abs(float(t.e)), xmin_m, ymax_m, unit_error)
+
+
+def _grid_of(tags: Mapping[str, str]) -> Any:
+    """Return the transform of the cells in the frame that the writer has noted, None without one."""
+    from rasterio import Affine
+
+    try:
+        r, xmin_m, ymax_m = map(float, tags[_GRID_TAG].split())
+    except (KeyError, ValueError):
+        return None
+    is_valid = bool(np.isfinite([r, xmin_m, ymax_m]).all()) and r > 0.0
+    return Affine(r, 0.0, xmin_m, 0.0, -r, ymax_m) if is_valid else None
 
 
 def _unit_error(crs: Any) -> str:

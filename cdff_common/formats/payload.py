@@ -30,6 +30,7 @@ from cdff_common.formats.track_csv import write_track_csv
 from cdff_common.formats.tum import write_tum
 
 if TYPE_CHECKING:
+    from cdff_common.geodesy import Georeference
     from cdff_common.types import (
         CorrespondenceMap2D,
         ElevationMap,
@@ -70,7 +71,7 @@ def cloud_arrays(value: Pointcloud) -> CloudArrays:
     return CloudArrays.of(value.points_m, value.intensity, colors)
 
 
-def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
+def to_file(value: Any, fmt: str, place: Georeference | None = None) -> bytes:
     """Return a message in a format of ``FORMATS``.
 
     Parameters
@@ -78,7 +79,7 @@ def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
     value : Any
         A ``cdff_common.types`` object.
     fmt : str
-    wkt : str, optional
+    place : Georeference, optional
         CRS of its frame, for formats that contain one; by default an engineering CRS named after the frame.
 
     Raises
@@ -89,7 +90,7 @@ def to_file(value: Any, fmt: str, wkt: str | None = None) -> bytes:
     name = type(value).__name__
     if fmt not in FORMATS.get(name, ()):
         raise InputError(f"{name} as {fmt!r}: expected one of {', '.join(FORMATS.get(name, ())) or 'none'}")
-    return _WRITERS[name][fmt](value, wkt)
+    return _WRITERS[name][fmt](value, place)
 
 
 def pose_value(value: TransformWithCovariance, covariance_kind: str = "none") -> PoseValue:
@@ -97,12 +98,12 @@ def pose_value(value: TransformWithCovariance, covariance_kind: str = "none") ->
     return PoseValue(value.transform, value.parent_frame, value.child_frame, value.stamp_ns, covariance_kind)
 
 
-def _cloud_ply(value: Pointcloud, _: str | None) -> bytes:
+def _cloud_ply(value: Pointcloud, _: Georeference | None) -> bytes:
     comments = {"frame": value.frame, "stamp_ns": str(value.stamp_ns)}
     return write_ply(cloud_arrays(value), comments=comments)
 
 
-def _cloud_npz(value: Pointcloud, _: str | None) -> bytes:
+def _cloud_npz(value: Pointcloud, _: Georeference | None) -> bytes:
     arrays = cloud_arrays(value)
     extra: dict[str, NDArray[Any]] = {} if arrays.intensity is None else {"intensity": arrays.intensity}
     extra |= {} if arrays.colors is None else {"colors": arrays.colors}
@@ -110,11 +111,11 @@ def _cloud_npz(value: Pointcloud, _: str | None) -> bytes:
     return write_npz({"points_m": arrays.points_m, **extra, **header})
 
 
-def _map(value: ElevationMap | NavigationMap, wkt: str | None) -> bytes:
-    return write_map(value, wkt=wkt)
+def _map(value: ElevationMap | NavigationMap, place: Georeference | None) -> bytes:
+    return write_map(value, place=place)
 
 
-def _map_npz(value: ElevationMap | NavigationMap, _: str | None) -> bytes:
+def _map_npz(value: ElevationMap | NavigationMap, _: Georeference | None) -> bytes:
     g = value.geometry
     layers = {name: value.layer(name) for name in value.layer_names}
     placement = np.array([g.resolution_m, g.xmin_m, g.ymax_m])
@@ -124,34 +125,34 @@ def _map_npz(value: ElevationMap | NavigationMap, _: str | None) -> bytes:
     )
 
 
-def _class_areas(value: NavigationMap, wkt: str | None) -> bytes:
+def _class_areas(value: NavigationMap, place: Georeference | None) -> bytes:
     from cdff_common.raster.areas import CLASSES, area_outlines  # loads numba
 
-    return _areas(area_outlines(value, CLASSES), wkt)
+    return _areas(area_outlines(value, CLASSES), place)
 
 
-def _areas(value: GroundAreas, wkt: str | None) -> bytes:
-    return write_geojson(area_features(value), value.frame, wkt)
+def _areas(value: GroundAreas, place: Georeference | None) -> bytes:
+    return write_geojson(area_features(value), value.frame, place)
 
 
-def _pose_json(value: TransformWithCovariance, _: str | None) -> bytes:
+def _pose_json(value: TransformWithCovariance, _: Georeference | None) -> bytes:
     return (json.dumps(pose_value(value).to_json(), indent=1) + "\n").encode()
 
 
-def _trajectory_npz(value: PoseTrajectory, _: str | None) -> bytes:
+def _trajectory_npz(value: PoseTrajectory, _: Georeference | None) -> bytes:
     extra = {} if value.covariances is None else {"covariances": value.covariances}
     frames = {"parent": np.array(value.parent_frame), "child": np.array(value.child_frame)}
     return write_npz({"stamps_ns": value.stamps_ns, "matrices": value.matrices, **extra, **frames})
 
 
-def _matches_csv(value: CorrespondenceMap2D, _: str | None) -> bytes:
+def _matches_csv(value: CorrespondenceMap2D, _: Georeference | None) -> bytes:
     """Return CSV rows ``x0,y0,x1,y1,score``; the score is the probability."""
     rows = np.column_stack([value.sources_px, value.sinks_px, value.probabilities]).tolist()
     lines = [f"{a:.4f},{b:.4f},{c:.4f},{d:.4f},{p:.6f}" for a, b, c, d, p in rows]
     return "\n".join(["x0,y0,x1,y1,score", *lines, ""]).encode()
 
 
-def _frame_tif(value: Frame, _: str | None) -> bytes:
+def _frame_tif(value: Frame, _: Georeference | None) -> bytes:
     channels = np.atleast_3d(value.image)
     return write_bands({f"band{i + 1}": channels[:, :, i] for i in range(channels.shape[2])})
 
@@ -163,7 +164,7 @@ def _pixels(value: Frame) -> NDArray[Any]:
 
 
 #: Type -> format -> writer of a value, given the CRS of its frame; the preferred format first.
-_WRITERS: dict[str, dict[str, Callable[[Any, str | None], bytes]]] = {
+_WRITERS: dict[str, dict[str, Callable[[Any, Georeference | None], bytes]]] = {
     "Pointcloud": {
         "ply": _cloud_ply,
         "las": lambda value, _: write_las(cloud_arrays(value)),
@@ -181,12 +182,12 @@ _WRITERS: dict[str, dict[str, Callable[[Any, str | None], bytes]]] = {
     "TransformWithCovariance": {
         "json": _pose_json,
         "tum": lambda value, _: write_tum([value.stamp_ns], value.transform.matrix[None]),
-        "geojson": lambda value, wkt: write_geojson([pose_feature(value)], value.parent_frame, wkt),
+        "geojson": lambda value, place: write_geojson([pose_feature(value)], value.parent_frame, place),
     },
     "PoseTrajectory": {
         "tum": lambda value, _: write_tum(value.stamps_ns, value.matrices),
         "npz": _trajectory_npz,
-        "geojson": lambda value, wkt: write_geojson([path_feature(value)], value.parent_frame, wkt),
+        "geojson": lambda value, place: write_geojson([path_feature(value)], value.parent_frame, place),
     },
     "PoseGraph": {"g2o": lambda value, _: write_pose_graph(value)},
     "CorrespondenceMap2D": {"csv": _matches_csv},

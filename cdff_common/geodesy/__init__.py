@@ -7,5 +7,6 @@ latitude.
 from cdff_common.geodesy.anchor import Anchor
 from cdff_common.geodesy.bodies import Body, body, body_names, crs_of
 from cdff_common.geodesy.frame_location import FrameLocation
+from cdff_common.geodesy.georeference import Georeference
 
-__all__ = ["Anchor", "Body", "FrameLocation", "body", "body_names", "crs_of"]
+__all__ = ["Anchor", "Body", "FrameLocation", "Georeference", "body", "body_names", "crs_of"]

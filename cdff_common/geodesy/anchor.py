@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.geodesy.bodies import Body
+from cdff_common.geodesy.georeference import Georeference
 from cdff_common.geometry import se3
 
 FloatArray = NDArray[np.float64]
@@ -106,6 +107,16 @@ class Anchor:
         """WKT2 of ``crs``."""
         return str(self.crs.to_wkt("WKT2_2019"))
 
+    @property
+    def georeference(self) -> Georeference:
+        """Orthographic CRS about the origin, which programs of before 2025 support, and the axes in it."""
+        plain = Anchor(self.body, self.lon_deg, self.lat_deg)
+        if _is_plain(self):
+            return Georeference(plain.wkt)
+        azimuth = np.deg2rad(self.azimuth_deg)
+        c, s = np.array([np.cos(azimuth), np.sin(azimuth)]) / (1.0 + self.height_m / self.body.axes_m[0])
+        return Georeference(plain.wkt, ((float(c), float(s), 0.0), (-float(s), float(c), 0.0)))
+
     def lonlat(self, points_m: ArrayLike) -> FloatArray:
         """Return longitude, latitude (degrees) and height (metres) ``(n, 3)`` of points ``(n, 2)`` or ``(n,
         3)``.
@@ -125,6 +136,11 @@ class Anchor:
     def to_dict(self) -> dict[str, Any]:
         """Return the dict form for MessagePack and JSON."""
         return asdict(self) | {"body": self.body.name}
+
+
+def _is_plain(anchor: Anchor) -> bool:
+    """Return whether the frame is on the ellipsoid and faces north."""
+    return abs(anchor.height_m) < _NO_HEIGHT_M and abs(anchor.azimuth_deg) < _NO_AZIMUTH_DEG
 
 
 def _with_height(points_m: ArrayLike) -> FloatArray:
@@ -168,13 +184,10 @@ def _to_lonlat(body: Body, points_m: FloatArray) -> FloatArray:
 def _projected(anchor: Anchor) -> Any:
     import pyproj
 
-    is_on_ellipsoid_facing_north = (
-        abs(anchor.height_m) < _NO_HEIGHT_M and abs(anchor.azimuth_deg) < _NO_AZIMUTH_DEG
-    )
     base = anchor.body.geographic_crs
     equatorial_m, _ = anchor.body.axes_m
     degree, metre = "degree", "metre"
-    if is_on_ellipsoid_facing_north:
+    if _is_plain(anchor):
         method = {"name": "Orthographic", "id": {"authority": "EPSG", "code": 9840}}
         parameters = [
             ("Latitude of natural origin", 8801, anchor.lat_deg, degree),

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cdff_common.errors import InputError
 from cdff_common.geodesy.anchor import Anchor, FloatArray
 from cdff_common.geodesy.bodies import Body, engineering_projjson
+from cdff_common.geodesy.georeference import Georeference
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,11 @@ class FrameLocation:
         """WKT2 of ``crs``."""
         return str(self.crs.to_wkt("WKT2_2019"))
 
+    @property
+    def georeference(self) -> Georeference:
+        """CRS for files and the frame's axes in it; see ``Anchor.georeference``."""
+        return Georeference(self.wkt) if self.anchor is None else self.anchor.georeference
+
     def lonlat(self, points_m: ArrayLike) -> FloatArray:
         """Return ``Anchor.lonlat``; raises InputError if the frame is not anchored."""
         return self._required_anchor().lonlat(points_m)
@@ -67,6 +73,7 @@ class FrameLocation:
             "body": None if self.body is None else self.body.to_dict(),
             "anchor": None if self.anchor is None else self.anchor.to_dict(),
             "wkt": self.wkt,
+            "georeference": self.georeference.to_dict(),
             "frames_revision": self.frames_revision,
         }
 

@@ -213,7 +213,7 @@ def test_an_item_on_mars_has_the_coordinates_of_its_product(stac: Any, server: S
     projected_crs = pyproj.CRS.from_wkt(projection.wkt2)
     assert projected_crs == pyproj.CRS.from_json_dict(projection.projjson)
     assert projected_crs.ellipsoid.semi_major_metre == 3_396_190.0
-    assert projection.bbox == [0.0, 0.0, 2.0, 2.0]
+    assert np.allclose(projection.bbox, [-2.0, 0.0, 0.0, 2.0], rtol=0, atol=1e-9)  # a quarter turn
     to_degrees = pyproj.Transformer.from_crs(projected_crs, "IAU_2015:49900", always_xy=True)
     computed = np.column_stack(to_degrees.transform(*np.array(projection.geometry["coordinates"][0]).T))
     assert np.allclose(computed, item.geometry["coordinates"][0], rtol=0, atol=1e-9)

@@ -140,6 +140,7 @@ def _get(bus: Bus, parameters: dict[str, str]) -> Reply:
 def _outlines(bus: Bus, items: list[dict[str, Any]]) -> bytes:
     """Return the outlines of products of one frame as GeoJSON in its CRS."""
     from cdff_common.formats.geojson import outline, write_geojson
+    from cdff_common.geodesy import Georeference
 
     items_with_box = [item for item in items if item.get("box_m") is not None]
     frame = items_with_box[0]["frame"] if items_with_box else "site"
@@ -160,7 +161,7 @@ def _outlines(bus: Bus, items: list[dict[str, Any]]) -> bytes:
             outline(ring, {name: value for name, value in properties.items() if value is not None})
         )
     location = bus.call(keys.dpm_rpc(keys.GROUND, "place"), {"frame": frame}, timeout_s=_TIMEOUT_S).body()
-    return write_geojson(features, frame, location["wkt"])
+    return write_geojson(features, frame, Georeference.from_dict(location["georeference"]))
 
 
 def _write(path: Path, data: bytes, products: int) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from cdff_common.contract.queries import (
     WindowParameters,
 )
 from cdff_common.errors import ProductNotFoundError, UnavailableError
+from cdff_common.geodesy import Georeference
 from cdff_common.interfaces.product import Status
 from dpm_store import NewProduct, Page, ProductRecord, Query, Store
 from dpm_store.maps.clouds import DERIVED_PORT as CLOUD_PORT
@@ -86,9 +87,9 @@ class Retrieval:
         is_stored_form = form.format in (None, "native", record.codec) and form.as_type is None
         self._budget.charge((2 if is_stored_form else CONVERSION_COPIES) * record.size)
         payload = self._store.payload(product_id)
-        wkt = self.crs_wkt(record.header.frame, form.format)
+        place = self.georeference(record.header.frame, form.format)
         body = convert(
-            record.type_name, record.codec, payload, form.format, form.as_type, record.header, wkt=wkt
+            record.type_name, record.codec, payload, form.format, form.as_type, record.header, place=place
         )
         return DeliveredProduct(body, record.to_dict())
 
@@ -109,9 +110,9 @@ class Retrieval:
         self._budget.charge(2 * min(record.size, record.size if length is None else length))
         return record, self._store.payload(product_id, offset, length)
 
-    def crs_wkt(self, frame: str, format_name: str | None) -> str | None:
-        """Return the CRS of a frame as WKT; None for formats that do not state one."""
-        return self._store.anchors.of(frame).wkt if format_name in ("tif", "geojson") else None
+    def georeference(self, frame: str, format_name: str | None) -> Georeference | None:
+        """Return the CRS of a frame and its axes in it; None for formats that do not state one."""
+        return self._store.anchors.of(frame).georeference if format_name in ("tif", "geojson") else None
 
     def window(self, parameters: WindowParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
         """Return an elevation window; raises UnavailableError below ``min_coverage``."""
@@ -165,8 +166,10 @@ class Retrieval:
         type_name, header = wire_type(value), derived.header
         metadata = header.to_dict() | derived.manifest() | {"robot": derived.robot}
         if form.deliver != "reference":
-            wkt = self.crs_wkt(header.frame, form.format)
-            body = convert(type_name, "uper", None, form.format, form.as_type, header, value=value, wkt=wkt)
+            place = self.georeference(header.frame, form.format)
+            body = convert(
+                type_name, "uper", None, form.format, form.as_type, header, value=value, place=place
+            )
             if form.deliver == "inline" or len(body.data) <= INLINE_BYTES:
                 return DeliveredProduct(body, metadata)
             del body

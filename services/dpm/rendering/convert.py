@@ -11,6 +11,7 @@ from cdff_common.codecs import CODECS, encoding_string
 from cdff_common.codecs.wire_types import base_type, wire_type
 from cdff_common.errors import InputError
 from cdff_common.formats.payload import FORMATS, MEDIA_TYPES, to_file
+from cdff_common.geodesy import Georeference
 from cdff_common.interfaces.product import Header
 from services.dpm.rendering.pictures import DRAWN_TYPES
 
@@ -52,7 +53,7 @@ def convert(
     as_type: str | None,
     header: Header,
     value: Any = None,
-    wkt: str | None = None,
+    place: Georeference | None = None,
 ) -> Converted:
     """Return a payload in the requested format and type.
 
@@ -68,7 +69,7 @@ def convert(
         An InFuse type that the value can be expressed as.
     value : optional
         The decoded payload, if the caller has it.
-    wkt : str, optional
+    place : Georeference, optional
         CRS of the header's frame, for formats that state one.
 
     Raises
@@ -102,7 +103,7 @@ def convert(
         from services.dpm.rendering.pictures import picture
 
         return Converted(picture(value, header), MEDIA_TYPES[target_format], target_format)
-    return Converted(to_file(value, target_format, wkt), MEDIA_TYPES[target_format], target_format)
+    return Converted(to_file(value, target_format, place), MEDIA_TYPES[target_format], target_format)
 
 
 def encoded(value: Any, codec: str) -> bytes:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
+from cdff_common.geodesy import Georeference
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.rendering import NAVIGATION, RELIEF_STYLE, RENDERINGS, LayerStyle, indices, relief
 from cdff_common.raster.tiles import Tile
@@ -97,7 +98,7 @@ class Tiles:
             if cached is not None:
                 self._cache.move_to_end(key)
                 return cached
-        wkt = self._store.anchors.of(request.frame).wkt if request.form == "tif" else None
+        place = self._store.anchors.of(request.frame).georeference if request.form == "tif" else None
         geometry = tile.geometry(request.frame)
         if request.layer in NAVIGATION:
             navigation = self._store.maps.navigation
@@ -105,7 +106,7 @@ class Tiles:
         else:
             with_margin = tile.geometry(request.frame, margin=1)
             layers = pyramid.statistics(request.frame, tile.z, with_margin).to_layers(0)
-        data = render_elevation(request.layer, request.form, request.range, layers, geometry, wkt)
+        data = render_elevation(request.layer, request.form, request.range, layers, geometry, place)
         etag = f'"{hashlib.blake2b(data, digest_size=12).hexdigest()}"'
         tile_data = RenderedTile(data, MEDIA_TYPES[request.form], etag)
         self._add_to_cache(key, request, tile_data, changes)
@@ -145,7 +146,7 @@ def render_elevation(
     limits: tuple[float, float],
     layers: Mapping[str, NDArray[Any]],
     geometry: GridGeometry,
-    wkt: str | None,
+    place: Georeference | None,
 ) -> bytes:
     """Return the bytes of a layer as ``form``.
 
@@ -158,7 +159,7 @@ def render_elevation(
         metres, with a margin of one cell, ``(rows + 2, cols + 2)``, NaN where unobserved.
     geometry : GridGeometry
         Grid without the margin.
-    wkt : str or None
+    place : Georeference or None
         CRS, for ``tif``.
     """
     from cdff_common.formats.image import write_indexed_png
@@ -176,7 +177,7 @@ def render_elevation(
         return np.ascontiguousarray(values, dtype="<f4").tobytes()
     from cdff_common.formats.geotiff import write_bands
 
-    return write_bands({layer: values}, geometry, wkt=wkt, cloud_optimized=False)
+    return write_bands({layer: values}, geometry, place=place, cloud_optimized=False)
 
 
 def range_of(layer: str, low: float | None, high: float | None) -> tuple[float, float]:

@@ -56,6 +56,13 @@ class AnchorAnswer(BaseModel):
     azimuth_deg: float
 
 
+class GeoreferenceAnswer(BaseModel):
+    """A CRS for files, and easting and northing in it as ``a x + b y + c`` of a frame's x and y."""
+
+    wkt: str
+    rows: tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
 class AnchoredFrame(BaseModel):
     """A frame and its anchor; ``wkt`` is the CRS of its x and y."""
 
@@ -63,6 +70,7 @@ class AnchoredFrame(BaseModel):
     body: Body | None
     anchor: AnchorAnswer | None
     wkt: str
+    georeference: GeoreferenceAnswer
     frames_revision: int
 
 

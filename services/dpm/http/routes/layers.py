@@ -118,8 +118,8 @@ def window(context: Ctx, layer: Layer, parameters: Annotated[PictureParameters, 
     layers = {name: result.map.layer(name) for name in result.map.layer_names}
     if layer not in NAVIGATION:  # the renderings expect a margin of one unknown cell
         layers = {name: np.pad(layers[name], 1, constant_values=np.nan) for name in ("mean", "variance")}
-    wkt = context.dpm.retrieval.crs_wkt(result.header.frame, parameters.format)
-    data = render_elevation(layer, parameters.format, limits, layers, result.map.geometry, wkt)
+    place = context.dpm.retrieval.georeference(result.header.frame, parameters.format)
+    data = render_elevation(layer, parameters.format, limits, layers, result.map.geometry, place)
     body = Converted(data, MEDIA_TYPES[parameters.format], parameters.format)
     return file_response(context, body, f"{layer}_window", origin_headers(result.manifest()))
 

@@ -159,10 +159,10 @@ def payload(
     if is_native:
         part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
         return native(context, record, part, headers)
-    wkt = context.dpm.retrieval.crs_wkt(record.header.frame, format)
+    place = context.dpm.retrieval.georeference(record.header.frame, format)
     context.dpm.budget.charge(CONVERSION_COPIES * record.size)
     data = context.dpm.store.payload(product_id)
-    body = convert(record.type_name, record.codec, data, format, as_, record.header, wkt=wkt)
+    body = convert(record.type_name, record.codec, data, format, as_, record.header, place=place)
     return file_response(context, body, product_id, headers)
 
 

@@ -3,7 +3,7 @@
 """Conversion of products to STAC 1.1 items.
 
 ``geometry`` and ``bbox`` are longitudes and latitudes on the body in degrees; ``proj:geometry`` and
-``proj:bbox`` are metres in the frame of the product. If the site is not anchored on a body, an item has no
+``proj:bbox`` are metres in the CRS of its frame. If the site is not anchored on a body, an item has no
 ``geometry`` and no ``bbox``, as STAC requires for items without a location; the ``proj:`` fields then refer to an
 engineering CRS named after the frame.
 """
@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import functools
 from typing import Any
+
+import shapely
 
 from cdff_common.clock import format_stamp
 from cdff_common.geodesy import Body
@@ -45,7 +47,8 @@ class ItemWriter:
         self._stac = f"{root}stac"
         self._places = places
         self._body = places.body
-        self._plane = functools.cache(lambda frame: crs_fields(places.of(frame).crs))
+        self._place = functools.cache(lambda frame: places.of(frame).georeference)
+        self._plane = functools.cache(lambda frame: crs_fields(self._place(frame).crs))
         self._globe = functools.cache(lambda body: crs_fields(body.geographic_crs))
 
     def item(self, product: OutlinedProduct) -> dict[str, Any]:
@@ -140,8 +143,9 @@ class ItemWriter:
         fields = {"proj:code": None, **self._plane(product.record.header.frame)}
         if product.in_frame is None:
             return fields
-        bounds = [float(v) for v in product.in_frame.bounds]
-        return fields | {"proj:geometry": geojson(product.in_frame), "proj:bbox": bounds}
+        place = self._place(product.record.header.frame)
+        outline = shapely.transform(product.in_frame, place.coordinates)
+        return fields | {"proj:geometry": geojson(outline), "proj:bbox": [float(v) for v in outline.bounds]}
 
     def _assets(self, product: OutlinedProduct) -> dict[str, Any]:
         record = product.record

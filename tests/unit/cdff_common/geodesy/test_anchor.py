@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdff_common.errors import InputError
-from cdff_common.geodesy import Anchor, Body, FrameLocation, body
+from cdff_common.geodesy import Anchor, Body, FrameLocation, Georeference, body
 
 MARS = body("mars")
 EARTH_LIKE = Body.from_dict({"name": "earth_like", "kind": "planet", "crs": "EPSG:4326"})
@@ -82,14 +82,49 @@ def test_the_crs_survives_a_geotiff() -> None:
 
     anchor = Anchor(MARS, 77.5, 18.4, -2500.0, 30.0)
     grid = GridGeometry.from_cells("site", 0.5, left=0, top=4, rows=4, cols=4)
-    data = write_bands({"mean": np.zeros((4, 4), np.float32)}, grid, wkt=anchor.wkt)
+    data = write_bands({"mean": np.zeros((4, 4), np.float32)}, grid, place=anchor.georeference)
     from rasterio.io import MemoryFile
 
     with MemoryFile(data) as memory, memory.open() as file:
-        crs = pyproj.CRS.from_wkt(file.crs.to_wkt())
+        crs, transform = pyproj.CRS.from_wkt(file.crs.to_wkt()), file.transform
     assert crs.ellipsoid.semi_major_metre == 3396190.0
-    lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True).transform(1000.0, 2000.0)
-    assert lonlat == pytest.approx(anchor.lonlat([[1000.0, 2000.0]])[0][:2], abs=1e-7)
+    # GDAL before 3.10 and PROJ before 9.5 know this method only.
+    assert crs.coordinate_operation.method_name == "Orthographic"
+    to_lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True)
+    matrix = np.reshape(transform, (3, 3))[:2]
+    for col, row in ((0.0, 0.0), (4.0, 4.0), (4000.0, -2000.0)):
+        expected = anchor.lonlat([[0.5 * col, 2.0 - 0.5 * row]])[0][:2]
+        assert to_lonlat.transform(*(matrix @ [col, row, 1.0])) == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 30.0, 180.0])
+def test_a_map_of_a_turned_frame_is_read_back_in_its_frame(azimuth_deg: float) -> None:
+    from cdff_common.formats.geotiff import read_map, write_map
+    from cdff_common.raster import GridGeometry
+    from cdff_common.types import ElevationMap
+
+    grid = GridGeometry.from_cells("mana/camp", 0.1, left=3, top=7, rows=4, cols=5)
+    layers = {"mean": np.arange(20, dtype=np.float32).reshape(4, 5)}
+    value = ElevationMap.from_layers(grid, layers, t0_ns=0, t1_ns=0)
+    data = write_map(value, place=Anchor(MARS, 77.5, 18.4, 100.0, azimuth_deg).georeference)
+    read = read_map(data)
+    assert read.geometry == grid
+    assert np.array_equal(read.layer("mean"), layers["mean"])
+
+
+def test_a_georeference_survives_its_dict_form() -> None:
+    place = Anchor(MARS, 77.5, 18.4, 100.0, 30.0).georeference
+    assert Georeference.from_dict(place.to_dict()) == place
+    assert Anchor(MARS, 77.5, 18.4).georeference.is_identity
+    assert not place.is_identity
+
+
+def test_a_kilometre_on_the_earth_is_one_of_wgs_84() -> None:
+    earth = body("earth")
+    north, east = Anchor(earth, 1.48, 43.56).lonlat([[0.0, 1000.0], [1000.0, 0.0]])
+    geod = pyproj.Geod(ellps="WGS84")
+    for lon, lat, _ in (north, east):
+        assert geod.inv(1.48, 43.56, lon, lat)[2] == pytest.approx(1000.0, abs=0.01)
 
 
 def test_frames_of_different_bodies_are_not_connected() -> None:
