@@ -49,7 +49,7 @@ MEDIA_TYPES = {
     "laz": "application/vnd.laszip",
     "pcd": "application/x-pcd",
     "npz": "application/x-npz",
-    "tif": "image/tiff; application=geotiff",
+    "tif": "image/tiff; application=geotiff; profile=cloud-optimized",
     "png": "image/png",
     "jpg": "image/jpeg",
     "json": "application/json",

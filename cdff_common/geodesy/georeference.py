@@ -43,7 +43,7 @@ class Georeference:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the frame's x and y are easting and northing."""
+        """True if the frame's x and y are easting and northing."""
         return self.rows == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
     def to_dict(self) -> dict[str, Any]:

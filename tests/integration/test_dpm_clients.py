@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import subprocess
 import sys
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -213,7 +215,7 @@ def test_an_item_on_mars_has_the_coordinates_of_its_product(stac: Any, server: S
     projected_crs = pyproj.CRS.from_wkt(projection.wkt2)
     assert projected_crs == pyproj.CRS.from_json_dict(projection.projjson)
     assert projected_crs.ellipsoid.semi_major_metre == 3_396_190.0
-    assert np.allclose(projection.bbox, [-2.0, 0.0, 0.0, 2.0], rtol=0, atol=1e-9)  # a quarter turn
+    assert np.allclose(projection.bbox, [-2.0, 0.0, 0.0, 2.0], rtol=0, atol=1e-5)  # a quarter turn
     to_degrees = pyproj.Transformer.from_crs(projected_crs, "IAU_2015:49900", always_xy=True)
     computed = np.column_stack(to_degrees.transform(*np.array(projection.geometry["coordinates"][0]).T))
     assert np.allclose(computed, item.geometry["coordinates"][0], rtol=0, atol=1e-9)
@@ -256,6 +258,98 @@ def test_stac_declares_its_conformance_classes_and_every_link_works(server: Serv
     for link in landing["links"]:
         if link["rel"] not in ("search", "service-doc"):
             assert server.get(link["href"].removeprefix(server.url))[0] == 200
+
+
+def test_stac_api_validator_finds_no_error(server: Server) -> None:
+    pytest.importorskip("stac_api_validator", reason="stac-api-validator is not installed")
+    (west, south), (east, north) = lon_lat(0.0, 0.0), lon_lat(50.0, 2.0)
+    corners = [[west, south], [east, south], [east, north], [west, north], [west, south]]
+    geometry = json.dumps({"type": "Polygon", "coordinates": [corners]})
+    script = Path(__file__).parents[1] / "support" / "stac_validation.py"
+    command = [sys.executable, str(script), f"{server.url}/stac", geometry]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    output = result.stdout + result.stderr
+    assert "Validating STAC API - Item Search conformance class" in output
+    assert "Errors: none" in output, output
+    assert result.returncode == 0, output
+
+
+# --- Files by their URL
+# ----------------------------------------------------------------------------------------------
+
+
+def test_rasterio_reads_a_part_of_a_converted_file_by_its_url(server: Server) -> None:
+    import rasterio
+
+    _, _, item = server.get(f"/stac/collections/dem/items/{server.rotated}")
+    asset = item["assets"]["tif"]
+    assert asset["type"] == "image/tiff; application=geotiff; profile=cloud-optimized"
+    with rasterio.open(asset["href"]) as file:
+        assert file.read(1, window=((0, 5), (0, 5))).shape == (5, 5)
+        assert file.crs.to_wkt().startswith('PROJCS["Site on mars')
+    request = urllib.request.Request(asset["href"], headers={"Range": "bytes=0-3"})
+    with urllib.request.urlopen(request, timeout=20) as answer:
+        assert (answer.status, answer.read()[:2]) == (206, b"II")
+        assert answer.headers["ETag"]
+
+
+def test_gdal_3_6_locates_a_map_of_a_turned_frame(server: Server) -> None:
+    if shutil.which("gdalinfo") is None:
+        pytest.skip("gdalinfo is not installed; make peers installs it")
+    url = f"/vsicurl/{server.url}/api/v1/products/{server.rotated}/payload?format=tif"
+    result = subprocess.run(
+        ["gdalinfo", "-json", url], capture_output=True, text=True, timeout=60, check=True
+    )
+    document = json.loads(result.stdout)
+    # The frame is rotated by 90°: its point (0, 2) is (8, 20) in the site frame. gdalinfo prints degrees to 7 places.
+    (lower_left, upper_left), *_ = [[document["cornerCoordinates"][n] for n in ("lowerLeft", "upperLeft")]]
+    assert lower_left == pytest.approx([0.0, 0.0], abs=1e-5)
+    assert upper_left == pytest.approx([-2.0, 0.0], abs=1e-5)
+    command = ["gdaltransform", "-t_srs", "IAU_2015:49900", "-output_xy", url]
+    answer = subprocess.run(command, input="0 0\n", capture_output=True, text=True, timeout=60, check=True)
+    lat_lon = [float(v) for v in answer.stdout.split()]
+    assert sorted(lat_lon) == pytest.approx(sorted(lon_lat(8.0, 20.0)), abs=1e-9)
+
+
+def test_owslib_reads_a_tile_in_both_encodings_of_wmts(server: Server) -> None:
+    wmts = pytest.importorskip("owslib.wmts", reason="owslib is not installed")
+    for address in ("/wmts", "/tiles/wmts.xml", "/wmts/1.0.0/WMTSCapabilities.xml"):
+        service = wmts.WebMapTileService(f"{server.url}{address}")
+        assert "hillshade" in service.contents
+        assert "grid" in service.tilematrixsets
+        tile = service.gettile(
+            layer="hillshade",
+            tilematrixset="grid",
+            tilematrix="17",
+            row=65535,
+            column=65536,
+            format="image/png",
+        )
+        assert tile.read().startswith(b"\x89PNG")
+    rest = service.contents["hillshade"].resourceURLs[0]["template"]
+    url = rest.replace("{TileMatrix}", "17").replace("{TileRow}", "65535").replace("{TileCol}", "65536")
+    with urllib.request.urlopen(url, timeout=20) as answer:
+        assert answer.read().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        "SERVICE=WMS",
+        "REQUEST=GetFeatureInfo",
+        "REQUEST=GetTile&LAYER=nonsense&TILEMATRIX=1&TILEROW=0&TILECOL=0",
+        "REQUEST=GetTile&LAYER=dem&TILEMATRIX=1&TILEROW=2&TILECOL=0",
+        "REQUEST=GetTile&LAYER=dem&TILEMATRIX=1&TILEROW=-1&TILECOL=0",
+        "REQUEST=GetTile&LAYER=dem&TILEMATRIX=1&TILEROW=0&TILECOL=0&FORMAT=image/jpeg",
+    ],
+)
+def test_a_refused_wmts_request_is_answered_with_an_exception_report(server: Server, pairs: str) -> None:
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        urllib.request.urlopen(f"{server.url}/wmts?service=WMTS&{pairs}", timeout=20)
+    body = refused.value.read()
+    assert refused.value.code == 400
+    assert b"ExceptionReport" in body
+    assert b"InvalidParameterValue" in body
 
 
 # --- OGC API Features

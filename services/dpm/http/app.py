@@ -36,6 +36,7 @@ from services.dpm.http.routes import (
     status,
     tiles,
     transactions,
+    wmts,
 )
 from services.dpm.operations.refusals import RefusalLog
 
@@ -50,6 +51,7 @@ MODULES = (
     bodies,
     maps,
     layers,
+    wmts,
     tiles,
     requests,
     retention,

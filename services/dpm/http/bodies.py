@@ -37,10 +37,33 @@ def body_response(
             context.dpm.budget.keep(0)
             headers = {**headers, "Content-Length": str(len(data))}
             return StreamingResponse(
-                _parts(file), status, headers, media_type, background=BackgroundTask(file.close)
+                _parts(file, len(data)), status, headers, media_type, background=BackgroundTask(file.close)
             )
     context.dpm.budget.keep(len(data))
     return Response(data, status, dict(headers), media_type)
+
+
+def opened_response(
+    context: Context,
+    file: IO[bytes],
+    offset: int,
+    size: int,
+    media_type: str,
+    headers: Mapping[str, str],
+    is_part: bool,
+) -> Response:
+    """Return a part of an open file, which is closed after the answer."""
+    status = 206 if is_part else 200
+    file.seek(offset)
+    if size <= MEMORY_BYTES:
+        with file:
+            data = file.read(size)
+        context.dpm.budget.keep(len(data))
+        return Response(data, status, dict(headers), media_type)
+    context.dpm.budget.keep(0)
+    headers = {**headers, "Content-Length": str(size)}
+    background = BackgroundTask(file.close)
+    return StreamingResponse(_parts(file, size), status, headers, media_type, background=background)
 
 
 def stored_response(
@@ -70,6 +93,8 @@ def _file_of(data: bytes, directory: Path) -> IO[bytes]:
     return file
 
 
-def _parts(file: IO[bytes]) -> Iterator[bytes]:
-    while part := file.read(_PART_BYTES):
+def _parts(file: IO[bytes], size: int) -> Iterator[bytes]:
+    """Yield the next ``size`` bytes of a file in parts."""
+    while size > 0 and (part := file.read(min(_PART_BYTES, size))):
+        size -= len(part)
         yield part

@@ -61,7 +61,7 @@ class Place:
 
     @property
     def is_plain_box(self) -> bool:
-        """Whether the place is a box without heights, for which its regions are exact."""
+        """True for a box without heights, for which the regions of the place are exact."""
         return self._is_box and self._heights_m is None
 
     def touches(self, product: OutlinedProduct) -> bool:

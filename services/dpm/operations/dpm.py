@@ -20,6 +20,7 @@ from services.dpm.operations.reports import Reports
 from services.dpm.operations.retrieval import Retrieval
 from services.dpm.operations.store_writer import StoreWriter
 from services.dpm.operations.work_budget import WorkBudget
+from services.dpm.rendering.conversion_cache import ConversionCache
 from services.dpm.rendering.tiles import Tiles
 from services.identity_alarm import IdentityAlarm
 
@@ -48,6 +49,8 @@ class Dpm:
         Threads of this process; one that does not work ends it.
     budget : WorkBudget
         Memory of the requests of all interfaces.
+    conversions : ConversionCache
+        Payloads in file formats.
     """
 
     def __init__(self, store: Store, max_payload_bytes: int = 256 << 20) -> None:
@@ -66,6 +69,7 @@ class Dpm:
         self.frames = FrameOperations(store, self.events)
         self.reports = Reports(store, self.events, self.alarm_board, self.loops)
         self.tiles = Tiles(store)
+        self.conversions = ConversionCache(store.directory)
 
     def acknowledge(self, kind: str, source: str) -> dict[str, Any]:
         """Acknowledge an active alarm and return it; see ``AlarmBoard.acknowledge``."""

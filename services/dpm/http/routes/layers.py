@@ -20,10 +20,10 @@ from cdff_common.errors import ProductNotFoundError
 from cdff_common.raster.cell_selection import Choice, Disagreement, NavigationChoice
 from cdff_common.raster.rendering import NAVIGATION, RENDERINGS
 from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.converted_files import file_response
 from services.dpm.http.models import OpenModel, StampNs
 from services.dpm.http.native_models import Items
 from services.dpm.http.routes.maps import ProfileAnswer, origin_headers, profile
-from services.dpm.http.routes.products import file_response
 from services.dpm.rendering.convert import Converted
 from services.dpm.rendering.tiles import LAYER_STYLES, MEDIA_TYPES, RELIEF, range_of, render_elevation
 from services.dpm.rendering.tiles import LAYERS as TILES

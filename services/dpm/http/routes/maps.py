@@ -19,8 +19,8 @@ from cdff_common.contract.queries import (
     WindowParameters,
 )
 from services.dpm.http.context import Ctx
+from services.dpm.http.converted_files import file_response
 from services.dpm.http.models import OpenModel
-from services.dpm.http.routes.products import file_response
 from services.dpm.rendering.convert import file_formats
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])

@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Mapping
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
@@ -21,6 +19,7 @@ from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord, StaleRevisionError
 from services.dpm.http.bodies import body_response, stored_response
 from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.converted_files import converted_name, converted_response
 from services.dpm.http.middleware.conditional import matches, required_revision
 from services.dpm.http.middleware.ranges import parse_range
 from services.dpm.http.middleware.roles import allowed
@@ -152,18 +151,22 @@ def payload(
     """Return the payload, as it is stored (``Range`` and ``If-Range`` allowed) or converted."""
     record = context.dpm.store.get(product_id)
     is_native = format == "native" and as_ is None
-    etag = f'"{record.sha256}"' if is_native else f'"{record.sha256[:32]}-{converted_name(format, as_)}"'
-    headers = {"ETag": etag, "Cache-Control": _FOR_EVER}
+    place = context.dpm.retrieval.georeference(record.header.frame, format)
+    etag = f'"{record.sha256}"' if is_native else f'"{converted_name(record, format, as_, place)}"'
+    # A new anchor of the frame changes the CRS of a file that states one.
+    headers = {"ETag": etag, "Cache-Control": _FOR_EVER if place is None else "private, no-cache"}
     if matches(request.headers.get("if-none-match"), etag):
         return Response(status_code=304, headers=headers)
+    part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
     if is_native:
-        part = request.headers.get("range") if request.headers.get("if-range", etag) == etag else None
         return native(context, record, part, headers)
-    place = context.dpm.retrieval.georeference(record.header.frame, format)
-    context.dpm.budget.charge(CONVERSION_COPIES * record.size)
-    data = context.dpm.store.payload(product_id)
-    body = convert(record.type_name, record.codec, data, format, as_, record.header, place=place)
-    return file_response(context, body, product_id, headers)
+
+    def converted() -> Converted:
+        context.dpm.budget.charge(CONVERSION_COPIES * record.size)
+        data = context.dpm.store.payload(product_id)
+        return convert(record.type_name, record.codec, data, format, as_, record.header, place=place)
+
+    return converted_response(context, etag, converted, product_id, part, headers)
 
 
 @router.get("/{product_id}/thumbnail.png", response_class=Response, responses=_PNG)
@@ -197,23 +200,6 @@ def native(
     first, last = part
     headers["Content-Range"] = f"bytes {first}-{last}/{record.size}"
     return stored_response(context, record, first, last - first + 1, 206, headers)
-
-
-def converted_name(format_name: str, as_type: str | None) -> str:
-    """Return the name of a conversion in an ETag, in characters that a header may hold."""
-    return re.sub(r"[^A-Za-z0-9_]", "-", f"{format_name}-{as_type or ''}")
-
-
-def file_response(
-    context: Context, body: Converted, name: str, headers: Mapping[str, str] | None = None
-) -> Response:
-    """Return bytes as a file named after the product."""
-    media_type = body.encoding if "vnd.cdff" not in body.encoding else "application/octet-stream"
-    named = {
-        "Content-Disposition": f'inline; filename="{name}.{body.suffix}"',
-        "CDFF-Encoding": body.encoding,
-    }
-    return body_response(context, body.data, media_type, {**named, **(headers or {})})
 
 
 def described(record: ProductRecord) -> dict[str, Any]:

@@ -13,11 +13,10 @@ from fastapi.responses import Response
 
 from cdff_common.geometry import checked_frame
 from cdff_common.raster.tiles import HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, Tile, cell_m, tile_matrix_set
-from services.dpm.http.context import Ctx
+from services.dpm.http.context import Context, Ctx
 from services.dpm.http.middleware.conditional import matches
 from services.dpm.http.models import OpenModel
 from services.dpm.http.native_models import Items
-from services.dpm.http.ogc.wmts import capabilities
 from services.dpm.rendering.tiles import LAYER_STYLES, LAYERS, MEDIA_TYPES, TileRequest
 
 router = APIRouter(prefix="/tiles", tags=["tiles"])
@@ -33,9 +32,6 @@ Index = Annotated[int, Path(ge=0, lt=1 << LAST_LEVEL)]
 _BYTES: dict[int | str, dict[str, Any]] = {
     200: {"description": "256 x 256 cells", "content": {media: {} for media in MEDIA_TYPES.values()}},
     304: {"description": "Not modified"},
-}
-_XML: dict[int | str, dict[str, Any]] = {
-    200: {"description": "WMTS capabilities", "content": {"application/xml": {}}}
 }
 
 
@@ -91,14 +87,6 @@ def matrix_set(context: Ctx, frame: Frame = "site") -> dict[str, Any]:
     return tile_matrix_set(frame, {"wkt": json.loads(crs.to_json())})
 
 
-@router.get("/wmts.xml", response_class=Response, responses=_XML)
-def wmts(context: Ctx, request: Request, frame: Frame = "site") -> Response:
-    """Return the WMTS capabilities document, which QGIS and GDAL open directly."""
-    wkt = context.dpm.store.anchors.of(checked_frame(frame)).wkt
-    base = str(request.base_url).rstrip("/")
-    return Response(capabilities(base, frame, wkt), media_type="application/xml")
-
-
 @router.get("/{layer}/{z}/{x}/{y}.{form}", response_class=Response, responses=_BYTES)
 def tile(
     context: Ctx,
@@ -115,7 +103,13 @@ def tile(
     """Return one tile: a picture (png), or the layer's values as GeoTIFF (tif) or float32 rows from the top
     (bin).
     """
-    tile_request = TileRequest(checked_frame(frame), layer, Tile(z, x, y), form, low, high)
+    return tile_response(
+        context, request, TileRequest(checked_frame(frame), layer, Tile(z, x, y), form, low, high)
+    )
+
+
+def tile_response(context: Context, request: Request, tile_request: TileRequest) -> Response:
+    """Return a tile, or 304 if the caller has it."""
     context.dpm.budget.charge(_TILE_BYTES)
     rendered = context.dpm.tiles.get(tile_request)
     headers = {"ETag": rendered.etag, "Cache-Control": "private, no-cache"}

@@ -18,6 +18,7 @@ from dpm_store.frames import frames
 from services.dpm.http.geographic_outlines import cut_at_antimeridian
 from services.dpm.http.middleware.conditional import matches
 from services.dpm.http.ogc.crs import CrsList
+from services.dpm.http.routes import products
 from services.dpm.operations.dpm import Dpm
 
 from .conftest import elevation, put_arguments
@@ -304,6 +305,33 @@ def test_converted_payloads_have_their_own_etag(http: TestClient, inserted_id: I
     assert len(etags) == 4
     tif = http.get(url, params={"format": "tif"}).headers["etag"]
     assert http.get(url, params={"format": "tif"}, headers={"If-None-Match": tif}).status_code == 304
+
+
+def test_a_converted_payload_is_made_once_and_read_in_parts(
+    http: TestClient, inserted_id: InsertedId, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    convert = products.convert
+    monkeypatch.setattr(products, "convert", lambda *a, **k: (made.append(a[3]), convert(*a, **k))[1])
+    url = f"/api/v1/products/{inserted_id('dem')}/payload?format=tif"
+    whole = http.get(url)
+    part = http.get(url, headers={"Range": "bytes=4-9"})
+    assert (part.status_code, part.content) == (206, whole.content[4:10])
+    assert part.headers["Content-Range"] == f"bytes 4-9/{len(whole.content)}"
+    assert http.get(url, headers={"Range": "bytes=4-9", "If-Range": '"other"'}).content == whole.content
+    assert http.get(url, headers={"Range": f"bytes={len(whole.content)}-"}).status_code == 416
+    assert made == ["tif"]
+
+
+def test_a_new_anchor_changes_the_etag_of_files_with_a_crs(
+    http: TestClient, dpm: Dpm, inserted_id: InsertedId
+) -> None:
+    url = f"/api/v1/products/{inserted_id('dem')}/payload"
+    before = {form: http.get(url, params={"format": form}).headers["etag"] for form in ("tif", "npz")}
+    dpm.store.anchors.anchor("site", Anchor(MARS, 10.0, 0.0))
+    after = {form: http.get(url, params={"format": form}).headers["etag"] for form in ("tif", "npz")}
+    assert before["npz"] == after["npz"]
+    assert before["tif"] != after["tif"]
 
 
 def test_a_range_applies_to_the_payload_of_its_etag(http: TestClient, inserted_id: InsertedId) -> None:
