@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Coordinate reference system for files and services, and the frame's axes in it.
 
-The plane of an anchored frame is the orthographic projection of its body about the frame's origin (EPSG:9840),
-which PROJ supports since 7.2. A rotation or height of the frame is part of the transform from its x and y to
-easting and northing: "Local Orthographic" (EPSG:1130), which would contain both, exists since PROJ 9.5 only.
+The plane of an anchored frame is the orthographic projection of its body about the frame's origin
+(EPSG:9840), which PROJ supports since 7.2. A rotation or height of the frame is part of the transform from
+its x and y to easting and northing: "Local Orthographic" (EPSG:1130), which would contain both, exists since
+PROJ 9.5 only.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ class Georeference:
         return cls(str(data["wkt"]), (easting, northing))
 
     def coordinates(self, points_m: ArrayLike) -> FloatArray:
-        """Return easting and northing ``(n, 2)`` of points ``(n, 2)`` in the frame; a third column is kept."""
+        """Return easting and northing of points ``(n, 2)`` or ``(n, 3)`` in the frame, with z unchanged."""
         points = np.atleast_2d(np.asarray(points_m, dtype=np.float64))
         matrix = np.array(self.rows)
         plane = points[:, :2] @ matrix[:, :2].T + matrix[:, 2]

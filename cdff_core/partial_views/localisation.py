@@ -198,7 +198,8 @@ def _choose(
     """Return the best candidate with its margin over the others.
 
     If the margin is too small, the candidates are compared with smaller tolerances, as far as the noise of
-    the scene permits, until the margin suffices. If it never does, the choice is that with the whole tolerance.
+    the scene permits, until the margin suffices. If it never does, the choice is that with the whole
+    tolerance.
     """
     whole = choice = _choice(search, model, candidates, 1.0)
     for factor in _FINER:

@@ -35,7 +35,8 @@ _FIRST_PART = 8
 _SEARCH_PART = 64
 #: Number of initial values that are always compared; a wrong one can explain few orientations by chance.
 _MIN_STARTS = 2
-#: Angle from the axis of the middle moment within which moments are unobservable, rad; number of tested times.
+#: Angle from the axis of the middle moment within which moments are unobservable, rad; number of times
+#: tested.
 _MIDDLE_AXIS_RAD, _CHECKED = 0.2, 200
 #: Growth of the number of orientations after which unexplained ones start a new search.
 _SEARCH_GROWTH = 2.0

@@ -301,7 +301,7 @@ def test_gdal_3_6_locates_a_map_of_a_turned_frame(server: Server) -> None:
         ["gdalinfo", "-json", url], capture_output=True, text=True, timeout=60, check=True
     )
     document = json.loads(result.stdout)
-    # The frame is rotated by 90°: its point (0, 2) is (8, 20) in the site frame. gdalinfo prints degrees to 7 places.
+    # The frame is rotated by 90°: its point (0, 2) is (8, 20) in the site frame.
     (lower_left, upper_left), *_ = [[document["cornerCoordinates"][n] for n in ("lowerLeft", "upperLeft")]]
     assert lower_left == pytest.approx([0.0, 0.0], abs=1e-5)
     assert upper_left == pytest.approx([-2.0, 0.0], abs=1e-5)

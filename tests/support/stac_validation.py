@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``python stac_validation.py URL GEOMETRY``: stac-api-validator with the schemas that pystac contains.
 
-The validator reads schemas from the web. Those of STAC and GeoJSON are taken from the package pystac; those of
-extensions are not checked, since no package contains them.
+The validator reads schemas from the web. Those of STAC and GeoJSON are taken from the package pystac; those
+of extensions are not checked, since no package contains them.
 """
 
 from __future__ import annotations

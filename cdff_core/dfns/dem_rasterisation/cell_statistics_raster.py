@@ -47,9 +47,9 @@ class CellStatisticsRaster(Interface[CellStatisticsRasterConfig]):
     points.
 
     With ``overhang_gap_m``, heights above the lowest empty space of a cell are excluded from its statistics.
-    If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang was
-    observed in a cell, it is treated as ground. In cells much larger than the gap, relief hides empty spaces;
-    a ground filter then has to find the structure (``is_structure``).
+    If there are at least two, the lowest of them is stored in the layer ``overhang_m``. If only the overhang
+    was observed in a cell, it is treated as ground. In cells much larger than the gap, relief hides empty
+    spaces; a ground filter then has to find the structure (``is_structure``).
     """
 
     def setup(self) -> None:

@@ -33,7 +33,8 @@ def checked_support(inputs: Inputs, cfg: SupportConfig) -> tuple[FloatArray, Flo
     """Return points, normals and keypoints as checked arrays (N, 3), and the radius of the support in metres.
 
     The radius is the first that is given: the input, ``radius_m``, or ``radius_spacings`` times the median
-    point spacing. Raises InputError for an array of another shape, values that are not finite or a radius ≤ 0.
+    point spacing. Raises InputError for an array of another shape, values that are not finite or a radius
+    ≤ 0.
     """
     points = checked_points(inputs.points, least=2)
     normals = checked_points(inputs.normals, "normals")

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Cache of converted payloads in files, so that clients can read parts of one, as GDAL does of a COG.
 
-The files are derived data: they are discarded at start, not synced, and beyond a quota the least recently used
-are removed. A file that is being read remains readable, since removal only unlinks its name.
+The files are derived data: they are discarded at start, not synced, and beyond a quota the least recently
+used are removed. A file that is being read remains readable, since removal only unlinks its name.
 """
 
 from __future__ import annotations

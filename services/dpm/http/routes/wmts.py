@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``/wmts``: WMTS 1.0.0 (OGC 07-057r7) in both encodings, key-value pairs and RESTful.
 
-Names of key-value pairs may be in any case and unknown ones are ignored (OGC 06-121r9 §11.5.2); ``FRAME``, in any
-address, selects the frame. Errors are exception reports.
+Names of key-value pairs may be in any case and unknown ones are ignored (OGC 06-121r9 §11.5.2). ``FRAME``
+selects the frame in any address. Errors are exception reports.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ _PAIRS: dict[str, Any] = {
             "in": "query",
             "style": "form",
             "explode": True,
-            "description": "Key-value pairs of WMTS: SERVICE, REQUEST (GetCapabilities or GetTile), LAYER, STYLE, "
-            "FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL; and FRAME, by default site",
+            "description": "Key-value pairs of WMTS: SERVICE, REQUEST (GetCapabilities or GetTile), LAYER, "
+            "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL; and FRAME, by default site",
             "schema": {"type": "object", "additionalProperties": {"type": "string", "maxLength": 128}},
         }
     ]
@@ -85,8 +85,8 @@ def _tile(pairs: dict[str, str], frame: str) -> TileRequest:
     z, row, column = (_number(pairs, name) for name in ("TILEMATRIX", "TILEROW", "TILECOL"))
     if z > LAST_LEVEL or max(row, column) >= 1 << z:
         raise InputError(
-            f"TILEMATRIX={z}, TILEROW={row}, TILECOL={column}: expected a level up to {LAST_LEVEL} and a row and "
-            "column of it"
+            f"TILEMATRIX={z}, TILEROW={row}, TILECOL={column}: expected a level up to {LAST_LEVEL} and a "
+            "row and column of it"
         )
     return TileRequest(frame, pairs.get("LAYER", ""), Tile(z, column, row), _FORMS[form])
 

@@ -3,9 +3,9 @@
 """Conversion of products to STAC 1.1 items.
 
 ``geometry`` and ``bbox`` are longitudes and latitudes on the body in degrees; ``proj:geometry`` and
-``proj:bbox`` are metres in the CRS of its frame. If the site is not anchored on a body, an item has no
-``geometry`` and no ``bbox``, as STAC requires for items without a location; the ``proj:`` fields then refer to an
-engineering CRS named after the frame.
+``proj:bbox`` are metres in the CRS of its frame. If the frame is not anchored on a body, an item has no
+``geometry`` and no ``bbox``, as STAC requires for items without a location; the ``proj:`` fields then refer
+to an engineering CRS named after the frame.
 """
 
 from __future__ import annotations
