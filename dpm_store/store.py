@@ -164,7 +164,7 @@ class Store:
         self.pyramid = Pyramid(database, patches, self.frames, self.events, directory / tile_files.FOLDER)
         # operations of the parts
         self.put_all, self.delete = products.put_all, products.delete
-        self.get, self.payload = products.get, products.payload
+        self.get, self.payload, self.live = products.get, products.payload, products.live
         self.search, self.count, self.ordinals_in = search.run, search.count, search.ordinals_in
         self.transact = Transactions(database, products, self.annotations, self.frames).run
         self.purge = partial(purge, database, payloads, self.events)

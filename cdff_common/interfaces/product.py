@@ -227,7 +227,9 @@ class Header:
         if data.get("v") != WIRE_VERSION:
             raise InputError(f"header version {data.get('v')!r}: expected {WIRE_VERSION}")
         try:
-            box, ring = data.get("box_m"), data.get("footprint_m")
+            box, ring, inputs = data.get("box_m"), data.get("footprint_m"), data.get("inputs", ())
+            if not isinstance(inputs, list | tuple):
+                raise InputError(f"inputs {str(inputs)[:40]!r}: expected a list of product ids")
             if box is not None and len(box) != 6:
                 raise InputError(f"box_m {box!r}: expected 6 numbers")
             return cls(
@@ -239,7 +241,7 @@ class Header:
                 child=data.get("child"),
                 producer=str(data["producer"]),
                 config_hash=str(data.get("config_hash", "")),
-                inputs=tuple(str(i) for i in data.get("inputs", ())),
+                inputs=tuple(str(i) for i in inputs),
                 quality=Quality.from_dict(data["quality"]),
                 box_m=None if box is None else tuple(float(x) for x in box),  # type: ignore[arg-type]
                 resolution_m=None if data.get("resolution_m") is None else float(data["resolution_m"]),

@@ -19,6 +19,7 @@ from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, Body, FrameLocation, body, body_names
 from cdff_common.geometry import UncertainTransform
 from dpm_store.engine import schema
+from dpm_store.engine.array_columns import pack
 from dpm_store.engine.database import Database
 from dpm_store.frames.frames import LATEST, FrameRevision, FrameTable, HistoryView
 from dpm_store.history.events import EventTable
@@ -88,7 +89,7 @@ class AnchorTable:
         producer: str = "",
         expected_revision: int | None = None,
     ) -> FrameRevision:
-        """Anchor a frame on a body by a new frame revision.
+        """Anchor a frame on a body by a new frame revision; an equal anchor adds none.
 
         Parameters
         ----------
@@ -103,6 +104,9 @@ class AnchorTable:
         T = UncertainTransform(location.T_body_frame, np.diag(variances))
         with self._database.write() as connection:
             self.define(location.body, producer, connection=connection)
+            last = self._frames.edge_in(connection, frame, None)
+            if last is not None and expected_revision is None and _is_equal(last, location.body.name, T):
+                return last
             return self._frames.set(
                 frame,
                 location.body.name,
@@ -136,6 +140,12 @@ class AnchorTable:
             except InputError:  # at the centre of the body or far from its surface
                 anchor = None
             return FrameLocation(frame, root_body, anchor, tree.state)
+
+
+def _is_equal(last: FrameRevision, parent: str, T: UncertainTransform) -> bool:
+    """Return whether a revision is the transform from a parent, at any time of capture."""
+    is_unlimited = (last.parent, last.valid_from_ns, last.valid_until_ns) == (parent, None, None)
+    return is_unlimited and pack(last.T_parent_frame) == pack(T)
 
 
 def _stored_bodies(connection: Connection, view: HistoryView) -> dict[str, Body]:

@@ -234,11 +234,19 @@ class FrameTable:
             return newest or 0
 
     def tree(self, view: HistoryView = LATEST, *, connection: Connection | None = None) -> FrameTree:
-        """Return the tree of a view; recently used states are cached."""
+        """Return the tree of a view; recently used states are cached.
+
+        Raises
+        ------
+        InputError
+            If the view is of a state that does not exist yet.
+        """
         with self._database.read(connection) as connection:
             newest = self.state(connection=connection)
             if view.state is not None:
-                newest = min(newest, view.state)
+                if view.state > newest:
+                    raise InputError(f"frames_revision={view.state}: expected at most {newest}, the newest")
+                newest = view.state
             key = (newest, HistoryView(view.as_of_ns, None))
             tree = self._trees.get(key)
             if tree is None:

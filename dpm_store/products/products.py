@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, Row, select, update
@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Row, select, update
 from cdff_common.clock import Clock
 from cdff_common.errors import ConflictError, InputError, ProductNotFoundError, StorageError
 from dpm_store.engine import schema
-from dpm_store.engine.database import Database
+from dpm_store.engine.database import Database, dialect_of
 from dpm_store.frames.poses import PoseTable
 from dpm_store.history.events import EventTable
 from dpm_store.payloads.payloads import Payloads
@@ -96,6 +96,18 @@ class ProductTable:
         if row.deleted_ns is not None and not deleted:
             raise ProductNotFoundError(f"product {product_id} was deleted")
         return record_of(row)
+
+    def live(self, product_ids: Iterable[str]) -> frozenset[str]:
+        """Return those of some ids whose products are stored and not deleted."""
+        ids = sorted(product_ids)
+        if not ids:
+            return frozenset()
+        p = schema.products.c
+        with self._database.read() as connection:
+            dialect = dialect_of(connection)
+            found = select(p.id).where(p.id.in_(dialect.elements("ids")), p.deleted_ns.is_(None))
+            rows = connection.execute(found, {"ids": dialect.list_value(ids)})
+            return frozenset(rows.scalars())
 
     def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> bytes:
         """Return bytes of a payload after comparison with its sums.

@@ -12,12 +12,16 @@ import asyncio
 from collections import defaultdict
 from typing import Any
 
+import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from services.dpm.http.middleware.members import COMMON_NAME, common_name
+from services.dpm.http.middleware.problems import problem
 
 #: Time for the header of a request, and for the client to read a part of an answer, seconds.
 HEADER_S, READ_S = 10.0, 30.0
+#: Largest header of a request, the default of uvicorn.
+_HEADER_BYTES = 64 << 10
 #: Idle connections in total and of one address; more than a client opens at once. Together with the requests
 #: in progress they need less than 1024 descriptors, the usual limit of a process.
 MAX_IDLE, MAX_IDLE_OF_ADDRESS = 512, 384
@@ -86,6 +90,24 @@ class BoundedConnection(H11Protocol):
         super().connection_lost(exc)
         self._stop_header_timer()
         self.resume_writing()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer a request that is not HTTP, or whose header is too large, with a problem document."""
+        if self.transport.is_closing():
+            return
+        detail = (
+            f"{msg.rstrip('.')}: expected HTTP/1.1 with at most {_HEADER_BYTES} bytes of address and headers"
+        )
+        body = problem(400, detail, code="INVALID_ARGUMENT")
+        head = [(name, value) for name, value in body.raw_headers if name != b"content-length"]
+        events = (
+            h11.Response(status_code=400, headers=[*head, (b"connection", b"close")], reason=b"Bad Request"),
+            h11.Data(data=bytes(body.body)),
+            h11.EndOfMessage(),
+        )
+        for event in events:
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
 
     def pause_writing(self) -> None:
         """Start the deadline of a client that does not read."""

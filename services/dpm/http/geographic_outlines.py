@@ -10,7 +10,7 @@ positive), not to WGS 84.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,10 @@ class ProductOutlines:
         """
         rings = self._store.footprints([record.id for record in records if record.header.box_m is not None])
         return [None if (ring := rings.get(record.id)) is None else ring_outline(ring) for record in records]
+
+    def live(self, product_ids: Iterable[str]) -> frozenset[str]:
+        """Return those of some ids whose products are stored and not deleted."""
+        return self._store.live(product_ids)
 
     def body_of(self, frame: str) -> Body | None:
         """Return the body on which a frame is anchored; None if it has no longitude and latitude."""

@@ -218,7 +218,8 @@ def items(
 def item(context: Ctx, request: Request, collection: Name, item: Name) -> Response:
     """Return one item."""
     catalogue = Catalogue(context)
-    item_data = ItemWriter(str(request.base_url), catalogue.places).item(catalogue.get(collection, item))
+    writer = ItemWriter(str(request.base_url), catalogue.places)
+    (item_data,) = writer.items([catalogue.get(collection, item)])
     return Response(json.dumps(item_data, allow_nan=False), media_type=GEOJSON)
 
 
@@ -301,7 +302,7 @@ def _answer(
     """Return a page of items; ``query`` are the parameters of a GET, None for a POST."""
     result, catalogue = find(context, parameters)
     writer = ItemWriter(str(request.base_url), catalogue.places)
-    features = [writer.item(product) for product in result.items]
+    features = writer.items(result.items)
     href = url if not query else f"{url}?{urlencode(query)}"
     links: list[Json] = [
         {"rel": "self", "type": GEOJSON, "href": href},

@@ -158,5 +158,5 @@ async def _stream(context: Context, last: int) -> AsyncIterator[str]:
 
 
 def _line(event: Event) -> str:
-    body = jsonable({"stamp_ns": event.stamp_ns, "scope": event.scope, "kind": event.kind, **event.body})
+    body = jsonable({**event.body, "stamp_ns": event.stamp_ns, "scope": event.scope, "kind": event.kind})
     return f"id: {event.ordinal}\nevent: {event.kind}\ndata: {json.dumps(body)}\n\n"

@@ -11,6 +11,7 @@ to an engineering CRS named after the frame.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import shapely
@@ -28,6 +29,8 @@ PROJECTION = "https://stac-extensions.github.io/projection/v2.0.0/schema.json"
 TARGETS = "https://stac-extensions.github.io/ssys/v1.1.0/schema.json"
 FILE = "https://stac-extensions.github.io/file/v2.1.0/schema.json"
 PROCESSING = "https://stac-extensions.github.io/processing/v1.2.0/schema.json"
+#: Largest number of inputs that an item names.
+_MAX_INPUTS = 100
 #: Types with a thumbnail.
 _PICTURED = frozenset({"ElevationMap", "NavigationMap", "Pointcloud", "PoseTrajectory", "Frame"})
 
@@ -46,10 +49,17 @@ class ItemWriter:
         self._root = root
         self._stac = f"{root}stac"
         self._places = places
+        self._live: frozenset[str] = frozenset()  # inputs of the products that exist
         self._body = places.body
         self._place = functools.cache(lambda frame: places.of(frame).georeference)
         self._plane = functools.cache(lambda frame: crs_fields(self._place(frame).crs))
         self._globe = functools.cache(lambda body: crs_fields(body.geographic_crs))
+
+    def items(self, products: Sequence[OutlinedProduct]) -> list[dict[str, Any]]:
+        """Return the STAC items of products; their inputs are looked up once."""
+        inputs = {i for product in products for i in product.record.header.inputs[:_MAX_INPUTS]}
+        self._live = self._places.live(inputs)
+        return [self.item(product) for product in products]
 
     def item(self, product: OutlinedProduct) -> dict[str, Any]:
         """Return the STAC item of a product."""
@@ -67,7 +77,8 @@ class ItemWriter:
                     "type": JSON,
                     "href": f"{self._root}api/v1/products/{i}",
                 }
-                for i in h.inputs[:100]
+                for i in h.inputs[:_MAX_INPUTS]
+                if i in self._live
             ),
         ]
         item: dict[str, Any] = {
@@ -126,6 +137,8 @@ class ItemWriter:
             "cdff:reasons": list(h.quality.reasons),
             "cdff:config_hash": h.config_hash,
         }
+        if h.inputs:
+            properties["cdff:inputs"] = list(h.inputs[:_MAX_INPUTS])
         if h.resolution_m is not None:
             properties["gsd"] = h.resolution_m
         if h.child is not None:

@@ -46,6 +46,14 @@ def test_a_corrected_anchor_is_one_revision_and_earlier_ones_can_be_queried(stor
     assert [e.kind for e in store.events.since()] == ["body_defined", "reanchored", "reanchored"]
 
 
+def test_an_equal_anchor_adds_no_revision_and_a_future_state_is_refused(store: Store) -> None:
+    first = store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0)
+    assert store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=5.0).state == first.state
+    assert store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4), sigma_m=6.0).revision == 2
+    with pytest.raises(InputError, match="frames_revision=3: expected at most 2"):
+        store.anchors.of("site", HistoryView(state=3))
+
+
 @pytest.mark.req("CDFF-SUP-082")
 def test_products_of_another_site_are_found_through_the_body(store: Store) -> None:
     store.anchors.anchor("site", Anchor(MARS, 77.5, 18.4))

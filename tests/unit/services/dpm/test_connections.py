@@ -191,3 +191,27 @@ def test_a_server_whose_threads_all_hang_is_a_problem_of_the_process(
         release.set()
         wait(calls)
         assert becomes(hangs=False)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"GET /stac/search?ids=" + b"a" * (600 << 10) + b" HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        b"GET / HTTP/1.1\r\nHost: localhost\r\nX: " + b"a" * (600 << 10) + b"\r\n\r\n",
+        b"no HTTP at all\r\n\r\n",
+    ],
+)
+def test_a_request_that_cannot_be_read_is_answered_with_a_problem_document(
+    connect: Connect, data: bytes
+) -> None:
+    connection = connect(data)
+    answer = b""
+    try:
+        while part := connection.recv(4096):
+            answer += part
+    except ConnectionResetError:  # bytes of the request were not read
+        pass
+    head, _, body = answer.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 400")
+    assert b"application/problem+json" in head
+    assert b"65536 bytes" in body

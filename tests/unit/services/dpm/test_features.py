@@ -353,3 +353,19 @@ def test_etags_are_compared_weakly() -> None:
     assert matches("*", '"a"')
     assert not matches('"b", "c"', '"a"')
     assert not matches(None, '"a"')
+
+
+def test_items_link_the_inputs_that_exist_and_name_all(http: TestClient, dpm: Dpm) -> None:
+    _, first = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+    _, gone = dpm.writer.put(*put_arguments(elevation(2.0), "dem", 2, resolution_m=0.1))
+    sample = "6fad6a70-a6b6-55d2-86e7-c9e3d46a11f6"  # a sensor sample, which is never stored
+    inputs = (first.id, gone.id, sample)
+    _, merged = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 3, resolution_m=0.1, inputs=inputs))
+    dpm.writer.delete(gone.id)
+    for path in (f"/stac/collections/dem/items/{merged.id}", f"/stac/search?ids={merged.id}"):
+        answer = http.get(path).json()
+        (item,) = answer.get("features", [answer])
+        links = [link["href"] for link in item["links"] if link["rel"] == "derived_from"]
+        assert [http.get(href).status_code for href in links] == [200]
+        assert links[0].endswith(first.id)
+        assert item["properties"]["cdff:inputs"] == list(inputs)
