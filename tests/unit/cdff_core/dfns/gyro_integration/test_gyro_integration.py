@@ -72,6 +72,11 @@ def test_the_covariance_grows_with_time() -> None:
     assert np.all(np.diag(long) > 9 * np.diag(short))
 
 
+def test_the_covariance_is_that_of_noise_and_bias() -> None:
+    covariance = integrate(*constant_rates([0, 0, 0.1]), 0, 1000 * MS).covariance
+    np.testing.assert_allclose(covariance, (0.001**2 * 1.0 + (0.0002 * 1.0) ** 2) * np.eye(3), rtol=1e-12)
+
+
 @pytest.mark.parametrize(("start", "end"), [(-500, 100), (800, 1400), (2000, 2100)])
 def test_an_interval_without_readings_is_refused(start: int, end: int) -> None:
     with pytest.raises(RefusedError) as refused:
