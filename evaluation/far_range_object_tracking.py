@@ -24,6 +24,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, ObjectTrackStatusT
+from evaluation.scenes.resolved_targets import comet_ranges, simulated_ranges
 from evaluation.scenes.star_frames import (
     PHOTOGRAPH_NS,
     SPREAD_PX,
@@ -33,7 +34,7 @@ from evaluation.scenes.star_frames import (
     pinhole,
 )
 
-PARTS = ("solution", "centroids", "tracking")
+PARTS = ("solution", "centroids", "range_67p", "range_simulated", "tracking")
 OPTIONS = {"seed": 1, "count": 30_000}
 #: Images of one series, their period, s, and the signal-to-noise ratios of the injected sources.
 SERIES, PERIOD_S, SNR = 100, 1.0, (5.0, 20.0)
@@ -55,6 +56,10 @@ def evaluate(
         figures["solution"] = {path.name: solve_photograph(path) for path in photographs}
     if "centroids" in parts:
         figures["centroids"] = centroid_errors(photographs, seed)
+    if "range_67p" in parts:
+        figures["range_67p"] = comet_ranges(data, progress)
+    if "range_simulated" in parts:
+        figures["range_simulated"] = simulated_ranges(seed, progress)
     if "tracking" in parts:
         figures["tracking"] = tracking(photographs, seed, count, progress)
     return figures
@@ -196,12 +201,14 @@ class _Series:
         rate *= float(rng.uniform(0.7, 5.0)) / camera.fx / PERIOD_S / np.linalg.norm(np.cross(rate, start))
         if np.linalg.norm(rate) > 0.01:
             rate *= 0.01 / np.linalg.norm(rate)
+        lens_px = field.lens_error_rad * camera.fx * rng.normal(size=2)
         numbers: set[int] = set()
         false: set[int] = set()
         entered = None
         for k in range(SERIES):
             direction = se3.exp_so3(rate * (k - 0.5 * SERIES) * PERIOD_S) @ start
-            pixel = camera.project((attitudes[k].T @ direction)[None])[0]
+            # The lens moves stars by this much; that of the target is drawn, the same in a series.
+            pixel = camera.project((attitudes[k].T @ direction)[None])[0] + lens_px
             light = field.turned(attitudes[k])
             inside = bool(np.all((pixel > 10) & (pixel < [camera.cols - 10, camera.rows - 10])))
             if inside:

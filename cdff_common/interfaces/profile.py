@@ -401,6 +401,18 @@ class Retention(StrictModel):
         return self
 
 
+class Orbit(StrictModel):
+    """Mission in orbit: products may lie in the frame ``inertial`` (GCRF axes) and in frames of the clients.
+
+    Attributes
+    ----------
+    clients : list of str
+        Names of the bodies that are approached; the frame of each is ``{client}/body``.
+    """
+
+    clients: Annotated[tuple[Name, ...], Field(min_length=1)]
+
+
 class Profile(StrictModel):
     """Profile of a mission.
 
@@ -412,6 +424,8 @@ class Profile(StrictModel):
         Description; its first sentence is listed by ``cdff profile list``.
     body : Body
         Body of the mission and location of the site.
+    orbit : Orbit or None
+        Clients of a mission in orbit; None for one on the ground.
     robots : list of Robot
         Robots, at least one.
     retention : list of Retention
@@ -432,6 +446,7 @@ class Profile(StrictModel):
     name: Name
     doc: str = ""
     body: Body = Body()
+    orbit: Orbit | None = None
     robots: Annotated[tuple[Robot, ...], Field(min_length=1)]
     retention: tuple[Retention, ...] = ()
     history: tuple[History, ...] = ()

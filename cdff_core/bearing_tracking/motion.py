@@ -88,8 +88,8 @@ def started(directions: FloatArray, covariances: FloatArray, rate_sigma: float) 
     return BearingStates(directions.copy(), np.zeros((n, 3)), P)
 
 
-def predicted(states: BearingStates, interval_s: float, noise_rad2_s3: float) -> BearingStates:
-    """Return the states after an interval, with white noise of angular acceleration."""
+def predicted(states: BearingStates, interval_s: float, noise_rad2_s3: float | FloatArray) -> BearingStates:
+    """Return the states after an interval, with white noise of angular acceleration for all or for each."""
     n = len(states)
     if n == 0 or interval_s == 0.0:
         return states
@@ -103,7 +103,7 @@ def predicted(states: BearingStates, interval_s: float, noise_rad2_s3: float) ->
     Q[:3, :3] = np.eye(3) * dt**3 / 3.0
     Q[:3, 3:] = Q[3:, :3] = np.eye(3) * dt**2 / 2.0
     Q[3:, 3:] = np.eye(3) * dt
-    P = F @ states.covariances @ np.swapaxes(F, 1, 2) + noise_rad2_s3 * Q
+    P = F @ states.covariances @ np.swapaxes(F, 1, 2) + np.reshape(noise_rad2_s3, (-1, 1, 1)) * Q
     directions = np.einsum("nij,nj->ni", R, states.directions)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     # A rotation about the direction does not move it, now or later: its variance would only grow.

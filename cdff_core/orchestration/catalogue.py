@@ -25,6 +25,8 @@ from cdff_core.orchestration.world import (
     World,
 )
 
+#: Frame of missions in orbit with the axes of the GCRF.
+_INERTIAL = "inertial"
 #: Frames of every robot, and the origin of its visual odometry.
 _ROBOT_FRAMES = ("base", "odom", "vo")
 #: Assumed rate of a stream without a stated rate, Hz.
@@ -66,6 +68,8 @@ class ResourceUsage:
 def frames_of(profile: Profile) -> frozenset[str]:
     """Return the names of all frames of a mission."""
     frames = {"site"}
+    if profile.orbit is not None:
+        frames |= {_INERTIAL, *(f"{client}/body" for client in profile.orbit.clients)}
     for robot in profile.robots:
         frames |= {f"{robot.id}/{name}" for name in (*_ROBOT_FRAMES, *robot.sensors)}
         frames |= {sensor.frame for sensor in robot.sensors.values()}

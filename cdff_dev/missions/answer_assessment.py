@@ -18,6 +18,8 @@ from cdff_common.raster.region import mask
 from cdff_common.types import (
     ElevationMap,
     NavigationMap,
+    ObjectDetections,
+    ObjectTrack,
     Pointcloud,
     PoseTrajectory,
     RigidBodyState,
@@ -67,8 +69,24 @@ def assess_answer(
         if value.frame != request.frame:
             yield f"points in {value.frame}, expected {request.frame}"
         yield from _cloud_faults(value, region)
+    elif isinstance(value, ObjectTrack):
+        yield from _track_faults(request, value)
+    elif isinstance(value, ObjectDetections):
+        if value.frame_id != request.frame:
+            yield f"detections in {value.frame_id}, expected {request.frame}"
     else:
         yield from _grid_faults(request, *_grid_of(value), region)
+
+
+def _track_faults(request: TimedRequest, value: ObjectTrack) -> Iterator[str]:
+    """Yield the faults of a track: its frame, its bearing, and whether the range is known as expected."""
+    if value.metadata.frame_id != request.frame:
+        yield f"a track in {value.metadata.frame_id}, expected {request.frame}"
+    bearing, range_m = value.data.bearings[-1, :4], float(value.data.bearings[-1, 4])
+    if not (np.isfinite(bearing).all() and (bearing[2:] > 0.0).all()):
+        yield f"bearing {bearing.tolist()}, expected finite angles with standard deviations"
+    if request.observable is not None and np.isfinite(range_m) != (request.observable == "range"):
+        yield f"range {range_m:g} m, expected {request.observable}"
 
 
 def _pose_faults(request: TimedRequest, value: TransformWithCovariance | RigidBodyState) -> Iterator[str]:

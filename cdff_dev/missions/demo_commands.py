@@ -57,7 +57,11 @@ def _demo(args: argparse.Namespace) -> int:
             )
         )
     check_outputs(args)
-    log = demonstration.kitti_log(args.log) if args.log else demonstration.scenario_log(name, print_line)
+    log = (
+        demonstration.kitti_log(args.log)
+        if args.log
+        else demonstration.scenario_log(script.scenario or name, print_line)
+    )
     with running_system(args, deploy_folder() / "profiles" / f"{script.profile}.yaml", print_line) as (
         stage,
         bus,

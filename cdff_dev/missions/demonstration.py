@@ -20,7 +20,7 @@ from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, 
 from cdff_dev.missions.script import Script, load_script
 from cdff_dev.missions.stage import Stage
 from cdff_dev.missions.tracks import Track, estimated_track, read_truth
-from cdff_dev.simulate.scenario import load_scenario
+from cdff_dev.simulate.scenario_files import load_any_scenario
 from cdff_dev.simulate.store import simulated_log
 
 PrintLine = Callable[[str], None]
@@ -43,7 +43,7 @@ def kitti_log(path: Path) -> Path:
 
 def scenario_log(name: str, print_line: PrintLine) -> Path:
     """Return the log of a scenario from the cache; simulate it if it is not there."""
-    scenario = load_scenario(name)
+    scenario = load_any_scenario(name)
     print_line(f"simulating {name} (the log is cached)")
     return simulated_log(scenario, progress=progress_of("images and scans"))
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -19,6 +20,7 @@ from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry.region import Region, parse_region
 from cdff_common.mission_clock import MissionClock
+from cdff_common.types import ObjectTrack
 from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 from cdff_dev.missions.tracks import http_json
@@ -158,7 +160,9 @@ def _summary(answer: Answer, value: Any) -> str:
     parts = [type(value).__name__]
     if hasattr(value, "points_m"):
         parts.append(f"{len(value.points_m)} points")
-    if hasattr(value, "stamps_ns"):
+    if isinstance(value, ObjectTrack):
+        parts.append(_bearing_text(value))
+    elif hasattr(value, "stamps_ns"):
         parts.append(f"{len(value.stamps_ns)} poses")
     if delivered.get("coverage") is not None:
         parts.append(f"coverage {float(delivered['coverage']):.2f}")
@@ -167,3 +171,17 @@ def _summary(answer: Answer, value: Any) -> str:
     if delivered.get("source"):
         parts.append(f"from {delivered['source']}")
     return ", ".join(parts)
+
+
+def _bearing_text(track: ObjectTrack) -> str:
+    """Return the newest direction of an object and, if known, its range, with standard deviations."""
+    azimuth, elevation, sigma_a, sigma_e, range_m, sigma_m = track.data.bearings[-1].tolist()
+    text = (
+        f"{track.metadata.label} at {math.degrees(azimuth):.4f}°, {math.degrees(elevation):.4f}° "
+        f"± {math.degrees(max(sigma_a, sigma_e)) * 3600:.0f}″"
+    )
+    return (
+        f"{text}, {range_m:.0f} ± {sigma_m:.0f} m"
+        if math.isfinite(range_m)
+        else f"{text}, range unobservable"
+    )

@@ -22,7 +22,10 @@ Speed = Annotated[float, Field(gt=0, le=100)]
 
 
 class TimedRequest(StrictModel):
-    """One request of OG2; all fields but ``at_s`` are sent to the orchestrator unchanged."""
+    """One request of OG2; all fields but ``at_s`` and ``observable`` are sent to the orchestrator unchanged.
+
+    ``observable`` is the expected state of a track: the range is not known yet (``bearing``), or it is.
+    """
 
     at_s: NotNegative
     type: str
@@ -35,11 +38,14 @@ class TimedRequest(StrictModel):
     as_: Annotated[str | None, Field(alias="as")] = None
     format: str | None = None
     deadline_ms: Annotated[int, Field(gt=0)]
+    observable: Literal["bearing", "range"] | None = None
 
     @property
     def parameters(self) -> dict[str, Any]:
         """Keyword arguments of ``Client.request`` except the type."""
-        options = self.model_dump(exclude={"at_s", "type", "as_", "deadline_ms"}, exclude_none=True)
+        options = self.model_dump(
+            exclude={"at_s", "type", "as_", "deadline_ms", "observable"}, exclude_none=True
+        )
         options |= {} if self.as_ is None else {"as_type": self.as_}
         return {**options, "deadline_s": self.deadline_ms / 1000}
 
@@ -196,9 +202,13 @@ class Mission(StrictModel):
 
 
 class Script(StrictModel):
-    """Contents of the file of a demonstration: the requests that are sent while a log is played."""
+    """Contents of the file of a demonstration: the requests that are sent while a log is played.
+
+    ``scenario`` is the simulated scenario, by default that of the name of the file.
+    """
 
     profile: str
+    scenario: str | None = None
     rate: Speed = 1.0
     requests: Annotated[tuple[TimedRequest, ...], Field(min_length=1)]
     sharing: SharedMapLimits | None = None

@@ -37,19 +37,23 @@ class StarField:
     camera : CameraModel
     background, stars, noise : ndarray of float32 (r, c)
         Levels, light of the stars, and standard deviation of the noise of the background, DN.
+    lens_error_rad : float
+        Standard deviation of the direction of a star by the lens along an axis: the residuals of the stars
+        of the photograph beyond their noise.
     """
 
     camera: CameraModel
     background: Float32Array
     stars: Float32Array
     noise: Float32Array
+    lens_error_rad: float = 0.0
 
     @classmethod
     def read(cls, path: Path) -> StarField:
         """Return the field of a photograph."""
         image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED).astype(np.float32)
         rows, cols = image.shape
-        camera = calibrated(image)
+        camera, lens_error_rad = calibrated(image)
         remove = Registry.default().make_dfn("StarFieldBackground", "TileMedian")
         detect = Registry.default().make_dfn("PointSourceDetection", "MatchedFilter")
         remove.configure()
@@ -74,7 +78,11 @@ class StarField:
         near[removed.mask == _TRAIL] = 0
         background = image - removed.residual
         return cls(
-            camera, background, np.where(near > 0, removed.residual, 0).astype(np.float32), removed.noise
+            camera,
+            background,
+            np.where(near > 0, removed.residual, 0).astype(np.float32),
+            removed.noise,
+            lens_error_rad,
         )
 
     def turned(self, R_0_camera: FloatArray) -> Float32Array:
@@ -132,8 +140,10 @@ def pinhole(rows: int, cols: int) -> CameraModel:
     return CameraModel(rows, cols, focal, focal, 0.5 * (cols - 1), 0.5 * (rows - 1))
 
 
-def calibrated(image: Float32Array) -> CameraModel:
-    """Return the camera of a photograph with focal length and radial distortion by its stars."""
+def calibrated(image: Float32Array) -> tuple[CameraModel, float]:
+    """Return the camera of a photograph with focal length and radial distortion by its stars, and the
+    standard deviation of the errors of the lens that remain, rad.
+    """
     camera = pinhole(*image.shape)
     remove = Registry.default().make_dfn("StarFieldBackground", "TileMedian")
     detect = Registry.default().make_dfn("PointSourceDetection", "MatchedFilter")
@@ -148,12 +158,13 @@ def calibrated(image: Float32Array) -> CameraModel:
             residual=removed.residual, noise=removed.noise, mask=removed.mask, point_spread=spread
         )
     )
-    centroids = fit.process(
+    fitted = fit.process(
         PointSourceCentroidingInputs(
             residual=removed.residual, noise=removed.noise, points=found.points[:80], point_spread=spread
         )
-    ).centroids
-    rays = camera.rays(centroids[np.isfinite(centroids).all(axis=1)])
+    )
+    valid = np.isfinite(fitted.centroids).all(axis=1)
+    rays = camera.rays(fitted.centroids[valid])
     stars = identify.process(
         StarIdentificationInputs(
             directions=rays,
@@ -164,7 +175,12 @@ def calibrated(image: Float32Array) -> CameraModel:
         )
     )
     focal = camera.fx * stars.scale
-    return CameraModel(
+    matched = stars.stars >= 0
+    n = int(matched.sum())
+    noise = 0.5 * np.trace(fitted.covariances[valid][matched], axis1=1, axis2=2) / focal**2
+    # Five parameters are adjusted to 2 n coordinates.
+    excess = 0.5 * stars.residual**2 * 2.0 * n / (2.0 * n - 5.0) - float(noise.mean())
+    calibrated_camera = CameraModel(
         camera.rows,
         camera.cols,
         focal,
@@ -173,6 +189,7 @@ def calibrated(image: Float32Array) -> CameraModel:
         camera.cy,
         (-stars.radial * stars.scale**3, 0.0, 0.0, 0.0),
     )
+    return calibrated_camera, float(np.sqrt(max(excess, 0.0)))
 
 
 def centroid_bound_px(snr: float, spread_px: float = SPREAD_PX) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from cdff_common.camera import CameraModel
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
-from cdff_common.stars import add_sources, load_catalogue, visible_stars
+from cdff_common.stars import add_sources, earth_velocity_m_s, load_catalogue, visible_stars
 from cdff_common.types import Frame, TransformWithCovariance
 
 FloatArray = np.ndarray
@@ -44,7 +44,7 @@ class StarScene:
 
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
-        self.catalogue = load_catalogue().at(T0_NS)
+        self.catalogue = load_catalogue().apparent(T0_NS, earth_velocity_m_s(T0_NS))
 
     def rotation(self, time_s: float) -> FloatArray:
         """Return R_inertial_camera at a time since the first image."""

@@ -67,9 +67,15 @@ class Hypotheses:
         }
         return Hypotheses(**columns)
 
-    def predicted(self, interval_s: float, noise_rad2_s3: float) -> Hypotheses:
-        """Return the hypotheses at a later time."""
-        return replace(self, states=predicted(self.states, interval_s, noise_rad2_s3))
+    def predicted(self, interval_s: float, noise_rad2_s3: float, acceleration_rad_s2: float) -> Hypotheses:
+        """Return the hypotheses at a later time.
+
+        A constant unknown acceleration moves the direction of an object without sources by half of it times
+        the squared time; a spectral density that grows by ``3 a^2 t`` has the same variance, ``a^2 t^4 / 4``.
+        """
+        unseen_s = self.misses * interval_s
+        noise = np.asarray(noise_rad2_s3 + 3.0 * acceleration_rad_s2**2 * unseen_s, np.float64)
+        return replace(self, states=predicted(self.states, interval_s, noise))
 
 
 def joined_hypotheses(parts: list[Hypotheses]) -> Hypotheses:

@@ -52,6 +52,13 @@ class MultipleHypothesesConfig(DfnConfig):
     noise_rad2_s3: float = Field(
         1e-14, ge=0.0, le=1.0, description="Spectral density of the angular acceleration, rad²/s³"
     )
+    acceleration_rad_s2: float = Field(
+        1e-7,
+        ge=0.0,
+        le=1.0,
+        description="Angular acceleration of an object without sources, rad/s²: in a low orbit a tenth of"
+        " the square of the mean motion",
+    )
     detection_probability: float = Field(
         0.9, gt=0.1, lt=1.0, description="Probability that an object in an image is a source"
     )
@@ -149,7 +156,9 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         interval_s = 0.0 if self._stamp_ns is None else (inputs.stamp - self._stamp_ns) * 1e-9
         self._stamp_ns = inputs.stamp
         time_s = (inputs.stamp - self._start_ns) * 1e-9
-        predicted = self._hypotheses.predicted(interval_s, self.config.noise_rad2_s3)
+        predicted = self._hypotheses.predicted(
+            interval_s, self.config.noise_rad2_s3, self.config.acceleration_rad_s2
+        )
 
         variances = 0.5 * np.trace(inputs.covariances, axis1=1, axis2=2)
         at_rest = self._resting.matched(inputs.directions, variances, time_s)

@@ -30,13 +30,21 @@ class StarIdentificationInputs(DfnInputs):
         Approximate R_inertial_camera.
     attitude_sigma : float
         Standard deviation of its rotation about each axis, radians; ignored without an attitude.
+    velocity : ndarray of float64, shape (3), optional
+        Velocity of the camera relative to the Sun, m/s, ICRS axes, which shifts the stars by aberration;
+        without it they are not shifted.
     """
 
     ARRAYS = ArrayPorts(
-        {"directions": "float64[n,3]", "sigmas": "float64[n]", "attitude": "float64[3,3]"},
+        {
+            "directions": "float64[n,3]",
+            "sigmas": "float64[n]",
+            "attitude": "float64[3,3]",
+            "velocity": "float64[3]",
+        },
         finite=["directions"],
         positive=["sigmas"],
-        optional=["attitude"],
+        optional=["attitude", "velocity"],
     )
 
     directions: NDArray[np.float64]
@@ -44,6 +52,7 @@ class StarIdentificationInputs(DfnInputs):
     stamp: int
     attitude_sigma: float
     attitude: NDArray[np.float64] | None = None
+    velocity: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -55,7 +64,7 @@ class StarIdentificationOutputs:
     stars : ndarray of int64, shape (n)
         Index of the star of each source in the catalogue; -1 for none.
     star_directions : ndarray of float64, shape (n,3)
-        Unit vectors of the stars at the time, ICRS, without aberration; NaN for none.
+        Unit vectors of the stars at the time, ICRS, with aberration if the velocity is given; NaN for none.
     corrected : ndarray of float64, shape (n,3)
         Directions in the camera frame with the measured errors of the lens removed.
     rotation : ndarray of float64, shape (3,3)

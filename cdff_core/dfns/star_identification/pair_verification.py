@@ -28,6 +28,8 @@ _MIN_SCALE_STARS, _MIN_RADIAL_STARS = 6, 12
 _MIN_FIELD_RAD = 0.02
 #: Number of other sources of which one must be a star, before all are compared.
 _FIRST_SOURCES = 5
+#: Change of the velocity, m/s, from which the stars are shifted again: 0.07 arcseconds.
+_VELOCITY_M_S = 100.0
 
 
 class PairVerificationConfig(DfnConfig):
@@ -90,6 +92,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         """Clear the table of pairs, which the first search makes."""
         self._catalogue: StarCatalogue | None = None
         self._tree: cKDTree | None = None
+        self._velocity_m_s = np.zeros(3)
         self._pairs: tuple[FloatArray, IntArray, float] | None = None
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -100,7 +103,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         RefusedError
             If there are too few sources, or no attitude excludes chance.
         """
-        self._load(inputs.stamp)
+        self._load(inputs.stamp, inputs.velocity)
         if len(inputs.directions) < self.config.min_matches:
             raise RefusedError(
                 f"{len(inputs.directions)} sources, expected at least {self.config.min_matches} stars",
@@ -123,11 +126,18 @@ class PairVerification(Interface[PairVerificationConfig]):
             )
         return self._outputs(inputs, self._adjusted(inputs.directions, match), is_ambiguous)
 
-    def _load(self, stamp_ns: int) -> None:
-        """Move the catalogue to the time of the image."""
-        if self._catalogue is None or abs(self._catalogue.epoch_ns - stamp_ns) > _EPOCH_NS:
-            self._catalogue = load_catalogue().at(stamp_ns)
+    def _load(self, stamp_ns: int, velocity_m_s: FloatArray | None) -> None:
+        """Move the catalogue to the time of the image, and shift it by the velocity of the camera.
+
+        The pairs stay: aberration changes an angle by a ten-thousandth of it at most.
+        """
+        velocity = np.zeros(3) if velocity_m_s is None else velocity_m_s
+        is_old = self._catalogue is None or abs(self._catalogue.epoch_ns - stamp_ns) > _EPOCH_NS
+        if is_old or np.linalg.norm(velocity - self._velocity_m_s) > _VELOCITY_M_S:
+            self._catalogue = load_catalogue().apparent(stamp_ns, velocity)
             self._tree = cKDTree(self._catalogue.directions)
+            self._velocity_m_s = velocity
+        if is_old:
             self._pairs = None
 
     def _from_guess(self, directions: FloatArray, R: FloatArray, sigma_rad: float) -> _Match | None:

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.arrays import IntArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError, ProductNotFoundError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
@@ -17,7 +17,6 @@ from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import (
     MatrixXd,
-    ObjectDetection,
     ObjectDetections,
     ObjectTrack,
     ObjectTrackStatusT,
@@ -30,9 +29,14 @@ from cdff_core.dfns.multi_target_association.interface import (
     MultiTargetAssociationOutputs,
 )
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
-from cdff_core.dfpcs.far_range_object_tracking.image_sources import ImageSources, SourceExtractor
+from cdff_core.dfpcs.far_range_object_tracking.image_sources import (
+    ImageSources,
+    SourceExtractor,
+    source_detection,
+)
 from cdff_core.dfpcs.far_range_object_tracking.interface import FarRangeObjectTrackingInterface
 from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator, CameraAttitude
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
 from cdff_core.dfpcs.far_range_object_tracking.track_output import INERTIAL, TrackState, object_track
 
 #: Status of an object by the state of the association.
@@ -44,6 +48,8 @@ _STATUS = (
 )
 #: Distance of two sources that cannot be separated, in standard deviations of the point spread.
 _BLEND_SIGMAS = 4.0
+#: Standard deviation of the place of a body relative to its light, in extents of the light.
+_LIGHT_OFFSET = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,8 +77,11 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
             self.config.point_spread_px,
             self.config.saturation_dn,
         )
-        self._attitudes = AttitudeEstimator(self.dfn("identify"), self.dfn("attitude"), self.config)
+        self._attitudes = AttitudeEstimator(
+            self.dfn("identify"), self.dfn("attitude"), self.config, self.context.frames
+        )
         self._filter = self.dfn("filter")
+        self._ranging = TargetRanging(self.dfn("range"), self.config)
         self._frame: str | None = None
         self._tracked: _Tracked | None = None
         self._newest: ObjectTrack | None = None
@@ -82,6 +91,26 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
     def on_attitude(self, sample: Sample) -> Iterable[Output]:
         """Store the attitude for the image of its time."""
         self._attitudes.give(sample)
+        return ()
+
+    def on_navigation(self, sample: Sample) -> Iterable[Output]:
+        """Store the velocity for the aberration of the stars."""
+        self._attitudes.give_navigation(sample)
+        return ()
+
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Store the mesh of the target."""
+        self._ranging.give_model(sample)
+        return ()
+
+    def on_body_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Store the attitude of the target."""
+        self._ranging.give_attitude(sample)
+        return ()
+
+    def on_sun(self, sample: Sample) -> Iterable[Output]:
+        """Store the direction of the Sun."""
+        self._ranging.give_sun(sample)
         return ()
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
@@ -108,7 +137,12 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if sources is None:
             return self._coast(sample, camera, reasons)
         attitude = self._attitudes.estimate(
-            sample.stamp_ns, camera, sources.pixels, sources.sigmas_px, sources.snr
+            sample.stamp_ns,
+            camera,
+            sources.pixels,
+            sources.sigmas_px,
+            sources.snr,
+            self._camera_frame(sample),
         )
         if self._extractor.is_smeared:
             reasons += ("smeared",)
@@ -197,7 +231,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         chosen = np.flatnonzero(~sources.is_defect)
         used = sources.selected(chosen)
         directions = attitude.directions(camera, used.pixels)
-        covariances = _direction_covariances(camera, attitude, used.covariances, directions)
+        covariances = attitude.covariances(camera, used.covariances, directions)
         # The stars of the catalogue that are no sources of their own.
         stars = attitude.directions(camera, self._stars_px)
         spread_px = float(np.sqrt(np.linalg.eigvalsh(self._extractor.point_spread)[-1]))
@@ -275,21 +309,30 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if known:
             places = attitude.pixels(camera, found.object_directions)
         position, _ = across(BearingStates(found.object_directions, found.rates, found.object_covariances))
-        for i in np.flatnonzero(found.states > 0):
+        target, measured = self._target_range(sample.stamp_ns, camera, attitude, sources, found)
+        # The last output is the newest product: lost objects come first, the ranged target at the end.
+        rows = np.flatnonzero(found.states > 0)
+        for i in sorted(rows, key=lambda i: (i == target, -found.states[i], -found.ids[i])):
             source = int(found.sources[i])
             status = _STATUS[int(found.states[i])]
             pixel, sigma_px = places[i], np.full(2, np.sqrt(0.5 * np.trace(position[i])) * camera.fx)
             if sources is not None and source >= 0 and status is ObjectTrackStatusT.TRACK_CONFIRMED:
                 pixel = sources.pixels[source]
                 sigma_px = np.sqrt(np.diag(sources.covariances[source]))
-                detections.append(_detection(sources, source, int(found.ids[i])))
+                detections.append(source_detection(sources, source, int(found.ids[i])))
             inside = np.all((pixel >= -0.5) & (pixel <= np.array([camera.cols, camera.rows]) - 0.5))
             if not inside:
                 pixel, sigma_px = np.full(2, np.nan), np.full(2, np.nan)
             score = 1.0 - np.exp(-max(float(found.scores[i]), 0.0))
             # Errors of lens and catalogue are the same in all images: the filter does not average them.
             covariance = found.object_covariances[i].copy()
-            covariance[:3, :3] += np.eye(3) * (self.config.catalogue_sigma_rad**2 + attitude.bias_rad**2)
+            covariance[:3, :3] += np.eye(3) * (attitude.lens_rad**2 + attitude.bias_rad**2)
+            if sources is not None and source >= 0 and sources.is_extended[source]:
+                # The light of a body that is half in shadow is not centred on it.
+                box = sources.boxes[source]
+                extent_rad = max(box[1] - box[0], box[3] - box[2]) / camera.fx
+                covariance[:3, :3] += np.eye(3) * (_LIGHT_OFFSET * extent_rad) ** 2
+            ranging = measured if i == target else None
             state = TrackState(
                 int(found.ids[i]),
                 found.object_directions[i],
@@ -300,9 +343,18 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
                 status,
                 float(score),
             )
+            if ranging is not None:
+                state = replace(
+                    state,
+                    range_m=ranging.range_m,
+                    range_sigma_m=ranging.sigma_m,
+                    size_m=np.full(3, ranging.size_m),
+                    label=ranging.body,
+                )
+                outputs.append(self._position_output(sample, ranging))
             track = object_track(state, sample.stamp_ns, frame, self.name)
             outputs.append(
-                self._track_output(sample, track, frame, attitude, reasons, int(found.hypotheses[i]))
+                self._track_output(sample, track, frame, attitude, reasons, int(found.hypotheses[i]), ranging)
             )
         message = ObjectDetections(
             time_stamp=Time.from_ns(sample.stamp_ns),
@@ -325,9 +377,10 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         attitude: CameraAttitude,
         reasons: tuple[str, ...],
         hypotheses: int,
+        ranging: TargetRange | None,
     ) -> Output:
         status = track.metadata.status
-        own = []
+        own: list[str] = [] if ranging is None else list(ranging.reasons)
         if status is ObjectTrackStatusT.TRACK_COASTING:
             own.append("coasting")
         if status is ObjectTrackStatusT.TRACK_LOST:
@@ -335,8 +388,13 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if not np.isfinite(track.data.bearings[0, 4]):
             own.append("range_unobservable")
         limited = [*reasons, *own]
-        is_degraded = bool(reasons) or status is not ObjectTrackStatusT.TRACK_CONFIRMED
+        is_degraded = (
+            bool(reasons or (ranging and ranging.reasons)) or status is not ObjectTrackStatusT.TRACK_CONFIRMED
+        )
         metrics = {"hypotheses": float(hypotheses), "sigma_rad": float(track.data.bearings[0, 2:4].max())}
+        if ranging is not None:
+            low, high = ranging.interval_m.tolist()
+            metrics |= {"range_low_m": low, "range_high_m": high}
         if attitude.is_from_stars:
             metrics |= {"stars": float(attitude.stars.sum()), "stars_rms_rad": attitude.residual_rad}
         quality = Quality(
@@ -344,6 +402,48 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         )
         self._newest = track
         return self._output(sample, "track", track, frame, quality, attitude)
+
+    def _target_range(
+        self,
+        stamp_ns: int,
+        camera: CameraModel,
+        attitude: CameraAttitude,
+        sources: ImageSources | None,
+        found: MultiTargetAssociationOutputs,
+    ) -> tuple[int, TargetRange | None]:
+        """Return the row of the largest resolved object and its range; (-1, None) without one."""
+        image = self._extractor.image
+        if sources is None or image is None or not self._ranging.has_size:
+            return -1, None
+        rows = np.flatnonzero((found.states == 1) & (found.sources >= 0))
+        rows = rows[sources.is_extended[found.sources[rows]]]
+        if len(rows) == 0:
+            return -1, None
+        boxes = sources.boxes[found.sources[rows]]
+        largest = int(np.argmax((boxes[:, 1] - boxes[:, 0] + 1) * (boxes[:, 3] - boxes[:, 2] + 1)))
+        try:
+            measured = self._ranging.measure(
+                stamp_ns, camera, attitude, image, boxes[largest], self._extractor.point_spread
+            )
+        except RefusedError:  # not resolved: the track has the reason range_unobservable
+            return -1, None
+        return int(rows[largest]), measured
+
+    def _position_output(self, sample: Sample, ranging: TargetRange) -> Output:
+        """Return T_camera_body for the compounds of close range."""
+        quality = Quality(
+            Status.DEGRADED if ranging.reasons else Status.OK, ranging.reasons, CovarianceKind.FORMAL
+        )
+        return Output.of_pose(
+            "position",
+            ranging.T_camera_body,
+            stamp_ns=sample.stamp_ns,
+            frame=self._camera_frame(sample),
+            child=f"{ranging.body}/body",
+            quality=quality,
+            inputs=(sample.id, *ranging.inputs),
+            producer=self.name,
+        )
 
     def _attitude_output(self, sample: Sample, attitude: CameraAttitude) -> Output:
         assert attitude.rotation is not None
@@ -385,31 +485,3 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
 
     def _camera_frame(self, sample: Sample) -> str:
         return sample.frame or sample.value.frame or f"{self.context.robot}/camera"
-
-
-def _detection(sources: ImageSources, index: int, number: int) -> ObjectDetection:
-    """Return the detection of a source; the box of a point has the width of its error."""
-    if sources.is_extended[index]:
-        first_u, last_u, first_v, last_v = sources.boxes[index]
-        box = np.array([first_u, first_v, last_u - first_u + 1.0, last_v - first_v + 1.0])
-    else:
-        box = np.array([*(sources.pixels[index] - 1.5), 3.0, 3.0])
-    score = 1.0 - float(np.exp(-0.5 * min(sources.snr[index], 30.0) ** 2))
-    return ObjectDetection(label=f"object {number}", score=score, image_box=box)
-
-
-def _direction_covariances(
-    camera: CameraModel, attitude: CameraAttitude, pixel_covariances: FloatArray, directions: FloatArray
-) -> FloatArray:
-    """Return the covariances (n, 3, 3) of directions: those of the pixels and of the attitude.
-
-    A pixel is an angle of 1 / f near the optical axis; the small change towards the border is neglected.
-    """
-    R = np.eye(3) if attitude.rotation is None else attitude.rotation
-    axes = R[:, :2]
-    scale = np.diag([1.0 / camera.fx, 1.0 / camera.fy])
-    covariances = np.asarray(axes @ (scale @ pixel_covariances @ scale) @ axes.T)
-    if attitude.rotation is not None:
-        turn = se3.skew(directions) if len(directions) else np.zeros((0, 3, 3))
-        covariances = covariances + turn @ attitude.covariance @ np.swapaxes(turn, 1, 2)
-    return covariances

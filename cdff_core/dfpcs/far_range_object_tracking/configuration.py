@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
 
 from cdff_common.interfaces.dfpc import DfpcConfig
+
+Positive = Annotated[float, Field(gt=0.0, le=1e7)]
 
 
 class FarRangeObjectTrackingConfig(DfpcConfig):
@@ -46,3 +50,25 @@ class FarRangeObjectTrackingConfig(DfpcConfig):
     weak_window_px: float = Field(
         12.0, ge=2.0, le=100.0, description="Largest half width of the window of a weak source, px"
     )
+    observer: Literal["earth", "sun"] = Field(
+        "earth",
+        description="Body that the camera moves with, for the aberration of the stars: Earth (plus the"
+        " velocity of the input navigation) or Sun (no aberration)",
+    )
+    target_sizes_m: tuple[Positive, Positive] | None = Field(
+        None,
+        description="Smallest and largest apparent size of the target of all views, m, without a model",
+    )
+    model_unit: Literal["m", "mm", "km"] = Field("m", description="Unit of the vertices of the model")
+    body_attitude_age_s: float = Field(
+        0.5,
+        ge=0.0,
+        le=3600.0,
+        description="Largest difference in time between the attitude of the target and an image, s",
+    )
+
+    @model_validator(mode="after")
+    def _sizes_are_in_order(self) -> Self:
+        if self.target_sizes_m is not None and self.target_sizes_m[0] > self.target_sizes_m[1]:
+            raise ValueError(f"target_sizes_m={self.target_sizes_m}: expected the smallest size first")
+        return self

@@ -11,7 +11,7 @@ import numpy as np
 from cdff_common.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import Dfn
-from cdff_common.types import Frame, FrameModeT
+from cdff_common.types import Frame, FrameModeT, ObjectDetection
 from cdff_core.dfns.point_source_centroiding.interface import PointSourceCentroidingInputs
 from cdff_core.dfns.point_source_detection.interface import PointSourceDetectionInputs
 from cdff_core.dfns.star_field_background.interface import (
@@ -253,3 +253,14 @@ def _no_sources() -> ImageSources:
     return ImageSources(
         np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), none, none, none, np.zeros((0, 4))
     )
+
+
+def source_detection(sources: ImageSources, index: int, number: int) -> ObjectDetection:
+    """Return the detection of a source; the box of a point has the width of its error."""
+    if sources.is_extended[index]:
+        first_u, last_u, first_v, last_v = sources.boxes[index]
+        box = np.array([first_u, first_v, last_u - first_u + 1.0, last_v - first_v + 1.0])
+    else:
+        box = np.array([*(sources.pixels[index] - 1.5), 3.0, 3.0])
+    score = 1.0 - float(np.exp(-0.5 * min(sources.snr[index], 30.0) ** 2))
+    return ObjectDetection(label=f"object {number}", score=score, image_box=box)

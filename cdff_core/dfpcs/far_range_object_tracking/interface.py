@@ -19,7 +19,7 @@ class FarRangeObjectTrackingInterface(Dfpc):
     """
 
     name = "far_range_object_tracking"
-    INPUT_PORTS = ("image", "attitude")
+    INPUT_PORTS = ("image", "attitude", "navigation", "model", "body_attitude", "sun")
 
     @abstractmethod
     def on_image(self, sample: Sample) -> Iterable[Output]:
@@ -29,8 +29,32 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_attitude(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_inertial_camera, rotation only, for
-        example of a star tracker.
+        """Process an input of type TransformWithCovariance. T_inertial_camera, or that of another
+        frame with a known mount, rotation only, for example of a star tracker.
+        """
+
+    @abstractmethod
+    def on_navigation(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type RigidBodyState. Velocity of the camera's carrier relative to the
+        Earth, in the frame inertial, for the aberration of the stars.
+        """
+
+    @abstractmethod
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Mesh. Mesh of the target, whose frame is {name}/body; its size
+        makes the range observable.
+        """
+
+    @abstractmethod
+    def on_body_attitude(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_inertial_body, rotation only; without it
+        the range is an interval.
+        """
+
+    @abstractmethod
+    def on_sun(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Vector3d. Direction of the Sun from the target in the frame
+        inertial; without it that from the Earth.
         """
 
     @abstractmethod

@@ -11,11 +11,11 @@ import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.camera import CameraModel
-from cdff_common.errors import DegenerateGeometryError, RefusedError
-from cdff_common.geometry import se3
+from cdff_common.errors import DegenerateGeometryError, FrameNotFoundError, InputError, RefusedError
+from cdff_common.geometry import FrameGraph, se3
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
-from cdff_common.stars import load_catalogue, visible_stars
+from cdff_common.stars import earth_velocity_m_s, load_catalogue, visible_stars
 from cdff_core.bearing_tracking.lens import corrected, distorted
 from cdff_core.dfns.attitude_from_directions.interface import AttitudeFromDirectionsInputs
 from cdff_core.dfns.star_identification.interface import StarIdentificationInputs
@@ -30,6 +30,12 @@ _TURN_RAD_S = 0.002
 _BRIGHT_MAGNITUDE, _EXPECTED_STARS, _BRIGHT_SOURCES, _BRIGHT_SNR = 6.0, 4, 8, 10.0
 #: Signal-to-noise ratio from which a source may be a star: few false sources exceed it.
 _STAR_SNR = 5.5
+#: Age of a velocity in orbit that shifts the stars by less than an arcsecond more.
+_NAVIGATION_NS = 120_000_000_000
+#: Part of an image in the running mean of the errors of the lens, and the least error, rad.
+_LENS_GAIN, _LENS_LEAST = 0.1, 1e-6
+#: Number of parameters that are adjusted to the stars.
+_ADJUSTED = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +61,8 @@ class CameraAttitude:
         Ids of the samples.
     bias_rad : float
         Standard deviation of a constant error about each axis, which the differences of images do not show.
+    lens_rad : float
+        Standard deviation of a direction by the lens, which is the same in all images.
     """
 
     rotation: FloatArray | None
@@ -67,6 +75,7 @@ class CameraAttitude:
     reasons: tuple[str, ...] = ()
     inputs: tuple[str, ...] = field(default=())
     bias_rad: float = 0.0
+    lens_rad: float = 0.0
 
     def directions(self, camera: CameraModel, pixels: FloatArray) -> FloatArray:
         """Return the unit vectors (n, 3) of pixels (n, 2), inertial, or in the camera frame without an
@@ -82,6 +91,22 @@ class CameraAttitude:
         rays = directions if self.rotation is None else directions @ self.rotation
         return camera.project(distorted(rays, self.scale, self.radial))
 
+    def covariances(
+        self, camera: CameraModel, pixel_covariances: FloatArray, directions: FloatArray
+    ) -> FloatArray:
+        """Return the covariances (n, 3, 3) of directions: those of the pixels and of the attitude.
+
+        A pixel is an angle of 1 / f near the optical axis; the small change towards the border is neglected.
+        """
+        R = np.eye(3) if self.rotation is None else self.rotation
+        axes = R[:, :2]
+        scale = np.diag([1.0 / camera.fx, 1.0 / camera.fy])
+        covariances = np.asarray(axes @ (scale @ pixel_covariances @ scale) @ axes.T)
+        if self.rotation is not None:
+            turn = se3.skew(directions) if len(directions) else np.zeros((0, 3, 3))
+            covariances = covariances + turn @ self.covariance @ np.swapaxes(turn, 1, 2)
+        return covariances
+
 
 class AttitudeEstimator:
     """Attitude of the camera at each image.
@@ -90,16 +115,50 @@ class AttitudeEstimator:
     ----------
     identify, solve : Dfn
         StarIdentification and AttitudeFromDirections.
+    frames : FrameGraph
+        Mounts of the sensors, for an attitude of another frame than that of the camera.
     """
 
     def __init__(
-        self, identify: Dfn[Any, Any, Any], solve: Dfn[Any, Any, Any], config: FarRangeObjectTrackingConfig
+        self,
+        identify: Dfn[Any, Any, Any],
+        solve: Dfn[Any, Any, Any],
+        config: FarRangeObjectTrackingConfig,
+        frames: FrameGraph,
     ) -> None:
         self._identify, self._solve, self._config = identify, solve, config
+        self._frames = frames
         self._given: Sample | None = None
         self._before: Sample | None = None  # the given attitude before the last one
         self._last: tuple[int, FloatArray] | None = None
         self._pause, self._wait = _FIRST_PAUSE, 0
+        self._navigation: Sample | None = None
+        self._lens_rad2 = config.catalogue_sigma_rad**2
+
+    def give_navigation(self, sample: Sample) -> None:
+        """Store the velocity of the carrier of the camera.
+
+        Raises
+        ------
+        InputError
+            If it is not finite, or not in the inertial frame.
+        """
+        velocity = np.asarray(sample.value.velocity, float)
+        if not np.isfinite(velocity).all() or sample.value.target_frame not in ("", "inertial"):
+            raise InputError(
+                f"navigation: velocity {velocity.tolist()} in frame {sample.value.target_frame!r}, expected a"
+                " finite one in 'inertial'"
+            )
+        self._navigation = sample
+
+    def _velocity_m_s(self, stamp_ns: int) -> FloatArray | None:
+        """Return the velocity of the camera relative to the Sun, or None."""
+        if self._config.observer == "sun":
+            return None
+        velocity = earth_velocity_m_s(stamp_ns)
+        if self._navigation is not None and abs(stamp_ns - self._navigation.stamp_ns) < _NAVIGATION_NS:
+            velocity = velocity + self._navigation.value.velocity
+        return velocity
 
     def give(self, sample: Sample) -> None:
         """Store a given attitude."""
@@ -111,12 +170,22 @@ class AttitudeEstimator:
         return self._given is not None
 
     def estimate(
-        self, stamp_ns: int, camera: CameraModel, pixels: FloatArray, sigmas_px: FloatArray, snr: FloatArray
+        self,
+        stamp_ns: int,
+        camera: CameraModel,
+        pixels: FloatArray,
+        sigmas_px: FloatArray,
+        snr: FloatArray,
+        camera_frame: str,
     ) -> CameraAttitude:
         """Return the attitude at an image with sources at ``pixels`` (n, 2), brightest first."""
-        given, sigma_rad, inputs = self._given_at(stamp_ns)
         none = np.zeros(len(pixels), bool)
         reasons: list[str] = []
+        try:
+            given, sigma_rad, inputs = self._given_at(stamp_ns, camera_frame)
+        except FrameNotFoundError:
+            given, sigma_rad, inputs = None, 0.0, ()
+            reasons.append("mount_of_attitude_unknown")
         if self._config.use_stars:
             guess, guess_sigma = given, sigma_rad
             if guess is None and self._last is not None:
@@ -136,13 +205,25 @@ class AttitudeEstimator:
             reasons = [reason for reason in reasons if not reason.startswith("few_stars")]
             covariance = np.eye(3) * self._config.attitude_noise_rad**2
             return CameraAttitude(
-                given, covariance, none, reasons=tuple(reasons), inputs=inputs, bias_rad=sigma_rad
+                given,
+                covariance,
+                none,
+                reasons=tuple(reasons),
+                inputs=inputs,
+                bias_rad=sigma_rad,
+                lens_rad=float(np.sqrt(self._lens_rad2)),
             )
         reasons.append("attitude_missing")
         return CameraAttitude(None, np.zeros((3, 3)), none, reasons=tuple(reasons))
 
-    def _given_at(self, stamp_ns: int) -> tuple[FloatArray | None, float, tuple[str, ...]]:
-        """Return the given attitude at a time, its standard deviation and its id, or None."""
+    def _given_at(self, stamp_ns: int, camera_frame: str) -> tuple[FloatArray | None, float, tuple[str, ...]]:
+        """Return the given attitude of the camera at a time, its standard deviation and its id, or None.
+
+        Raises
+        ------
+        FrameNotFoundError
+            If the attitude is that of another frame, whose mount is not known.
+        """
         given = self._given
         if given is None or abs(stamp_ns - given.stamp_ns) > self._config.attitude_age_s * 1e9:
             return None, 0.0, ()
@@ -159,6 +240,9 @@ class AttitudeEstimator:
             turn = se3.log_so3(R @ previous.T) * fraction
             R = se3.exp_so3(turn) @ R
             sigma = float(np.hypot(sigma, 0.1 * np.linalg.norm(turn)))
+        child = given.value.child_frame
+        if child and child != camera_frame:
+            R = R @ self._frames.lookup(child, camera_frame, stamp_ns).matrix[:3, :3]
         return R, float(sigma), (given.id,)
 
     def _from_stars(
@@ -190,6 +274,7 @@ class AttitudeEstimator:
                     stamp=stamp_ns,
                     attitude=guess,
                     attitude_sigma=guess_sigma,
+                    velocity=self._velocity_m_s(stamp_ns),
                 )
             )
         except RefusedError:
@@ -205,6 +290,7 @@ class AttitudeEstimator:
             )
         )
         self._last, self._pause, self._wait = (stamp_ns, solution.rotation), _FIRST_PAUSE, 0
+        self._measure_lens(solution.residual, sigmas_px[usable[matched]] / camera.fx)
         stars = np.zeros(len(pixels), bool)
         stars[usable[matched]] = True
         reasons = []
@@ -226,7 +312,21 @@ class AttitudeEstimator:
             residual_rad=solution.residual,
             reasons=tuple(reasons),
             inputs=inputs,
+            lens_rad=float(np.sqrt(self._lens_rad2)),
         )
+
+    def _measure_lens(self, residual_rad: float, noise_rad: FloatArray) -> None:
+        """Add the excess of the residuals of the stars over their noise to the errors of the lens.
+
+        Five parameters are adjusted to the 2 n coordinates: rotation, focal length, distortion.
+        """
+        n = len(noise_rad)
+        if 2 * n <= 2 * _ADJUSTED:
+            return
+        variance = 0.5 * residual_rad**2 * 2.0 * n / (2.0 * n - _ADJUSTED)
+        excess = variance - float(np.mean(noise_rad**2))
+        self._lens_rad2 += _LENS_GAIN * (excess - self._lens_rad2)
+        self._lens_rad2 = max(self._lens_rad2, _LENS_LEAST**2)
 
     def _is_contradicted(self, camera: CameraModel, given: FloatArray, snr: FloatArray) -> bool:
         """Return whether the given attitude predicts bright stars, and bright sources are elsewhere."""

@@ -35,6 +35,8 @@ class TrackState:
         NaN while not observable.
     size_m : ndarray (3,)
         Size of the body; 0 if unknown.
+    label : str
+        Name of the body; that of its number if empty.
     """
 
     number: int
@@ -48,6 +50,7 @@ class TrackState:
     range_m: float = float("nan")
     range_sigma_m: float = float("nan")
     size_m: FloatArray | None = None
+    label: str = ""
 
 
 def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) -> ObjectTrack:
@@ -70,7 +73,7 @@ def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) ->
         velocity=state.rate,
         pixel=state.pixel,
         pixel_sigma=state.pixel_sigma,
-        label=f"object {state.number}",
+        label=state.label or f"object {state.number}",
         status=state.status,
         score=state.score,
         size_m=np.zeros(3) if state.size_m is None else state.size_m,

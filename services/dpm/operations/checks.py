@@ -24,7 +24,7 @@ _MAX_INPUTS = 10_000
 _MAX_REASONS, _MAX_METRICS = 64, 256
 _MAX_TEXT = 256
 _INPUT = re.compile(r"[A-Za-z0-9_\-:.]{1,64}\Z")
-_SITE = "site"
+_SITE, _INERTIAL = "site", "inertial"
 #: Tolerance for rounding of the content's extent beyond its box, metres and fraction of its size.
 _BOX_MARGIN_M, _BOX_RELATIVE_MARGIN = 1e-3, 1e-6
 
@@ -121,12 +121,12 @@ def _numbers(box: Sequence[float]) -> str:
 
 
 class FrameNames:
-    """Known frames of a store: ``site``, bodies, fixed and moving frames, frames of products."""
+    """Known frames of a store: ``site``, ``inertial``, bodies, fixed and moving ones, those of products."""
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._lock = threading.Lock()
-        self._known: frozenset[str] = frozenset({_SITE, *body_names()})
+        self._known: frozenset[str] = frozenset({_SITE, _INERTIAL, *body_names()})
 
     def check_known(self, frame: str) -> None:
         """Raise FrameNotFoundError for an unknown frame."""
@@ -151,7 +151,7 @@ class FrameNames:
             name for revision in self._store.frames.current() for name in (revision.frame, revision.parent)
         ]
         moving = [name for track in self._store.poses.tracks() for name in (track.parent, track.child)]
-        names = frozenset({_SITE, *body_names(), *fixed, *moving, *self._store.frame_names()})
+        names = frozenset({_SITE, _INERTIAL, *body_names(), *fixed, *moving, *self._store.frame_names()})
         with self._lock:
             self._known = names
         return names

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Image of a body that the Sun illuminates: diffuse reflection with cast shadows."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from cdff_common.arrays import Float32Array, FloatArray, IntArray
+from cdff_common.geometry import se3
+from cdff_core.object_models.rendering import Window, camera_normals, render
+
+#: Sides of the image of the body from the Sun, pixels, and distance of its camera in radii.
+_SHADOW_PX, _SHADOW_DISTANCE = 384, 200.0
+#: Difference of depth from which a point is in shadow, in pixels of the image from the Sun.
+_SHADOW_BIAS_PX = 2.0
+#: Pixels per pixel of the window for a body of this many pixels, at least one and at most four.
+_RENDERED_PX = 200.0
+
+
+def lit_body(
+    vertices_m: FloatArray,
+    triangles: IntArray,
+    T_window_body: FloatArray,
+    window: Window,
+    sun: FloatArray,
+    *,
+    point_spread_px: float,
+    extent_px: float,
+) -> Float32Array:
+    """Return the image (r, c) of a body, relative to a surface that faces the Sun and the camera.
+
+    The reflection follows Lommel and Seeliger: ``2 mu0 / (mu0 + mu)``.
+
+    Parameters
+    ----------
+    T_window_body : ndarray (4, 4)
+    window : Window
+    sun : ndarray (3,)
+        Unit vector to the Sun in the frame of the window.
+    point_spread_px, extent_px : float
+        Standard deviation of the image of a point; approximate extent of the body, which sets the sampling.
+    """
+    k = int(np.clip(np.ceil(_RENDERED_PX / max(extent_px, 1.0)), 1, 4))
+    fine = Window(
+        window.fx * k,
+        window.fy * k,
+        (window.cx + 0.5) * k - 0.5,
+        (window.cy + 0.5) * k - 0.5,
+        window.rows * k,
+        window.columns * k,
+    )
+    image = render(vertices_m, triangles, T_window_body, fine)
+    seen = image.face >= 0
+    light = np.zeros(image.face.shape, np.float32)
+    if seen.any():
+        normals = camera_normals(vertices_m, triangles, T_window_body, image.face)[seen]
+        row, column = np.nonzero(seen)
+        depth = image.depth_m[seen]
+        points = np.column_stack(
+            [(column - fine.cx) / fine.fx * depth, (row - fine.cy) / fine.fy * depth, depth]
+        )
+        to_camera = -points / np.linalg.norm(points, axis=1, keepdims=True)
+        mu0, mu = normals @ sun, np.maximum(np.einsum("ni,ni->n", normals, to_camera), 1e-3)
+        lit = np.where(mu0 > 0.0, 2.0 * mu0 / (np.maximum(mu0, 1e-6) + mu), 0.0)
+        R, t = T_window_body[:3, :3], T_window_body[:3, 3]
+        lit[in_shadow(vertices_m, triangles, (points - t) @ R, R.T @ sun)] = 0.0
+        light[seen] = lit
+    reduced = cv2.resize(light, (window.columns, window.rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.GaussianBlur(reduced, (0, 0), point_spread_px), np.float32)
+
+
+def in_shadow(
+    vertices_m: FloatArray, triangles: IntArray, points_m: FloatArray, sun: FloatArray
+) -> np.ndarray:
+    """Return which points (n, 3) of the surface the body hides from the Sun; all in its frame."""
+    low, high = vertices_m.min(axis=0), vertices_m.max(axis=0)
+    centre, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    z = -sun / np.linalg.norm(sun)
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z])
+    distance = _SHADOW_DISTANCE * radius
+    T = se3.transform(R, np.array([0.0, 0.0, distance]) - R @ centre)
+    focal, middle = 0.48 * _SHADOW_PX * _SHADOW_DISTANCE, 0.5 * (_SHADOW_PX - 1)
+    window = Window(focal, focal, middle, middle, _SHADOW_PX, _SHADOW_PX)
+    depth = render(vertices_m, triangles, T, window).depth_m
+    p = points_m @ R.T + T[:3, 3]
+    column = np.clip(np.rint(focal * p[:, 0] / p[:, 2] + middle), 0, _SHADOW_PX - 1).astype(np.intp)
+    row = np.clip(np.rint(focal * p[:, 1] / p[:, 2] + middle), 0, _SHADOW_PX - 1).astype(np.intp)
+    return np.asarray(p[:, 2] > depth[row, column] + _SHADOW_BIAS_PX * distance / focal)
