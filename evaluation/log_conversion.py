@@ -92,7 +92,7 @@ def _result(recording: Recording, path: Path, out: Path, reference: tuple[Any, A
             f"{path}: {len(stamps_ns)} poses at other times than the {len(reference[0])} expected"
         )
     E = se3.inverse(reference[1]) @ T
-    E[np.all(T == reference[1], axis=(1, 2))] = np.eye(4)  # without the rounding of the product
+    E[np.all(reference[1] == T, axis=(1, 2))] = np.eye(4)  # without the rounding of the product
     truth = run["truth"] if isinstance(run["truth"], dict) else None
     return {
         "poses": run["poses"],
