@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 from _report import measure
 
@@ -23,6 +24,7 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.stars import add_sources, load_catalogue, visible_stars
 from cdff_common.types import Frame
+from cdff_core.dfns.apparent_size_ranging.interface import ApparentSizeRangingInputs
 from cdff_core.dfns.attitude_from_directions.interface import AttitudeFromDirectionsInputs
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.multi_target_association.interface import MultiTargetAssociationInputs
@@ -30,6 +32,7 @@ from cdff_core.dfns.point_source_centroiding.interface import PointSourceCentroi
 from cdff_core.dfns.point_source_detection.interface import PointSourceDetectionInputs
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundInputs
 from cdff_core.dfns.star_identification.interface import StarIdentificationInputs
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import apparent_sizes_m
 
 CAMERA = CameraModel(1024, 1024, 5120.0, 5120.0, 511.5, 511.5)
 SPREAD = np.eye(2) * 0.49
@@ -58,6 +61,28 @@ def photograph(rng: np.random.Generator) -> np.ndarray:
     return (light + rng.normal(0.0, 20.0, light.shape)).clip(0, 65535).astype(np.uint16)
 
 
+def sphere(rings: int = 76) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices and 23 104 triangles of a sphere of radius 1 m."""
+    polar, azimuth = np.meshgrid(
+        np.linspace(0.0, np.pi, rings + 1), np.linspace(0.0, 2 * np.pi, 2 * rings, False), indexing="ij"
+    )
+    unit = [np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)]
+    index = np.arange(polar.size).reshape(polar.shape)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    first, second = np.stack([a, b, c], -1), np.stack([a, c, d], -1)
+    return np.stack(unit, -1).reshape(-1, 3), np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)])
+
+
+def half_lit_disc(rng: np.random.Generator, side: int = 160, radius: float = 60.0) -> np.ndarray:
+    """Return a window with a disc whose light falls by the cosine of the Sun's zenith angle, from the right."""
+    v, u = np.indices((side, side)) - 0.5 * (side - 1)
+    inside = u * u + v * v < radius * radius
+    light = np.where(inside, np.maximum(u / radius, 0.0), 0.0)
+    light = cv2.GaussianBlur(light.astype(np.float32), (0, 0), 0.8) * 4000.0
+    return (light + rng.normal(0.0, 20.0, light.shape)).astype(np.float32)
+
+
 def main() -> int:
     """Print the costs as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -74,6 +99,7 @@ def main() -> int:
         ("AttitudeFromDirections", "WeightedWahba"),
         ("BearingFiltering", "ConstantAngularVelocity"),
         ("MultiTargetAssociation", "MultipleHypotheses"),
+        ("ApparentSizeRanging", "RenderedComparison"),
     ):
         dfns[name] = Registry.default().make_dfn(name, implementation)
         dfns[name].configure()
@@ -107,6 +133,20 @@ def main() -> int:
             )
         ),
     )
+    vertices, triangles = sphere()
+    window = half_lit_disc(rng)
+    of_ranging = ApparentSizeRangingInputs(
+        image=window,
+        noise=20.0,
+        focal=5120.0,
+        point_spread=0.8,
+        sizes=apparent_sizes_m(vertices),
+        vertices=vertices,
+        triangles=triangles,
+        attitude=np.eye(3),
+        sun=np.array([1.0, 0.0, 0.0]),
+    )
+    record("ApparentSizeRanging", lambda: dfns["ApparentSizeRanging"].process(of_ranging))
     rays = CAMERA.rays(fit.centroids[:60])
     sigmas = np.full(len(rays), 2e-5)
 

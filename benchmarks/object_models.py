@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the DFNs of target_detection and of the compound, on scans of the satellite Tango by ray casting.
+"""Cost of the DFNs and compounds that detect and track a known body in scans of the satellite Tango.
 
 NUMBA_NUM_THREADS=1 python benchmarks/object_models.py [--data DIR] [--rounds N] [--out FILE]
 """
@@ -8,20 +8,24 @@ NUMBA_NUM_THREADS=1 python benchmarks/object_models.py [--data DIR] [--rounds N]
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import platform
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from _report import measure, write_report
 
+from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Pointcloud
+from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_core.dfns.model_pose_refinement.interface import ModelPoseRefinementInputs
 from cdff_core.dfns.model_pose_search.interface import ModelPoseSearchInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationInputs
+from cdff_core.dfns.model_registration.interface import ModelRegistrationInputs
 from evaluation.scenes.target_scans import SENSORS, model_sample, random_scan, tango
 
 
@@ -42,6 +46,7 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
     names = ("points", "normals", "grid_index", "grid_low", "grid_cell_m", "diameter_m")
     surface = {name: getattr(model, name) for name in names}
     search, refine = node("model_pose_search"), node("model_pose_refinement")
+    register = node("model_registration")
     detection = Registry.default().make_dfpc("target_detection")
     detection.configure()
     list(detection.step(model_sample(body, "tango")))
@@ -59,13 +64,46 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
             **surface,
         )
         sample = Sample("cloud", 0, 0, Pointcloud.from_points(scan, frame="lidar", stamp_ns=0))
+        pose = of_refinement.poses[0]
+        of_registration = ModelRegistrationInputs(
+            scan=scan,
+            pose=pose,
+            drawn_vertices=model.drawn_vertices,
+            drawn_triangles=model.drawn_triangles,
+            centre_m=model.centre_m,
+            sigma_m=sensor.sigma_m,
+            **surface,
+        )
         report[name] = {
             "points": len(scan),
+            "ModelRegistration": measure(partial(register.process, of_registration), rounds),
+            "LidarTargetTracking": measure(tracking(body, scan, pose), rounds),
             "ModelPoseSearch": measure(partial(search.process, of_search), rounds),
             "ModelPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
             "TargetDetection": measure(partial(lambda s: list(detection.step(s)), sample), rounds),
         }
     return report
+
+
+def tracking(body: Any, scan: Any, pose: Any) -> Callable[[], Any]:
+    """Return a step of lidar_target_tracking with one scan of a body at rest per call, after a guess."""
+    dfpc = Registry.default().make_dfpc("lidar_target_tracking")
+    dfpc.configure()
+    model = model_sample(body, "tango")
+    guess = TransformWithCovariance.from_transform(
+        UncertainTransform(pose), parent="lidar", child=model.value.frame, stamp_ns=0
+    )
+    list(dfpc.step(model))
+    list(dfpc.step(Sample("guess", 0, 0, guess)))
+    stamps_ns = itertools.count(0, 10**9)
+
+    def step() -> None:
+        stamp_ns = next(stamps_ns)
+        value = Pointcloud.from_points(scan, frame="lidar", stamp_ns=stamp_ns)
+        pose_output, _ = dfpc.step(Sample("cloud", stamp_ns, 0, value))
+        assert pose_output.value is not None, pose_output.quality.reasons
+
+    return step
 
 
 def main() -> None:

@@ -1,5 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
+"""ApparentSizeRanging: an ellipsoid at known range under several directions of the Sun; wrong input."""
+
 from __future__ import annotations
 
 import cv2
