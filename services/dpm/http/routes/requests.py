@@ -71,7 +71,17 @@ def ask(
 def _jobs(context: Context, **parameters: str) -> Any:
     key = keys.orchestrator_rpc(keys.GROUND, "jobs")
     reply = context.connected().call(key, {"robot": "any", **parameters}, timeout_s=_LIST_TIMEOUT_S)
-    return jsonable(reply.body())
+    body = reply.body()
+    _mark_stored(context, body.get("jobs", [body]))
+    return jsonable(body)
+
+
+def _mark_stored(context: Context, jobs: list[dict[str, Any]]) -> None:
+    """Add to each result with an id whether its product is stored: derived ones may be sent only."""
+    results = [result for job in jobs if (result := job.get("result")) and result.get("id")]
+    live = context.dpm.store.live({result["id"] for result in results})
+    for result in results:
+        result["stored"] = result["id"] in live
 
 
 def _texts(body: dict[str, Any]) -> list[tuple[str, str]]:

@@ -153,9 +153,9 @@ async function showRobots() {
 function requestRow(job) {
   const request = job.request || {};
   const result = job.result || {};
-  const last = result.id
+  const last = result.id && result.stored !== false
     ? make("a", { href: `/api/v1/products/${encodeURIComponent(result.id)}` }, result.kind || "product")
-    : make("span", null, job.reason || "");
+    : make("span", null, job.reason || (result.id ? `${result.kind || "product"}, not stored` : ""));
   const cells = [badge(job.state), words(request.type || "?"), request.robot || "", request.region || "–", time(job.accepted_ns), last];
   return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
 }

@@ -17,6 +17,8 @@ from services.dpm.http.context import Context
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
+from .conftest import elevation, put_arguments
+
 PARAMETERS = {"type": "dem", "robot": "mana", "region": "circle:0,0,10", "max_age_s": "60"}
 URL = "/api/v1/requests"
 
@@ -26,10 +28,13 @@ class Orchestrator:
 
     def __init__(self) -> None:
         self.received: list[dict[str, str]] = []
+        self.jobs: list[dict[str, Any]] = []
 
     def call(self, _key: str, parameters: dict[str, str], **_: Any) -> SimpleNamespace:
         self.received.append(parameters)
-        return SimpleNamespace(attachment={"kind": "reference", "t1_ns": 5})
+        jobs = self.jobs if "job" not in parameters else self.jobs[0]
+        body = {"jobs": jobs, "leases": []} if isinstance(jobs, list) else jobs
+        return SimpleNamespace(attachment={"kind": "reference", "t1_ns": 5}, body=lambda: body)
 
 
 @pytest.fixture
@@ -77,3 +82,15 @@ def test_invalid_parameters_are_refused_with_the_reason(
     assert answer.status_code == 422
     assert reason in answer.text
     assert orchestrator.received == []
+
+
+def test_results_say_if_their_product_is_stored(
+    http_with_bus: TestClient, orchestrator: Orchestrator, dpm: Dpm
+) -> None:
+    _, stored = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 1, resolution_m=0.1))
+    derived = "6fad6a70-a6b6-55d2-86e7-c9e3d46a11f6"
+    results = [{"kind": "product", "id": stored.id}, {"kind": "product", "id": derived}, None]
+    orchestrator.jobs = [{"job": str(i), "result": result} for i, result in enumerate(results)]
+    jobs = http_with_bus.get(URL).json()["jobs"]
+    assert [(job["result"] or {}).get("stored") for job in jobs] == [True, False, None]
+    assert http_with_bus.get(f"{URL}/0").json()["result"]["stored"] is True
