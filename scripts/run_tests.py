@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run the tests in two parts at the same time: tests that start processes, and tests that only compute.
+"""Run the tests in two parts: tests that start processes, and tests that only compute.
 
-Tests that start processes run one by one and first, because they wait for services within time limits.
-Tests that only compute run in parallel at the lowest priority, in the remaining processor time. The output of
-the tests that start processes is printed when the other part has ended.
+Tests that start processes run one by one, because they wait for services within time limits. Tests that only
+compute run in parallel at the lowest priority, at the same time in the remaining processor time, or with
+``--slow`` afterwards: on a slow machine, services miss their time limits beside them. The output of the tests
+that start processes is printed when they have ended.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
@@ -49,6 +50,8 @@ def main() -> int:
             ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *COMPUTE_ONLY, *rest],
             stdout=log,
         )
+        if args.slow:
+            processes.wait()
         compute = _start(
             "compute",
             ["-m", f"not ({PROCESSES}) and {selected}", "-n", args.workers, "--dist", "loadfile", *rest],
