@@ -67,8 +67,9 @@ def test_only_a_few_requests_wait() -> None:
 def test_http_answers_503_without_memory(
     http: TestClient, dpm: Dpm, inserted_id: Callable[[str], str]
 ) -> None:
-    url = f"/api/v1/products/{inserted_id('dem')}/payload?format=tif"
-    assert http.get(url).status_code == 200
+    payload = f"/api/v1/products/{inserted_id('dem')}/payload"
+    assert http.get(f"{payload}?format=tif").status_code == 200
+    url = f"{payload}?format=npz"
     dpm.budget._total, dpm.budget._wait_s = 1, 0.05
     with dpm.budget.request():
         dpm.budget.charge(1)
@@ -76,3 +77,4 @@ def test_http_answers_503_without_memory(
     assert (answer.status_code, answer.json()["code"]) == (503, "OVERLOADED")
     assert int(answer.headers["Retry-After"]) >= 1
     assert http.get(url).status_code == 200
+    assert http.get(f"{payload}?format=tif").status_code == 200  # from the cache of converted files
