@@ -33,7 +33,7 @@ _SERVICE = "supervisor"
 
 
 class RosterListener(Protocol):
-    """Service that serves the robots of a roster; called in the thread of the roster."""
+    """Service that follows the robots of a roster; the roster calls its methods in its own thread."""
 
     def set_robot(self, joined: RobotProfile) -> None:
         """Serve a robot that joined, or one whose profile has changed; raises CdffError to refuse it."""
@@ -103,7 +103,7 @@ class RobotRoster:
             self._changed.notify_all()
 
     def _next(self) -> str | None:
-        """Wait for the next robot that is due; None once closed."""
+        """Wait for the next robot to process and return its id; return None after the roster is closed."""
         with self._changed:
             while not self._closed:
                 robot = min(self._due_s, key=lambda name: self._due_s[name], default=None)

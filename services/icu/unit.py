@@ -82,7 +82,7 @@ class SimulatedIcu:
             self.set_robot(robot)
 
     def set_robot(self, robot: Robot) -> None:
-        """Add the sensors of a robot, or replace them; unchanged sensors keep their mode."""
+        """Add or replace the sensors of a robot; sensors with the same description keep their mode."""
         with self._changed:
             machines = {}
             for name, sensor in robot.sensors.items():

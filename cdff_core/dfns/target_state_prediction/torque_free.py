@@ -72,7 +72,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
         )
 
     def _noise(self, R: FloatArray, arm: FloatArray, dt: float, scales: FloatArray) -> FloatArray:
-        """Return the covariance (20, 20) of the integrated noise of the accelerations."""
+        """Return the covariance (20, 20) that the noise of the accelerations adds to the state."""
         noise = np.zeros((20, 20))
         linear = (scales[0] * self.config.acceleration_noise) ** 2
         angular = (scales[1] * self.config.angular_acceleration_noise) ** 2

@@ -328,7 +328,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
             covariance = found.object_covariances[i].copy()
             covariance[:3, :3] += np.eye(3) * (attitude.lens_rad**2 + attitude.bias_rad**2)
             if sources is not None and source >= 0 and sources.is_extended[source]:
-                # The light of a body that is half in shadow is not centred on it.
+                # The centroid of the light of a partly shadowed body differs from the centre of the body.
                 box = sources.boxes[source]
                 extent_rad = max(box[1] - box[0], box[3] - box[2]) / camera.fx
                 covariance[:3, :3] += np.eye(3) * (_LIGHT_OFFSET * extent_rad) ** 2

@@ -29,8 +29,8 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_attitude(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_inertial_camera, or that of another
-        frame with a known mount, rotation only, for example of a star tracker.
+        """Process an input of type TransformWithCovariance. Rotation of T_inertial_camera, or of
+        T_inertial_frame of a frame with a known mount, such as a star tracker.
         """
 
     @abstractmethod

@@ -76,7 +76,7 @@ class Capture:
 
     @property
     def unconverted(self) -> dict[str, Unconverted]:
-        """Packets without a datagram and the end of a damaged file, as found by ``datagrams``."""
+        """Counts of packets without a datagram, and the end of a damaged file; ``datagrams`` fills both."""
         found = {
             what: Unconverted("packet", count, "no data of a lidar") for what, count in self._lost.items()
         }

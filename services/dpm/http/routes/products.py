@@ -153,7 +153,7 @@ def payload(
     is_native = format == "native" and as_ is None
     place = context.dpm.retrieval.georeference(record.header.frame, format)
     etag = f'"{record.sha256}"' if is_native else f'"{converted_name(record, format, as_, place)}"'
-    # A new anchor of the frame changes the CRS of a file that states one.
+    # A new anchor of the frame changes the CRS in such a file: clients must ask again.
     headers = {"ETag": etag, "Cache-Control": _FOR_EVER if place is None else "private, no-cache"}
     if matches(request.headers.get("if-none-match"), etag):
         return Response(status_code=304, headers=headers)

@@ -88,7 +88,7 @@ def test_the_crs_survives_a_geotiff() -> None:
     with MemoryFile(data) as memory, memory.open() as file:
         crs, transform = pyproj.CRS.from_wkt(file.crs.to_wkt()), file.transform
     assert crs.ellipsoid.semi_major_metre == 3396190.0
-    # GDAL before 3.10 and PROJ before 9.5 know this method only.
+    # GDAL before 3.10 and PROJ before 9.5 support this method, but not Local Orthographic.
     assert crs.coordinate_operation.method_name == "Orthographic"
     to_lonlat = pyproj.Transformer.from_crs(crs, MARS.geographic_crs, always_xy=True)
     matrix = np.reshape(transform, (3, 3))[:2]
