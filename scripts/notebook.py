@@ -16,6 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+_NEGATIVE_ZERO = re.compile(r"-(0\.0+)\b")
 _MARKER = re.compile(r"^<!-- (\w+\.ipynb) -->$", re.MULTILINE)
 #: Longest time of a cell, seconds.
 _TIMEOUT_S = 300
@@ -51,9 +52,13 @@ def execute(path: Path) -> dict[str, Any]:
 
 
 def shown_texts(document: Mapping[str, Any]) -> list[str]:
-    """Return the texts of the outputs of a notebook in order; for a picture the name of its form."""
+    """Return the texts of the outputs of a notebook in order; for a picture the name of its form.
+
+    Rounded zeros lose their sign: rounding errors, which differ between processors, decide it.
+    """
     outputs = (output for cell in document["cells"] for output in cell.get("outputs", []))
-    return ["".join(output["data"].get("text/plain", "image/png")) for output in outputs]
+    texts = ("".join(output["data"].get("text/plain", "image/png")) for output in outputs)
+    return [_NEGATIVE_ZERO.sub(r" \1", text) for text in texts]
 
 
 def markdown_of(document: Mapping[str, Any]) -> str:

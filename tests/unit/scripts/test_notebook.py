@@ -46,6 +46,14 @@ def test_an_output_is_shown_as_picture_html_or_text() -> None:
     ]
 
 
+def test_the_sign_of_a_rounded_zero_is_not_compared() -> None:
+    def shown(text: str) -> list[str]:
+        return shown_texts({"cells": [{"outputs": [{"data": {"text/plain": [text]}}]}]})
+
+    assert shown("0.000 -0.000  -0.014") == shown("0.000  0.000  -0.014")
+    assert shown("-0.001") != shown(" 0.001")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["values.ipynb"])
 def test_a_notebook_has_the_outputs_of_a_new_execution(
