@@ -1,12 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measure the start of the whole system until every service is ready, its CPU time and memory, and its end.
+"""Measure start and end of the whole system, its CPU time and memory, and the restart of each killed process.
 
     python benchmarks/startup.py [--out FILE] [--runs N] [--profile FILE]
 
 Each run starts ``cdff up`` with an empty data folder and free ports, and waits for every liveliness token. It
 sums CPU seconds and memory (PSS, which counts shared pages once) over all processes, and measures the time
-until they have ended after SIGTERM.
+until they have ended after SIGTERM. Before that it kills each process in turn and measures the time until its
+successor runs and every liveliness token is there again.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import argparse
 import os
 import platform
 import statistics
+import sys
 import time
 from pathlib import Path
 
@@ -41,10 +43,34 @@ def one_run(profile_path: Path) -> dict[str, float]:
         processes = psutil.Process(stage.supervisor_pid).children(recursive=True)
         cpu_s = sum(sum(p.cpu_times()[:2]) for p in processes)
         pss_mb = sum(p.memory_full_info().pss for p in processes) / 1e6
+        restarts_s = [restart(stage, bus, process) for process in processes]
         stop_s = time.monotonic()
         stage.end()
         end_s = time.monotonic() - stop_s
-    return {"processes": len(processes), "ready_s": ready_s, "cpu_s": cpu_s, "pss_mb": pss_mb, "end_s": end_s}
+    return {
+        "processes": len(processes),
+        "ready_s": ready_s,
+        "cpu_s": cpu_s,
+        "pss_mb": pss_mb,
+        "restart_s": statistics.median(restarts_s),
+        "slowest_restart_s": max(restarts_s),
+        "end_s": end_s,
+    }
+
+
+def restart(stage: Stage, bus: Bus, process: psutil.Process) -> float:
+    """Kill a process of the system; return the time until it is replaced and the system is complete, seconds."""
+    supervisor = psutil.Process(stage.supervisor_pid)
+    count, command = len(supervisor.children()), process.cmdline()
+    process.kill()
+    start_s = time.monotonic()
+    process.wait()
+    while len(supervisor.children()) < count:
+        time.sleep(0.01)
+    stage.wait_ready(bus)
+    restart_s = time.monotonic() - start_s
+    print(f"{restart_s:6.2f} s {' '.join(command[1:6])}", file=sys.stderr)
+    return restart_s
 
 
 def main() -> None:
