@@ -67,8 +67,17 @@ def _register_driver(verbs: Any) -> None:
         "class Device by the interface of the device.",
     )
     parser.add_argument("driver", metavar="KIND", choices=DRIVERS, help=", ".join(DRIVERS))
-    parser.add_argument("--robot", metavar="ID", default="mana", help="robot id (default: mana)")
-    parser.add_argument("--sensor", metavar="NAME", help="name of the sensor in the profile")
+    parser.add_argument(
+        "--profile",
+        metavar="FILE",
+        help="profile with the sensor: the driver takes its frame and stream from it",
+    )
+    parser.add_argument(
+        "--robot", metavar="ID", help="robot id (default: that of --profile, without a profile mana)"
+    )
+    parser.add_argument(
+        "--sensor", metavar="NAME", help="name of the sensor in the profile, if it has several of this kind"
+    )
     parser.add_argument(
         "--out", metavar="FILE", type=Path, help="file of the driver (default: KIND_driver.py in this folder)"
     )
@@ -78,13 +87,18 @@ def _register_driver(verbs: Any) -> None:
 def write_driver(args: argparse.Namespace) -> int:
     """Copy the template of a driver; raises InputError if the file exists or a name is not valid."""
     from cdff_common.errors import InputError
+    from cdff_common.interfaces.profile import load_profile
     from cdff_common.output import write_file
-    from cdff_dev.new.driver import driver_text
+    from cdff_dev.new.driver import SensorNames, driver_text
 
     out: Path = args.out or Path(f"{args.driver}_driver.py")
     if out.exists():
         raise InputError(f"{out} exists: name another file with --out")
-    write_file(out, driver_text(args.driver, args.robot, args.sensor).encode())
+    if args.profile is None:
+        names = SensorNames(args.robot or "mana", args.sensor)
+    else:
+        names = SensorNames.of_profile(load_profile(args.profile), args.driver, args.robot, args.sensor)
+    write_file(out, driver_text(args.driver, names).encode())
     print(f"wrote {out}, which simulates the device")
     print(f"next: python {out} while `cdff up` runs; then replace the class Device")
     return 0

@@ -295,6 +295,29 @@ def test_the_command_names_robot_and_sensor_and_keeps_existing_files(
     assert "robot 'Mana': expected a name of a profile" in capsys.readouterr().err
 
 
+def test_a_driver_takes_frame_and_stream_of_its_sensor_from_the_profile(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile = str(ROOT / "deploy" / "profiles" / "rover_traverse.yaml")
+
+    def new(kind: str, *arguments: str) -> int:
+        out = tmp_path / f"{kind}.py"
+        return main(["new", "driver", kind, "--profile", profile, "--out", str(out), *arguments])
+
+    assert new("stereo", "--robot", "minnie") == 0
+    text = (tmp_path / "stereo.py").read_text()
+    assert 'ROBOT = "minnie"\nSENSOR = "navcam"\nFRAME = "minnie/navcam_left"  #' in text
+    assert 'Sensor(f"{SENSOR}/pair"' in text
+    assert new("wheels", "--robot", "mana", "--sensor", "wheels") == 0
+    assert 'PARENT, CHILD = f"{ROBOT}/{SENSOR}", "mana/base"  #' in (tmp_path / "wheels.py").read_text()
+    assert new("imu") == EXIT_ERROR
+    assert "--robot: expected one of mana, minnie" in capsys.readouterr().err
+    assert new("imu", "--robot", "mana", "--sensor", "lidar") == EXIT_ERROR
+    assert "--sensor lidar: expected one sensor of mana with a stream of type IMUSensors" in (
+        capsys.readouterr().err
+    )
+
+
 def test_a_foreign_attachment_is_refused_by_the_hosts() -> None:
     message = Message("key", b"", "application/vnd.cdff+uper;IMUSensors/1", pack({"v": 1}))
     with pytest.raises((CodecError, InputError)):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Driver of an inertial measurement unit. Replace ``Device``; this one simulates a robot at rest."""
+"""Driver of an inertial measurement unit. Replace ``Device``; this one simulates a slow circle."""
 
 import time
 from contextlib import suppress
@@ -16,7 +16,7 @@ FRAME = f"{ROBOT}/{SENSOR}"  # x forward, y left, z up; its mount is in the prof
 
 
 class Device:
-    """Simulated unit at rest: specific force +9.81 m/s² upwards, no rotation."""
+    """Simulated unit with z up on a level circle of 0.2 m/s, as of the template of wheels."""
 
     def __init__(self) -> None:
         self.rate_hz = 100.0
@@ -30,7 +30,7 @@ class Device:
         """Wait for a reading; return specific force (m/s²) and angular rate (rad/s, not degrees)."""
         time.sleep(1.0 / self.rate_hz)
         noise = self._random.normal(0.0, 1.0, (2, 3))
-        return np.array([0.0, 0.0, 9.81]) + 0.02 * noise[0], 0.001 * noise[1]
+        return [0.0, 0.0056, 9.81] + 0.02 * noise[0], [0.0, 0.0, 0.0279] + 0.001 * noise[1]
 
 
 def main() -> None:
