@@ -3,7 +3,7 @@
 """Evaluate ``cdff calibrate extrinsics``: errors of mounts against their standard deviations.
 
 Each drive is rover ``mana`` of ``rover_traverse`` on other terrain, along an S of 40 m, with slip, IMU, lidar and
-stereo camera of the scenario, and mounts drawn anew. All motions are estimated from the simulated samples, as
+stereo camera of the scenario, and other mounts. All motions are estimated from the simulated samples, as
 the command does it.
 """
 

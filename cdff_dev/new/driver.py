@@ -21,7 +21,7 @@ STREAM_TYPES = {
     "joints": "Joints",
     "gnss": "TransformWithCovariance",
 }
-#: Kind of the sensor in the profile, where the type of its stream does not tell it.
+#: Kind of the sensor in the profile, where the type of its stream does not determine it.
 _SENSOR_KINDS = {"wheels": "wheels", "gnss": "other"}
 _LICENCE = re.compile(r"\A(# SPDX[^\n]*\n)+")
 
@@ -44,7 +44,7 @@ class SensorNames:
         Raises
         ------
         InputError
-            If no sensor of the robot, or several, have such a stream and ``sensor`` does not name one of them.
+            If no sensor of the robot has such a stream, or several have and ``sensor`` names none of them.
         """
         if robot is None:
             robot = profile.robots[0].id
