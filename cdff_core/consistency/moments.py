@@ -24,6 +24,9 @@ from cdff_common.geometry.se3 import FloatArray
 _EPSILON = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPSILON[_i, _j, _k], _EPSILON[_i, _k, _j] = 1.0, -1.0
+#: Contractions of the symbol: of (k, m) to the gradient (3,), and of (k, m, p) to the information (3, 3).
+_GRADIENT = -np.swapaxes(_EPSILON, 1, 2).reshape(9, 3)
+_INFORMATION = np.einsum("kjm,klp->kmpjl", _EPSILON, _EPSILON).reshape(27, 9)
 #: Steps of the search for the best rotation, and the largest step, rad.
 _STEPS, _LARGEST_STEP_RAD = 6, 0.5
 #: Standard deviation of the prior of a rotation, which only decides where the data have no information, rad.
@@ -99,8 +102,10 @@ class Moments:
         Rt = np.swapaxes(R, -1, -2)
         u = R @ self.bb @ Rt
         r = self.ab @ Rt - u
-        gradient = np.einsum("...k,kjm,...km->...j", weights, -_EPSILON, r)
-        information = np.einsum("...k,kjm,klp,...mp->...jl", weights, _EPSILON, _EPSILON, u, optimize=True)
+        batch = R.shape[:-2]
+        gradient = (weights[..., None] * r).reshape(*batch, 9) @ _GRADIENT
+        weighted = weights[..., None, None] * u[..., None, :, :]
+        information = (weighted.reshape(*batch, 27) @ _INFORMATION).reshape(*batch, 3, 3)
         return information, gradient
 
 

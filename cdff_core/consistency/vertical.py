@@ -14,7 +14,10 @@ from cdff_core.consistency.limits import Limits
 from cdff_core.consistency.moments import Moments
 
 #: Number of directions after which the weight of a direction is 1/e, and the least number of an estimate.
-_MEMORY, LEAST_DIRECTIONS = 60.0, 8
+_MEMORY, LEAST_DIRECTIONS = 60.0, 4
+#: Scatter of a direction per axis that is assumed beforehand, rad², and the number of directions it counts for:
+#: few directions, which are correlated, agree by chance.
+_PRIOR_SCATTER, _PRIOR_DIRECTIONS = float(np.radians(10.0)) ** 2, 2.0
 #: Factor by which successive directions are correlated: a slope lasts for several of them.
 _CORRELATION = 4.0
 #: Number of directions that the vertical counts for when sensors are compared: more would outweigh motions.
@@ -74,7 +77,9 @@ class Vertical:
         length = float(np.linalg.norm(mean))
         if length < 0.5:  # the directions have no common mean
             return None
-        scatter = max(self._squares / self._n - length**2, 0.0) / 2.0
+        measured = max(self._squares / self._n - length**2, 0.0) / 2.0
+        weight = _PRIOR_DIRECTIONS / (_PRIOR_DIRECTIONS + self._n)
+        scatter = weight * _PRIOR_SCATTER + (1.0 - weight) * measured
         sigma_rad = float(np.sqrt(scatter * _CORRELATION / self._n)) / length
         angle_rad = float(np.arccos(np.clip(mean[2] / length, -1.0, 1.0)))
         allowed_rad = self._limit_rad + NormalDist().inv_cdf(1.0 - limits.false_alarm) * sigma_rad
