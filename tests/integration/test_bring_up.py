@@ -79,6 +79,7 @@ def test_every_command_of_the_page_succeeds_and_every_sample_is_used(
         assert found in printed
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["failed"] == summary["dropped"] == 0
+    assert summary["sensor_findings"] == []  # the mounts of the calibration are right
     assert "refused" not in result.stderr
     assert len((tmp_path / "out" / "pose.tum").read_text().splitlines()) > 1400
     assert (tmp_path / "frames.svg").read_text().startswith("<svg")
