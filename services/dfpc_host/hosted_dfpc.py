@@ -197,10 +197,9 @@ class HostedDfpc(DfpcLifeCycle):
 
     def _stream_status(self) -> dict[str, dict[str, Any]]:
         """Return the measurements of each connected source."""
-        now_s, streams = monotonic_s(), dict(self._streams)
-        return {
-            source: streams[port].to_dict(now_s) for port, source in self.wired.items() if port in streams
-        }
+        now_s = monotonic_s()
+        streams, wired = dict(self._streams), dict(self.wired)  # other threads connect and disconnect ports
+        return {source: streams[port].to_dict(now_s) for port, source in wired.items() if port in streams}
 
     # -- inputs
 

@@ -87,7 +87,8 @@ class StoreWriter:
         """Insert several products, all or none; raises like ``put``."""
         for names, *_ in batch:
             check_robot(names["robot"])
-        self._budget.charge(sum(_insertion_bytes(len(payload)) for _, payload, *_ in batch))
+        nbytes = sum(_insertion_bytes(len(payload)) for _, payload, *_ in batch)
+        self._budget.charge(nbytes, is_insertion=True)
         try:
             products = [self.checked_product(*item) for item in batch]
             insertions = self._store.put_all(products)

@@ -3,13 +3,16 @@
 """One budget of memory for the requests of all interfaces of the DPM.
 
 An operation states the memory that it is going to need before it allocates it. It then waits for its turn
-for a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. A request
-waits at most once, so that no two requests wait for each other.
+for a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. Requests are
+admitted in the order of their arrival, insertions before all others: a stream of small reads would otherwise
+keep a large product of a robot out of the store until its outbox is full. A request waits at most once, so that
+no two requests wait for each other.
 """
 
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -21,7 +24,7 @@ from cdff_common.memory import release_memory
 
 #: Memory of all requests together, bytes.
 TOTAL_BYTES = 480 << 20
-#: Requests that wait, since each one occupies a thread, and their longest wait.
+#: Requests of each kind that wait, since each one occupies a thread, and their longest wait.
 MAX_WAITING, WAIT_S = 8, 8.0
 _RETRY_S = 3.0
 #: After requests with more memory than this, freed memory is returned to the system.
@@ -46,7 +49,7 @@ class WorkBudget:
     total_bytes : int
         A request that needs more is carried out alone.
     max_waiting, wait_s : int, float
-        Number of waiting requests and their longest wait.
+        Number of waiting insertions, and of other waiting requests, and their longest wait.
     """
 
     def __init__(
@@ -55,7 +58,8 @@ class WorkBudget:
         self._total = total_bytes
         self._max_waiting, self._wait_s = max_waiting, wait_s
         self._changed = threading.Condition()
-        self._used = self._waiting = 0
+        self._used = 0
+        self._queues: dict[bool, deque[object]] = {True: deque(), False: deque()}
         self._was_used = False
         self.refused = 0
 
@@ -70,7 +74,7 @@ class WorkBudget:
             _CURRENT.reset(token)
             self._reduce(charge, 0)
 
-    def charge(self, nbytes: int) -> None:
+    def charge(self, nbytes: int, *, is_insertion: bool = False) -> None:
         """Charge the current request for memory; outside of a request nothing is charged.
 
         Raises
@@ -86,8 +90,8 @@ class WorkBudget:
                 self._used += max(needed - charge.nbytes, 0)
                 charge.nbytes = max(needed, charge.nbytes)
                 return
-            if self._used + needed > self._total:
-                self._wait(needed)
+            if not self._is_next(needed, is_insertion):
+                self._wait(needed, is_insertion)
             self._used += needed
             charge.nbytes = needed
 
@@ -104,23 +108,36 @@ class WorkBudget:
         if was_used:
             release_memory()
 
-    def _wait(self, needed: int) -> None:
+    def _is_next(self, needed: int, is_insertion: bool, ticket: object | None = None) -> bool:
+        """Return whether a request, with its ticket if it waits, is the next one and fits; the lock is held."""
+        queue = self._queues[is_insertion]
+        is_first = not queue or queue[0] is ticket
+        return is_first and (is_insertion or not self._queues[True]) and self._used + needed <= self._total
+
+    def _wait(self, needed: int, is_insertion: bool) -> None:
         """Wait for memory; the lock is held."""
-        until_s = monotonic_s() + self._wait_s
-        self._waiting += 1
+        queue, ticket, until_s = self._queues[is_insertion], object(), monotonic_s() + self._wait_s
+        if len(queue) >= self._max_waiting:
+            raise self._refusal(needed)
+        queue.append(ticket)
         try:
-            while self._used + needed > self._total:
+            while not self._is_next(needed, is_insertion, ticket):
                 remaining_s = until_s - monotonic_s()
-                if self._waiting > self._max_waiting or remaining_s <= 0.0:
-                    self.refused += 1
-                    raise OverloadedError(
-                        f"{needed >> 20} MB are needed, other requests use {self._used >> 20} of "
-                        f"{self._total >> 20} MB; repeat the request later, or ask for less",
-                        _RETRY_S,
-                    )
+                if remaining_s <= 0.0:
+                    raise self._refusal(needed)
                 self._changed.wait(remaining_s)
         finally:
-            self._waiting -= 1
+            queue.remove(ticket)
+            self._changed.notify_all()
+
+    def _refusal(self, needed: int) -> OverloadedError:
+        """Count a refusal and return its error."""
+        self.refused += 1
+        return OverloadedError(
+            f"{needed >> 20} MB are needed, other requests use {self._used >> 20} of {self._total >> 20} MB; "
+            "repeat the request later, or ask for less",
+            _RETRY_S,
+        )
 
     def _reduce(self, charge: _Charge, nbytes: int) -> None:
         with self._changed:

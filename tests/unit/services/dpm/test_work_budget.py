@@ -13,6 +13,7 @@ from fastapi.testclient import TestClient
 from cdff_common.errors import OverloadedError
 from services.dpm.operations.dpm import Dpm
 from services.dpm.operations.work_budget import WorkBudget
+from tests.integration.conftest import wait_until
 
 
 def test_a_request_is_refused_while_others_use_the_memory_and_admitted_afterwards() -> None:
@@ -46,6 +47,60 @@ def test_a_waiting_request_continues_when_memory_is_released() -> None:
         budget.keep(10)
         assert admitted.wait(10.0)
     waiting.join()
+
+
+def test_requests_are_admitted_in_order_and_insertions_first() -> None:
+    budget = WorkBudget(100, wait_s=30.0)
+    order: list[str] = []
+
+    def start(name: str, nbytes: int, *, is_insertion: bool = False) -> threading.Thread:
+        def run() -> None:
+            with budget.request():
+                budget.charge(nbytes, is_insertion=is_insertion)
+                order.append(name)
+
+        waiting = sum(map(len, budget._queues.values()))
+        thread = threading.Thread(target=run)
+        thread.start()
+        wait_until(lambda: sum(map(len, budget._queues.values())) > waiting, what=f"{name} waits")
+        return thread
+
+    with budget.request():
+        budget.charge(70)
+        threads = [start("read", 50), start("small read", 10), start("product", 60, is_insertion=True)]
+        assert order == []  # the small read would fit, but the others came before it
+    for thread in threads:
+        thread.join(30.0)
+    assert order[0] == "product"
+    assert sorted(order[1:]) == ["read", "small read"]  # both fit at once
+
+
+def test_an_insertion_waits_beside_the_most_waiting_reads_and_a_refused_request_lets_others_pass() -> None:
+    budget = WorkBudget(100, max_waiting=1, wait_s=0.3)
+    refused: list[str] = []
+    admitted = threading.Event()
+
+    def charge(name: str, nbytes: int, *, is_insertion: bool) -> None:
+        with budget.request():
+            try:
+                budget.charge(nbytes, is_insertion=is_insertion)
+                admitted.set()
+            except OverloadedError:
+                refused.append(name)
+
+    with budget.request():
+        budget.charge(70)
+        read = threading.Thread(target=charge, args=("read", 80), kwargs={"is_insertion": False})
+        read.start()
+        wait_until(lambda: bool(budget._queues[False]), what="the read waits")
+        charge("second read", 10, is_insertion=False)
+        assert refused == ["second read"]
+        charge("product", 20, is_insertion=True)
+        assert admitted.is_set()
+        read.join(30.0)
+        assert refused == ["second read", "read"]
+        charge("third read", 10, is_insertion=False)
+    assert len(refused) == budget.refused == 2
 
 
 def test_a_request_larger_than_the_budget_is_carried_out_alone() -> None:
