@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from cdff_common.contract.limits import DEFAULT_POINTS, MAX_POINTS
 from cdff_common.errors import InputError, ProductNotFoundError
+from dpm_store.engine.time_limit import check_time
 from dpm_store.frames.frames import IDENTITY
 from dpm_store.maps.patches import DerivedProduct, Patches, derived_header
 from dpm_store.products.products import ProductTable
@@ -145,6 +146,7 @@ class Clouds:
 
         records = sorted(records, key=lambda r: (-r.header.t1_ns, r.id))
         for first in range(0, len(records), _AHEAD):
+            check_time(first, len(records), "clouds")
             batch = records[first : first + _AHEAD]
             payloads = dict(self._products.payloads([r.id for r in batch]))
             for record in batch:

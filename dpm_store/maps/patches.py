@@ -22,6 +22,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import CovarianceKind, Header, Quality, Status, product_id
+from dpm_store.engine.time_limit import check_time
 from dpm_store.frames.frames import FrameTable, HistoryView
 from dpm_store.products.products import ProductTable
 from dpm_store.products.records import Page, ProductRecord, Query
@@ -228,13 +229,17 @@ class Patches:
     def read(self, records: Sequence[ProductRecord]) -> Iterator[tuple[ProductRecord, Patch | None]]:
         """Return the patches of records, in their order; None if the payload was purged.
 
-        The checksums of each payload are verified when it is read.
+        The checksums of each payload are verified when it is read. Raises OverloadedError when the time of the
+        request is over.
         """
+        done, total = 0, len(records)
         batches = list(_batches(records))
         # While one batch is pooled, the next is read, checked and decoded.
         pending = [self._readers.submit(self._load, batch) for batch in batches[:1]]
         try:
             for number, batch in enumerate(batches):
+                check_time(done, total, "patches")
+                done += len(batch)
                 loaded = pending.pop().result()
                 pending = [
                     self._readers.submit(self._load, next_batch)

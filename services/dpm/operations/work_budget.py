@@ -21,12 +21,15 @@ from dataclasses import dataclass
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import OverloadedError
 from cdff_common.memory import release_memory
+from dpm_store.engine.time_limit import time_limit
 
 #: Memory of all requests together, bytes.
 TOTAL_BYTES = 480 << 20
 #: Requests of each kind that wait, since each one occupies a thread, and their longest wait.
 MAX_WAITING, WAIT_S = 8, 8.0
 _RETRY_S = 3.0
+#: Longest time of a request, seconds, including its wait: its client has given up before.
+LONGEST_S = 300.0
 #: After requests with more memory than this, freed memory is returned to the system.
 _LARGE_BYTES = 16 << 20
 
@@ -65,11 +68,12 @@ class WorkBudget:
 
     @contextmanager
     def request(self) -> Iterator[None]:
-        """Release the charges of the enclosed request at its end."""
+        """Limit the time of the enclosed request, and release its charges at its end."""
         charge = _Charge()
         token = _CURRENT.set(charge)
         try:
-            yield
+            with time_limit(LONGEST_S):
+                yield
         finally:
             _CURRENT.reset(token)
             self._reduce(charge, 0)

@@ -133,3 +133,21 @@ def test_http_answers_503_without_memory(
     assert int(answer.headers["Retry-After"]) >= 1
     assert http.get(url).status_code == 200
     assert http.get(f"{payload}?format=tif").status_code == 200  # from the cache of converted files
+
+
+@pytest.mark.parametrize("layer", ["dem", "pointcloud"])
+def test_a_request_that_takes_too_long_ends_and_names_the_part_that_is_done(
+    http: TestClient,
+    inserted_id: Callable[[str], str],
+    monkeypatch: pytest.MonkeyPatch,
+    layer: str,
+) -> None:
+    inserted_id(layer)
+    url = f"/api/v1/maps/{layer}/window?format=npz"
+    assert http.get(url).status_code == 200
+    monkeypatch.setattr("services.dpm.operations.work_budget.LONGEST_S", -1.0)
+    answer = http.get(url)
+    assert (answer.status_code, answer.json()["code"]) == (503, "OVERLOADED")
+    assert "0 of 1" in answer.json()["detail"]
+    assert "ask for a smaller region" in answer.json()["detail"]
+    assert int(answer.headers["Retry-After"]) == 30

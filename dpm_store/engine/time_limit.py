@@ -1,0 +1,37 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Limit of the time that one request may take: nobody waits for the answer of one that takes longer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from cdff_common.clock import monotonic_s
+from cdff_common.errors import OverloadedError
+
+_RETRY_S = 30.0
+#: Limit of the current request, seconds, and the monotonic time at which it is over; None: no limit.
+_LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("time_limit", default=None)
+
+
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
+    """End the work of the block at the first check after ``seconds``."""
+    token = _LIMIT.set((seconds, monotonic_s() + seconds))
+    try:
+        yield
+    finally:
+        _LIMIT.reset(token)
+
+
+def check_time(done: int, total: int, what: str) -> None:
+    """Raise OverloadedError if the time of the current request is over, with the part that is done."""
+    limit = _LIMIT.get()
+    if limit is not None and monotonic_s() > limit[1]:
+        raise OverloadedError(
+            f"{done} of {total} {what} were read in {limit[0]:g} s; ask for a smaller region or a shorter time, "
+            "or repeat the request when fewer others run",
+            _RETRY_S,
+        )
