@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mutants of a Python file: one small change of an operator, comparison, factor, branch or argument each.
 
-Texts of errors and log messages, annotations, decorators, assertions and f-strings are not changed.
+Texts of errors and log messages, annotations, decorators, assertions and f-strings are not changed, nor are
+conditions of which only a log message depends, and functions that only compile kernels.
 """
 
 from __future__ import annotations
@@ -109,7 +110,7 @@ class _Finder(ast.NodeVisitor):
     # -- scopes
 
     def visit_FunctionDef(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> None:
-        if node.name == "__repr__":
+        if node.name == "__repr__" or _only_compiles(node):
             return
         for default in (*node.args.defaults, *node.args.kw_defaults):
             if default is not None:
@@ -184,6 +185,8 @@ class _Finder(ast.NodeVisitor):
     # -- branches, statements and arguments
 
     def visit_If(self, node: ast.If | ast.While | ast.IfExp) -> None:
+        if isinstance(node, ast.If) and not node.orelse and all(map(_is_log_statement, node.body)):
+            return
         if not isinstance(node.test, ast.Constant) and ast.unparse(node.test) != "TYPE_CHECKING":
             self._add("dropped branch", node.test, "False")
             if not isinstance(node, ast.While):
@@ -224,6 +227,19 @@ def _has_text(node: ast.BinOp) -> bool:
         isinstance(side, ast.JoinedStr) or (isinstance(side, ast.Constant) and isinstance(side.value, str))
         for side in (node.left, node.right)
     )
+
+
+def _only_compiles(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Return whether a function calls kernels only so that their first real call is not delayed.
+
+    It returns nothing, and its docstring states the purpose: "Compile the kernels."
+    """
+    returns_nothing = isinstance(node.returns, ast.Constant) and node.returns.value is None
+    return returns_nothing and (ast.get_docstring(node) or "").startswith("Compile ")
+
+
+def _is_log_statement(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and _is_log(node.value)
 
 
 def _is_log(node: ast.expr) -> bool:

@@ -11,15 +11,19 @@ from collections import Counter
 from functools import cache
 from pathlib import Path, PurePosixPath
 
+from evaluation.runs.import_graph import ImportGraph
+
 _PACKAGES = ("cdff_common", "cdff_core", "dpm_store", "services")
-#: Weights of a test file with an import of the file, of the same name, in the mirrored folder, in one above,
-#: and in the mirrored folder of a file that imports it. A name of class, function or module in the text
-#: counts the more, the more often it occurs and the fewer test files have it.
-_IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE, _IMPORTER_FOLDER = 6, 4, 4, 2, 4
+#: Folders whose files connect tests with the code that they execute.
+_CONNECTING = ("cdff_dev", "evaluation", "tests/support")
+#: Weights of a test file with an import of the file (less through others), of the same name and in the mirrored
+#: folder. A name of class, function or module in the text counts the more, the more often it occurs, the fewer
+#: test files have it and the nearer the test is; parts of the module's name count less. Tests of a lower score
+#: run only if there are few others.
+_IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE = 8, 4, 4, 2
+_UNREACHED, _PART_OF_NAME, _LEAST_SCORE = 0.1, 0.25, 0.5
 #: Logarithm of the ratio of all test files to those with a name, below which it is too common.
 _LEAST_RARITY = 1.5
-#: Number of imports between a file and one that counts as using it.
-_IMPORT_LEVELS = 2
 #: Slow test that the reference pages state the defaults and bounds of the parameters of DFNs and DFPCs.
 _PARAMETERS = (
     "tests/contract/test_generated.py::test_generated_files_are_up_to_date[reference]",
@@ -27,7 +31,10 @@ _PARAMETERS = (
     "slow",
 )
 #: Numbers of test files that run together, nearest first.
-_GROUPS = (2, 6)
+_GROUPS = (2, 6, 6, 6)
+#: Number of the nearest test files of which the slow tests run last.
+_SLOW_FILES = 2
+_SLOW = ("-m", "slow and not soak and not integration and not e2e")
 
 
 class NearestTests:
@@ -37,47 +44,58 @@ class NearestTests:
         tests = [
             *(root / "tests" / "unit").rglob("test_*.py"),
             *(root / "tests" / "contract").glob("test_*.py"),
+            *(root / "tests" / "golden").glob("test_*.py"),
         ]
         self._tests = {str(file.relative_to(root)): _words_and_text(file) for file in tests}
         sources = [file for package in _PACKAGES for file in (root / package).rglob("*.py")]
         self._sources = {str(file.relative_to(root)): file.read_text(encoding="utf-8") for file in sources}
         self._importers: dict[str, set[str]] = {}
+        connecting = [file for folder in _CONNECTING for file in (root / folder).rglob("*.py")]
+        plans = (root / "cdff_core" / "dfpcs").rglob("dfpc.yaml")
+        texts = {str(f.relative_to(root)): f.read_text(encoding="utf-8") for f in (*connecting, *plans)}
+        self._graph = ImportGraph(
+            texts | self._sources | {test: text for test, (_, text) in self._tests.items()}
+        )
+        self._steps_to = cache(self._graph.steps_to)
 
     def groups(self, path: str, function: str) -> list[tuple[str, ...]]:
         """Return the arguments of pytest for the tests of a function, one group to run after the other."""
         ranked = self._ranked(path, function)
         ends = list(itertools.accumulate(_GROUPS, initial=0))
-        groups = [tuple(ranked[start:end]) for start, end in itertools.pairwise(ends)]
+        groups = [tuple(ranked[start:end]) for start, end in itertools.pairwise(ends) if ranked[start:end]]
+        if slow := tuple(test for test in ranked[:_SLOW_FILES] if _has_slow_tests(self._tests[test][1])):
+            groups.append((*slow, *_SLOW))
         has_parameters = not function and path.startswith("cdff_core/df")
         return [_PARAMETERS, *groups] if has_parameters else groups
 
     def _ranked(self, path: str, function: str) -> list[str]:
-        """Return all test files, those that are nearest to a function of a file first."""
+        """Return the test files that are near to a function of a file, the nearest first."""
         file = PurePosixPath(path)
-        names = {file.stem, *file.stem.split("_"), *function.split(".")}
+        names = dict.fromkeys(file.stem.split("_"), _PART_OF_NAME)
+        names |= dict.fromkeys((file.stem, *function.split(".")), 1.0)
         if path.startswith("cdff_core/df"):
-            names.add(file.parent.name)
-        folders = self._folders_of_importers(path)
-        pattern = _import_of(path)
+            names[file.parent.name] = 1.0
+        steps = self._steps_to(path)
         scores = {}
-        for test, (words, text) in self._tests.items():
+        for test, (words, _) in self._tests.items():
             mirrored = PurePosixPath(*PurePosixPath(test).parts[2:])
-            score = _IMPORT * bool(pattern.search(text))
-            score += sum((1 + math.log(words[name])) * self._rarity(name) for name in names & words.keys())
+            score = sum(
+                weight * (1 + math.log(words[name])) * self._rarity(name)
+                for name, weight in names.items()
+                if name in words
+            )
+            if test not in steps:
+                scores[test] = _UNREACHED * score
+                continue
+            score = (score + _IMPORT) / steps[test]
             if mirrored.parent == file.parent:
                 score += _SAME_FOLDER + _SAME_NAME * (mirrored.name == f"test_{file.name}")
             elif mirrored.parent in list(file.parents)[:2]:
                 score += _FOLDER_ABOVE
-            elif mirrored.parent in folders:
-                score += _IMPORTER_FOLDER
             scores[test] = score
-        return sorted(scores, key=lambda t: (-scores[t], len(self._tests[t][1]), t))
-
-    def _folders_of_importers(self, path: str) -> set[PurePosixPath]:
-        files = {path}
-        for _ in range(_IMPORT_LEVELS):
-            files |= {importer for file in files for importer in self.importers(file)}
-        return {PurePosixPath(file).parent for file in files}
+        ranked = sorted(scores, key=lambda t: (-scores[t], len(self._tests[t][1]), t))
+        least = sum(_GROUPS[:2])
+        return ranked[:least] + [test for test in ranked[least:] if scores[test] >= _LEAST_SCORE]
 
     def _rarity(self, name: str) -> float:
         count = sum(name in words for words, _ in self._tests.values())
@@ -100,6 +118,10 @@ class NearestTests:
                     reached.add(importer)
                     waiting.append(importer)
         return reached
+
+
+def _has_slow_tests(text: str) -> bool:
+    return "pytest.mark.slow" in text
 
 
 def _words_and_text(file: Path) -> tuple[Counter[str], str]:

@@ -75,6 +75,17 @@ def test_the_function_of_a_mutant_is_that_of_a_trace() -> None:
     assert {m.function for m in mutants("ramp.py", SOURCE) if m.line > 6} == {"Ramp.height"}
 
 
+def test_functions_that_only_compile_and_conditions_of_log_messages_are_not_changed() -> None:
+    compiles = 'def setup(self) -> None:\n    """Compile the kernels."""\n    kernel(ones(3), limit=0.5)\n'
+    logs = "def f(x):\n    if x > 1:\n        log.info('x')\n"
+    assert not mutants("a.py", (compiles + logs).encode())
+    clears = compiles.replace("Compile", "Clear the map; compile")
+    logs_and_clears = logs + "        x.clear()\n"
+    assert {m.function for m in mutants("a.py", (clears + logs_and_clears).encode())} == {"setup", "f"}
+    returns = compiles.replace("None", "Kernel")
+    assert mutants("a.py", returns.encode())
+
+
 def test_equal_changes_of_one_function_have_different_keys() -> None:
     found = mutants("a.py", b"def f(x):\n    return x[0] + x[0]\n")
     assert len({m.key for m in found}) == len(found)

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from evaluation.runs.import_graph import ImportGraph
 from evaluation.runs.mutation_progress import MutationProgress
 from evaluation.runs.nearest_tests import NearestTests
 
@@ -97,12 +98,59 @@ def test_uncommitted_changes_neither_use_nor_store_outcomes(
     assert MutationProgress(tmp_path).answer("key") is None
 
 
-def test_defaults_of_parameters_are_compared_with_the_reference_pages_also_if_that_is_slow() -> None:
-    nearest = NearestTests(ROOT)
-    path = "cdff_core/dfns/normals_estimation/principal_axis.py"
+TREE = {
+    "cdff_common/grid.py": "import numpy\n",
+    "cdff_core/dfns/grid_search/_walk.py": "from cdff_common.grid import cell\n",
+    "cdff_core/dfns/grid_search/breadth.py": "from cdff_core.dfns.grid_search import _walk\nclass Breadth: ...\n",
+    "cdff_core/dfpcs/planner/dfpc.yaml": "- {dfn_id: a, name: GridSearch, implementation: Breadth}\n",
+    "cdff_core/dfpcs/planner/compound.py": "class Planner: ...\n",
+    "tests/support/plans.py": "from cdff_core.dfpcs.planner.compound import Planner\n",
+    "tests/unit/test_grid.py": "import cdff_common.grid\n",
+    "tests/unit/test_by_name.py": 'registry.make_dfn("grid_search")\n',
+    "tests/unit/test_planner.py": "from tests.support.plans import plan\n",
+    "tests/unit/test_other.py": "# grid\n",
+}
+
+
+def test_tests_reach_a_file_by_imports_and_by_the_names_of_plugins() -> None:
+    steps = ImportGraph(TREE).steps_to("cdff_common/grid.py")
+    reached = {name: count for name, count in steps.items() if name.startswith("tests/unit/")}
+    assert (
+        reached
+        == {
+            "tests/unit/test_grid.py": 1,
+            "tests/unit/test_by_name.py": 4,  # the implementation by its name (2), its module _walk, the grid
+            "tests/unit/test_planner.py": 6,  # plans, compound, the implementation that it configures (2), _walk, grid
+        }
+    )
+
+
+def write_tree(root: Path, files: dict[str, str]) -> None:
+    """Write files, and tests of nothing so that words of the others are rare."""
+    for name, text in (files | {f"tests/unit/test_{n}.py": "" for n in range(30)}).items():
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text(text, encoding="utf-8")
+
+
+def test_defaults_of_parameters_are_compared_with_the_reference_pages_also_if_that_is_slow(
+    tmp_path: Path,
+) -> None:
+    write_tree(tmp_path, TREE)
+    nearest = NearestTests(tmp_path)
+    path = "cdff_core/dfns/grid_search/breadth.py"
     first, second, third = nearest.groups(path, "")
     assert first[0].endswith("test_generated_files_are_up_to_date[reference]")
     assert (len(second), len(third)) == (2, 6)
-    of_function = nearest.groups(path, "PrincipalAxis.process")
-    assert len(of_function) == 2
-    assert "tests/unit/cdff_core/dfns/normals_estimation/test_principal_axis.py" in of_function[0]
+    assert nearest.groups(path, "Breadth.process")[0] == second
+
+
+def test_tests_that_execute_a_file_run_before_those_that_only_have_its_name(tmp_path: Path) -> None:
+    often = {"tests/unit/test_other.py": "# grid cell\n" * 50}
+    write_tree(tmp_path, TREE | often)
+    first, second = NearestTests(tmp_path).groups("cdff_common/grid.py", "cell")
+    assert first[0] == "tests/unit/test_grid.py"
+    assert set(first[1:] + second[:2]) == {f"tests/unit/test_{n}.py" for n in ("by_name", "planner", "other")}
+    slow = tmp_path / "tests/unit/test_grid.py"
+    slow.write_text(slow.read_text(encoding="utf-8") + "# pytest.mark.slow\n", encoding="utf-8")
+    *_, last = NearestTests(tmp_path).groups("cdff_common/grid.py", "cell")
+    assert last[:2] == ("tests/unit/test_grid.py", "-m")
