@@ -49,6 +49,20 @@ def test_running_dfpcs_add_nothing_to_the_reported_cost() -> None:
     assert [p["active"] for p in alternative["parts"]] == [True, False]
 
 
+def test_costs_are_rounded_to_a_microcore_and_a_kilobyte_and_unchanged_sensors_are_not_listed() -> None:
+    w = world(
+        provider(
+            "a", "pose", from_sensor("x", "lidar"), from_sensor("y", "imu"), cpu=0.12345678, memory_mb=1.23456
+        ),
+        sensor("lidar", current="on"),
+        sensor("imu"),
+    )
+    selected = explanation_of(w, "pose")["plan"]
+    assert (selected["added_cpu_cores"], selected["added_memory_mb"]) == (0.123457, 1.235)
+    assert (selected["parts"][0]["cpu_cores"], selected["parts"][0]["memory_mb"]) == (0.12345678, 1.23456)
+    assert selected["changes"] == {"mana/imu": ["off", "on"]}
+
+
 def test_a_product_without_provider_is_reported_with_reasons_and_available_types() -> None:
     body = explanation_of(WORLD, "dem")
     assert body["plan"] is None

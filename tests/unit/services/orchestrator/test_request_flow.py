@@ -106,6 +106,14 @@ def test_a_product_too_old_at_delivery_is_replaced_by_the_next(journal: Journal)
     assert states[-2:] == ["delivering", "done"]
 
 
+def test_the_journal_has_kind_id_and_delivery_of_the_result(journal: Journal) -> None:
+    (reply,) = answer(journal, ScriptedFinder(ManualClock(100 * S), 0, pose(99 * S)))
+    done = [r for r in journal.records() if r["kind"] == "job"][-1]
+    assert done["state"] == "done"
+    assert done["result"] == {name: reply.attachment[name] for name in ("kind", "id", "delivered")}
+    assert done["result"]["id"] == pose(99 * S).candidate.id
+
+
 def test_a_request_with_only_outdated_products_ends_at_its_deadline(journal: Journal) -> None:
     clock = ManualClock(100 * S)
     with pytest.raises(DeadlineError, match="age"):
