@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 
-#: Steps for a plug-in that a file uses by the name of its folder: loading the plug-in is one more than an import.
+#: Steps for a plug-in that a file uses by the name of its folder: loading it is one more than an import.
 _PLUGIN_STEPS = 2
 _IMPORT = re.compile(r"^\s*(?:import ([\w.]+)|from ([\w.]+) import (\([^)]*\)|.*))", re.MULTILINE)
 _IMPLEMENTATION = re.compile(r"name: (\w+), implementation: (\w+)")

@@ -16,10 +16,10 @@ from evaluation.runs.import_graph import ImportGraph
 _PACKAGES = ("cdff_common", "cdff_core", "dpm_store", "services")
 #: Folders whose files connect tests with the code that they execute.
 _CONNECTING = ("cdff_dev", "evaluation", "tests/support")
-#: Weights of a test file with an import of the file (less through others), of the same name and in the mirrored
-#: folder. A name of class, function or module in the text counts the more, the more often it occurs, the fewer
-#: test files have it and the nearer the test is; parts of the module's name count less. Tests of a lower score
-#: run only if there are few others.
+#: Weights of a test file with an import of the file (less through others), of the same name and in the
+#: mirrored folder. A name of class, function or module in the text counts the more, the more often it occurs,
+#: the fewer test files have it and the nearer the test is; parts of the module's name count less. Tests of a
+#: lower score run only if there are few others.
 _IMPORT, _SAME_NAME, _SAME_FOLDER, _FOLDER_ABOVE = 8, 4, 4, 2
 _UNREACHED, _PART_OF_NAME, _LEAST_SCORE = 0.1, 0.25, 0.5
 #: Logarithm of the ratio of all test files to those with a name, below which it is too common.

@@ -101,7 +101,7 @@ def test_uncommitted_changes_neither_use_nor_store_outcomes(
 TREE = {
     "cdff_common/grid.py": "import numpy\n",
     "cdff_core/dfns/grid_search/_walk.py": "from cdff_common.grid import cell\n",
-    "cdff_core/dfns/grid_search/breadth.py": "from cdff_core.dfns.grid_search import _walk\nclass Breadth: ...\n",
+    "cdff_core/dfns/grid_search/breadth.py": "from cdff_core.dfns.grid_search import _walk\nclass Breadth:\n",
     "cdff_core/dfpcs/planner/dfpc.yaml": "- {dfn_id: a, name: GridSearch, implementation: Breadth}\n",
     "cdff_core/dfpcs/planner/compound.py": "class Planner: ...\n",
     "tests/support/plans.py": "from cdff_core.dfpcs.planner.compound import Planner\n",
@@ -115,14 +115,11 @@ TREE = {
 def test_tests_reach_a_file_by_imports_and_by_the_names_of_plugins() -> None:
     steps = ImportGraph(TREE).steps_to("cdff_common/grid.py")
     reached = {name: count for name, count in steps.items() if name.startswith("tests/unit/")}
-    assert (
-        reached
-        == {
-            "tests/unit/test_grid.py": 1,
-            "tests/unit/test_by_name.py": 4,  # the implementation by its name (2), its module _walk, the grid
-            "tests/unit/test_planner.py": 6,  # plans, compound, the implementation that it configures (2), _walk, grid
-        }
-    )
+    assert reached == {
+        "tests/unit/test_grid.py": 1,
+        "tests/unit/test_by_name.py": 4,  # the implementation by its name (2), its module _walk, the grid
+        "tests/unit/test_planner.py": 6,  # plans, compound, its implementation (2), _walk, the grid
+    }
 
 
 def write_tree(root: Path, files: dict[str, str]) -> None:
