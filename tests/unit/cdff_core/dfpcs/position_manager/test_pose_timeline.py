@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Timeline of poses: thinning, pins, gaps, and covariances of motions by the joint covariance of all nodes."""
+"""Timeline of poses: thinning, pins, gaps; covariances of motions by the joint covariance of all nodes."""
 
 from __future__ import annotations
 
