@@ -81,6 +81,22 @@ def test_the_cost_equals_that_of_gtsam(free: int) -> None:
     assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(2.0 * cost(peer) / 480), rel=1e-4)
 
 
+def test_the_reported_error_is_that_of_the_residuals_and_gross_errors_are_counted() -> None:
+    problem, *_ = ring(8, 60, 6, 0.5, 0)
+    o = problem.observations
+    pixels = o.pixels.copy()
+    pixels[[5, 40], :2] += 50.0
+    problem = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
+    solution, dfn = solve(problem, loss="cauchy")
+    squares = np.nansum(solution.residuals**2, axis=1)
+    assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(squares.mean()))
+    assert dfn.metrics["cost_final"] == pytest.approx(0.5 * squares.sum())
+    assert dfn.metrics["outliers"] == (solution.weights < 0.25).sum() >= 2
+    assert dfn.metrics["observations"] == len(o.cameras)
+    assert dfn.metrics["cost_initial"] > dfn.metrics["cost_final"] > dfn.metrics["robust_cost_final"]
+    assert dfn.reasons == ()
+
+
 def long_camera_motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
     """Return a problem of many images of few points, some of them fixed; one point has no observations."""
     problem, *_ = ring(cameras, 12, cameras, 0.5, 0, free)

@@ -14,6 +14,7 @@ import pytest
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import ConfigurationError, StorageError
+from cdff_common.geodesy import Body
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header, product_id
 from dpm_store import NewProduct, Query, Store, open_store
@@ -57,7 +58,7 @@ def remove_database(folder: Path) -> None:
 
 
 def fill(folder: Path) -> None:
-    """Make a store with insertions, deletions, annotations, frames, robots and events."""
+    """Make a store with insertions, deletions, annotations, frames, bodies, robots and events."""
     clock = ManualClock(1000 * S)
     with open_store(f"sqlite:///{folder}", clock) as store:
         for seq in range(20):
@@ -66,6 +67,7 @@ def fill(folder: Path) -> None:
         ids = [product(seq).header.id for seq in range(20)]
         store.annotations.update(ids[3], {"tags": ["crater"], "pinned": True}, if_match=None)
         store.frames.set("mana/map", "site", UncertainTransform(np.eye(4)))
+        store.anchors.define(Body("rubble", "asteroid"))
         store.robots.describe("mana", "a rover", {"sensors": ["lidar"]})
         store.events.append("mana", "alarm", {"reason": "test"})
         for seq in (5, 6):

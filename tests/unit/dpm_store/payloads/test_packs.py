@@ -49,6 +49,26 @@ def test_payloads_are_contiguous_and_a_full_pack_is_followed_by_the_next(
     ]
 
 
+def test_a_closed_pack_is_appended_to_again_and_its_descriptor_is_released(tmp_path: Path) -> None:
+    def open_files() -> set[str]:
+        return {os.path.realpath(file) for file in Path("/proc/self/fd").iterdir()}
+
+    files = PackFiles(tmp_path)
+    first = files.append([content(1)])
+    files.flush()
+    assert str(files.path(1).resolve()) in open_files()
+    for _ in range(2):
+        files.close()
+        assert str(files.path(1).resolve()) not in open_files()
+    second = files.append([content(2)])
+    files.flush()
+    files.close()
+    assert second[0] == first[0] + 10_000
+    assert files.numbers() == [1]
+    for offset, payload in ((first[0], content(1)), (second[0], content(2))):
+        assert files.read((offset, 10_000), chunk_sums(payload), "it") == payload
+
+
 def test_a_truncated_or_missing_pack_is_reported(tmp_path: Path) -> None:
     files, payload = PackFiles(tmp_path), content(1)
     (offset,) = files.append([payload])

@@ -53,7 +53,10 @@ def test_ambiguous_pairs_are_dropped_and_the_least_ambiguous_are_first() -> None
 
 
 def test_no_descriptors_give_no_matches_and_a_single_target_passes_the_ratio_test() -> None:
-    assert len(run_matching(np.zeros((0, 3)), np.zeros((4, 3))).matches) == 0
+    for n, m in ((0, 4), (4, 0), (0, 0)):
+        empty = run_matching(np.zeros((n, 3)), np.zeros((m, 3)))
+        assert empty.matches.shape == (0, 2)
+        assert (len(empty.distances), len(empty.ratios)) == (0, 0)
     assert run_matching([[1.0, 2]], [[1.0, 3]]).ratios.tolist() == [0.0]
 
 
