@@ -59,7 +59,7 @@ def one_run(profile_path: Path) -> dict[str, float]:
 
 
 def restart(stage: Stage, bus: Bus, process: psutil.Process) -> float:
-    """Kill a process of the system; return the time until it is replaced and the system is complete, seconds."""
+    """Kill a process; return the time until it is replaced and the system is complete, seconds."""
     supervisor = psutil.Process(stage.supervisor_pid)
     count, command = len(supervisor.children()), process.cmdline()
     process.kill()

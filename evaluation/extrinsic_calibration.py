@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evaluate ``cdff calibrate extrinsics``: errors of mounts against their standard deviations.
 
-Each drive is rover ``mana`` of ``rover_traverse`` on other terrain, along an S of 40 m, with slip, IMU, lidar and
-stereo camera of the scenario, and other mounts. All motions are estimated from the simulated samples, as
+Each drive is rover ``mana`` of ``rover_traverse`` on other terrain, along an S of 40 m, with slip, IMU, lidar
+and stereo camera of the scenario, and other mounts. All motions are estimated from the simulated samples, as
 the command does it.
 """
 
@@ -105,8 +105,8 @@ def _directions(entries: Sequence[tuple[FloatArray, FloatArray, tuple[str, ...]]
 def table(figures: dict[str, Any]) -> str:
     """Return the table of the directions."""
     lines = [
-        "| sensor | direction | drives that determine it | error, RMS | stated, median | squared error / variance "
-        "| largest error |",
+        "| sensor | direction | drives that determine it | error, RMS | stated, median "
+        "| squared error / variance | largest error |",
         "|---|---|---|---|---|---|---|",
     ]
     for sensor, directions in figures["sensors"].items():

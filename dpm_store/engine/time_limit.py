@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Limit of the time that one request may take: nobody waits for the answer of one that takes longer."""
+"""Limit of the time that one request may take: no client waits for the answer of a longer one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_time(done: int, total: int, what: str) -> None:
     limit = _LIMIT.get()
     if limit is not None and monotonic_s() > limit[1]:
         raise OverloadedError(
-            f"{done} of {total} {what} were read in {limit[0]:g} s; ask for a smaller region or a shorter time, "
-            "or repeat the request when fewer others run",
+            f"{done} of {total} {what} were read in {limit[0]:g} s; ask for a smaller region or a shorter "
+            "time, or repeat the request when fewer others run",
             _RETRY_S,
         )

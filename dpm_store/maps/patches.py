@@ -229,8 +229,8 @@ class Patches:
     def read(self, records: Sequence[ProductRecord]) -> Iterator[tuple[ProductRecord, Patch | None]]:
         """Return the patches of records, in their order; None if the payload was purged.
 
-        The checksums of each payload are verified when it is read. Raises OverloadedError when the time of the
-        request is over.
+        The checksums of each payload are verified when it is read. Raises OverloadedError when the time of
+        the request is over.
         """
         done, total = 0, len(records)
         batches = list(_batches(records))

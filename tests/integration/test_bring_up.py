@@ -125,9 +125,8 @@ def test_the_live_part_of_the_page_works_with_the_templates_of_the_drivers(
         assert "imu_data.imu" in run(top, (0, 1))  # 1 if a rate is low: the machine may be loaded
         assert "husky_first_150s/base in site at" in run(request)
         run(record.replace("120", "5"))
-        calibrated = run(
-            f"cdff calibrate extrinsics {bag} --profile husky.yaml --dpm --valid-from {time.time():.0f}000000000"
-        )
+        command = f"cdff calibrate extrinsics {bag} --profile husky.yaml --dpm"
+        calibrated = run(f"{command} --valid-from {time.time():.0f}000000000")
         assert "husky_first_150s/imu_link: revision in the DPM, valid from" in calibrated
         with Bus.open(connect, name="test") as bus:
             key, parameters = keys.dpm_rpc(keys.GROUND, "frames"), {"frame": "husky_first_150s/imu_link"}

@@ -5,8 +5,8 @@
 An operation states the memory that it is going to need before it allocates it. It then waits for its turn
 for a limited time; if too many wait, or the time is over, the request is refused as OVERLOADED. Requests are
 admitted in the order of their arrival, insertions before all others: a stream of small reads would otherwise
-keep a large product of a robot out of the store until its outbox is full. A request waits at most once, so that
-no two requests wait for each other.
+keep a large product of a robot out of the store until its outbox is full. A request waits at most once, so
+that no two requests wait for each other.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class WorkBudget:
             release_memory()
 
     def _is_next(self, needed: int, is_insertion: bool, ticket: object | None = None) -> bool:
-        """Return whether a request, with its ticket if it waits, is the next one and fits; the lock is held."""
+        """Return whether a request, with its ticket if it waits, is next and fits; the lock is held."""
         queue = self._queues[is_insertion]
         is_first = not queue or queue[0] is ticket
         return is_first and (is_insertion or not self._queues[True]) and self._used + needed <= self._total
