@@ -15,8 +15,8 @@ def register(nouns: Any) -> None:
         "play",
         help="publish the sensor samples of a log on the bus, with the mission clock",
         description="Publish the sensor samples of a log on the bus, with the mission clock. Keys on a "
-        "terminal control it (space: pause or resume, s: step, + and -: speed, < and >: seek by 10 s, l: "
-        "loop, q: end); programs call cdff/@v1/ground/player/@rpc/"
+        "terminal control it (space or p: pause or resume, s or right: step, + and - or up and down: speed, "
+        "< and >: seek by 10 s, l: loop, q: end); programs call cdff/@v1/ground/player/@rpc/"
         "{status|pause|resume|step|speed?x=2|seek?to=30|loop?on=true|stop}, or --http with the same verbs.",
     )
     parser.add_argument("log", metavar="LOG", help="a log file, folder or pattern, or a KITTI folder")
@@ -55,6 +55,11 @@ def register(nouns: Any) -> None:
     parser.add_argument("--duration", type=float, metavar="S", help="play S seconds of the log")
     parser.add_argument("--loop", action="store_true", help="repeat the log; mission time continues")
     parser.add_argument("--pause", action="store_true", help="start paused")
+    parser.add_argument(
+        "--step",
+        action="store_true",
+        help="start paused; the space bar publishes the next sample and those of the same time",
+    )
     parser.add_argument(
         "--clock",
         action=argparse.BooleanOptionalAction,
@@ -112,7 +117,7 @@ def _run(args: argparse.Namespace) -> int:
                     args.robots,
                     args.patience,
                     via=via,
-                    is_paused=args.pause,
+                    is_paused=args.pause or args.step,
                     has_clock=args.clock,
                 )
                 serve_control(bus, player, stop)
@@ -121,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
 
                     url = stack.enter_context(served(player, stop, args.http))
                     print(f"control at {url}", flush=True)
-                with keyboard(player, stop):
+                with keyboard(player, stop, is_stepping=args.step):
                     player.run(stop, stay=not args.exit_at_end)
 
     return run_service("player", body)

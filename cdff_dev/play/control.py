@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 import select
 import sys
 import termios
 import threading
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from cdff_common.bus import Bus, Reply, Request, keys
@@ -24,10 +26,14 @@ if TYPE_CHECKING:
 #: Parameter of each verb that has one.
 PARAMETERS = {"speed": "x", "seek": "to", "loop": "on"}
 VERBS = ("status", "pause", "resume", "step", "speed", "seek", "loop", "stop")
-HELP = "space: pause or resume, s: step, + and -: speed, < and >: seek by 10 s, l: loop, q: end"
+HELP = "space or p: pause or resume, s or →: step, + and - or ↑ and ↓: speed, < and >: seek by 10 s, l: loop, q: end"
 _MIN_SPEED, _MAX_SPEED = 0.001, 1000.0
 _MAX_SEEK_S = 1e9
 _SEEK_KEYS = {"<": "-10", ">": "+10"}
+_SPEED_KEYS = {"+": 2.0, "-": 0.5}
+#: Keys with the effect of the arrows: right, up, down (as those of ``ros2 bag play``).
+_ARROWS = {"\x1b[C": "s", "\x1b[A": "+", "\x1b[B": "-", "\x1bOC": "s", "\x1bOA": "+", "\x1bOB": "-"}
+_KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
 
 
 def serve_control(bus: Bus, player: Player, stop: threading.Event) -> None:
@@ -100,45 +106,85 @@ def _is_on(text: str) -> bool:
 
 
 @contextmanager
-def keyboard(player: Player, stop: threading.Event) -> Iterator[None]:
-    """Control the player by keys if standard input is a terminal."""
-    if not sys.stdin.isatty():
+def keyboard(player: Player, stop: threading.Event, *, is_stepping: bool = False) -> Iterator[None]:
+    """Control the player by keys if standard input is a terminal and this process is in its foreground.
+
+    The state after each key is printed. If ``is_stepping``, the space bar publishes the next sample.
+    """
+    if not _has_keyboard():
         yield
         return
     sys.stderr.write(f"{HELP}\n")
     settings = termios.tcgetattr(sys.stdin)
     tty.setcbreak(sys.stdin)
-    thread = threading.Thread(target=_read_keys, args=(player, stop), name="keys", daemon=True)
+    args = (player, stop, is_stepping)
+    thread = threading.Thread(target=_read_keys, args=args, name="keys", daemon=True)
     thread.start()
     try:
         yield
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, settings)
+        with suppress(termios.error):  # the terminal was closed
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, settings)
 
 
-def _read_keys(player: Player, stop: threading.Event) -> None:
+def _has_keyboard() -> bool:
+    """Return whether keys can be read; a background process that changes its terminal is stopped by it."""
+    try:
+        return sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except (OSError, ValueError):  # no terminal of this session, or a closed standard input
+        return False
+
+
+def _read_keys(player: Player, stop: threading.Event, is_stepping: bool) -> None:
+    """Execute the keys until ``stop`` is set or the terminal is closed."""
+    descriptor = sys.stdin.fileno()
     while not stop.is_set():
-        if select.select([sys.stdin], [], [], 0.2)[0]:
+        if not select.select([descriptor], [], [], 0.2)[0]:
+            continue
+        try:
+            text = os.read(descriptor, 1024).decode("utf-8", "replace")
+        except OSError:
+            return
+        if not text:
+            return
+        for key in keys_of(text):
             try:
-                on_key(player, stop, sys.stdin.read(1))
+                if on_key(player, stop, key, is_stepping=is_stepping):
+                    _print_state(player)
             except InputError as error:
                 sys.stderr.write(f"{error}\n")
 
 
-def on_key(player: Player, stop: threading.Event, key: str) -> None:
-    """Execute the action of a key, if it has one."""
+def keys_of(text: str) -> list[str]:
+    """Return the keys of the characters that a terminal sends; an arrow is one key of three characters."""
+    return [_ARROWS.get(key, key) for key in _KEY.findall(text)]
+
+
+def _print_state(player: Player) -> None:
     status = player.status()
-    speed = float(status["speed"])
-    if key == " ":
-        control(player, stop, "resume" if status["paused"] else "pause")
-    elif key == "s":
+    state = "ended" if status["ended"] else "paused" if status["paused"] else "playing"
+    position_s = (status["now_ns"] - status["start_ns"]) / NS_PER_S
+    loop = ", loop" if status["loop"] else ""
+    sys.stderr.write(f"{state} at {position_s:.3f} s, speed {status['speed']:g}{loop}\n")
+    sys.stderr.flush()
+
+
+def on_key(player: Player, stop: threading.Event, key: str, *, is_stepping: bool = False) -> bool:
+    """Execute the action of a key; return False if it has none."""
+    status = player.status()
+    if key == "s" or (key == " " and is_stepping):
         control(player, stop, "step")
+    elif key in (" ", "p"):
+        control(player, stop, "resume" if status["paused"] else "pause")
     elif key == "q":
         control(player, stop, "stop")
     elif key == "l":
         control(player, stop, "loop", "false" if status["loop"] else "true")
     elif key in _SEEK_KEYS:
         control(player, stop, "seek", _SEEK_KEYS[key])
-    elif key in "+-":
-        changed = min(max(speed * (2.0 if key == "+" else 0.5), _MIN_SPEED), _MAX_SPEED)
+    elif key in _SPEED_KEYS:
+        changed = min(max(float(status["speed"]) * _SPEED_KEYS[key], _MIN_SPEED), _MAX_SPEED)
         control(player, stop, "speed", str(changed))
+    else:
+        return False
+    return True

@@ -30,7 +30,7 @@ class LogPart(LogSource):
     Raises
     ------
     InputError
-        If no stream matches, ``start`` has another form, or no sample is in the interval.
+        If no stream matches, ``start`` or ``duration_s`` has another form, or no sample is in the interval.
     """
 
     def __init__(
@@ -46,6 +46,8 @@ class LogPart(LogSource):
             raise InputError(
                 f"no stream matches {', '.join(patterns)}; the log has {', '.join(log.streams) or 'none'}"
             )
+        if duration_s is not None and not 0.0 <= duration_s < math.inf:
+            raise InputError(f"--duration {duration_s}: expected seconds, 0 or more")
         first_ns = min((i.t0_ns for i in infos.values() if not i.is_empty), default=0)
         last_ns = max(i.t1_ns for i in infos.values())
         self._t0_ns = _start_ns(start, first_ns, last_ns)

@@ -9,6 +9,7 @@ same on a slow machine and only takes longer. Without it samples are published i
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -33,6 +34,8 @@ CLOCK_PERIOD_S = 0.05
 PROGRESS_PERIOD_S = 1.0
 #: Longest time in which a seek waits until the next sample is read, seconds.
 _SEEK_TIMEOUT_S = 30.0
+#: Longest time in which a step waits until the samples of the previous one are published, seconds.
+_STEP_TIMEOUT_S = 2.0
 #: Largest delay of a sample, seconds of real time; a later one is dropped.
 LATE_LIMIT_S = 1.0
 
@@ -101,8 +104,8 @@ class Player:
         is_paused: bool = False,
         has_clock: bool = True,
     ) -> None:
-        if not speed > 0:
-            raise InputError(f"speed={speed}: expected above 0")
+        if not 0.0 < speed < math.inf:
+            raise InputError(f"speed={speed}: expected a number above 0")
         if patience_s is not None and not patience_s > 0:
             raise InputError(f"patience_s={patience_s}: expected above 0")
         self._bus, self._via = bus, dict(via or {})
@@ -122,6 +125,7 @@ class Player:
         self._feed = Feed(log, self._streams, self.gate.is_on, ahead_bytes)
         self._is_paused = is_paused
         self._next_ns, self._has_next = self.start_ns, threading.Event()
+        self._has_moved = threading.Condition()
         self._backlog = Backlog()
 
     def now_ns(self) -> int:
@@ -150,8 +154,16 @@ class Player:
         self._hold_or_resume()
 
     def step(self) -> None:
-        """Pause, and publish the next sample and those of the same time."""
+        """Pause, and publish the next sample and those of the same time.
+
+        A step waits until the samples of the previous one are published, so that each of several quick steps
+        has its own.
+        """
         self.pause()
+        with self._has_moved:
+            self._has_moved.wait_for(
+                lambda: self._next_ns > self.now_ns() or self.progress.ended, _STEP_TIMEOUT_S
+            )
         self._pace.advance_to(self._next_ns)
 
     def set_speed(self, speed: float) -> None:
@@ -236,7 +248,9 @@ class Player:
         for item in items:
             if item.stamp_ns > self.progress.t_end_ns and self._ready_ns is None:
                 return  # repetition was switched off after the next lap was read
-            self._next_ns = item.stamp_ns
+            with self._has_moved:
+                self._next_ns = item.stamp_ns
+                self._has_moved.notify_all()
             if self._feed.is_ready:
                 self._has_next.set()
             if not self._pace.wait_until(item.stamp_ns, stop, lambda: self._feed.is_requested):

@@ -63,6 +63,12 @@ def test_a_part_without_samples_is_refused(
         LogPart(log, patterns, start)
 
 
+@pytest.mark.parametrize("duration_s", [-1.0, float("nan"), float("inf")])
+def test_durations_that_are_none_are_refused(log: LogSource, duration_s: float) -> None:
+    with pytest.raises(InputError, match=r"--duration .* expected seconds, 0 or more"):
+        LogPart(log, duration_s=duration_s)
+
+
 def test_a_negative_start_counts_from_the_end(log: LogSource) -> None:
     assert next(LogPart(log, start="-2.5").samples()).stamp_ns == 107 * S + S // 2
 
