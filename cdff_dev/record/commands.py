@@ -42,15 +42,18 @@ def register(nouns: Any) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from cdff_common.bus import Bus
+    from cdff_common.errors import InputError
     from cdff_common.process import stop_event
     from cdff_dev.record.files import RecordingFiles
     from cdff_dev.record.recorder import DEFAULT_KEYS, Recorder
 
-    max_bytes = None if args.split_mb is None else int(args.split_mb * 1e6)
+    if args.duration_s is not None and not args.duration_s > 0.0:
+        raise InputError(f"--duration-s {args.duration_s}: expected above 0")
+    max_bytes = None if args.split_mb is None else args.split_mb * 1e6
     keys, stop = args.keys or DEFAULT_KEYS, stop_event()
     with Bus.open(args.connect, name="record") as bus:
         files = RecordingFiles(args.out, max_bytes, args.split_s)
-        recorder = Recorder(bus, keys, files)
+        recorder = Recorder(bus, keys, files, on_fault=stop.set)
         _say(f"recording {', '.join(keys)} to {args.out}; Ctrl-C ends it")
         try:
             _wait(stop, args.duration_s, lambda: _say(f"{recorder.samples} samples"))

@@ -8,8 +8,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from cdff_common.errors import InputError
+from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
+from cdff_dev.logs.formats.infuse.writer import chunk_files
 from cdff_dev.logs.mapping import LogMap, StreamTarget, ros_name
 from cdff_dev.logs.sinks import LogSink, Loss, create_log
 
@@ -21,7 +22,7 @@ class RecordingFiles:
     ----------
     path : Path
         The log, see ``create_log``. With a limit the logs are ``NAME_000.EXT``, ``NAME_001.EXT``, ….
-    max_bytes : int, optional
+    max_bytes : float, optional
         Size of the payloads in a log after which the next one begins.
     max_s : float, optional
         Mission time in a log after which the next one begins, seconds.
@@ -29,10 +30,10 @@ class RecordingFiles:
     Raises
     ------
     InputError
-        If the log exists, or a limit is not above 0.
+        If the log exists, also in chunks, or a limit is not above 0.
     """
 
-    def __init__(self, path: Path, max_bytes: int | None = None, max_s: float | None = None) -> None:
+    def __init__(self, path: Path, max_bytes: float | None = None, max_s: float | None = None) -> None:
         for name, limit in (("--split-mb", max_bytes), ("--split-s", max_s)):
             if limit is not None and not limit > 0:
                 raise InputError(f"{name}: expected above 0")
@@ -51,12 +52,18 @@ class RecordingFiles:
         return self._losses + Counter(self._sink.losses if self._sink is not None else {})
 
     def write(self, stream: str, value: Any, stamp_ns: int, header: Header, size: int) -> None:
-        """Append a sample whose payload has ``size`` bytes; raises InputError or StorageError."""
+        """Append a sample whose payload has ``size`` bytes.
+
+        Raises InputError, or StorageError if it cannot be written or the next log exists.
+        """
         if self._first_ns is None:
             self._first_ns = stamp_ns
         elif self._is_full(stamp_ns):
             self.close()
-            self._open()
+            try:
+                self._open()
+            except InputError as error:
+                raise StorageError(f"next log: {error}") from error
             self._first_ns = stamp_ns
         self._targets.setdefault(stream, StreamTarget("/" + ros_name(stream.replace(".", "/"))))
         assert self._sink is not None
@@ -65,10 +72,10 @@ class RecordingFiles:
 
     def close(self) -> None:
         """Complete the log."""
-        if self._sink is not None:
-            self._sink.close()
-            self._losses += Counter(self._sink.losses)
-            self._sink = None
+        sink, self._sink = self._sink, None
+        if sink is not None:
+            sink.close()
+            self._losses += Counter(sink.losses)
 
     def _is_full(self, stamp_ns: int) -> bool:
         is_large = self._max_bytes is not None and self._size >= self._max_bytes
@@ -79,8 +86,9 @@ class RecordingFiles:
         path = self._path
         if self._max_bytes is not None or self._max_s is not None:
             path = path.with_name(f"{path.stem}_{len(self.paths):03d}{path.suffix}")
-        if path.exists():
-            raise InputError(f"{path} exists: name another file")
+        found = [path] if path.exists() else chunk_files(path.resolve().parent, path.stem)
+        if found:
+            raise InputError(f"{found[0]} exists: name another file")
         self._sink = create_log(path, LogMap(self._targets))
         self.paths.append(path)
         self._size, self._first_ns = 0, None

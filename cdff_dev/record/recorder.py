@@ -8,12 +8,12 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.codecs import decode_payload
-from cdff_common.errors import CdffError, InputError
+from cdff_common.errors import CdffError, InputError, StorageError
 from cdff_common.interfaces.product import Header
 from cdff_dev.record.files import RecordingFiles
 
@@ -63,10 +63,25 @@ class Recorder:
     """Writes the messages of key expressions to logs until ``close``; thread-safe.
 
     Every message that arrives after the constructor is written, or counted in ``dropped`` or ``refused``.
+
+    Parameters
+    ----------
+    bus : Bus
+    keyexprs : collection of str
+    files : RecordingFiles
+    on_fault : callable, optional
+        Called once, when the log cannot be written any more; ``close`` raises the reason.
     """
 
-    def __init__(self, bus: Bus, keyexprs: Collection[str], files: RecordingFiles) -> None:
-        self._files = files
+    def __init__(
+        self,
+        bus: Bus,
+        keyexprs: Collection[str],
+        files: RecordingFiles,
+        on_fault: Callable[[], object] | None = None,
+    ) -> None:
+        self._files, self._on_fault = files, on_fault
+        self._fault: StorageError | None = None
         self._lock = threading.Lock()
         self._recorded = Recorded()
         self._subscriptions = [bus.subscribe(key, self._record, depth=_DEPTH) for key in keyexprs]
@@ -83,12 +98,21 @@ class Recorder:
         return self._recorded.by_stream.total()
 
     def close(self) -> Recorded:
-        """Write the messages that were sent so far, complete the log and return the counts."""
-        time.sleep(_FLIGHT_S)
+        """Write the messages that were sent so far, complete the log and return the counts.
+
+        Raises StorageError if the log could not be written.
+        """
+        if self._fault is None:
+            time.sleep(_FLIGHT_S)
         for subscription in self._subscriptions:
             subscription.finish(_END_S)
         with self._lock:
             self._files.close()
+        if self._fault is not None:
+            raise StorageError(
+                f"{self._fault}; {self.samples} samples were written before to "
+                f"{', '.join(str(path) for path in self._files.paths)}"
+            ) from self._fault
         return self._recorded
 
     def _record(self, message: Message) -> None:
@@ -98,10 +122,23 @@ class Recorder:
             value = decode_payload(message.payload, message.encoding)
             stamp_ns = header.t1_ns // 1000 * 1000
             with self._lock:
+                if self._fault is not None:
+                    return
                 self._files.write(stream, value, stamp_ns, header, len(message.payload))
                 self._recorded.by_stream[stream] += 1
                 self._recorded.size += len(message.payload)
+        except StorageError as error:
+            self._end_with(error)
         except CdffError as error:
             self._recorded.refused[message.key] += 1
             if self._recorded.refused[message.key] == 1:
                 logger.warning("%s is not recorded: %s", message.key, error)
+
+    def _end_with(self, fault: StorageError) -> None:
+        """Keep the first reason why the log cannot be written, and report it."""
+        with self._lock:
+            if self._fault is not None:
+                return
+            self._fault = fault
+        if self._on_fault is not None:
+            self._on_fault()
