@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -48,6 +50,41 @@ def test_a_drive_over_slopes_determines_the_whole_mount_within_its_covariance(se
     assert (np.abs(error(mount, MOUNT)) < 4.0 * mount.sigma).all()
     assert mount.sigma[:3].max() < 0.01
     mount.require()
+
+
+def test_a_wrong_radius_of_the_wheels_is_no_lever_arm_in_a_drive_with_curves_to_one_side() -> None:
+    stamps, poses = drive(turn_rad_s=0.3)
+    turning = poses.copy()
+    for k in range(1, len(poses)):  # another constant turn: the curves are longer to the left
+        step = np.linalg.inv(poses[k - 1]) @ poses[k]
+        turning[k] = turning[k - 1] @ step @ se3.transform(se3.exp_so3([0.0, 0.0, 0.01]), [0, 0, 0])
+    wheels = turning.copy()
+    wheels[:, :3, 3] *= 1.06
+    mount = hand_eye(motion_pairs(stamps, wheels, stamps, noisy(turning @ MOUNT, 0)))
+    known = [0, 1, 3, 4, 5]
+    assert (np.abs(error(mount, MOUNT))[known] < 4.0 * mount.sigma[known]).all()
+    assert mount.sigma[:2].max() < 0.01
+
+
+def test_slip_that_lasts_longer_than_a_motion_enlarges_the_standard_deviations() -> None:
+    poses = [np.eye(4)]
+    for k in range(1000):  # curves of 25 s to both sides
+        rate_rad_s = 0.1 if (k // 250) % 2 == 0 else -0.12
+        poses.append(poses[-1] @ se3.transform(se3.exp_so3([0.0, 0.0, 0.1 * rate_rad_s]), [0.04, 0.0, 0.0]))
+    stamps, relative = np.arange(1001) * 100_000_000, []
+    for memory in (0.0, 0.98):
+        rng = np.random.default_rng(0)
+        slip, slipping = 0.0, [np.eye(4)]
+        for last, pose in pairwise(poses):
+            slip = memory * slip + rng.normal(0.0, 0.05 * np.sqrt(1.0 - memory**2))
+            step = np.linalg.inv(last) @ pose
+            step[0, 3] *= 1.0 + slip
+            slipping.append(slipping[-1] @ step)
+        measured = noisy(np.array(poses) @ MOUNT, 0)
+        mount = hand_eye(motion_pairs(stamps, np.array(slipping), stamps, measured), guess=MOUNT)
+        assert abs(error(mount, MOUNT)[1]) < 4.0 * mount.sigma[1]
+        relative.append(mount.sigma[1] / mount.rms_m)
+    assert relative[1] > 1.3 * relative[0]
 
 
 def test_a_level_drive_determines_everything_but_the_height_and_says_so() -> None:
