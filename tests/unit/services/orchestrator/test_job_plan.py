@@ -139,6 +139,8 @@ def test_a_past_time_cannot_be_planned_but_the_present_can(journal: Journal, sta
     assert not past.make(None, "there is none of that age")
     assert past.impossible.startswith("there is none of that age; t=99999999000 is past")
     assert state.held == []
+    (decision,) = (r for r in journal.records() if r["kind"] == "decision")
+    assert (decision["job"], decision["no_plan"]) == (past.job.id, past.impossible)
     assert job_plan(journal, state, t=str(100 * S)).make(None, "")
 
 

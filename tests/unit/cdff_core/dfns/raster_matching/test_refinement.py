@@ -117,3 +117,13 @@ def test_a_plane_constrains_no_translation_and_points_off_the_grid_no_placement(
     surface = HeightSurface.from_grid(grid())
     y, x = (a.ravel().astype(np.float64) for a in np.mgrid[-15:16, -15:16])
     assert refine_placement(surface, y - 30.0, x + 34.0, np.zeros_like(x), (-30.0, 34.0)) is None
+
+
+@pytest.mark.parametrize(("rows_inside", "is_found"), [(10, False), (12, True)])
+def test_a_third_of_the_points_on_the_grid_is_required(rows_inside: int, is_found: bool) -> None:
+    y, x = (a.ravel().astype(np.float64) for a in np.mgrid[-15:16, -15:16])
+    row, col = y - y.max() + rows_inside - 1.0, MIDDLE[1] + x
+    surface = HeightSurface.from_grid(grid())
+    found = refine_placement(surface, row, col, hills(row, col), (float(row.mean()), MIDDLE[1]))
+    assert (found is not None) == is_found
+    assert found is None or (found.row, found.col) == pytest.approx((0.0, 0.0), abs=0.05)
