@@ -190,7 +190,7 @@ def test_two_rovers_share_one_map_despite_killed_processes_and_lost_contact(
     ids_without_contact = {
         id_ for id_, stamp_ns in products.stamps_ns.items() if no_contact_ns[0] <= stamp_ns < no_contact_ns[1]
     }
-    assert len(ids_without_contact) > 20  # mana keeps mapping
+    assert len(ids_without_contact) > 8  # mana keeps mapping; how fast depends on the machine
     assert not stored_ids(bus, "mana") & ids_without_contact
     assert dfpc_status(system.mana_bus, "lidar_slam")["outbox_pending"] > 20
     wait_until(

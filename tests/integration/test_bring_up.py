@@ -8,7 +8,6 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import time
@@ -42,14 +41,14 @@ def argv(line: str) -> list[str]:
 
 @contextmanager
 def running(line: str, folder: Path, environment: dict[str, str]) -> Iterator[None]:
-    """Run a command of the page in the background, and end it by Ctrl-C."""
+    """Run a command of the page in the background, and end it."""
     with (folder / "background.log").open("ab") as log:
         process = subprocess.Popen(argv(line), cwd=folder, env=environment, stdout=log, stderr=log)
     try:
         yield
         assert process.poll() is None, f"{line} has ended: {(folder / 'background.log').read_text()}"
     finally:
-        process.send_signal(signal.SIGINT)
+        process.terminate()
         process.wait(30)
 
 
@@ -106,7 +105,7 @@ def test_the_live_part_of_the_page_works_with_the_templates_of_the_drivers(
 
     def streams() -> list[dict[str, object]]:
         found: list[dict[str, object]] = json.loads(run("cdff top --once --json", (0, 1)))["streams"]
-        return [stream for stream in found if stream["count"]]
+        return [stream for stream in found if stream.get("count")]
 
     bag = real_data("rosbags/husky_first_150s.bag")
     run(f"cdff new profile {bag} --out husky.yaml")
