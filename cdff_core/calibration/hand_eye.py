@@ -6,7 +6,7 @@ A motion ``A`` of the base and the motion ``B`` of the sensor over the same inte
 the mount ``X``. Rotation and translation are estimated together [1]_: a planar drive, whose rotations have
 one axis only, determines the yaw of the mount by its translations.
 
-The distances of the base have an unknown scale, which is estimated too: the slip of wheels, or a wrong radius, would
+The distances of the base have an unknown scale, which is estimated too: slip, or a wrong radius, would
 otherwise count as a lever arm in a drive with more curves to one side. Slip and slopes last longer than
 a motion, so that the covariance contains the correlation of successive residuals [2]_.
 
@@ -14,8 +14,8 @@ References
 ----------
 .. [1] Dornaika, F., Horaud, R. (1998). Simultaneous robot-world and hand-eye calibration. IEEE Transactions
   on Robotics and Automation 14(4). doi:10.1109/70.704233
-.. [2] Newey, W. K., West, K. D. (1987). A simple, positive semi-definite, heteroskedasticity and autocorrelation
-  consistent covariance matrix. Econometrica 55(3). doi:10.2307/1913610
+.. [2] Newey, W. K., West, K. D. (1987). A simple, positive semi-definite, heteroskedasticity and
+  autocorrelation consistent covariance matrix. Econometrica 55(3). doi:10.2307/1913610
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _residuals(pairs: MotionPairs, X: FloatArray, scale: float) -> FloatArray:
 
 
 def _jacobians(pairs: MotionPairs, X: FloatArray) -> FloatArray:
-    """Return the derivatives ``(n, 6, 7)`` by a translation and a left rotation of ``X``, and by the scale."""
+    """Return the derivatives ``(n, 6, 7)`` by translation and left rotation of ``X``, and by the scale."""
     A, B, R = pairs.base, pairs.sensor, X[:3, :3]
     J = np.zeros((len(A), 6, 7))
     J[:, :3, :3] = A[:, :3, :3] - np.eye(3)

@@ -15,8 +15,8 @@ from cdff_core.consistency.moments import Moments
 
 #: Number of directions after which the weight of a direction is 1/e, and the least number of an estimate.
 _MEMORY, LEAST_DIRECTIONS = 60.0, 4
-#: Scatter of a direction per axis that is assumed beforehand, rad², and the number of directions that it counts
-#: for: few directions, which are correlated, agree by chance.
+#: Scatter of a direction per axis that is assumed beforehand, rad², and the number of directions it
+#: counts for: few directions, which are correlated, agree by chance.
 _PRIOR_SCATTER, _PRIOR_DIRECTIONS = float(np.radians(10.0)) ** 2, 2.0
 #: Factor by which successive directions are correlated: a slope lasts for several of them.
 _CORRELATION = 4.0
