@@ -74,6 +74,22 @@ def test_the_nearest_rotation_of_a_reflection_is_a_rotation() -> None:
     assert not se3.is_transform(np.diag([1.0, 1.0, -1.0, 1.0]))
 
 
+def test_matrices_whose_products_overflow_are_no_transforms_and_cause_no_warning() -> None:
+    T = np.tile(np.eye(4), (3, 1, 1))
+    T[0, :3, :3] *= 1e300
+    T[1, 0, 1] = np.inf
+    assert se3.are_transforms(T).tolist() == [False, False, True]
+
+
+def test_the_tolerance_of_transforms_is_that_of_each_entry() -> None:
+    T = np.tile(np.eye(4), (4, 1, 1))
+    T[0, 0, 0] += 4e-5  # its square differs by 8e-5
+    T[1, 0, 0] += 6e-5
+    T[2, 3, 2] = 0.99e-4
+    T[3, 3, 2] = 1.01e-4
+    assert se3.are_transforms(T, 1e-4).tolist() == [True, False, True, False]
+
+
 def test_many_transforms_are_checked_as_one_is(rng: np.random.Generator) -> None:
     T = se3.exp_se3(rng.normal(size=(12, 6)))
     T[0, 0, 0] += 1e-4

@@ -14,6 +14,7 @@ from cdff_common.geometry import se3
 from cdff_core.imaging.sampson import sampson
 from cdff_core.imaging.two_view import (
     LensErrors,
+    _with_covariance,
     fit_essential,
     fit_fundamental,
     fit_homography,
@@ -112,6 +113,27 @@ def test_wrong_pairs_are_no_inliers_and_change_the_result_little() -> None:
     assert fit.inliers[50:].mean() > 0.95
     assert se3.rotation_angle(found_R @ R.T) < 0.003
     assert angle_rad(found_t, T) < 0.02
+
+
+@pytest.mark.parametrize(("rows", "excess"), [(1, 25.0 / 30.0), (2, 0.0)])
+def test_the_covariance_is_that_of_leave_one_out_residuals_and_larger_for_lines(
+    rng: np.random.Generator, rows: int, excess: float
+) -> None:
+    J, r, D = rng.normal(size=(40, rows, 4)), rng.normal(size=(40, rows)), rng.normal(size=(9, 4))
+    inliers = np.arange(40) < 30
+    # All in one cell: too few cells for a correlation.
+    fit = _with_covariance(np.eye(3), D, J, r, inliers, 0.5, np.zeros(40, np.int64))
+    A = J[inliers].reshape(-1, 4)
+    inverse = np.linalg.inv(A.T @ A)
+    score_products = np.zeros((4, 4))
+    for k in range(30):
+        leverage = np.mean([row @ inverse @ row for row in J[k]])
+        score = J[k].T @ r[k] / (1.0 - leverage)
+        score_products += np.outer(score, score)
+    parameters = (1.0 + excess) * inverse @ score_products @ inverse
+    np.testing.assert_allclose(fit.parameters, parameters, rtol=1e-9)
+    np.testing.assert_allclose(fit.covariance, D @ parameters @ D.T, rtol=1e-9)
+    assert fit.sigma_px == pytest.approx(np.sqrt((r[inliers] ** 2).sum() / (30 * rows - 4)))
 
 
 def test_a_model_of_too_few_pairs_has_an_infinite_covariance() -> None:

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from cdff_common.codecs import decode, encode, encoding_string
-from cdff_common.contract.queries import DeliveryParameters, SearchParameters, WindowParameters
+from cdff_common.contract.queries import (
+    DeliveryParameters,
+    NavigationWindowParameters,
+    ProfileParameters,
+    SearchParameters,
+    WindowParameters,
+)
 from cdff_common.errors import CodecError, InputError, ProductNotFoundError, UnavailableError
 from cdff_common.geometry.frame_graph import EXTRAPOLATION_LIMIT_NS
 from cdff_common.interfaces.product import Header, Quality, Status
@@ -14,7 +20,7 @@ from dpm_store.frames.frames import HistoryView
 from services.dpm.operations import retrieval
 from services.dpm.operations.dpm import Dpm
 
-from .conftest import S, cloud, elevation, pose, put_arguments
+from .conftest import S, cloud, elevation, navigation, pose, put_arguments
 
 
 def test_an_insertion_is_published_once(dpm: Dpm) -> None:
@@ -100,6 +106,19 @@ def test_a_window_fuses_patches_and_names_them(dpm: Dpm) -> None:
     assert metadata["robots"] == ("mana", "minnie")
     assert (metadata["oldest_ns"], metadata["newest_ns"], len(metadata["patches"])) == (1 * S, 2 * S, 2)
     assert tuple(metadata["inputs"]) == metadata["patches"]
+
+
+def test_windows_and_profiles_are_counted(dpm: Dpm) -> None:
+    dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
+    dpm.writer.put(*put_arguments(navigation(), "navigation_map", 2, resolution_m=0.1))
+    region = {"region": "bbox:0,0,2,2"}
+    dpm.retrieval.window(WindowParameters.parse(region))
+    dpm.retrieval.elevation(WindowParameters.parse(region))
+    dpm.retrieval.navigation(NavigationWindowParameters.parse(region))
+    profile = dpm.retrieval.profile(ProfileParameters.parse({"path": "0.5,0.5,1.5,0.5", "step_m": "0.5"}))
+    assert dpm.events.counters["windows"] == 4
+    assert dpm.events.counters["gets"] == 0
+    assert profile
 
 
 def test_a_window_is_coarser_on_request_and_never_finer_than_its_patches(dpm: Dpm) -> None:
