@@ -79,3 +79,13 @@ def test_no_more_points_than_desired_and_coincident_points_are_not_changed() -> 
     kept, voxel_m = downsampled(same, 5)
     assert voxel_m == 0.0
     np.testing.assert_array_equal(kept, same)
+
+
+def test_a_count_that_no_voxels_have_gives_the_means_of_the_closest_ones() -> None:
+    """The points are ten clusters: voxels hold at most one cluster each, or several."""
+    clusters = np.repeat(np.arange(10.0)[:, None] * [1.0, 0.0, 0.0], 500, axis=0)
+    points = clusters + np.random.default_rng(1).uniform(0.0, 1e-7, (5000, 3))
+    means, voxel_m = downsampled(points, 100)
+    assert voxel_m > 0.0
+    assert len(means) < 5000
+    np.testing.assert_allclose(means, voxel_means(points, voxel_m))

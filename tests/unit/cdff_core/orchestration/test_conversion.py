@@ -65,6 +65,11 @@ def test_a_pose_as_rigid_body_state_names_its_frames_and_the_dropped_parts(
     assert np.isnan(value.velocity).all()
 
 
+def test_a_pose_comes_as_no_other_type(rng: np.random.Generator) -> None:
+    with pytest.raises(InputError, match="as='Pointcloud': a pose comes as TransformWithCovariance or"):
+        conversion.pose_as(some_transform(rng), "a", "b", STAMP_NS, "Pointcloud", "me")
+
+
 def test_an_unknown_covariance_remains_unknown_in_the_conversion(rng: np.random.Generator) -> None:
     T = UncertainTransform(some_transform(rng).matrix)
     value, reasons = conversion.pose_as(T, "a", "b", STAMP_NS, "RigidBodyState", "me")

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from cdff_common.clock import ManualClock
+from cdff_common.contract.limits import LATEST_NS
 from cdff_common.errors import CodecError, ConflictError, InputError, ProductNotFoundError, StorageError
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from dpm_store import Insertion, Query, Store
@@ -207,3 +208,15 @@ def test_statistics_count_by_robot_and_type(store: Store) -> None:
 def test_the_box_of_a_product_may_be_a_point(store: Store) -> None:
     put(store, replace(header(0), box_m=(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)), b"abc")
     assert store.get(header(0).id).header.box_m == (1.0,) * 6
+
+
+def test_sequence_numbers_up_to_the_latest_time_are_stored(store: Store) -> None:
+    for number in (0, LATEST_NS):
+        put(store, header(number, t1_ns=1000))
+    assert {record.header.seq for record in store.search(Query()).items} == {0, LATEST_NS}
+
+
+@pytest.mark.parametrize("number", [-1, LATEST_NS + 1])
+def test_sequence_numbers_out_of_range_are_refused(store: Store, number: int) -> None:
+    with pytest.raises(InputError, match="seq"):
+        put(store, header(number, t1_ns=1000))

@@ -134,6 +134,13 @@ def test_a_changed_sensor_without_use_returns_to_its_initial_mode(state: SystemS
     assert demanded(state)[LIDAR] == "off"
 
 
+def test_a_failure_without_a_reason_is_the_reported_state_error(state: SystemState) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active")
+    state.set_state(DEM, "error")
+    assert failures_of(state, DEM) == (1, "it reported state error")
+
+
 def test_failures_are_cleared_by_a_healthy_time_in_state_active(state: SystemState, timing: SetTime) -> None:
     state.set_alive(DEM, True)
     state.set_state(DEM, "active")
