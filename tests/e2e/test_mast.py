@@ -59,6 +59,7 @@ def pose_of(client: Client, parent: str, child: str, t_ns: str = "") -> NDArray[
     return np.asarray(value.transform.matrix)
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-195")
 def test_the_pose_of_the_mast_head_follows_from_its_joints(stage: Stage, endpoint: str) -> None:
     with Client(endpoint) as client:

@@ -84,6 +84,7 @@ class Ground:
         return dict(answer.body()["sensors"])
 
 
+@pytest.mark.slow
 def test_a_robot_joins_returns_with_another_profile_and_leaves_a_running_ground(
     endpoint: str, spawn: Spawn, tmp_path: Path, eventually: Eventually
 ) -> None:
@@ -130,6 +131,7 @@ def test_a_robot_joins_returns_with_another_profile_and_leaves_a_running_ground(
     assert ground.process.poll() is None
 
 
+@pytest.mark.slow
 def test_a_secured_ground_admits_a_robot_that_got_its_identity_later_and_none_that_lost_it(
     spawn: Spawn, tmp_path: Path, eventually: Eventually
 ) -> None:

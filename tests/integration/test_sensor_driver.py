@@ -256,6 +256,7 @@ TYPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", DRIVERS)
 def test_each_template_runs_and_publishes_what_the_hosts_accept(
     kind: str, consumer: Bus, endpoint: str, tmp_path: Path

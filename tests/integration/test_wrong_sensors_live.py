@@ -95,6 +95,7 @@ CASES = (
 )
 
 
+@pytest.mark.slow
 def test_each_wrong_sensor_is_named_and_its_products_degraded_while_the_good_robot_has_no_alarm(
     endpoint: str, spawn: Spawn, tmp_path: Path, eventually: Eventually
 ) -> None:

@@ -30,6 +30,7 @@ def test_recordings_that_are_not_damaged_are_read(name: str, tmp_path: Path) -> 
         assert outcome(files, None, tmp_path / f"recording_{k}") == "read"
 
 
+@pytest.mark.slow
 def test_readers_of_all_formats_pass(real_data: Callable[[str], Path]) -> None:
     result = run("all", 0, _FAST, real_data("pocolog").parent)
     assert result["faults"] == []

@@ -23,6 +23,7 @@ CLOUD_FAULTS = ("none", "empty", "plane", "1 % NaN", "offset of 10⁹ m")
 UNOBSERVABLE = "focal length 3 % too long"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [wrong_bundles, wrong_maps], ids=["observations", "maps"])
 def test_wrong_maps_and_observations_are_refused_flagged_or_within_three_sigmas(source: ModuleType) -> None:
     rows = {(case.dfpc, case.fault): answer(case) for case in source.cases(Path())}

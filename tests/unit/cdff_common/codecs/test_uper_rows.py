@@ -27,6 +27,7 @@ def _joints(n: int, rng: np.random.Generator) -> types.JointTrajectory:
     return types.JointTrajectory(tuple(random_message("JointState", rng) for _ in range(n)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [_pairs, _joints])
 @pytest.mark.parametrize("n", [1, LONG - 1, LONG, LONG + 1, 60])
 def test_long_lists_are_encoded_like_short_ones(make: Any, n: int, rng: np.random.Generator) -> None:

@@ -91,6 +91,7 @@ def test_a_wrong_mount_is_found_and_its_sensor_named_by_comparison_with_the_othe
     assert "sensor_clock" not in first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset_s", [1.0, -1.0])
 @pytest.mark.parametrize(
     ("dfpc", "ports", "port", "sensor"),

@@ -77,6 +77,7 @@ def test_a_moving_object_is_confirmed_within_six_images_and_followed() -> None:
     assert out.classes[out.ids == 1] == 1
 
 
+@pytest.mark.slow
 def test_stars_and_false_sources_alone_give_no_object_in_400_images() -> None:
     sky = Sky(seed=2)
     assert all((sky.step(k, np.zeros((0, 2))).ids < 0).all() for k in range(400))
@@ -97,6 +98,7 @@ def test_a_dark_object_coasts_with_growing_covariance_and_keeps_its_number() -> 
     assert np.linalg.norm(place(out, 1) - line(59)) < 1.0
 
 
+@pytest.mark.slow
 def test_after_35_minutes_in_the_dark_the_object_continues_and_no_star_does() -> None:
     sky = Sky(seed=4)
 

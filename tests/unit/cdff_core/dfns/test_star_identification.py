@@ -91,6 +91,7 @@ def test_errors_of_focal_length_and_distortion_are_measured(
     assert corrected(distorted(directions, 1.004, -0.1), 1.004, -0.1) == pytest.approx(directions, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_random_points_few_points_and_a_wrong_focal_length_are_refused(
     identify: Callable[..., StarIdentificationOutputs],
 ) -> None:

@@ -58,6 +58,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(20)
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-021")
 def test_a_composed_pose_includes_the_errors_of_both_edges(rng: np.random.Generator) -> None:
     T_frame_home, T_home_base = uncertain(rng), uncertain(rng)
@@ -98,6 +99,7 @@ def test_a_transformed_trajectory_includes_the_error_of_the_frame(
         )
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-021")
 def test_the_corner_of_a_map_includes_the_frame_error_with_its_lever_arm(rng: np.random.Generator) -> None:
     geometry = GridGeometry("home", 0.5, -30.0, 40.0, 4, 4)

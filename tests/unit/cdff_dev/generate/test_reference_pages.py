@@ -22,6 +22,7 @@ def test_every_key_of_the_contract_is_documented_with_its_parts() -> None:
         assert f"`{key}`" in page
 
 
+@pytest.mark.slow
 def test_the_page_of_a_type_has_units_and_sizes_of_the_asn1_files() -> None:
     page = types.pages()["types/LaserScan.md"]
     assert "# LaserScan" in page

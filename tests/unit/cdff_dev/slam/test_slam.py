@@ -80,6 +80,7 @@ def test_slam_writes_map_graph_and_pictures(
     assert 0.5 < np.linalg.norm(T[-1, :3, 3]) < 1.5
 
 
+@pytest.mark.slow
 def test_dem_of_a_stereo_drive_has_the_road_below_the_camera(drive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["dem", str(drive), "--resolution-m", "0.2", "--out", str(out)]) == 0

@@ -98,6 +98,7 @@ def test_an_idle_stream_sends_keep_alive_messages(
     reader.close()
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-164")
 def test_a_slow_reader_does_not_block_others_and_uses_bounded_memory(dpm: Dpm, port: int) -> None:
     slow = socket.create_connection(("127.0.0.1", port), timeout=20)

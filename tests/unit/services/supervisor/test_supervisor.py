@@ -120,6 +120,7 @@ def test_a_process_that_waits_for_a_processor_is_not_hung(monkeypatch: pytest.Mo
     assert hung == "service sent no heartbeat for 43 s"
 
 
+@pytest.mark.slow
 def test_only_a_process_that_is_ready_to_run_waits_for_a_processor() -> None:
     processor = min(os.sched_getaffinity(0))
     code = f"import os; os.sched_setaffinity(0, {{{processor}}})\nwhile True: pass"

@@ -106,6 +106,7 @@ def test_a_body_at_rest_has_no_axis() -> None:
     assert len(motion.unobservable) == 3
 
 
+@pytest.mark.slow
 def test_the_mirrored_motion_gives_the_mirrored_axis_and_the_same_moments() -> None:
     body = MovingBody.drawn(6)
     poses, covariances = body.measured(T_S, SIGMA_M, SIGMA_RAD, seed=7)
@@ -119,6 +120,7 @@ def test_the_mirrored_motion_gives_the_mirrored_axis_and_the_same_moments() -> N
     np.testing.assert_allclose(second.moment_ratios, first.moment_ratios, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_wrong_poses_are_excluded_and_counted() -> None:
     body = MovingBody.drawn(8)
     poses, covariances = body.measured(T_S, SIGMA_M, SIGMA_RAD, seed=9)
@@ -130,6 +132,7 @@ def test_wrong_poses_are_excluded_and_counted() -> None:
     assert np.rad2deg(se3.rotation_angle(turned)) < 0.6
 
 
+@pytest.mark.slow
 def test_a_later_fit_starts_from_the_previous_one_and_agrees_with_a_new_one() -> None:
     body = MovingBody.drawn(10)
     poses, covariances = body.measured(T_S, SIGMA_M, SIGMA_RAD, seed=11)

@@ -154,6 +154,7 @@ def test_a_saturated_image_is_refused_at_first_and_coasted_over_later() -> None:
     assert any(reason.startswith("saturated") for reason in tracks(outputs)[0].quality.reasons)
 
 
+@pytest.mark.slow
 def test_a_wrong_focal_length_and_a_wrong_attitude_are_reported_and_give_no_inertial_direction() -> None:
     scene = StarScene(seed=7)
     wrong = CameraModel(CAMERA.rows, CAMERA.cols, 3200.0, 3200.0, CAMERA.cx, CAMERA.cy)

@@ -141,6 +141,7 @@ def test_poses_too_rare_for_their_rotation_are_reported() -> None:
     assert newest.quality.reasons[0].startswith("ambiguous_rotation")
 
 
+@pytest.mark.slow
 def test_the_moments_of_the_servicing_target_are_unobservable(real_data: Callable[[str], Path]) -> None:
     with gzip.open(real_data("shirt_trajectories") / "roe1.csv.gz", "rt") as file:
         rows = np.array([line.split(",") for line in file.read().splitlines()[1:151]], dtype=float)

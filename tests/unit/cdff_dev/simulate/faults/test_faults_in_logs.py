@@ -64,6 +64,7 @@ def test_a_clock_moves_stamp_header_and_value_and_lost_samples_leave_gaps_in_the
     assert next(stamped_samples(with_lidar.scenario, "mana", "lidar", np.zeros(1, int))) == (0, -100_000)
 
 
+@pytest.mark.slow
 def test_all_faults_together_give_the_same_samples_twice(world: World) -> None:
     faulty = with_faults(
         world,

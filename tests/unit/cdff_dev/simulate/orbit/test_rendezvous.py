@@ -54,6 +54,7 @@ def test_the_command_writes_a_log_that_is_labelled_as_simulated(
     }
 
 
+@pytest.mark.slow
 def test_samples_are_in_order_and_do_not_depend_on_the_number_of_processes() -> None:
     scenario = small_scenario(**NAVIGATION)
     here = list(simulate_orbit(scenario, workers=0))
