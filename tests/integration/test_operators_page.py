@@ -243,7 +243,10 @@ def test_the_map_shows_tiles_pans_and_measures(page: Browser) -> None:
     page.eventually(f"(async () => Math.abs(await {DRAWN_FRACTION} - 400 / 65536) < 1e-3)()")
     page.value("document.getElementById('map-in').click()")
     page.eventually("document.getElementById('map-scale').innerText.includes('5 cm')")
-    page.eventually(f"(async () => await {DRAWN_FRACTION} === 0)()")  # finer than the stored data
+    # Beyond the finest data its tiles are enlarged.
+    page.eventually("document.getElementById('map-scale').innerText.includes('data of 10 cm enlarged')")
+    page.eventually("document.querySelector('#map img').style.width === '512px'")
+    page.eventually(f"(async () => Math.abs(await {DRAWN_FRACTION} - 400 / 65536) < 1e-3)()")
     page.value("document.getElementById('map-out').click(); identify(1, 1)")
     page.eventually(
         "document.getElementById('map-note').innerText.includes('height 0.00 m ± 0.10 m, 2 measurements')"
@@ -252,6 +255,60 @@ def test_the_map_shows_tiles_pans_and_measures(page: Browser) -> None:
     page.eventually("/Nothing was measured|no dem patch/.test(document.getElementById('map-note').innerText)")
     page.value("document.getElementById('map-fit').click()")
     page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
+#: Neighbouring tiles whose common edge has a gap or an overlap.
+SEAMS = """(() => {
+  const boxes = [...document.querySelectorAll('#map img')].map((i) => i.getBoundingClientRect());
+  const rights = new Set(boxes.map((b) => b.right));
+  const lefts = [...new Set(boxes.map((b) => b.left))].sort((a, b) => a - b);
+  return lefts.slice(1).filter((left) => !rights.has(left)).length;
+})()"""
+
+
+def test_neighbouring_tiles_share_their_edge_at_any_place_and_level(page: Browser) -> None:
+    for x, z in ((0.0499999, 17), (12.825, 17), (0.35, 18), (1.0 / 3.0, 16), (-0.05, 19)):
+        page.value(f"look({x}, {x}, {z})")
+        page.eventually("document.querySelectorAll('#map img').length >= 2")
+        assert page.value(SEAMS) == 0
+    page.value("document.getElementById('map-fit').click()")
+    page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
+def test_two_fingers_zoom_around_the_point_between_them(page: Browser) -> None:
+    page.value("""(() => {
+      look(0, 0, 17);
+      const box = view().getBoundingClientRect();
+      const send = (type, id, x) => view().dispatchEvent(new PointerEvent(type, { pointerId: id, bubbles: true,
+        clientX: box.left + box.width / 2 + x, clientY: box.top + box.height / 2 }));
+      send('pointerdown', 11, -40);
+      send('pointerdown', 12, 40);
+      for (let px = 40; px <= 80; px += 5) { send('pointermove', 11, -px); send('pointermove', 12, px); }
+      send('pointerup', 11, -80);
+      send('pointerup', 12, 80);
+    })()""")
+    assert page.value("map.z") == 18
+    assert abs(page.value("map.x")) < 0.6
+    page.value("document.getElementById('map-fit').click()")
+    page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
+@pytest.mark.parametrize("width", [360, 390, 2560])
+def test_the_page_is_not_wider_than_the_screen(page: Browser, width: int) -> None:
+    page.send(
+        "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False
+    )
+    try:
+        page.eventually(f"innerWidth === {width}")
+        boxes = "[...document.querySelectorAll('body *')]"
+        wide = f"{boxes}.filter((e) => e.getBoundingClientRect().right > innerWidth + 1)"
+        names = (
+            f"{wide}.filter((e) => !e.closest('.scroll, .map')).map((e) => e.tagName + '#' + e.id).join(' ')"
+        )
+        assert page.value(names) == ""
+        assert page.value("document.documentElement.scrollWidth") <= width
+    finally:
+        page.send("Emulation.clearDeviceMetricsOverride")
 
 
 @pytest.mark.req("CDFF-SUP-166")
@@ -312,6 +369,30 @@ def test_the_page_has_no_errors_and_loads_nothing_from_other_hosts(page: Browser
     ]
     assert urls
     assert all(url.startswith(("http://127.0.0.1:", "data:", "blob:http://127.0.0.1:")) for url in urls)
+
+
+def test_the_map_opens_in_a_frame_with_data_and_operations_can_be_tried(tmp_path: Path) -> None:
+    with open_store(f"sqlite:///{tmp_path / 'store'}", ManualClock(100 * S)) as store:
+        dpm = Dpm(store)
+        value = elevation(0.0, frame="mana/map")
+        dpm.writer.put(*put_arguments(value, "dem", 1, frame="mana/map", resolution_m=0.1))
+        context = Context(dpm, Settings(store.directory, port=0))
+        with HttpServer(context) as server, open_page(server.port, tmp_path / "browser") as page:
+            page.eventually("document.getElementById('map-frame')?.value === 'mana/map'")
+            page.eventually(f"(async () => await {DRAWN_FRACTION} > 0)()")
+            page.send("Page.navigate", url=f"http://127.0.0.1:{server.port}/docs")
+            page.eventually("document.querySelectorAll('details').length > 20")
+            operation = (
+                "[...document.querySelectorAll('details')].find((d) => "
+                "d.innerText.includes('/api/v1/products'))"
+            )
+            page.value(f"{operation}.open = true")
+            page.eventually(f"{operation}.querySelector('form') !== null")
+            page.value(f"{operation}.querySelector('[name=limit]').value = '1'")
+            page.value(f"{operation}.querySelector('form').requestSubmit()")
+            page.eventually(
+                f"/limit=1\\n200[^]*mana.map/.test({operation}.querySelector('.answer').textContent)"
+            )
 
 
 def test_with_access_keys_configured_the_page_asks_for_a_key_and_works_with_it(

@@ -22,10 +22,16 @@ PutArguments = tuple[dict[str, str], bytes, str, bytes]
 
 
 def elevation(
-    x0: float, height_m: float = 0.0, t1_ns: int = 0, *, cells: int = 20, resolution_m: float = 0.1
+    x0: float,
+    height_m: float = 0.0,
+    t1_ns: int = 0,
+    *,
+    cells: int = 20,
+    resolution_m: float = 0.1,
+    frame: str = "site",
 ) -> ElevationMap:
     """Return a flat square patch with its lower left corner at (x0, 0) m."""
-    geometry = GridGeometry("site", resolution_m, x0, cells * resolution_m, cells, cells)
+    geometry = GridGeometry(frame, resolution_m, x0, cells * resolution_m, cells, cells)
     ones = np.ones(geometry.shape, dtype=np.float32)
     layers = {
         "mean": ones * height_m,

@@ -4,23 +4,44 @@
 "use strict";
 
 const TILE_PX = 256;
-const map = { layers: [], frame: "site", x: 0, y: 0, z: 18, placed: false, tiles: new Map() };
+/** Levels beyond the last one of the grid, in which its tiles are enlarged. */
+const ENLARGED_LEVELS = 3;
+const map = { layers: [], frame: "site", chosen: false, x: 0, y: 0, z: 18, finest: {}, placed: false, tiles: new Map() };
 const view = () => byId("map");
 const layer = () => map.layers.find((known) => known.name === byId("map-layer").value) || map.layers[0];
-const cell = () => layer().cell_m[map.z];
+const sizeOf = (z) => layer().cell_m[0] / 2 ** z;
+const cell = () => sizeOf(map.z);
+/** Level of the tiles that are shown: the finest with data if the map is closer. */
+const tileLevel = () => Math.min(map.z, layer().maxzoom, map.finest[layer().product] ?? layer().maxzoom);
 
-/** Put the middle of the map at x, y, metres, at a level of the grid. */
+/** Put the middle of the map at x, y, metres, at a level of the grid or beyond. */
 function look(x, y, z) {
-  Object.assign(map, { x, y, z: Math.min(Math.max(z, layer().minzoom), layer().maxzoom), placed: true });
+  Object.assign(map, { x, y, z: Math.min(Math.max(z, layer().minzoom), layer().maxzoom + ENLARGED_LEVELS), placed: true });
   draw();
+}
+
+/** Read where the layer's product has data in the frame; a frame that was not chosen is replaced by one with data. */
+async function extent() {
+  const { items } = await ask("/api/v1/maps");
+  const frames = items.find((known) => known.layer === layer().name)?.frames.filter((f) => f.box_m) || [];
+  options("frame", frames.map((f) => f.frame), byId("map-frame"));
+  let held = frames.find((f) => f.frame === map.frame);
+  if (!held && !map.chosen && frames.length) {
+    [held] = frames;
+    byId("map-frame").value = held.frame;
+    await showLayers(held.frame);
+  }
+  const finest = held?.resolution_m ? layer().cell_m.findLastIndex((size) => size >= held.resolution_m * 0.999) : -1;
+  map.finest[layer().product] = finest < 0 ? undefined : finest;
+  return [held, frames];
 }
 
 /** Level and middle at which everything that the layer's product holds in the frame is seen. */
 async function fit() {
-  const { items } = await ask("/api/v1/maps");
-  const held = items.find((known) => known.layer === layer().name)?.frames.find((f) => f.frame === map.frame && f.box_m);
+  const [held, frames] = await extent();
   if (!held) {
-    byId("map-note").textContent = `Nothing of this layer lies in ${map.frame}.`;
+    const others = frames.length ? ` It has data in ${frames.map((f) => f.frame).join(", ")}.` : "";
+    byId("map-note").textContent = `Nothing of this layer lies in ${map.frame}.${others}`;
     draw();
     return;
   }
@@ -35,20 +56,25 @@ async function fit() {
 function draw() {
   if (!layer()) return;
   const half = layer().bounds[2];
-  const side = cell() * TILE_PX;
-  const left = map.x - (view().clientWidth / 2) * cell();
-  const top = map.y + (view().clientHeight / 2) * cell();
-  const last = 2 ** map.z - 1;
+  const z = tileLevel();
+  const sidePx = TILE_PX * 2 ** (map.z - z);
+  // Edges of tiles are rounded from the same first tile, so that neighbours share their edge.
+  const left = (map.x + half) / cell() - view().clientWidth / 2;
+  const top = (half - map.y) / cell() - view().clientHeight / 2;
+  const [firstColumn, firstRow] = [Math.floor(left / sidePx), Math.floor(top / sidePx)];
+  const [x0, y0] = [Math.round(firstColumn * sidePx - left), Math.round(firstRow * sidePx - top)];
+  const last = 2 ** z - 1;
   const seen = new Set();
-  for (let row = Math.floor((half - top) / side); row * side - half < -top + view().clientHeight * cell(); row += 1) {
-    for (let column = Math.floor((left + half) / side); column * side - half < left + view().clientWidth * cell(); column += 1) {
+  for (let row = firstRow; y0 + (row - firstRow) * sidePx < view().clientHeight; row += 1) {
+    for (let column = firstColumn; x0 + (column - firstColumn) * sidePx < view().clientWidth; column += 1) {
       if (row < 0 || column < 0 || row > last || column > last) continue;
-      const address = layer().tiles[0].replace("{z}", map.z).replace("{x}", column).replace("{y}", row);
+      const address = layer().tiles[0].replace("{z}", z).replace("{x}", column).replace("{y}", row);
       const path = address.slice(address.indexOf("/tiles/"));
       seen.add(path);
       const image = map.tiles.get(path) || added(path);
-      image.style.left = `${Math.round((column * side - half - left) / cell())}px`;
-      image.style.top = `${Math.round((top - half + row * side) / cell())}px`;
+      image.style.left = `${x0 + (column - firstColumn) * sidePx}px`;
+      image.style.top = `${y0 + (row - firstRow) * sidePx}px`;
+      image.style.width = image.style.height = `${sidePx}px`;
     }
   }
   for (const [path, image] of map.tiles) {
@@ -58,7 +84,8 @@ function draw() {
       map.tiles.delete(path);
     }
   }
-  byId("map-scale").textContent = `1 pixel is ${cell() < 1 ? `${+(cell() * 100).toPrecision(3)} cm` : `${cell()} m`}`;
+  const enlarged = z < map.z ? `, data of ${+(sizeOf(z) * 100).toPrecision(3)} cm enlarged` : "";
+  byId("map-scale").textContent = `1 pixel is ${cell() < 1 ? `${+(cell() * 100).toPrecision(3)} cm` : `${cell()} m`}${enlarged}`;
 }
 
 function added(path) {
@@ -80,16 +107,21 @@ async function load(path, image) {
   if (before) URL.revokeObjectURL(before);
 }
 
-async function showLayers() {
-  const { items } = await ask(`/tiles?frame=${encodeURIComponent(map.frame)}`);
-  map.layers = items;
+/** Show the tiles of a frame. */
+async function showLayers(frame) {
+  const { items } = await ask(`/tiles?frame=${encodeURIComponent(frame)}`);
+  Object.assign(map, { frame, layers: items, finest: {} });
   if (!byId("map-layer").options.length) {
     byId("map-layer").replaceChildren(...items.map((known) => make("option", { value: known.name }, known.title)));
   }
   for (const image of map.tiles.values()) image.remove();
   map.tiles.clear();
-  if (map.placed) draw();
-  else await fit();
+}
+
+/** Show a frame from above with all its data. */
+async function showFrame(frame) {
+  await showLayers(frame);
+  await fit();
 }
 
 /** Run a part of the drawing; if the DPM does not answer, again after two seconds. */
@@ -120,32 +152,61 @@ async function identify(x, y) {
   }
 }
 
-let held = null;
+/** Pointers that touch the map, by id; two of them zoom. */
+const touches = new Map();
+let pinch = null;
+let moved = false;
+
+/** Distance of the two pointers, and the point between them. */
+function between() {
+  const [a, b] = [...touches.values()];
+  return { px: Math.hypot(a.x - b.x, a.y - b.y), clientX: (a.x + b.x) / 2, clientY: (a.y + b.y) / 2 };
+}
+
+/** Zoom by whole levels so that a point of the screen keeps its place. */
+function zoomAt(event, levels) {
+  const z = Math.min(Math.max(map.z + levels, layer().minzoom), layer().maxzoom + ENLARGED_LEVELS);
+  const [x, y] = at(event);
+  const factor = 2 ** (map.z - z);
+  if (z !== map.z) look(x + (map.x - x) * factor, y + (map.y - y) * factor, z);
+}
+
 view().addEventListener("pointerdown", (event) => {
-  held = { x: event.clientX, y: event.clientY, moved: false };
-  view().setPointerCapture(event.pointerId);
+  moved = touches.size > 0;
+  touches.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  if (event.isTrusted) view().setPointerCapture(event.pointerId);
+  pinch = touches.size === 2 ? between() : null;
 });
 view().addEventListener("pointermove", (event) => {
   if (!layer()) return;
-  if (held) {
-    const [dx, dy] = [event.clientX - held.x, event.clientY - held.y];
-    if (!held.moved && Math.hypot(dx, dy) < 4) return;
-    held = { x: event.clientX, y: event.clientY, moved: true };
-    look(map.x - dx * cell(), map.y + dy * cell(), map.z);
+  const touch = touches.get(event.pointerId);
+  if (touch) {
+    const [dx, dy] = [event.clientX - touch.x, event.clientY - touch.y];
+    if (touches.size === 1 && !moved && Math.hypot(dx, dy) < 4) return;
+    moved = true;
+    touches.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (touches.size === 1) look(map.x - dx * cell(), map.y + dy * cell(), map.z);
+    else if (pinch) {
+      const now = between();
+      look(map.x - (now.clientX - pinch.clientX) * cell(), map.y + (now.clientY - pinch.clientY) * cell(), map.z);
+      const levels = Math.trunc(Math.log2(Math.max(now.px, 1) / Math.max(pinch.px, 1)) * 1.5);
+      zoomAt(now, levels);
+      pinch = { ...now, px: levels ? now.px : pinch.px };
+    }
   }
   const [x, y] = at(event);
   byId("map-at").textContent = `x ${metres(x)}  y ${metres(y)} m`;
 });
-view().addEventListener("pointerup", (event) => {
-  if (held && !held.moved && layer()) identify(...at(event));
-  held = null;
-});
+function released(event) {
+  const touched = touches.delete(event.pointerId);
+  pinch = null;
+  if (touched && event.type === "pointerup" && !moved && !touches.size && layer()) identify(...at(event));
+}
+view().addEventListener("pointerup", released);
+view().addEventListener("pointercancel", released);
 view().addEventListener("wheel", (event) => {
   event.preventDefault();
-  const [x, y] = at(event);
-  const factor = event.deltaY < 0 ? 0.5 : 2;
-  const z = map.z + (event.deltaY < 0 ? 1 : -1);
-  if (z >= layer().minzoom && z <= layer().maxzoom) look(x + (map.x - x) * factor, y + (map.y - y) * factor, z);
+  if (layer()) zoomAt(event, event.deltaY < 0 ? 1 : -1);
 }, { passive: false });
 view().addEventListener("keydown", (event) => {
   const step = 64 * cell();
@@ -158,15 +219,18 @@ view().addEventListener("keydown", (event) => {
 byId("map-in").addEventListener("click", () => look(map.x, map.y, map.z + 1));
 byId("map-out").addEventListener("click", () => look(map.x, map.y, map.z - 1));
 byId("map-fit").addEventListener("click", fit);
-byId("map-layer").addEventListener("change", () => { byId("map-note").textContent = ""; draw(); });
+byId("map-layer").addEventListener("change", () => {
+  byId("map-note").textContent = "";
+  untilAnswered(async () => { await extent(); draw(); });
+});
 byId("map-frame").addEventListener("change", (event) => {
-  map.frame = event.target.value;
   map.placed = false;
-  untilAnswered(showLayers);
+  map.chosen = true;
+  untilAnswered(() => showFrame(event.target.value));
 });
 document.addEventListener("news", () => {
   if (!map.placed) untilAnswered(fit);
-  else for (const [path, image] of map.tiles) load(path, image);
+  else untilAnswered(async () => { await extent(); draw(); for (const [path, image] of map.tiles) load(path, image); });
 });
 window.addEventListener("resize", draw);
-untilAnswered(showLayers);
+untilAnswered(() => showFrame(map.frame));
