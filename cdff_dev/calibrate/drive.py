@@ -15,6 +15,7 @@ from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.registry import Registry
 from cdff_common.progress import Progress
 from cdff_core.runtime import Runner
+from cdff_dev.logs.names import is_anchor, is_fix
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.slam.methods import METHODS
@@ -57,6 +58,8 @@ def wheel_stream(log: LogSource, robot: str, chosen: str | None = None) -> str:
         and info.count
         and _is_of(name, robot)
         and "/truth." not in name
+        and not is_fix(name)
+        and not is_anchor(name)
     ]
     if chosen is not None:
         if chosen not in names:

@@ -7,8 +7,10 @@
       /kitti/truth.pose: {to: /truth/pose, message: geometry_msgs/msg/PoseStamped}
     frames:
       kitti/lidar: velodyne
+    anchors:
+      site: {lon_deg: 1.48, lat_deg: 43.56, height_m: 150.0, azimuth_deg: 0.0}
 
-``to`` is a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names
+``anchors`` are the locations of frames on the Earth, for positions as ``sensor_msgs/msg/NavSatFix``. ``to`` is a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names
 of ``default_topics``.
 """
 
@@ -24,9 +26,13 @@ from typing import Any
 import yaml
 
 from cdff_common.errors import InputError
+from cdff_common.geodesy import Anchor, body
+from cdff_dev.logs.names import is_anchor
 from cdff_dev.logs.source import StreamInfo
 
+_KEYS = {"streams", "frames", "anchors"}
 _STREAM_KEYS = {"to", "message"}
+_ANCHOR_KEYS = {"lon_deg", "lat_deg", "height_m", "azimuth_deg"}
 _ROS_NAME = re.compile(r"[^A-Za-z0-9_/]+")
 #: Units of the values of a type in logs of CDFF and of ROS; they are equal unless both are named.
 _UNITS = {
@@ -58,10 +64,13 @@ class LogMap:
         Targets by stream.
     frames : mapping
         Names in the new log by the frame in CDFF.
+    anchors : mapping
+        Locations of frames on the Earth.
     """
 
     streams: Mapping[str, StreamTarget] = field(default_factory=dict)
     frames: Mapping[str, str] = field(default_factory=dict)
+    anchors: Mapping[str, Anchor] = field(default_factory=dict)
 
     def frame(self, frame: str) -> str:
         """Return the name of a frame in the new log: without the robot, unless the map names it."""
@@ -84,7 +93,7 @@ def topic_map(streams: Mapping[str, StreamInfo], chosen: LogMap | None = None) -
     used = Counter(target.to for target in targets.values())
     if double := [topic for topic, count in used.items() if count > 1]:
         raise InputError(f"topic {double[0]} of several streams: name another with --map")
-    return LogMap(targets, chosen.frames)
+    return LogMap(targets, chosen.frames, chosen.anchors)
 
 
 def stream_map(streams: Mapping[str, StreamInfo], chosen: LogMap | None = None) -> LogMap:
@@ -92,24 +101,24 @@ def stream_map(streams: Mapping[str, StreamInfo], chosen: LogMap | None = None) 
     chosen = chosen or LogMap()
     _check_known(chosen, streams)
     targets = {name: chosen.streams.get(name, StreamTarget(name)) for name in streams}
-    return LogMap(targets, chosen.frames)
+    return LogMap(targets, chosen.frames, chosen.anchors)
 
 
 def default_topics(streams: Mapping[str, StreamInfo]) -> dict[str, str]:
     """Return a topic for each stream.
 
     ``/kitti/lidar.scan`` is on ``/lidar``, or on ``/kitti/lidar`` if the log has several robots, followed by
-    the port if the sensor has several streams. The topics of true values begin with ``/truth``.
+    the port if the sensor has several streams other than the location of its frame. The topics of true values begin with ``/truth``.
     """
     parts = {name: _parts(name) for name in streams}
     robots = {robot for robot, _, _ in parts.values()}
-    sensors = Counter((robot, sensor) for robot, sensor, _ in parts.values())
+    sensors = Counter((robot, sensor) for name, (robot, sensor, _) in parts.items() if not is_anchor(name))
     topics = {}
     for name, (robot, sensor, port) in parts.items():
         words = [sensor] if len(robots) == 1 else [robot, sensor]
         if sensor == "truth":
             words = ["truth", *words[:-1], port]
-        elif sensors[robot, sensor] > 1:
+        elif sensors[robot, sensor] > 1 or is_anchor(name):
             words.append(port)
         topics[name] = "/" + ros_name("/".join(words))
     return topics
@@ -137,11 +146,15 @@ def read_map(path: Path) -> LogMap:
         content = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"--map {path}: {error}") from error
-    if not isinstance(content, dict) or not content.keys() <= {"streams", "frames"}:
-        raise InputError(f"--map {path}: expected a mapping with streams and frames")
-    streams, frames = (_mapping(path, content, key) for key in ("streams", "frames"))
+    if not isinstance(content, dict) or not content.keys() <= _KEYS:
+        raise InputError(f"--map {path}: expected a mapping with streams, frames and anchors")
+    streams, frames, anchors = (_mapping(path, content, key) for key in ("streams", "frames", "anchors"))
     targets = {str(name): _target(path, str(name), entry) for name, entry in streams.items()}
-    return LogMap(targets, {str(frame): str(name) for frame, name in frames.items()})
+    return LogMap(
+        targets,
+        {str(frame): str(name) for frame, name in frames.items()},
+        {str(frame): _anchor(path, str(frame), entry) for frame, entry in anchors.items()},
+    )
 
 
 def _mapping(path: Path, content: dict[str, Any], key: str) -> dict[Any, Any]:
@@ -149,6 +162,17 @@ def _mapping(path: Path, content: dict[str, Any], key: str) -> dict[Any, Any]:
     if not isinstance(value, dict):
         raise InputError(f"--map {path}: {key}: {value!r}, expected a mapping")
     return value
+
+
+def _anchor(path: Path, frame: str, entry: Any) -> Anchor:
+    expected = "lon_deg and lat_deg, and optionally height_m and azimuth_deg"
+    if not isinstance(entry, dict) or not {"lon_deg", "lat_deg"} <= entry.keys() <= _ANCHOR_KEYS:
+        raise InputError(f"--map {path}: anchor of {frame}: {entry!r}, expected {expected}")
+    try:
+        numbers = {str(key): float(value) for key, value in entry.items()}
+    except (TypeError, ValueError) as error:
+        raise InputError(f"--map {path}: anchor of {frame}: {error}; expected numbers: {expected}") from error
+    return Anchor(body("earth"), **numbers)
 
 
 def _target(path: Path, name: str, entry: Any) -> StreamTarget:

@@ -8,6 +8,9 @@ import re
 from pathlib import Path
 
 _MAX_LENGTH = 64
+#: Last part of the streams of positions of satellite navigation, and of those that state the location of their
+#: local frame: of samples of one time, the location comes first.
+FIX_PORT, ANCHOR_PORT = "fix", "anchor"
 
 
 def robot_name(path: Path) -> str:
@@ -29,3 +32,13 @@ def name_of(text: str, default: str) -> str:
     """Return a text as a name of a profile: lower case, and underscores for everything else."""
     name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:_MAX_LENGTH]
     return name if name[:1].isalpha() else f"{default}_{name}"[:_MAX_LENGTH].rstrip("_")
+
+
+def is_fix(stream: str) -> bool:
+    """Return whether a stream holds positions of satellite navigation."""
+    return stream.endswith(f".{FIX_PORT}")
+
+
+def is_anchor(stream: str) -> bool:
+    """Return whether a stream states the location of a local frame on the Earth."""
+    return stream.endswith(f".{ANCHOR_PORT}")

@@ -60,12 +60,16 @@ class OriginalNames:
     mounts : dict
         Pose of the camera on the robot by stream of images: position, quaternion x, y, z, w, and covariance,
         as one list.
+    local_frames : dict
+        Local frame of a stream of positions in the new log: name there, longitude, latitude (degrees), height
+        above WGS 84 (metres) and azimuth (degrees), by the stream without robot.
     """
 
     robot: str = ""
     streams: dict[str, tuple[str, str]] = field(default_factory=dict)
     frames: dict[str, str] = field(default_factory=dict)
     mounts: dict[str, list[float]] = field(default_factory=dict)
+    local_frames: dict[str, tuple[str, float, float, float, float]] = field(default_factory=dict)
 
     def to_json(self) -> str:
         """Return the names as JSON."""
@@ -79,7 +83,11 @@ class OriginalNames:
             streams = {str(k): (str(v[0]), str(v[1])) for k, v in content["streams"].items()}
             frames = {str(k): str(v) for k, v in content["frames"].items()}
             mounts = {str(k): [float(x) for x in v] for k, v in content["mounts"].items()}
-            return cls(str(content["robot"]), streams, frames, mounts)
+            local_frames = {
+                str(k): (str(name), float(lon), float(lat), float(height), float(azimuth))
+                for k, (name, lon, lat, height, azimuth) in content.get("local_frames", {}).items()
+            }
+            return cls(str(content["robot"]), streams, frames, mounts, local_frames)
         except (ValueError, TypeError, LookupError, AttributeError):
             return None
 

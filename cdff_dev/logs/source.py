@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Header, Quality, product_id
+from cdff_dev.logs.names import is_anchor
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,11 +144,14 @@ def recorded_header(
 def only_stream(log: LogSource, type_names: Collection[str], stream: str | None, content: str) -> str:
     """Return the only stream with one of the types, or ``stream`` if given.
 
+    Streams that state the location of a local frame are only used if given.
+
     Raises InputError if there is no such stream, or several; ``content`` names the data in the message.
     """
     known = [name for name, info in log.streams.items() if info.type_name in type_names]
     if stream in known:
         return stream
+    known = [name for name in known if not is_anchor(name)]
     if stream is None and len(known) == 1:
         return known[0]
     fault = f"{len(known)} streams of {content}" if stream is None else f"no {content} in stream {stream!r}"

@@ -13,6 +13,7 @@ import numpy as np
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.names import is_anchor, is_fix
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.new.mounts import CameraMounts, edge_line
 
@@ -133,14 +134,14 @@ def robots_of_log(log: LogSource, path: str) -> list[RobotDraft]:
 
 
 def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
-    """Return the sensors of each robot, without true poses."""
+    """Return the sensors of each robot, without true poses and locations of frames."""
     streams: dict[tuple[str, str], dict[str, str]] = {}
     for stream, info in log.streams.items():
         try:
             robot, sensor, item = split_stream(stream)
         except InputError:  # a stream of no robot
             continue
-        if sensor != "truth" and not info.is_empty:
+        if sensor != "truth" and not info.is_empty and not is_anchor(stream):
             streams.setdefault((robot, sensor), {})[stream] = item
     robots: dict[str, list[SensorDraft]] = {}
     for (robot, sensor), items in streams.items():
@@ -149,8 +150,11 @@ def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
         duration_s = (info.t1_ns - info.t0_ns) * 1e-9
         rate_hz = (info.count - 1) / duration_s if duration_s > 0 else 0.0
         types = {item: log.streams[stream].type_name for stream, item in items.items()}
-        kind = _KINDS.get(info.type_name, "other")
-        if kind == "wheels":
+        kind = "other" if is_fix(first) else _KINDS.get(info.type_name, "other")
+        if is_fix(first):
+            frame = _child(log, first) or f"{robot}/base"
+            draft = SensorDraft(sensor, kind, frame, types, rate_hz)
+        elif kind == "wheels":
             draft = SensorDraft(sensor, kind, f"{robot}/base", types, rate_hz, child=_child(log, first))
         else:
             draft = SensorDraft(sensor, kind, _frame(log, first), types, rate_hz)

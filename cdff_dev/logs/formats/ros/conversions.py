@@ -17,8 +17,10 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import Asn1Bitstream, IMUSensors, Joints, JointState, Time, TransformWithCovariance
 from cdff_dev.logs.formats.ros.clouds import laser_scan, lidar_scan
+from cdff_dev.logs.formats.ros.fixes import FIX, local_frame_pose, position
 from cdff_dev.logs.formats.ros.images import frame
 from cdff_dev.logs.formats.ros.topics import Topic
+from cdff_dev.logs.names import ANCHOR_PORT, FIX_PORT
 
 #: Value, frame and child frame of a sample.
 Converted = tuple[Any, str, str | None]
@@ -135,6 +137,8 @@ def transform_matrix(transform: Any) -> FloatArray:
 _FRAME_TREE = Conversion(
     "TransformWithCovariance", "pose", _transform_stamped, has_header=False, split=_transforms
 )
+#: Pose of the local frame of positions, a second stream of their topic.
+LOCAL_FRAME_POSE = Conversion("TransformWithCovariance", ANCHOR_PORT, local_frame_pose)
 #: Message types of frame trees.
 FRAME_TREES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 #: Message type of calibrations, which become part of the images.
@@ -149,6 +153,7 @@ CONVERSIONS = {
     "geometry_msgs/msg/TransformStamped": Conversion("TransformWithCovariance", "pose", _transform_stamped),
     **dict.fromkeys(FRAME_TREES, _FRAME_TREE),
     "sensor_msgs/msg/JointState": Conversion("Joints", "joints", _joints),
+    FIX: Conversion("TransformWithCovariance", FIX_PORT, position),
     "infuse_msgs/msg/Asn1Bitstream": Conversion("Asn1Bitstream", "bitstream", _bitstream),
     "sensor_msgs/msg/PointCloud2": Conversion("LidarScan", "scan", lidar_scan),
     "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
@@ -157,6 +162,5 @@ CONVERSIONS = {
 }
 #: Reasons why message types with a known content have no stream.
 NO_CONVERSION = {
-    "sensor_msgs/msg/NavSatFix": "no CDFF type has geodetic positions",
     "nav_msgs/msg/Path": "no CDFF type has poses without times",
 }

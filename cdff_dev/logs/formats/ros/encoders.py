@@ -12,6 +12,7 @@ from cdff_common.codecs.bitstream import wrap
 from cdff_common.errors import InputError
 from cdff_common.types import IMUSensors, Joints, LidarScan, TransformWithCovariance
 from cdff_dev.logs.formats.ros.encoding import Encoded, Encoder, Target, single
+from cdff_dev.logs.formats.ros.fixes import FIX, fix_fields
 from cdff_dev.logs.formats.ros.image_encoders import depth_images, frame_images, pair_images
 from cdff_dev.logs.formats.ros.message_types import BITSTREAM, RosTypes
 
@@ -138,6 +139,19 @@ def transform_message(value: TransformWithCovariance, target: Target, types: Ros
     )
 
 
+def _fix(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+    """Return ``sensor_msgs/NavSatFix`` of a position in a frame with a known location on the Earth."""
+    if target.local_frame is None:
+        raise InputError(f"{target.topic}: the location of {value.parent_frame} on the Earth is not known")
+    message = types.make(
+        FIX.replace("/msg/", "/"),
+        header=types.header(stamp_ns, target.new_frame(value.child_frame)),
+        status=types.make("sensor_msgs/NavSatStatus", status=0, service=1),
+        **fix_fields(value, target.local_frame),
+    )
+    return single(FIX, message, target, stamp_ns)
+
+
 def _pose(value: TransformWithCovariance, types: RosTypes) -> Any:
     return types.make(
         "geometry_msgs/Pose",
@@ -175,6 +189,7 @@ ENCODERS: dict[str, dict[str, Encoder]] = {
         "geometry_msgs/msg/PoseStamped": _pose_stamped,
         "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
         "geometry_msgs/msg/TransformStamped": _transform_stamped,
+        FIX: _fix,
     },
     "Frame": {"sensor_msgs/msg/Image": frame_images},
     "FramePair": {"sensor_msgs/msg/Image": pair_images},

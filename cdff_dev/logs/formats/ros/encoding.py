@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from cdff_dev.logs.formats.ros.conversions import CONVERSIONS
+from cdff_dev.logs.formats.ros.fixes import LocalFrame
 from cdff_dev.logs.formats.ros.message_types import RosTypes
 from cdff_dev.logs.formats.ros.topics import Topic
 
@@ -60,6 +61,8 @@ class Target:
         Frames in CDFF by their names in the messages.
     cameras : dict
         First calibration of each camera of the stream, which the reader uses for all its images.
+    local_frame : LocalFrame, optional
+        Frame of the positions of the stream, by its name in the messages.
     """
 
     topic: str
@@ -68,6 +71,7 @@ class Target:
     new_frame: Callable[[str], str]
     frames: Mapping[str, str]
     cameras: dict[str, Any]
+    local_frame: LocalFrame | None = None
 
 
 Encoder = Callable[[Any, Target, RosTypes, int], Encoded]
@@ -87,7 +91,9 @@ class _WrittenTopic(Topic):
 def read_back(out: Outgoing, target: Target, stamp_ns: int, camera: Any = None) -> tuple[Any, str]:
     """Return the value that the reader makes of a message, with frames as in CDFF, and its stream."""
     conversion = CONVERSIONS[out.type_name]
-    topic = _WrittenTopic(out.topic, target.robot, conversion, camera, target.frames)
+    topic = _WrittenTopic(
+        out.topic, target.robot, conversion, camera, target.local_frame, frames=target.frames
+    )
     value = conversion.convert(out.message, topic, stamp_ns)[0]
     return value, topic.stream.removeprefix(f"/{target.robot}/")
 

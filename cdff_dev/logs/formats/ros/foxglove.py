@@ -127,6 +127,20 @@ def _transform(message: Any) -> Any:
     )
 
 
+def _fix(message: Any) -> Any:
+    """Return a position; the schema has no status. JSON may lack the covariance."""
+    covariance = np.array(getattr(message, "position_covariance", ()), np.float64)
+    return SimpleNamespace(
+        header=_header(message),
+        status=SimpleNamespace(status=0, service=0),
+        latitude=message.latitude,
+        longitude=message.longitude,
+        altitude=message.altitude,
+        position_covariance=covariance if covariance.size else np.zeros(9),
+        position_covariance_type=int(getattr(message, "position_covariance_type", 0)),
+    )
+
+
 def _one_transform(message: Any) -> Any:
     return SimpleNamespace(transforms=[_transform(message)])
 
@@ -151,6 +165,6 @@ FOXGLOVE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "foxglove.JointStates": ("sensor_msgs/msg/JointState", _joints),
     "foxglove.FrameTransform": ("tf2_msgs/msg/TFMessage", _one_transform),
     "foxglove.FrameTransforms": ("tf2_msgs/msg/TFMessage", _transforms),
-    "foxglove.LocationFix": ("sensor_msgs/msg/NavSatFix", _same),
+    "foxglove.LocationFix": ("sensor_msgs/msg/NavSatFix", _fix),
     "foxglove.PosesInFrame": ("nav_msgs/msg/Path", _same),
 }

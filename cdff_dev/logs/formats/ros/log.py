@@ -8,6 +8,7 @@ import heapq
 import logging
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,9 +20,11 @@ from cdff_dev.logs.formats.ros.conversions import (
     CAMERA_INFO,
     CONVERSIONS,
     FRAME_TREES,
+    LOCAL_FRAME_POSE,
     NO_CONVERSION,
     transform_matrix,
 )
+from cdff_dev.logs.formats.ros.fixes import FIX, LocalFrame, has_covariance, no_position
 from cdff_dev.logs.formats.ros.pairs import PairAssembly
 from cdff_dev.logs.formats.ros.recording import (
     PARSER_ERRORS,
@@ -74,6 +77,9 @@ class RosLog(LogSource):
     recording : Recording
     robot : str
         Robot id of the streams.
+    local_frames : mapping, optional
+        Local frames of positions of satellite navigation by their stream without the robot. By default the
+        origin is the first position of the recording.
 
     Raises
     ------
@@ -81,8 +87,11 @@ class RosLog(LogSource):
         If a message cannot be decoded.
     """
 
-    def __init__(self, recording: Recording, robot: str) -> None:
+    def __init__(
+        self, recording: Recording, robot: str, local_frames: Mapping[str, LocalFrame] | None = None
+    ) -> None:
         self._recording = recording
+        self._local_frames = local_frames or {}
         self._split_streams: dict[str, set[str]] = {}
         try:
             self._topics = self._converted_topics(robot)
@@ -114,14 +123,30 @@ class RosLog(LogSource):
 
     def _converted_topics(self, robot: str) -> dict[int, Topic]:
         """Return the topics whose message type has a conversion, by the identity of their channel."""
-        cameras = self._cameras()
+        cameras, local_frame = self._cameras(), self._first_position()
         topics = {}
         for channel in self._recording.channels:
             conversion = None if channel.fault else CONVERSIONS.get(channel.type_name)
             if conversion:
                 camera = cameras.get(namespace(channel.topic))
-                topics[id(channel)] = Topic(channel.topic, robot, conversion, camera)
+                topic = Topic(channel.topic, robot, conversion, camera)
+                if channel.type_name == FIX:
+                    stated = self._local_frames.get(topic.stream.removeprefix(f"/{robot}/"))
+                    topic = replace(topic, local_frame=stated or local_frame)
+                topics[id(channel)] = topic
         return topics
+
+    def _first_position(self) -> LocalFrame | None:
+        """Return the local frame at the first position of the recording; None without a position."""
+        channels = [c for c in self._recording.channels if c.type_name == FIX and not c.fault]
+        for channel, _, raw in self._recording.messages(channels) if channels else ():
+            try:
+                message = self._recording.decode(channel, raw)
+            except CodecError:
+                continue
+            if not no_position(message):
+                return LocalFrame.at(message)
+        return None
 
     def _cameras(self) -> dict[str, Any]:
         """Return the first calibration of each camera by the namespace of its topic."""
@@ -185,7 +210,9 @@ class RosLog(LogSource):
 
     def _index(self) -> None:
         """Read the stamps of all messages that are converted, in the order of recording."""
-        parts = [(part.stream, part.stamp_ns, part.source) for part in self._single_parts(None)]
+        parts = [
+            (part.stream, part.stamp_ns, part.source) for part in self._single_parts(None, is_first=True)
+        ]
         names = np.array([name for name, _, _ in parts], dtype=object)
         stamps_ns = np.array([stamp for _, stamp, _ in parts], dtype=np.int64)
         types = {name: topic.conversion.type_name for name, _, topic in parts if isinstance(topic, Topic)}
@@ -201,22 +228,28 @@ class RosLog(LogSource):
             if name not in self._pairs.replaced and len(times):
                 self._streams[name] = StreamInfo(type_name, len(times), int(times.min()), int(times.max()))
 
-    def _single_parts(self, streams: Collection[str] | None) -> Iterator[_Part]:
-        """Yield the samples of some or all streams, without pairs, in the order of recording."""
+    def _single_parts(self, streams: Collection[str] | None, *, is_first: bool = False) -> Iterator[_Part]:
+        """Yield the samples of some or all streams, without pairs, in the order of recording.
+
+        Messages without a sample are listed the first time.
+        """
         channels = [c for c in self._recording.channels if self._has_streams(c, streams)]
         for channel, recorded_ns, raw in self._recording.messages(channels):
             try:
-                parts = self._parts_of(channel, recorded_ns, raw)
+                parts = self._parts_of(channel, recorded_ns, raw, is_first=is_first)
             except (*PARSER_ERRORS, InputError) as error:
-                self._leave_out(channel.topic, error)
+                if is_first:
+                    self._leave_out(channel.topic, error)
                 continue
             for part in parts:
                 if streams is None or part.stream in streams:
                     yield part
 
-    def _parts_of(self, channel: Channel, recorded_ns: int, raw: Encoded) -> list[_Part]:
+    def _parts_of(self, channel: Channel, recorded_ns: int, raw: Encoded, *, is_first: bool) -> list[_Part]:
         """Return the samples of a message, which may be several of different streams."""
         topic = self._topics[id(channel)]
+        if channel.type_name == FIX:
+            return self._positions_of(channel, topic, recorded_ns, raw, is_first=is_first)
         if topic.conversion.split is None:
             stamp_ns = self._stamp_ns(channel, topic, recorded_ns, raw)
             return [_Part(topic.stream, stamp_ns, topic, _EncodedMessage(channel, raw))]
@@ -227,18 +260,41 @@ class RosLog(LogSource):
             for message in topic.conversion.split(self._recording.decode(channel, raw))
         ]
 
+    def _positions_of(
+        self, channel: Channel, topic: Topic, recorded_ns: int, raw: Encoded, *, is_first: bool
+    ) -> list[_Part]:
+        """Return the position of a message, and the pose of its local frame at the same time."""
+        message = self._recording.decode(channel, raw)
+        reason, type_name = no_position(message), channel.original_type or channel.type_name
+        if is_first and reason:
+            self._list(f"messages of {topic.name} {reason}", type_name, "they have no position")
+        elif is_first and not has_covariance(message):
+            name = f"messages of {topic.name} without a covariance"
+            self._list(name, type_name, "their positions are converted; its elements are NaN")
+        if reason:
+            return []
+        stamp_ns = _rounded(_header_ns(message.header) or recorded_ns)
+        return [_Part(part.stream, stamp_ns, part, message) for part in (_anchor_of(topic), topic)]
+
     def _leave_out(self, topic: str, error: Exception) -> None:
         """List and log a message whose stamp cannot be read."""
         name = f"damaged messages of {topic}"
         if name not in self._unconverted:
             _log.warning("%s: %s: a damaged message is left out: %s", self._recording.name, topic, error)
-            self._unconverted[name] = Unconverted("damaged message", 1, f"the first: {error}")
+        self._list(name, "damaged message", f"the first: {error}")
+
+    def _list(self, name: str, type_name: str, reason: str) -> None:
+        """Add a message to those of which something has no stream; the first reason is listed."""
+        known = self._unconverted.get(name, Unconverted(type_name, 0, reason))
+        self._unconverted[name] = replace(known, count=known.count + 1)
 
     def _has_streams(self, channel: Channel, streams: Collection[str] | None) -> bool:
         """Return whether a channel can have samples of the streams, of which None are all."""
         topic = self._topics.get(id(channel))
         if topic is None or streams is None:
             return topic is not None
+        if topic.local_frame is not None:
+            return not {topic.stream, _anchor_of(topic).stream}.isdisjoint(streams)
         if topic.conversion.split is None:
             return topic.stream in streams
         return not self._split_streams.get(topic.name, set()).isdisjoint(streams)
@@ -325,6 +381,11 @@ class RosLog(LogSource):
             raise CodecError(f"{self._recording.name}: {name} message {seq}: {error}") from error
         header = recorded_header(name, seq, stamp_ns, frame=frame, child=child)
         return LogSample(name, source.type_name, stamp_ns, seq, value, header)
+
+
+def _anchor_of(topic: Topic) -> Topic:
+    """Return the topic of the pose of the local frame of positions."""
+    return replace(topic, conversion=LOCAL_FRAME_POSE)
 
 
 def _header_ns(header: Any) -> int:

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from cdff_common.errors import CodecError
+from cdff_common.errors import CodecError, InputError
+from cdff_dev.logs.formats.ros.fixes import LocalFrame
 from cdff_dev.logs.formats.ros.log import RosLog
 from cdff_dev.logs.formats.ros.recording import Recording
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, RestoredLog
@@ -25,9 +26,14 @@ def open_recording(recording: Recording, robot: str) -> LogSource:
     CodecError
         If a message cannot be decoded.
     """
-    log = RosLog(recording, robot)
     names = _original_names(recording)
-    return log if names is None else RestoredLog(log, names)
+    if names is None:
+        return RosLog(recording, robot)
+    try:
+        local_frames = {stream: LocalFrame.from_row(row) for stream, row in names.local_frames.items()}
+    except InputError:  # of a damaged file
+        local_frames = {}
+    return RestoredLog(RosLog(recording, robot, local_frames), names)
 
 
 def _original_names(recording: Recording) -> OriginalNames | None:

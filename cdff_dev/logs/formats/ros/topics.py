@@ -11,6 +11,7 @@ from cdff_dev.logs.names import frame_name, name_of, stream_name
 
 if TYPE_CHECKING:
     from cdff_dev.logs.formats.ros.conversions import Conversion
+    from cdff_dev.logs.formats.ros.fixes import LocalFrame
 
 #: Last names of topics that ``image_transport`` adds to those of images.
 _TRANSPORTS = ("compressed", "compressedDepth")
@@ -29,12 +30,15 @@ class Topic:
     conversion : Conversion
     camera : Any
         ``CameraInfo`` of the same namespace; None without one.
+    local_frame : LocalFrame, optional
+        Frame of the positions of satellite navigation; None for other topics.
     """
 
     name: str
     robot: str
     conversion: Conversion
     camera: Any = None
+    local_frame: LocalFrame | None = None
 
     @property
     def type_name(self) -> str:

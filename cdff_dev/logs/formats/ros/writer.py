@@ -9,15 +9,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder, storage_errors
+from cdff_common.types import TransformWithCovariance
 from cdff_dev.logs.differences import ROUNDING, differing_fields
 from cdff_dev.logs.formats.ros.encoders import bitstream, encoder, transform_message
 from cdff_dev.logs.formats.ros.encoding import Encoded, Encoder, Outgoing, Target
+from cdff_dev.logs.formats.ros.fixes import EARTH, FIX, LocalFrame, is_position
 from cdff_dev.logs.formats.ros.storage import Bag1Storage, Bag2Storage, McapStorage, MessageStorage
 from cdff_dev.logs.mapping import LogMap
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, mount_row, with_mount
@@ -68,6 +72,7 @@ class RosWriter(LogSink):
         self._keys: dict[tuple[str, str], Any] = {}
         self._frames: dict[str, str] = {}
         self._parents: dict[str, str] = {}
+        self._anchors = dict(mapping.anchors)
         self._losses: Counter[Loss] = Counter()
         self._last_ns = 0
         self._closed = False
@@ -91,8 +96,9 @@ class RosWriter(LogSink):
         """
         type_name = type(value).ASN1_NAME
         if stream not in self._targets:
-            self._targets[stream] = self._target(stream, type_name, header)
+            self._targets[stream] = self._target(stream, value, header)
         target, encode = self._targets[stream]
+        self._note_anchor(value)
         try:
             encoded = self._encoded(stream, encode, value, target, stamp_ns)
         except (InputError, CodecError, ValueError, OverflowError) as error:
@@ -102,6 +108,8 @@ class RosWriter(LogSink):
             raise InputError(
                 f"{self._name}: {stream} and another stream would both be read as {encoded.read_as}"
             )
+        if encoded.messages and encoded.messages[0].type_name == FIX and target.local_frame is not None:
+            self._names.local_frames[encoded.read_as] = target.local_frame.row
         if (mount := mount_row(value)) is not None:
             self._names.mounts.setdefault(stream, mount)
         with storage_errors(self._name):
@@ -121,7 +129,16 @@ class RosWriter(LogSink):
             self._targets[stream] = (target, bitstream)
             return bitstream(value, target, self._storage.types, stamp_ns)
 
-    def _target(self, stream: str, type_name: str, header: Header | None) -> tuple[Target, Encoder]:
+    def _note_anchor(self, value: Any) -> None:
+        """Keep the location of a frame whose pose on the Earth a sample states."""
+        if not isinstance(value, TransformWithCovariance) or value.parent_frame != EARTH:
+            return
+        with suppress(InputError):  # a frame that is not level has no messages of positions
+            frame = value.child_frame
+            located = LocalFrame.of_transform(self._new_frame(frame), value.transform.matrix)
+            self._anchors.setdefault(frame, located.anchor)
+
+    def _target(self, stream: str, value: Any, header: Header | None) -> tuple[Target, Encoder]:
         if stream not in self._mapping.streams:
             raise InputError(
                 f"{self._name}: stream {stream} has no topic; the map has {len(self._mapping.streams)}"
@@ -131,7 +148,18 @@ class RosWriter(LogSink):
         self._names.robot = self._names.robot or robot
         frame = header.frame if header is not None else stream.removeprefix("/").rpartition(".")[0]
         target = Target(chosen.to, robot, frame, self._new_frame, self._names.frames, {})
-        return target, encoder(type_name, chosen.message)
+        message = chosen.message
+        if isinstance(value, TransformWithCovariance) and value.parent_frame in self._anchors:
+            if message == FIX or (not message and is_position(value)):
+                frame_id = self._new_frame(value.parent_frame)
+                target = replace(target, local_frame=LocalFrame(frame_id, self._anchors[value.parent_frame]))
+                message = FIX
+        elif message == FIX:
+            raise InputError(
+                f"--map: {FIX} for {stream}: the location of its frame {value.parent_frame!r} is not known; "
+                "expected an entry under anchors"
+            )
+        return target, encoder(type(value).ASN1_NAME, message)
 
     def _new_frame(self, frame: str) -> str:
         """Return the name of a frame in the messages, which no other frame has."""
@@ -147,7 +175,9 @@ class RosWriter(LogSink):
         """Return the message of the frame tree for a pose that is not a true one."""
         if type(value).ASN1_NAME != "TransformWithCovariance" or target.topic.startswith("/truth"):
             return []
-        if not value.is_set or self._parents.setdefault(value.child_frame, stream) != stream:
+        if not value.is_set or is_position(value):
+            return []
+        if self._parents.setdefault(value.child_frame, stream) != stream:
             return []
         types = self._storage.types
         transforms = [transform_message(value, target, types, stamp_ns)]

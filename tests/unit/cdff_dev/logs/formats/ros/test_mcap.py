@@ -157,7 +157,7 @@ def test_json_messages_of_foxglove_are_converted(tmp_path: Path) -> None:
     with open_log(write_mcap(tmp_path / "rover.mcap", content)) as log:
         values = {s.stream: s.value for s in log.samples()}
         assert {name: item.type_name for name, item in log.unconverted.items()} == {
-            "/fix": "foxglove.LocationFix",
+            "messages of /fix without a covariance": "foxglove.LocationFix",
             "/other": "mine.Thing",
         }
     np.testing.assert_allclose(values["/rover/pose.pose"].transform.matrix[:3, 3], [1.0, 2.0, 3.0])
@@ -165,6 +165,26 @@ def test_json_messages_of_foxglove_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         values["/rover/laser.scan"].points_m, [[2.0, 2.0, 3.0], [1.0, 4.0, 3.0]], atol=1e-6
     )
+
+
+def test_locations_in_protobuf_are_positions(tmp_path: Path) -> None:
+    location = messages.LocationFix(
+        timestamp=messages.Timestamp(*stamp(2)),
+        frame_id="gps",
+        latitude=1.0,
+        longitude=2.0,
+        altitude=3.0,
+        position_covariance=list(np.diag([4.0, 5.0, 6.0]).ravel()),
+        position_covariance_type=messages.LocationFixPositionCovarianceType.DiagonalKnown,
+    )
+    schema = messages.LocationFix.get_schema()
+    content = [("/fix", "protobuf", "protobuf", schema.name, schema.data, location.encode(), START_NS)]
+    with open_log(write_mcap(tmp_path / "rover.mcap", content)) as log:
+        assert log.unconverted == {}
+        (sample,) = log.samples(["/rover/fix.fix"])
+    assert sample.stamp_ns == START_NS + 2 * PERIOD_NS
+    np.testing.assert_allclose(np.diag(sample.value.transform.covariance)[:3], [4.0, 5.0, 6.0])
+    assert sample.value.child_frame == "rover/gps"
 
 
 def test_channels_that_cannot_be_decoded_are_named_with_the_reason(tmp_path: Path) -> None:
