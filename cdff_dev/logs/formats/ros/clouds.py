@@ -60,6 +60,12 @@ def lidar_scan(message: Any, topic: Topic, stamp_ns: int) -> tuple[LidarScan, st
     return scan, name, None
 
 
+def unused_fields(message: Any) -> tuple[str, ...]:
+    """Return the fields of a cloud that a sweep does not have, such as the colour ``rgb``."""
+    used = {"x", "y", "z", "ring", *_INTENSITY_FIELDS, *_TIME_FIELDS}
+    return tuple(field.name for field in message.fields if field.name not in used)
+
+
 def laser_scan(message: Any, topic: Topic, stamp_ns: int) -> tuple[LidarScan, str, None]:
     """Return the points of a planar scan within its limits of range, with their times.
 

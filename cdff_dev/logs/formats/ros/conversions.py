@@ -143,6 +143,8 @@ LOCAL_FRAME_POSE = Conversion("TransformWithCovariance", ANCHOR_PORT, local_fram
 FRAME_TREES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 #: Message type of calibrations, which become part of the images.
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+#: Message type of clouds, whose fields differ.
+CLOUD = "sensor_msgs/msg/PointCloud2"
 CONVERSIONS = {
     "sensor_msgs/msg/Imu": Conversion("IMUSensors", "imu", _imu),
     "nav_msgs/msg/Odometry": Conversion("TransformWithCovariance", "pose", _odometry),
@@ -155,10 +157,16 @@ CONVERSIONS = {
     "sensor_msgs/msg/JointState": Conversion("Joints", "joints", _joints),
     FIX: Conversion("TransformWithCovariance", FIX_PORT, position),
     "infuse_msgs/msg/Asn1Bitstream": Conversion("Asn1Bitstream", "bitstream", _bitstream),
-    "sensor_msgs/msg/PointCloud2": Conversion("LidarScan", "scan", lidar_scan),
+    CLOUD: Conversion("LidarScan", "scan", lidar_scan),
     "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
     "sensor_msgs/msg/Image": Conversion("Frame", "frame", frame),
     "sensor_msgs/msg/CompressedImage": Conversion("Frame", "frame", frame),
+}
+#: Fields of the other message types that no CDFF field has.
+OMITTED_FIELDS = {
+    "sensor_msgs/msg/Imu": ("orientation", "covariances"),
+    "nav_msgs/msg/Odometry": ("twist",),
+    FIX: ("status", "position_covariance_type"),
 }
 #: Reasons why message types with a known content have no stream.
 NO_CONVERSION = {

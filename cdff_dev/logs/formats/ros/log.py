@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.formats.ros.clouds import unused_fields
 from cdff_dev.logs.formats.ros.conversions import (
     CAMERA_INFO,
+    CLOUD,
     CONVERSIONS,
     FRAME_TREES,
     LOCAL_FRAME_POSE,
     NO_CONVERSION,
+    OMITTED_FIELDS,
     transform_matrix,
 )
 from cdff_dev.logs.formats.ros.fixes import FIX, LocalFrame, has_covariance, no_position
@@ -79,7 +82,8 @@ class RosLog(LogSource):
         Robot id of the streams.
     local_frames : mapping, optional
         Local frames of positions of satellite navigation by their stream without the robot. By default the
-        origin is the first position of the recording.
+        origin is the first position of the recording. A recording with local frames was written by CDFF: its
+        messages have no field without a place in CDFF.
 
     Raises
     ------
@@ -96,6 +100,8 @@ class RosLog(LogSource):
         try:
             self._topics = self._converted_topics(robot)
             self._unconverted = self._other_topics()
+            if local_frames is None:
+                self._unconverted |= self._other_fields()
             self._pairs = PairAssembly(self._stereo_cameras())
             self._index()
         except BaseException:
@@ -175,6 +181,22 @@ class RosLog(LogSource):
                 reason = channel.fault or NO_CONVERSION.get(channel.type_name, "no CDFF type has its content")
                 type_name = channel.original_type or channel.type_name
                 found[channel.topic] = Unconverted(type_name, count, reason)
+        return found
+
+    def _other_fields(self) -> dict[str, Unconverted]:
+        """Return the fields of converted messages that no CDFF field has, by topic."""
+        converted = [c for c in self._recording.channels if id(c) in self._topics and c.count]
+        clouds = self._first_messages([c for c in converted if c.type_name == CLOUD])
+        found: dict[str, Unconverted] = {}
+        for channel in converted:
+            fields = () if channel.original_type else OMITTED_FIELDS.get(channel.type_name, ())
+            if channel.topic in clouds:
+                fields = unused_fields(clouds[channel.topic])
+            if fields:
+                name = f"{channel.topic}: {', '.join(fields)}"
+                count = channel.count + (found[name].count if name in found else 0)
+                type_name = channel.original_type or channel.type_name
+                found[name] = Unconverted(type_name, count, "no CDFF field has it")
         return found
 
     def _stereo_cameras(self) -> list[StereoTopics]:

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Writer as Writer2
 
 from cdff_common.errors import CodecError
 from cdff_dev.logs import open_log
-from cdff_dev.logs.source import LogSource
+from cdff_dev.logs.source import LogSource, Unconverted
 from tests.unit.cdff_dev.logs.formats.ros.test_log import PERIOD_NS, ROS1, ROS2, START_NS, imu, write_ros2
 
 _COUNT = 60
@@ -54,6 +54,11 @@ def _index_position(content: bytes | bytearray) -> int:
     return int.from_bytes(content[at : at + 8], "little")
 
 
+def _damage(log: LogSource) -> dict[str, Unconverted]:
+    """Return what is listed apart from the fields of inertial samples that CDFF lacks."""
+    return {name: item for name, item in log.unconverted.items() if not name.startswith("/imu: ")}
+
+
 def _stamps(log: LogSource) -> list[int]:
     """The stamps of the samples, which are those that the index states."""
     stamps = [sample.stamp_ns for sample in log.samples()]
@@ -79,7 +84,7 @@ def test_a_truncated_ros_1_bag_is_read_up_to_its_end(
         stamps = _stamps(log)
         assert stamps == _expected(len(stamps))
         assert 0.5 * fraction * _COUNT < len(stamps) < _COUNT
-        assert [item.type_name for item in log.unconverted.values()] == ["damaged part"]
+        assert [item.type_name for item in _damage(log).values()] == ["damaged part"]
     assert len(caplog.records) == 1
     assert "rover.bag: byte" in caplog.text
     assert "the file ends" in caplog.text
@@ -95,7 +100,7 @@ def test_a_ros_1_bag_without_its_index_is_read_whole(compression: str | None, tm
     path.write_bytes(content[:index_at])
     with open_log(path) as log:
         assert _stamps(log) == _expected(_COUNT)
-        (end,) = log.unconverted.items()
+        (end,) = _damage(log).items()
     assert end[0] == f"byte {index_at}"
     assert "the recording was not completed" in end[1].reason
 
@@ -134,7 +139,7 @@ def test_a_truncated_database_is_read_as_far_as_its_pages(
         stamps = _stamps(log)
         assert set(stamps) < set(_expected(_COUNT))
         assert len(stamps) > _COUNT // 3
-        ((name, end),) = log.unconverted.items()
+        ((name, end),) = _damage(log).items()
     assert name == f"byte {len(content) * 8 // 10}"
     assert f"of {len(content)} bytes" in end.reason
     assert f"rover.db3: {name}" in caplog.text

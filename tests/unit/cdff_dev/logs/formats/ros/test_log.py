@@ -139,7 +139,31 @@ def test_values_are_converted_with_frames_and_covariance(bag: Path) -> None:
 def test_topics_without_a_conversion_are_listed_with_their_number(bag: Path) -> None:
     with closing(open_log(bag)) as log:
         assert [(name, item.type_name, item.count) for name, item in log.unconverted.items()] == [
-            ("/chatter", "std_msgs/msg/String", 1)
+            ("/chatter", "std_msgs/msg/String", 1),
+            ("/imu/data: orientation, covariances", "sensor_msgs/msg/Imu", 3),
+            ("/odom: twist", "nav_msgs/msg/Odometry", 3),
+        ]
+
+
+def test_fields_of_clouds_without_a_place_are_listed(tmp_path: Path) -> None:
+    field, types = ROS1.types["sensor_msgs/msg/PointField"], ROS1.types
+    names = ("x", "y", "z", "intensity", "rgb", "normal_x")
+    cloud = types["sensor_msgs/msg/PointCloud2"](
+        header=header(ROS1, START_NS),
+        height=1,
+        width=2,
+        fields=[field(name, 4 * i, 7, 1) for i, name in enumerate(names)],
+        is_bigendian=False,
+        point_step=24,
+        row_step=48,
+        data=np.zeros(48, np.uint8),
+        is_dense=True,
+    )
+    kind = "sensor_msgs/msg/PointCloud2"
+    bag = write_ros1(tmp_path / "rover", [("/points", kind, START_NS + k, cloud) for k in range(2)])
+    with closing(open_log(bag)) as log:
+        assert [(name, item.type_name, item.count) for name, item in log.unconverted.items()] == [
+            ("/points: rgb, normal_x", kind, 2)
         ]
 
 
