@@ -190,6 +190,8 @@ class SensorMonitor:
         if type_name == "IMUSensors":
             return InertialSource(name, R, self.limits)
         if type_name == "TransformWithCovariance":
+            if _is_position(sample.value):
+                return None
             is_fused = getattr(sample.value, "parent_frame", "") == _SITE
             is_planar = frame == base and not is_fused
             return PoseSource(sample.port if is_fused else name, R, is_planar=is_planar, is_fused=is_fused)
@@ -333,3 +335,10 @@ def _sensor_of(
     names = [name for name, entry in sensors.items() if entry.get("frame") == frame]
     with_type = [name for name in names if type_name in _streams_of(sensors[name])]
     return next(iter(with_type if strict else (*with_type, *names)), "")
+
+
+def _is_position(value: Any) -> bool:
+    """Return whether a pose states that only its position is estimated, as those of satellite navigation."""
+    metadata = getattr(value, "metadata", None)
+    estimated = np.asarray(getattr(metadata, "data_estimated", ()), dtype=bool)
+    return len(estimated) == 7 and bool(estimated[:3].all()) and not estimated[3:].any()

@@ -13,6 +13,7 @@ from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.profile_checks.faults import Severity, nearest_frame, nearest_name, one_of
 from cdff_common.interfaces.sensor_profile import Sensor
 from cdff_dev.logs.information import StreamReport
+from cdff_dev.logs.names import is_anchor
 from cdff_dev.logs.source import split_stream
 from cdff_dev.logs.timing import Timing
 
@@ -118,7 +119,7 @@ def _frame_findings(
     name: str, sensor: Sensor, report: StreamReport, frames: set[str]
 ) -> Iterator[StreamFinding]:
     frame = report.frame if sensor.kind != "wheels" else report.child
-    if not frame or frame == sensor.frame:
+    if not frame or sensor.frame in (frame, report.child):
         return
     if frame not in frames:
         nearest = nearest_frame(frame, frames)
@@ -157,7 +158,7 @@ def _unknown_streams(profile: Profile, reports: dict[str, StreamReport]) -> Iter
     robots = {robot.id: robot for robot in profile.robots}
     for name, (robot_id, sensor, stream) in _parts(reports).items():
         robot = robots.get(robot_id)
-        if robot is None or sensor == _TRUTH or sensor in {entry.name for entry in robot.dfpcs}:
+        if robot is None or sensor == _TRUTH or is_anchor(name) or sensor in {entry.name for entry in robot.dfpcs}:
             continue
         if sensor not in robot.sensors or stream not in robot.sensors[sensor].streams:
             yield StreamFinding(name, "is in the log, but not in the profile", "warning")

@@ -136,6 +136,7 @@ def _drafts(args: argparse.Namespace) -> tuple[list[RobotDraft], str, str]:
     """Return the robots, the body, and the name of the profile."""
     import re
 
+    from cdff_dev.logs.names import is_anchor
     from cdff_dev.logs.opened import opened
     from cdff_dev.new.profile import robots_of_log
     from cdff_dev.new.questions import ask_robot
@@ -145,7 +146,8 @@ def _drafts(args: argparse.Namespace) -> tuple[list[RobotDraft], str, str]:
         return [robot], body, robot.id
     stem = re.sub(r"[^a-z0-9_]+", "_", Path(args.name).resolve().stem.lower()).strip("_") or "robot"
     with opened(args.name) as log:
-        return robots_of_log(log, args.name), "mars", stem
+        body = "earth" if any(map(is_anchor, log.streams)) else "mars"
+        return robots_of_log(log, args.name), body, stem
 
 
 def _with_imports(args: argparse.Namespace, robot: RobotDraft, out: Path) -> RobotDraft:

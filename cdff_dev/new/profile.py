@@ -59,6 +59,8 @@ class SensorDraft:
         Pose in the base; None: to be entered.
     child : str
         Frame whose poses a wheel sensor measures; empty for the base.
+    local_frame : str
+        Frame in which satellite navigation measures positions; empty for other sensors.
     """
 
     name: str
@@ -68,6 +70,7 @@ class SensorDraft:
     rate_hz: float
     mount: FloatArray | None = None
     child: str = ""
+    local_frame: str = ""
 
     @property
     def source(self) -> str:
@@ -153,7 +156,7 @@ def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
         kind = "other" if is_fix(first) else _KINDS.get(info.type_name, "other")
         if is_fix(first):
             frame = _child(log, first) or f"{robot}/base"
-            draft = SensorDraft(sensor, kind, frame, types, rate_hz)
+            draft = SensorDraft(sensor, kind, frame, types, rate_hz, local_frame=_frame(log, first))
         elif kind == "wheels":
             draft = SensorDraft(sensor, kind, f"{robot}/base", types, rate_hz, child=_child(log, first))
         else:
@@ -187,6 +190,8 @@ def _robot_lines(robot: RobotDraft) -> Iterator[str]:
     yield "    frames:"
     yield "      # The start: enter its position and heading if the site is known."
     yield f"      - {{parent: site, child: {robot.id}/odom}}"
+    for frame in sorted({s.local_frame for s in robot.sensors if s.local_frame}):
+        yield f"      - {{parent: site, child: {frame}}}  # east, north, up at the first position"
     edges = list(_edges(robot))
     if any(T is None for _, _, T, _ in edges):
         yield "      # Enter the mounts: position in the base (x forward, y left, z up) and rotation."

@@ -44,6 +44,19 @@ def test_a_profile_has_the_sensors_and_dfpcs_of_a_log(
     assert "Enter the mounts" in out.read_text(encoding="utf-8")
 
 
+def test_satellite_navigation_has_a_local_frame_and_is_no_wheel_sensor(
+    real_data: Callable[[str], Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "robot.yaml"
+    assert new_profile(real_data("rosbags/husky_first_150s.bag"), out) == 0
+    profile = load_profile(out)
+    (robot,) = profile.robots
+    assert profile.body.name == "earth"
+    assert robot.sensors["fix"].kind == "other"
+    assert f"{robot.id}/enu" in robot.frame_graph().frames
+    assert not any("anchor" in name for name in robot.sensors)
+
+
 def test_an_existing_file_is_not_replaced(
     real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cdff_common.geometry import se3
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.registry import Registry
+from cdff_common.types import TransformWithCovariance
 from cdff_core.consistency.finding import Finding
 from cdff_core.consistency.monitor import SensorMonitor
 from tests.support.sensor_drive import MOUNTS, T0, Drive, context
@@ -145,3 +147,19 @@ def test_a_finding_ends_when_the_sensors_agree_again() -> None:
     monitor.reset()
     assert not monitor.findings
     assert monitor.history  # remains for the summary of a replay
+
+
+def test_positions_without_a_measured_orientation_are_no_rotation() -> None:
+    monitor = SensorMonitor(context(), Registry.default().dfpc("position_manager").input_ports)
+    for sample in Drive(duration_s=20.0).samples("imu", "odometry", "visual_odometry"):
+        if sample.port == "visual_odometry":
+            T = se3.transform(np.eye(3), sample.value.transform.matrix[:3, 3])
+            position = TransformWithCovariance.from_transform(
+                UncertainTransform.exact(T), parent="mana/enu", child="mana/navcam_left", stamp_ns=T0
+            )
+            estimated = np.array([True] * 3 + [False] * 4)
+            metadata = replace(position.metadata, data_estimated=estimated)
+            sample = replace(sample, value=replace(position, metadata=metadata))
+        monitor.add(sample)
+    assert set(monitor.sources) == {"imu", "wheels"}
+    assert not monitor.history
