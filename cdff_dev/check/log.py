@@ -158,7 +158,12 @@ def _unknown_streams(profile: Profile, reports: dict[str, StreamReport]) -> Iter
     robots = {robot.id: robot for robot in profile.robots}
     for name, (robot_id, sensor, stream) in _parts(reports).items():
         robot = robots.get(robot_id)
-        if robot is None or sensor == _TRUTH or is_anchor(name) or sensor in {entry.name for entry in robot.dfpcs}:
+        if (
+            robot is None
+            or sensor == _TRUTH
+            or is_anchor(name)
+            or sensor in {entry.name for entry in robot.dfpcs}
+        ):
             continue
         if sensor not in robot.sensors or stream not in robot.sensors[sensor].streams:
             yield StreamFinding(name, "is in the log, but not in the profile", "warning")

@@ -10,8 +10,9 @@
     anchors:
       site: {lon_deg: 1.48, lat_deg: 43.56, height_m: 150.0, azimuth_deg: 0.0}
 
-``anchors`` are the locations of frames on the Earth, for positions as ``sensor_msgs/msg/NavSatFix``. ``to`` is a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names
-of ``default_topics``.
+``anchors`` are the locations of frames on the Earth, for positions as ``sensor_msgs/msg/NavSatFix``. ``to`` is
+a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names of
+``default_topics``.
 """
 
 from __future__ import annotations
@@ -108,7 +109,8 @@ def default_topics(streams: Mapping[str, StreamInfo]) -> dict[str, str]:
     """Return a topic for each stream.
 
     ``/kitti/lidar.scan`` is on ``/lidar``, or on ``/kitti/lidar`` if the log has several robots, followed by
-    the port if the sensor has several streams other than the location of its frame. The topics of true values begin with ``/truth``.
+    the port if the sensor has several streams other than the location of its frame. The topics of true values
+    begin with ``/truth``.
     """
     parts = {name: _parts(name) for name in streams}
     robots = {robot for robot, _, _ in parts.values()}

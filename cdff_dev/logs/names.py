@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 
 _MAX_LENGTH = 64
-#: Last part of the streams of positions of satellite navigation, and of those that state the location of their
-#: local frame: of samples of one time, the location comes first.
+#: Last part of the streams of positions of satellite navigation, and of those that state the location of
+#: their local frame: of samples of one time, the location comes first.
 FIX_PORT, ANCHOR_PORT = "fix", "anchor"
 
 

@@ -55,7 +55,7 @@ def _index_position(content: bytes | bytearray) -> int:
 
 
 def _damage(log: LogSource) -> dict[str, Unconverted]:
-    """Return what is listed apart from the fields of inertial samples that CDFF lacks."""
+    """Return the listed losses except the fields of inertial samples that CDFF lacks."""
     return {name: item for name, item in log.unconverted.items() if not name.startswith("/imu: ")}
 
 
