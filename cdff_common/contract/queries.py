@@ -138,14 +138,18 @@ class MapParameters(RegionParameters):
 class ElevationParameters(Parameters):
     """Combination of several patches in one elevation cell."""
 
-    choice: Choice = Field(Choice.POOLED, description="Patches that determine a cell")
+    choice: Choice | None = Field(
+        None,
+        description="Patches that determine a cell: weighted by default, pooled with another disagreement "
+        "than keep",
+    )
     disagreement: Disagreement = Field(
         Disagreement.KEEP, description="Treatment of pooled cells whose patches disagree"
     )
 
     @model_validator(mode="after")
     def _only_pooled_cells_disagree(self) -> Self:
-        if self.choice != Choice.POOLED and self.disagreement != Disagreement.KEEP:
+        if self.choice not in (None, Choice.POOLED) and self.disagreement != Disagreement.KEEP:
             raise InputError(
                 f"choice={self.choice}, disagreement={self.disagreement}: only pooled cells can disagree"
             )

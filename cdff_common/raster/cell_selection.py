@@ -11,6 +11,7 @@ class Choice(StrEnum):
     """Content of a cell that several patches have measured."""
 
     POOLED = "pooled"  # all measurements together
+    WEIGHTED = "weighted"  # mean of the robots, weighted by the error variance of their pooled cells
     NEWEST = "newest"  # those of the patch that measured it last
     OLDEST = "oldest"  # those of the patch with the oldest measurement of it
     BEST = (

@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.raster.cell_selection import Choice
 from dpm_store.maps.navigation import NavigationMaps
 from dpm_store.maps.patches import Patches, PatchSelection, bounds_each, overlapping
 from dpm_store.maps.windows import (
@@ -27,6 +29,7 @@ from dpm_store.maps.windows import (
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
     from cdff_common.raster.mosaic import AssembledWindow
+    from cdff_common.raster.weighting import Agreement, RobotCells
 
 #: Port of derived windows.
 DERIVED_PORT = "window"
@@ -67,11 +70,16 @@ class Maps:
         geometry, selection = plan.geometry, plan.selection
         boxes, latest_ns = bounds_each(selection, geometry.frame), selection.latest_ns
         observed = np.zeros(geometry.shape, dtype=np.bool_)
+        robots = _robots_of(selection) if query.choice is Choice.WEIGHTED else ()
+        strips = list(_strips(geometry, STRIP_CELLS // max(len(robots), 1)))
+        agreements = None
+        if len(robots) > 1 and len(strips) > 1:  # all strips have the same weights
+            agreements = self.compare_robots(query, selection, geometry)
         layers: dict[str, NDArray[np.float32]] = {}
         usages = []
-        for strip, extended in _strips(geometry):
+        for strip, extended in strips:
             part = overlapping(selection, boxes, extended.bounds)
-            assembled, usage = self.pool(query, part, extended, auxiliary=True)
+            assembled, usage = self.pool(query, part, extended, auxiliary=True, agreements=agreements)
             target, inner = geometry.slices_of(strip), extended.slices_of(strip)
             for name, values in assembled.to_layers(latest_ns).items():
                 if name not in layers:
@@ -94,11 +102,25 @@ class Maps:
         geometry: GridGeometry,
         *,
         auxiliary: bool = False,
+        agreements: Sequence[Agreement] | None = None,
     ) -> tuple[AssembledWindow, PatchUsage]:
-        """Assemble a selection of patches in a grid, with auxiliary layers if ``auxiliary``."""
-        from cdff_common.raster.mosaic import Mosaic
+        """Assemble a selection of patches in a grid, with auxiliary layers if ``auxiliary``.
 
-        mosaic = Mosaic(geometry, query.choice, query.disagreement, auxiliary=auxiliary)
+        ``agreements`` of robots determine the weights of a weighted window; by default those of this grid.
+        """
+        from cdff_common.raster.mosaic import Mosaic
+        from cdff_common.raster.weighting import compare_robots, fuse_robots
+
+        choice = query.choice
+        if choice is Choice.WEIGHTED:
+            if len(_robots_of(selection)) > 1:
+                parts, usages = self._pool_robots(query, selection, geometry)
+                compared = tuple(compare_robots(parts) if agreements is None else agreements)
+                assembled = fuse_robots(parts, compared)
+                usage = PatchUsage.merged(usages)
+                return assembled, replace(usage, disagreeing=assembled.disagreeing, agreements=compared)
+            choice = Choice.POOLED  # the maps of one robot share its errors
+        mosaic = Mosaic(geometry, choice, query.disagreement, auxiliary=auxiliary)
         usage = add_patches(
             self.patches,
             selection,
@@ -106,12 +128,44 @@ class Maps:
             lambda patch, T: mosaic.add(patch.geometry, patch.layers, patch.t1_ns, T),
         )
         assembled = mosaic.assembled()
-        return assembled, replace(usage, disagreeing=assembled.disagreeing)
+        return assembled, replace(
+            usage, disagreeing=assembled.disagreeing, agreements=tuple(agreements or ())
+        )
+
+    def compare_robots(
+        self, query: WindowQuery, selection: PatchSelection, geometry: GridGeometry
+    ) -> tuple[Agreement, ...]:
+        """Return the agreement of the robots in a grid, compared in larger cells if it has many."""
+        from cdff_common.raster.weighting import compare_robots
+
+        most = STRIP_CELLS // len(_robots_of(selection))
+        factor = max(1, math.ceil(math.sqrt(geometry.rows * geometry.cols / most)))
+        return compare_robots(self._pool_robots(query, selection, geometry.coarsened(factor))[0])
+
+    def _pool_robots(
+        self, query: WindowQuery, selection: PatchSelection, geometry: GridGeometry
+    ) -> tuple[list[RobotCells], list[PatchUsage]]:
+        """Return the pooled cells of each robot with cells in a grid, and the use of all patches."""
+        from cdff_common.raster.weighting import RobotCells
+
+        parts, usages = [], []
+        pooled = replace(query, choice=Choice.POOLED)
+        for robot in _robots_of(selection):
+            of_robot = replace(selection, records=tuple(r for r in selection.records if r.robot == robot))
+            assembled, usage = self.pool(pooled, of_robot, geometry, auxiliary=True)
+            parts.append(RobotCells(robot, assembled))
+            usages.append(usage)
+        return parts, usages
 
 
-def _strips(geometry: GridGeometry) -> Iterator[tuple[GridGeometry, GridGeometry]]:
+def _robots_of(selection: PatchSelection) -> tuple[str, ...]:
+    """Return the robots of the patches, in order."""
+    return tuple(sorted({record.robot for record in selection.records}))
+
+
+def _strips(geometry: GridGeometry, cells: int) -> Iterator[tuple[GridGeometry, GridGeometry]]:
     """Yield strips of rows, from the top, and the same with one more row on each side inside the grid."""
-    rows = max(STRIP_CELLS // geometry.cols, 1)
+    rows = max(cells // geometry.cols, 1)
     for first in range(0, geometry.rows, rows):
         last = min(first + rows, geometry.rows)
         yield (

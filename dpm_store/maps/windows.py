@@ -23,6 +23,7 @@ from dpm_store.products.records import ProductRecord, Query
 
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
+    from cdff_common.raster.weighting import Agreement
 
 #: Cells of one window.
 MAX_CELLS = 1 << 22
@@ -104,6 +105,8 @@ class Window(DerivedProduct):
         Frames that no fixed edges connect with the window's; their patches were not searched.
     frames_revision : int
         State of the frame tree of the window.
+    agreement : tuple of dict
+        Comparison of the robots of a weighted window, see ``cdff_common.raster.weighting.Agreement``.
     """
 
     map: Any
@@ -114,6 +117,7 @@ class Window(DerivedProduct):
     resampled: dict[str, int]
     unplaced_frames: tuple[str, ...]
     frames_revision: int
+    agreement: tuple[dict[str, Any], ...] = ()
 
     @property
     def patches(self) -> tuple[str, ...]:
@@ -145,13 +149,17 @@ class WindowPlan:
 
 @dataclass(frozen=True, slots=True)
 class PatchUsage:
-    """Patches with cells in a grid (``records``), resampled and purged ones, and others as in ``Window``."""
+    """Patches with cells in a grid (``records``), resampled and purged ones, and others as in ``Window``.
+
+    ``agreements`` compare the robots of a weighted window.
+    """
 
     records: list[ProductRecord]
     disagreeing: int = 0
     resampled_ids: frozenset[str] = frozenset()
     skipped_frames: tuple[str, ...] = ()
     purged_ids: frozenset[str] = frozenset()
+    agreements: tuple[Agreement, ...] = ()
 
     @classmethod
     def merged(cls, parts: Sequence[PatchUsage]) -> PatchUsage:
@@ -163,6 +171,7 @@ class PatchUsage:
             frozenset().union(*(part.resampled_ids for part in parts)),
             tuple(sorted({frame for part in parts for frame in part.skipped_frames})),
             frozenset().union(*(part.purged_ids for part in parts)),
+            parts[0].agreements if parts else (),
         )
 
     @property
@@ -312,6 +321,7 @@ def build_window(
         unplaced_frames=selection.unplaced_frames,
         purged=len(usage.purged_ids),
         frames_revision=selection.frames_revision,
+        agreement=tuple(a.to_dict() for a in usage.agreements),
     )
 
 

@@ -89,9 +89,10 @@ def put_patch_with_all_layers(
     robot: str = "mana",
     *,
     overhang_m: float | None = None,
+    offset_m: float = 0.0,
 ) -> ElevationMap:
     """Insert and return a patch with the six required layers and the optional ones."""
-    value, _ = patch(rng, bounds, seq)
+    value, _ = patch(rng, bounds, seq, offset_m=offset_m)
     observed = np.isfinite(value.layer("mean"))
     extra_layers = {"pose_variance": 0.01 * seq, "intensity": 10.0 * seq, "first_age_s": 0.5}
     if overhang_m is not None:

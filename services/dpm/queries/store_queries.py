@@ -11,6 +11,7 @@ from cdff_common.contract.names import ANY_ROBOT
 from cdff_common.contract.products import product_type
 from cdff_common.contract.queries import (
     CloudParameters,
+    ElevationParameters,
     HistoryViewParameters,
     MapParameters,
     NavigationWindowParameters,
@@ -18,7 +19,7 @@ from cdff_common.contract.queries import (
     RegionParameters,
     SearchParameters,
 )
-from cdff_common.raster.cell_selection import Choice
+from cdff_common.raster.cell_selection import Choice, Disagreement
 from dpm_store import Query
 from dpm_store.frames.frames import HistoryView
 from dpm_store.maps.windows import WindowQuery
@@ -55,6 +56,9 @@ def window_query(p: MapParameters | ProfileParameters, now_ns: int) -> WindowQue
     other: dict[str, Any] = {}
     if isinstance(p, MapParameters) and p.max_age_s is not None:
         other["newest_after_ns"] = max(p.newest_after or 0, now_ns - int(p.max_age_s * 1e9))
+    if isinstance(p, ElevationParameters):
+        is_kept = p.disagreement is Disagreement.KEEP
+        other["choice"] = p.choice or (Choice.WEIGHTED if is_kept else Choice.POOLED)
     if isinstance(p, NavigationWindowParameters):
         other |= {"choice": Choice.POOLED, "navigation_choice": p.choice}
     return _query(WindowQuery, p, **other)

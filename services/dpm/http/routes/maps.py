@@ -114,6 +114,7 @@ def origin_headers(m: Mapping[str, Any]) -> dict[str, str]:
         "CDFF-Resolution-M": f"{m['resolution_m']:g}",
         "CDFF-Patches": str(len(m["patches"])),
         "CDFF-Disagreeing": str(m["disagreeing"]),
+        "CDFF-Differing-Robots": ",".join(a["robot"] for a in m.get("agreement", ()) if a["excess_sigma_m"]),
         "CDFF-Frames-Revision": str(m["frames_revision"]),
         "CDFF-Newest-Ns": str(m["newest_ns"]),
         "CDFF-Oldest-Ns": str(m["oldest_ns"]),

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,27 @@ def test_disagreeing_cells_are_counted_and_can_be_omitted(store: Store, rng: np.
     error_m = np.asarray(newest.map.layer("mean")) - ground(x, y)
     assert np.nanmedian(error_m[x < 2.0]) == pytest.approx(0.5, abs=0.02)
     assert np.nanmedian(error_m[x > 2.0]) == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("strip_cells", [1 << 20, 400])
+def test_a_weighted_window_follows_the_robot_with_the_smaller_error(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, strip_cells: int
+) -> None:
+    monkeypatch.setattr(elevation, "STRIP_CELLS", strip_cells)
+    put_patch_with_all_layers(store, rng, (0.0, 0.0, 4.0, 4.0), 1, "mana", offset_m=0.02)
+    put_patch_with_all_layers(store, rng, (0.0, 0.0, 4.0, 4.0), 90, "minnie", offset_m=1.0)
+    query = WindowQuery(parse_region("bbox:0.5,0.5,3.5,3.5"), choice=Choice.WEIGHTED)
+    window = store.maps.elevation_window(query)
+    x, y = window.map.geometry.centres_m()
+    assert np.nanmedian(window.map.layer("mean") - ground(x, y)) == pytest.approx(0.02, abs=0.02)
+    (agreement,) = window.manifest()["agreement"]
+    assert window.disagreeing > 0.9 * agreement["cells"]
+    assert (agreement["robot"], agreement["references"]) == ("minnie", ["mana"])
+    assert agreement["difference_m"] == pytest.approx(0.98, abs=0.05)
+    assert agreement["registration"]["T"][2][3] == pytest.approx(-0.98, abs=0.05)
+    alone = store.maps.elevation_window(replace(query, robot="mana"))
+    pooled = store.maps.elevation_window(replace(query, robot="mana", choice=Choice.POOLED))
+    np.testing.assert_array_equal(alone.map.layer("mean"), pooled.map.layer("mean"))
 
 
 def anchor(store: Store, dx_m: float, yaw_deg: float = 0.0) -> None:

@@ -77,7 +77,8 @@ def test_fusion_rules_apply_to_their_type_of_map_only() -> None:
     worst = window_query(NavigationWindowParameters.parse({"choice": "worst"}), NOW_NS)
     plain = window_query(WindowParameters.parse({}), NOW_NS)
     assert (elevation.disagreement, newest.choice, worst.navigation_choice) == ("newest", "newest", "worst")
-    assert (worst.choice, elevation.navigation_choice) == (plain.choice, plain.navigation_choice)
+    assert (worst.choice, elevation.navigation_choice) == ("pooled", plain.navigation_choice)
+    assert (plain.choice, elevation.choice) == ("weighted", "pooled")
 
 
 def test_the_age_limit_is_relative_to_the_mission_time() -> None:
