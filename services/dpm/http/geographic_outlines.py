@@ -162,13 +162,14 @@ def checked_box(bounds: Sequence[float]) -> tuple[float, float, float, float]:
 
 def ring_outline(ring: NDArray[np.float64]) -> BaseGeometry:
     """Return a ring ``(n, 2)`` as a polygon; as a point or a line if it encloses no area."""
+    if len(ring) >= 3:
+        polygon = shapely.Polygon(ring)
+        if polygon.is_valid and polygon.area > 0.0:
+            return oriented(polygon)
     distinct = np.unique(ring, axis=0)
     if len(distinct) < 3:
         return shapely.Point(distinct[0]) if len(distinct) == 1 else shapely.LineString(distinct)
-    outline = shapely.Polygon(ring)
-    return oriented(
-        outline if outline.is_valid and outline.area > 0.0 else shapely.MultiPoint(ring).convex_hull
-    )
+    return oriented(shapely.MultiPoint(ring).convex_hull)
 
 
 def oriented(outline: BaseGeometry) -> BaseGeometry:
@@ -186,6 +187,9 @@ def cut_at_antimeridian(outline: BaseGeometry, near_lon_deg: float) -> BaseGeome
         turns = np.round((lon_lat[:, 0] - near_lon_deg) / 360.0)
         return np.column_stack([lon_lat[:, 0] - 360.0 * turns, lon_lat[:, 1]])
 
+    west, _, east, _ = outline.bounds
+    if max(-180.0, near_lon_deg - 180.0) < west and east < min(180.0, near_lon_deg + 180.0):
+        return oriented(outline)
     shifted = shapely.transform(outline, shift_near)
     west, _, east, _ = shifted.bounds
     if west >= -180.0 and east <= 180.0:
@@ -204,4 +208,8 @@ def _shifted(lon_lat: NDArray[np.float64], offset_deg: float) -> NDArray[np.floa
 
 def geojson(outline: BaseGeometry | None) -> dict[str, Any] | None:
     """Return a geometry as GeoJSON."""
-    return None if outline is None else dict(shapely.geometry.mapping(outline))
+    if outline is None:
+        return None
+    if isinstance(outline, shapely.Polygon) and not outline.is_empty and not len(outline.interiors):
+        return {"type": "Polygon", "coordinates": [shapely.get_coordinates(outline).tolist()]}
+    return dict(shapely.geometry.mapping(outline))

@@ -14,7 +14,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from cdff_common.contract.parameters import validation_message
-from cdff_common.errors import CdffError, OverloadedError, http_status, rpc_code
+from cdff_common.errors import CdffError, ConflictError, OverloadedError, http_status, rpc_code
 
 logger = logging.getLogger(__name__)
 
@@ -57,7 +57,8 @@ def install(app: FastAPI) -> None:
 def problem_of(error: CdffError, status: int | None = None) -> JSONResponse:
     """Return the problem document of an error, by default with the status of its class."""
     headers = {"Retry-After": f"{error.retry_after_s:.0f}"} if isinstance(error, OverloadedError) else None
-    return problem(status or http_status(error), str(error), code=rpc_code(error)[0], headers=headers)
+    code = "CONFLICT" if isinstance(error, ConflictError) else rpc_code(error)[0]
+    return problem(status or http_status(error), str(error), code=code, headers=headers)
 
 
 async def _cdff_error(request: Request, error: Exception) -> JSONResponse:

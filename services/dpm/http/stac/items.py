@@ -53,6 +53,7 @@ class ItemWriter:
         self._body = places.body
         self._place = functools.cache(lambda frame: places.of(frame).georeference)
         self._plane = functools.cache(lambda frame: crs_fields(self._place(frame).crs))
+        self._code = functools.cache(code_of)
         self._globe = functools.cache(lambda body: crs_fields(body.geographic_crs))
 
     def items(self, products: Sequence[OutlinedProduct]) -> list[dict[str, Any]]:
@@ -148,7 +149,7 @@ class ItemWriter:
         if product.body is not None:
             properties |= {
                 "ssys:targets": [target(product.body)],
-                "cdff:geographic_crs": code_of(product.body),
+                "cdff:geographic_crs": self._code(product.body),
             }
         return properties | self._projection(product)
 
@@ -171,7 +172,7 @@ class ItemWriter:
         }
         if product.body is not None and product.in_degrees is not None:
             footprint |= {
-                "proj:code": code_of(product.body),
+                "proj:code": self._code(product.body),
                 **self._globe(product.body),
                 "proj:geometry": geojson(product.in_degrees),
                 "proj:bbox": [float(v) for v in product.in_degrees.bounds],

@@ -162,6 +162,7 @@ def test_a_product_is_inserted_once_and_other_content_is_refused(http: TestClien
         "/api/v1/products", **(insertion(cloud(), "pointcloud") | {"content": encode(cloud(5), "uper")})
     )
     assert other_content.status_code == 409
+    assert other_content.json()["code"] == "CONFLICT"
 
 
 def test_a_deleted_product_is_not_found(http: TestClient, inserted_id: InsertedId) -> None:
