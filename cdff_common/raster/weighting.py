@@ -110,7 +110,7 @@ class Agreement:
 
 
 def compare_robots(parts: Sequence[RobotCells]) -> tuple[Agreement, ...]:
-    """Return the comparison of each robot with the more certain ones that share cells with it.
+    """Return the comparison of each robot with the more certain ones with common cells.
 
     The most certain robot has the smallest median error variance. A robot that differs from most of at least
     two others is less certain than they are, whatever it states.

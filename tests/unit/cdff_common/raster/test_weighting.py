@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps of several robots are weighted by their errors: a bad robot does not spoil a good map."""
+"""Maps of several robots are weighted by their errors: a bad robot does not change a good map."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def rms_error_m(window: AssembledWindow, seen_by: RobotCells) -> float:
 
 
 @pytest.mark.parametrize("stated_m", [0.6, 0.08])
-def test_a_badly_localised_robot_does_not_spoil_the_map_of_a_good_one(
+def test_a_badly_localised_robot_does_not_change_the_map_of_a_good_one(
     rng: np.random.Generator, stated_m: float
 ) -> None:
     good, bad = scan(rng, "good", 0.03), scan(rng, "bad", stated_m, (1.2, 0.7, 0.1))
