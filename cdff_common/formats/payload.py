@@ -27,6 +27,7 @@ from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose import PoseValue
 from cdff_common.formats.pose_graph import write_pose_graph
 from cdff_common.formats.track_csv import write_track_csv
+from cdff_common.formats.tracks import track_json, tracks_csv
 from cdff_common.formats.tum import write_tum
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         Frame,
         GroundAreas,
         NavigationMap,
+        ObjectTrack,
         Pointcloud,
         PoseTrajectory,
         TransformWithCovariance,
@@ -69,6 +71,11 @@ def cloud_arrays(value: Pointcloud) -> CloudArrays:
         scale = 255.0 if colors.size and np.nanmax(colors) <= 1.0 else 1.0
         colors = np.clip(np.nan_to_num(colors * scale), 0.0, 255.0).round()
     return CloudArrays.of(value.points_m, value.intensity, colors)
+
+
+def _track_csv(track: ObjectTrack) -> bytes:
+    """Return directions if the track has them, else poses and velocities."""
+    return tracks_csv(track) if len(track.data.bearings) else write_track_csv([track])
 
 
 def to_file(value: Any, fmt: str, place: Georeference | None = None) -> bytes:
@@ -203,7 +210,10 @@ _WRITERS: dict[str, dict[str, Callable[[Any, Georeference | None], bytes]]] = {
     },
     "GroundAreas": {"geojson": _areas},
     "BodyMotion": {"json": lambda value, _: write_body_motion(value)},
-    "ObjectTrack": {"csv": lambda value, _: write_track_csv([value])},
+    "ObjectTrack": {
+        "csv": lambda value, _: _track_csv(value),
+        "json": lambda value, _: track_json(value, _track_csv(value)),
+    },
 }
 #: Formats of each type, the preferred one first.
 FORMATS = {name: tuple(writers) for name, writers in _WRITERS.items()}

@@ -70,7 +70,15 @@ def _sigmas(covariances: NDArray[np.float64] | None, n: int) -> tuple[NDArray[np
     if covariances is None:
         return np.full(n, np.nan), np.full(n, np.nan)
     blocks = covariances[:, :3, :3], covariances[:, 3:, 3:]
-    return tuple(np.sqrt(np.maximum(np.linalg.eigvalsh(block)[:, -1], 0.0)) for block in blocks)
+    return tuple(np.sqrt(_largest_variances(block)) for block in blocks)
+
+
+def _largest_variances(blocks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest eigenvalues (n,) of matrices (n, 3, 3); NaN for those that are not finite."""
+    is_known = np.isfinite(blocks).all(axis=(1, 2))
+    largest = np.full(len(blocks), np.nan)
+    largest[is_known] = np.maximum(np.linalg.eigvalsh(blocks[is_known])[:, -1], 0.0)
+    return largest
 
 
 def _number(value: float) -> str:

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,3 +55,20 @@ def track_rows(track: ObjectTrack) -> list[str]:
 def tracks_csv(track: ObjectTrack) -> bytes:
     """Return the table of one track."""
     return ("\n".join([",".join(TRACK_COLUMNS), *track_rows(track)]) + "\n").encode()
+
+
+def track_json(track: ObjectTrack, table: bytes) -> bytes:
+    """Return frame, label and the states of a track, from its table in CSV, as JSON; null where it is empty."""
+    rows = csv.DictReader(io.StringIO(table.decode()))
+    states = [{name: _json_value(name, text) for name, text in row.items()} for row in rows]
+    return json.dumps(
+        {"frame": track.metadata.frame_id, "label": track.metadata.label, "states": states}, indent=1
+    ).encode()
+
+
+def _json_value(name: str, text: str) -> int | float | str | None:
+    if name == "status":
+        return text
+    if text == "":
+        return None
+    return int(text) if name in ("stamp_ns", "id") else float(text)

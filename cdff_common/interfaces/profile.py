@@ -402,7 +402,8 @@ class Retention(StrictModel):
 
 
 class Orbit(StrictModel):
-    """Mission in orbit: products may lie in the frame ``inertial`` (GCRF axes) and in frames of the clients.
+    """Mission in orbit: products may lie in the frame ``inertial`` (GCRF axes), in the LVLH axes of each robot
+    (``{robot}/lvlh``) and in frames of the clients.
 
     Attributes
     ----------

@@ -70,6 +70,7 @@ def frames_of(profile: Profile) -> frozenset[str]:
     frames = {"site"}
     if profile.orbit is not None:
         frames |= {_INERTIAL, *(f"{client}/body" for client in profile.orbit.clients)}
+        frames |= {f"{robot.id}/lvlh" for robot in profile.robots}
     for robot in profile.robots:
         frames |= {f"{robot.id}/{name}" for name in (*_ROBOT_FRAMES, *robot.sensors)}
         frames |= {sensor.frame for sensor in robot.sensors.values()}

@@ -108,7 +108,7 @@ class ReplayOutput:
                 values[item] = dfpc.store.get(item)
         for name, rows in self._bearings.items():
             text = "\n".join([",".join(TRACK_COLUMNS), *rows]) + "\n"
-            write_file(self._folder / f"{name}s.csv", text.encode())
+            write_file(self._folder / f"{name.replace('track', 'tracks')}.csv", text.encode())
         for name, value in values.items():
             if (type_name := type(value).__name__) in _FILES:
                 suffix = FORMATS[type_name][0]

@@ -24,6 +24,8 @@ from services.orchestrator.dpm import DERIVED_DFPC, DpmClient, StoredProduct
 
 #: Largest number of clouds and of maps merged to cover a region.
 _CLOUDS, _MAPS = 8, 8
+#: Number of the newest products among which one in the requested frame is preferred.
+_NEWEST = 40
 #: Size of the cells covered by a point without a requested resolution, metres.
 _CLOUD_CELL_M = 0.5
 #: Limit of the capture time if no product qualifies.
@@ -166,11 +168,13 @@ class ProductFinder:
     # -- one method per product type
 
     def _newest(self, request: ProductRequest, robot: str, until_s: float) -> ProductMatch | None:
-        """Return the newest product."""
-        items = self._search(request, until_s, type=request.product, robot=robot, limit=10)
+        """Return the newest product, of those in the requested frame if there are any."""
+        items = self._search(request, until_s, type=request.product, robot=robot, limit=_NEWEST)
         if not items:
             return None
-        stored = self.dpm.value(str(items[0]["id"]), robot, until_s)
+        in_frame = [i for i in items if i["frame"] == request.frame] or items
+        item = _best_track(in_frame) if request.product == "track" else in_frame[0]
+        stored = self.dpm.value(str(item["id"]), robot, until_s)
         return self._whole(stored)
 
     def _pose(self, request: ProductRequest, robot: str, until_s: float) -> ProductMatch | None:
@@ -413,3 +417,22 @@ class ProductFinder:
         )
         robots = () if robot == "any" else (robot,)
         return ProductMatch(candidate, (h,), elevation, h.frame, region=region, robots=robots, stored=stored)
+
+
+def _best_track(items: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the best track of the two newest capture times: one with a position, else a measured direction.
+
+    The states of the objects of an image are stored one after the other: those of the newest one may still be
+    incomplete, and without the previous one the answer would be an object that was only predicted.
+    """
+    newest_ns = sorted({int(i["t1_ns"]) for i in items})[-2:]
+    candidates = [i for i in items if int(i["t1_ns"]) in newest_ns]
+    predicted = {"coasting", "lost"}
+    return max(
+        candidates,
+        key=lambda i: (
+            i.get("box_m") is not None,
+            predicted.isdisjoint(i.get("quality", {}).get("reasons", ())),
+            int(i["t1_ns"]),
+        ),
+    )

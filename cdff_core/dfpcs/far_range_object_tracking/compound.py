@@ -22,6 +22,7 @@ from cdff_common.types import (
     ObjectTrackStatusT,
     Time,
 )
+from cdff_core.bearing_tracking.local_orbital import LocalOrbitalAxes
 from cdff_core.bearing_tracking.motion import BearingStates, across
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.multi_target_association.interface import (
@@ -37,7 +38,7 @@ from cdff_core.dfpcs.far_range_object_tracking.image_sources import (
 from cdff_core.dfpcs.far_range_object_tracking.interface import FarRangeObjectTrackingInterface
 from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator, CameraAttitude
 from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
-from cdff_core.dfpcs.far_range_object_tracking.track_output import INERTIAL, TrackState, object_track
+from cdff_core.dfpcs.far_range_object_tracking.track_output import INERTIAL, LVLH, TrackState, object_track
 
 #: Status of an object by the state of the association.
 _STATUS = (
@@ -309,6 +310,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if known:
             places = attitude.pixels(camera, found.object_directions)
         position, _ = across(BearingStates(found.object_directions, found.rates, found.object_covariances))
+        axes = self._attitudes.orbital_axes(sample.stamp_ns) if frame == INERTIAL else None
         target, measured = self._target_range(sample.stamp_ns, camera, attitude, sources, found)
         # The last output is the newest product: lost objects come first, the ranged target at the end.
         rows = np.flatnonzero(found.states > 0)
@@ -353,9 +355,12 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
                 )
                 outputs.append(self._position_output(sample, ranging))
             track = object_track(state, sample.stamp_ns, frame, self.name)
-            outputs.append(
-                self._track_output(sample, track, frame, attitude, reasons, int(found.hypotheses[i]), ranging)
+            output = self._track_output(
+                sample, track, frame, attitude, reasons, int(found.hypotheses[i]), ranging
             )
+            if axes is not None:
+                outputs.append(self._lvlh_output(output, state, axes))
+            outputs.append(output)
         message = ObjectDetections(
             time_stamp=Time.from_ns(sample.stamp_ns),
             producer_id=self.name,
@@ -402,6 +407,17 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         )
         self._newest = track
         return self._output(sample, "track", track, frame, quality, attitude)
+
+    def _lvlh_output(self, inertial: Output, state: TrackState, axes: LocalOrbitalAxes) -> Output:
+        """Return the state of an inertial track in the LVLH axes of the carrier."""
+        frame = f"{self.context.robot}{LVLH}"
+        quality = inertial.quality
+        if not np.isfinite(axes.sigma_rad):
+            axes = replace(axes, sigma_rad=0.0)
+            reasons = (*quality.reasons, "navigation_covariance_unknown")
+            quality = replace(quality, status=Status.DEGRADED, reasons=reasons)
+        track = object_track(state.in_axes(axes), inertial.t1_ns, frame, self.name)
+        return replace(inertial, port="track_lvlh", value=track, frame=frame, quality=quality)
 
     def _target_range(
         self,

@@ -35,8 +35,9 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_navigation(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type RigidBodyState. Velocity of the camera's carrier relative to the
-        Earth, in the frame inertial, for the aberration of the stars.
+        """Process an input of type RigidBodyState. State of the camera's carrier relative to the
+        Earth, in the frame inertial: the velocity for the aberration of the stars, with the
+        position for track_lvlh.
         """
 
     @abstractmethod

@@ -17,6 +17,7 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.stars import earth_velocity_m_s, load_catalogue, visible_stars
 from cdff_core.bearing_tracking.lens import corrected, distorted
+from cdff_core.bearing_tracking.local_orbital import LocalOrbitalAxes
 from cdff_core.dfns.attitude_from_directions.interface import AttitudeFromDirectionsInputs
 from cdff_core.dfns.star_identification.interface import StarIdentificationInputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
@@ -136,7 +137,7 @@ class AttitudeEstimator:
         self._lens_rad2 = config.catalogue_sigma_rad**2
 
     def give_navigation(self, sample: Sample) -> None:
-        """Store the velocity of the carrier of the camera.
+        """Store the state of the carrier of the camera.
 
         Raises
         ------
@@ -150,6 +151,19 @@ class AttitudeEstimator:
                 " finite one in 'inertial'"
             )
         self._navigation = sample
+
+    def orbital_axes(self, stamp_ns: int) -> LocalOrbitalAxes | None:
+        """Return the LVLH axes of the carrier at a time; None without a state that is new enough."""
+        given = self._navigation
+        if given is None or abs(stamp_ns - given.stamp_ns) >= _NAVIGATION_NS:
+            return None
+        state = given.value
+        variances = [np.trace(c) / 3.0 for c in (state.cov_position, state.cov_velocity)]
+        interval_s = (stamp_ns - given.stamp_ns) * 1e-9
+        try:
+            return LocalOrbitalAxes.of_state(state.pos, state.velocity, interval_s, *np.sqrt(variances))
+        except DegenerateGeometryError:
+            return None  # a velocity alone, or none of an orbit
 
     def _velocity_m_s(self, stamp_ns: int) -> FloatArray | None:
         """Return the velocity of the camera relative to the Sun, or None."""

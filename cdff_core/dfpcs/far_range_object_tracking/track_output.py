@@ -4,15 +4,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.types import ObjectTrack, ObjectTrackStatusT
+from cdff_core.bearing_tracking.local_orbital import LocalOrbitalAxes
 
 #: Frame of directions whose attitude is known.
 INERTIAL = "inertial"
+#: End of the name of a frame with LVLH axes.
+LVLH = "/lvlh"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +55,13 @@ class TrackState:
     size_m: FloatArray | None = None
     label: str = ""
 
+    def in_axes(self, axes: LocalOrbitalAxes) -> TrackState:
+        """Return the inertial state in LVLH axes."""
+        rotated = axes.state(self.direction, self.rate, self.covariance)
+        return replace(
+            self, direction=rotated.directions[0], rate=rotated.rates[0], covariance=rotated.covariances[0]
+        )
+
 
 def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) -> ObjectTrack:
     """Return the message of a state."""
@@ -85,14 +95,17 @@ def angles(direction: FloatArray, frame: str) -> tuple[float, float, FloatArray]
     """Return azimuth, elevation and the unit vectors (2, 3) in which they grow.
 
     In the inertial frame these are right ascension and declination; in a camera frame the azimuth grows
-    to the
-    right from the optical axis, the elevation upwards.
+    to the right from the optical axis, the elevation upwards; in LVLH axes from the direction of motion.
     """
     x, y, z = direction
     if frame == INERTIAL:
         azimuth, elevation = np.arctan2(y, x) % (2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
         east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         north = np.cross(direction, east)
+    elif frame.endswith(LVLH):
+        azimuth, elevation = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
+        east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        north = np.cross(east, direction)
     else:
         azimuth, elevation = np.arctan2(x, z), np.arctan2(-y, np.hypot(x, z))
         east = np.array([np.cos(azimuth), 0.0, -np.sin(azimuth)])

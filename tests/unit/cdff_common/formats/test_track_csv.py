@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 
 import numpy as np
 import pytest
@@ -60,3 +61,27 @@ def test_tracks_and_statuses_of_different_number_are_refused() -> None:
 def test_a_track_without_states_is_a_header_only() -> None:
     track = ObjectTrack.from_arrays(1, np.zeros(0, np.int64), np.zeros((0, 4, 4)), frame="site")
     assert _rows(write_track_csv([track])) == []
+
+
+def test_a_track_of_bearings_has_the_columns_of_bearings_and_no_number_without_a_range() -> None:
+    track = ObjectTrack.from_bearing(
+        7,
+        5_000,
+        frame="inertial",
+        bearing=[1.0, 0.5, 1e-5, 1e-5, np.nan, np.nan],
+        position_m=np.full(3, np.nan),
+        position_covariance=np.full((3, 3), np.nan),
+        velocity=np.zeros(3),
+        pixel=[10.0, 20.0],
+        pixel_sigma=[0.1, 0.2],
+    )
+    (row,) = _rows(to_file(track, "csv"))
+    assert (row["stamp_ns"], row["id"], row["status"]) == ("5000", "7", "confirmed")
+    assert (float(row["azimuth_rad"]), float(row["u_px"])) == (1.0, 10.0)
+    assert row["range_m"] == row["sigma_range_m"] == ""
+    content = json.loads(to_file(track, "json"))
+    assert (content["frame"], content["label"]) == ("inertial", "")
+    (values,) = content["states"]
+    assert (values["stamp_ns"], values["range_m"], values["elevation_rad"]) == (5000, None, 0.5)
+    (state,) = _rows(write_track_csv([track]))
+    assert state["x_m"] == state["sigma_position_m"] == ""

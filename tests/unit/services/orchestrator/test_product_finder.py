@@ -153,6 +153,60 @@ def test_a_pose_in_another_frame_is_that_of_the_frame_tree() -> None:
     assert found[0].sources[0].id == stored_id("mana", "pose")
 
 
+def test_of_tracks_in_several_frames_the_one_in_the_requested_frame_is_delivered() -> None:
+    class TracksDouble(DpmDouble):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            (item,) = super().search(until_s, **parameters)
+            return [item | {"id": frame, "frame": frame} for frame in ("inertial", "mana/lvlh")]
+
+        def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
+            header = replace(self._header(robot, "track"), frame=stored)
+            return StoredProduct(header, robot, elevation(0.0), {}, b"", "")
+
+    for asked, expected in (("inertial",) * 2, ("mana/lvlh",) * 2, ("site", "inertial")):
+        found, _ = finder(TracksDouble()).find(
+            request(type="track", robot="mana", frame=asked), ("mana",), 1e9
+        )
+        assert found is not None
+        assert found[0].frame == expected
+
+
+@pytest.mark.parametrize(
+    ("tracks", "expected"),
+    [
+        # t1 in seconds, has a position, reasons: newest first; of an equal t1 the one stored last.
+        ([(5, False, ["coasting"]), (4, True, []), (4, False, ["coasting"]), (3, True, [])], 1),
+        ([(5, True, ["coasting"]), (4, True, [])], 1),
+        ([(5, True, []), (5, False, []), (4, True, [])], 0),
+        ([(5, False, ["lost"]), (4, False, ["coasting"]), (3, True, [])], 0),
+        ([(5, False, ["coasting"]), (4, False, ["range_unobservable"])], 1),
+    ],
+)
+def test_the_object_with_a_position_answers_also_while_an_image_is_being_stored(
+    tracks: list[tuple[int, bool, list[str]]], expected: int
+) -> None:
+    class TracksDouble(DpmDouble):
+        def search(self, until_s: float, **parameters: Any) -> list[dict[str, Any]]:
+            (item,) = super().search(until_s, **parameters)
+            box = [0.0] * 6
+            return [
+                item
+                | {"id": str(k), "frame": "inertial", "t1_ns": t1_s * S, "box_m": box if is_placed else None}
+                | {"quality": {"status": "DEGRADED" if reasons else "OK", "reasons": reasons}}
+                for k, (t1_s, is_placed, reasons) in enumerate(tracks)
+            ]
+
+        def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
+            header = replace(self._header(robot, "track"), id=stored)
+            return StoredProduct(header, robot, elevation(0.0), {}, b"", "")
+
+    found, _ = finder(TracksDouble()).find(
+        request(type="track", robot="mana", frame="inertial"), ("mana",), 1e9
+    )
+    assert found is not None
+    assert found[0].candidate.id == str(expected)
+
+
 def test_failed_and_derived_products_are_not_used() -> None:
     found, reason = finder(DpmDouble(status="FAILED")).find(request(type="pose"), ROBOTS, 1e9)
     assert found is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import cv2
@@ -15,7 +16,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Frame, ObjectTrackStatusT
+from cdff_common.types import Frame, ObjectTrackStatusT, RigidBodyState
 from cdff_core.runtime.runner import Runner
 from tests.support.star_scene import CAMERA, T0_NS, StarScene
 
@@ -176,6 +177,37 @@ def test_a_wrong_focal_length_and_a_wrong_attitude_are_reported_and_give_no_iner
     outputs = list(dfpc.step(scene.sample(scene.light(3), 3)))
     reasons = next(o for o in outputs if o.port == "attitude_estimate").quality.reasons
     assert any(reason.startswith("attitude_differs_from_stars:11.4") for reason in reasons)
+
+
+@pytest.mark.parametrize("has_covariance", [True, False])
+def test_with_the_state_in_orbit_the_direction_is_also_given_in_the_axes_of_the_orbit(
+    has_covariance: bool,
+) -> None:
+    scene, dfpc = StarScene(), compound(observer="sun", use_stars=False)
+    # The orbit is such that the object is ahead: the velocity has its direction.
+    ahead = direction(scene, 11)
+    up = np.cross(ahead, [0.0, 0.0, 1.0])
+    up /= np.linalg.norm(up)
+    state = RigidBodyState(
+        target_frame="inertial", source_frame="robot/base", pos=7.0e6 * up, velocity=7500.0 * ahead
+    )
+    if has_covariance:
+        state = replace(state, cov_position=25.0 * np.eye(3), cov_velocity=0.0025 * np.eye(3))
+    list(dfpc.step(Sample("navigation", T0_NS + 11 * 10**9, 0, state, frame="inertial")))
+    for k, (sample, _) in enumerate(images(scene, 12)):
+        list(dfpc.step(scene.attitude_sample(k)))
+        outputs = list(dfpc.step(sample))
+    inertial = next(o for o in outputs if o.port == "track")
+    output = next(o for o in outputs if o.port == "track_lvlh")
+    assert (output.frame, output.value.metadata.frame_id) == ("robot/lvlh", "robot/lvlh")
+    assert output.value.metadata.track_id == inertial.value.metadata.track_id
+    azimuth, elevation, sigma_a, sigma_e, range_m, _ = output.value.data.bearings[0]
+    assert np.hypot(azimuth, elevation) < 5.0 * np.hypot(sigma_a, sigma_e) + 1e-4
+    assert np.isnan(range_m)
+    # The angular velocity is relative to the axes, which turn by 1.07 mrad/s.
+    assert np.linalg.norm(output.value.velocities[0, 3:]) > 5e-4
+    assert ("navigation_covariance_unknown" in output.quality.reasons) is not has_covariance
+    assert set(inertial.quality.reasons) <= set(output.quality.reasons)
 
 
 def test_an_image_without_camera_and_time_going_backwards_are_refused() -> None:

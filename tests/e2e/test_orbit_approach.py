@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""An approach in orbit with processes: OG2 asks where the client is; the DPM holds tracks without a site."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import quote
+from urllib.request import urlopen
+
+import pytest
+
+from cdff_common.bus import Bus
+from cdff_common.interfaces.profile import load_profile
+from cdff_common.resources import deploy_folder
+from cdff_dev.missions.demonstration import script_of
+from cdff_dev.missions.requests import Outcome, run_requests, wait_for_clock
+from cdff_dev.missions.stage import Stage
+from cdff_dev.missions.tracks import http_json
+from cdff_dev.ports import free_port
+from cdff_dev.simulate.scenario_files import load_any_scenario
+from cdff_dev.simulate.store import simulated_log
+
+pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(600)]
+
+NAME = "orbit_approach"
+
+
+@pytest.fixture(scope="module")
+def approach() -> Iterator[tuple[str, list[Outcome]]]:
+    """Address of the DPM's HTTP server after the approach, and the outcomes of the requests of OG2."""
+    script, path = script_of(NAME), deploy_folder() / "profiles" / f"{NAME}.yaml"
+    connect, http = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
+    log = simulated_log(load_any_scenario(str(script.scenario)))
+    with (
+        Stage(load_profile(path), path, connect, http) as stage,
+        Bus.open(connect, name="test", wait_s=20) as bus,
+    ):
+        stage.wait_ready(bus)
+        stage.play(str(log), script.rate)
+        clock, start_ns = wait_for_clock(bus, stage.check_running)
+        outcomes = run_requests(script.requests, clock, start_ns, connect, http, lambda _outcome: None)
+        yield http, outcomes
+
+
+def found(http: str, query: str) -> list[dict[str, Any]]:
+    return http_json(http, f"products?type=track&limit=1000&{query}", timeout_s=20.0)["items"]
+
+
+def payload(http: str, product: str, form: str) -> bytes:
+    with urlopen(f"http://{http}/api/v1/products/{product}/payload?format={form}", timeout=20.0) as answer:
+        return bytes(answer.read())
+
+
+def test_og2_is_told_when_the_answer_becomes_range_as_well_as_bearing(
+    approach: tuple[str, list[Outcome]],
+) -> None:
+    _, outcomes = approach
+    assert [outcome.faults for outcome in outcomes] == [()] * 4
+    answers = {(o.request.frame, o.request.observable): o.summary for o in outcomes}
+    assert "range unobservable" in answers["inertial", "bearing"]
+    for frame in ("inertial", "servicer/lvlh"):
+        assert "range unobservable" not in answers[frame, "range"]
+        assert " m, " in answers[frame, "range"]
+
+
+def test_tracks_are_found_by_time_and_id_in_frames_without_a_site(
+    approach: tuple[str, list[Outcome]],
+) -> None:
+    http, _ = approach
+    every = [item for item in found(http, "robot=servicer") if item["quality"]["status"] != "FAILED"]
+    assert {item["frame"] for item in every} == {"inertial", "servicer/lvlh"}
+    middle_ns = sorted(int(item["t1_ns"]) for item in every)[len(every) // 2]
+    early = found(http, f"t1={middle_ns}")
+    assert early
+    assert all(int(item["t0_ns"]) <= middle_ns for item in early)
+    one = http_json(http, f"products/{quote(every[0]['id'])}", timeout_s=20.0)
+    assert one["id"] == every[0]["id"]
+    assert "csv" in one["formats"]
+
+
+def test_a_track_comes_as_csv_and_json_and_the_frames_agree(approach: tuple[str, list[Outcome]]) -> None:
+    http, _ = approach
+    newest: dict[str, dict[str, Any]] = {}
+    every = found(http, "robot=servicer")
+    answered_ns = max(int(i["t1_ns"]) for i in every if i["box_m"] is not None)
+    for frame in ("inertial", "servicer/lvlh"):
+        # An image before the last request, whose objects are all stored.
+        ranged = [i for i in every if i["frame"] == frame and i["box_m"] is not None]
+        item = max((i for i in ranged if int(i["t1_ns"]) < answered_ns), key=lambda i: int(i["t1_ns"]))
+        header, row = payload(http, item["id"], "csv").decode().strip().splitlines()[:2]
+        assert header.startswith("stamp_ns,id,u_px,v_px,")
+        assert int(row.split(",")[0]) == int(item["t1_ns"]) // 1000 * 1000
+        content = json.loads(payload(http, item["id"], "json"))
+        assert (content["frame"], content["label"]) == (frame, "target")
+        newest[frame] = content["states"][-1]
+        assert str(newest[frame]["stamp_ns"]) == row.split(",")[0]
+    # The client is ahead on the orbit: azimuth and elevation in the axes of the orbit are small.
+    lvlh, inertial = newest["servicer/lvlh"], newest["inertial"]
+    assert math.hypot(lvlh["azimuth_rad"], lvlh["elevation_rad"]) < math.radians(1.0)
+    assert 100.0 < lvlh["range_m"] == inertial["range_m"]
+    assert lvlh["sigma_range_m"] == inertial["sigma_range_m"] > 0.0
+    assert lvlh["id"] == inertial["id"]
+
+
+def test_stac_items_of_tracks_have_no_geometry(approach: tuple[str, list[Outcome]]) -> None:
+    http, _ = approach
+    with urlopen(f"http://{http}/stac/collections/track/items?limit=10", timeout=20.0) as answer:
+        features = json.loads(answer.read())["features"]
+    assert features
+    assert all(feature["geometry"] is None and "bbox" not in feature for feature in features)
+    assert {feature["properties"]["cdff:frame"] for feature in features} == {"inertial", "servicer/lvlh"}
