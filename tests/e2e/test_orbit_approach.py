@@ -86,10 +86,10 @@ def test_a_track_comes_as_csv_and_json_and_the_frames_agree(approach: tuple[str,
     http, _ = approach
     newest: dict[str, dict[str, Any]] = {}
     every = found(http, "robot=servicer")
-    answered_ns = max(int(i["t1_ns"]) for i in every if i["box_m"] is not None)
+    answered_ns = max(int(i["t1_ns"]) for i in every if i.get("box_m") is not None)
     for frame in ("inertial", "servicer/lvlh"):
         # An image before the last request, whose objects are all stored.
-        ranged = [i for i in every if i["frame"] == frame and i["box_m"] is not None]
+        ranged = [i for i in every if i["frame"] == frame and i.get("box_m") is not None]
         item = max((i for i in ranged if int(i["t1_ns"]) < answered_ns), key=lambda i: int(i["t1_ns"]))
         header, row = payload(http, item["id"], "csv").decode().strip().splitlines()[:2]
         assert header.startswith("stamp_ns,id,u_px,v_px,")
