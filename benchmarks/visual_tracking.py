@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Cost of the DFNs and of the compound that track a known body in images, with ViSP's castle.
+
+NUMBA_NUM_THREADS=1 python benchmarks/visual_tracking.py [--data DIR] [--rounds N] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import platform
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _report import measure, write_report
+
+from cdff_common.formats.meshes.read import read_mesh
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
+from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
+from evaluation.visual_target_tracking import CAMERA_MATRIX, FOLDER, INTERVAL_NS, grey_images, truth
+
+RANGE_PX = 12.0
+
+
+def costs(data: Path, rounds: int) -> dict[str, Any]:
+    """Return CPU seconds and memory of each DFN and of the compound, for one image of a body at rest."""
+    image, pose = grey_images(data)[0], truth(data)[0]
+    mesh = read_mesh(data / FOLDER / "models" / "chateau.wrl")
+    edges = Registry.default().make_dfn("model_edge_measurement")
+    refine = Registry.default().make_dfn("measured_pose_refinement")
+    edges.configure()
+    refine.configure()
+    of_edges = ModelEdgeMeasurementInputs(
+        image=image.astype(np.float32),
+        camera_matrix=CAMERA_MATRIX,
+        pose=pose,
+        vertices=mesh.vertices,
+        triangles=mesh.triangles,
+        range_px=RANGE_PX,
+    )
+    found = edges.process(of_edges)
+    of_refinement = MeasuredPoseRefinementInputs(
+        points=found.points,
+        pixels=found.pixels,
+        normals=found.normals,
+        offsets=found.offsets,
+        camera_matrix=CAMERA_MATRIX,
+        pose=pose,
+        limit_px=RANGE_PX,
+        prior_covariance=1e-4 * np.eye(20),
+    )
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure()
+    model = Mesh.from_arrays(mesh.vertices, mesh.triangles, frame="castle/body", stamp_ns=0)
+    guess = TransformWithCovariance.from_transform(
+        UncertainTransform(pose), parent="camera", child="castle/body", stamp_ns=0
+    )
+    list(dfpc.step(Sample("model", 0, 0, model)))
+    list(dfpc.step(Sample("guess", 0, 0, guess)))
+    stamps_ns = itertools.count(0, INTERVAL_NS)
+
+    def step() -> None:
+        stamp_ns = next(stamps_ns)
+        frame = Frame.from_image(image, sensor="camera", stamp_ns=stamp_ns, camera_matrix=CAMERA_MATRIX)
+        output, _ = dfpc.step(Sample("image", stamp_ns, 0, frame))
+        assert output.value is not None, output.quality.reasons
+
+    return {
+        "control_points": len(found.points),
+        "ModelEdgeMeasurement": measure(partial(edges.process, of_edges), rounds),
+        "MeasuredPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
+        "VisualTargetTracking": measure(step, rounds),
+    }
+
+
+def main() -> None:
+    """Measure and print JSON."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    default_data = Path(__file__).resolve().parents[2] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("CDFF_DATA") or default_data))
+    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    report = {
+        "benchmark": "visual_tracking",
+        "python": platform.python_version(),
+        "threads": os.environ.get("OMP_NUM_THREADS", "all"),
+        **costs(args.data, args.rounds),
+    }
+    write_report(report, args.out)
+
+
+if __name__ == "__main__":
+    main()

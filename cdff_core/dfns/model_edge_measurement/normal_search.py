@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Search for image edges along the normals of the drawn edges of a mesh."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from pydantic import Field
+
+from cdff_common.arrays import Float32Array, FloatArray
+from cdff_common.errors import InputError
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.model_edge_measurement.interface import Inputs, Interface, Outputs
+from cdff_core.object_models.mesh_edges import MeshEdges, control_points, mesh_edges
+from cdff_core.object_models.rendering import Window, draw
+
+#: Least size of the window in which the mesh is drawn, px.
+_MIN_WINDOW = 8
+
+
+class NormalSearchConfig(DfnConfig):
+    """Parameters of NormalSearch."""
+
+    spacing_px: float = Field(4.0, ge=1, le=100, description="Distance of the control points, px")
+    max_points: int = Field(1500, ge=20, le=100_000, description="Largest number of control points")
+    crease_deg: float = Field(20.0, ge=1, le=180, description="Angle of two faces from which it is an edge")
+    hypotheses: int = Field(4, ge=1, le=20, description="Largest number of image edges of a control point")
+    contrast: float = Field(
+        0.02, gt=0, lt=1, description="Step of an image edge, relative to the range of grey values"
+    )
+
+
+class NormalSearch(Interface[NormalSearchConfig]):
+    """One-dimensional search for extrema of the derivative (Harris and Stennett 1990, RAPID), with several
+    hypotheses for each point (Vacchetti et al. 2004, doi:10.1109/ISMAR.2004.24).
+    """
+
+    def setup(self) -> None:
+        """Clear the edges of the last mesh."""
+        self._mesh: tuple[FloatArray, np.ndarray] | None = None
+
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return control points and offsets; raises InputError."""
+        if not len(inputs.triangles):
+            raise InputError(f"{len(inputs.vertices)} vertices and no triangle, expected a mesh")
+        edges = self._edges_of(inputs)
+        K, T = inputs.camera_matrix, np.ascontiguousarray(inputs.pose, np.float64)
+        rows, columns = inputs.image.shape
+        camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], rows, columns)
+        row, column, window = _window_of(inputs.vertices, T, camera)
+        cfg = self.config
+        if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
+            nothing = np.zeros((0, 2))
+            return Outputs(
+                points=np.zeros((0, 3)),
+                pixels=nothing,
+                normals=nothing,
+                offsets=np.zeros((0, cfg.hypotheses)),
+            )
+        inverse_depth = np.zeros((window.rows, window.columns))
+        face = np.full((window.rows, window.columns), -1, np.int64)
+        vertices = np.ascontiguousarray(inputs.vertices, np.float64)
+        triangles = np.ascontiguousarray(inputs.triangles, np.int64)
+        draw(vertices, triangles, T, window, inverse_depth, face, np.empty((len(vertices), 3)))
+        points, pixels, normals = control_points(edges, T, window, inverse_depth, cfg.spacing_px)
+        step = -(-len(points) // cfg.max_points) if len(points) else 1
+        points, normals = points[::step], normals[::step]
+        pixels = pixels[::step] + np.array([column, row])
+        least = cfg.contrast * max(float(np.ptp(inputs.image)), 1e-30)
+        offsets = search(inputs.image, pixels, normals, inputs.range_px, cfg.hypotheses, least)
+        return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
+
+    def _edges_of(self, inputs: Inputs) -> MeshEdges:
+        """Return the edges of the mesh; computed once for the same arrays."""
+        mesh = (inputs.vertices, inputs.triangles)
+        if self._mesh is None or any(old is not new for old, new in zip(self._mesh, mesh, strict=True)):
+            crease_rad = math.radians(self.config.crease_deg)
+            self._edges = mesh_edges(inputs.vertices, inputs.triangles, crease_rad)
+            self._mesh = mesh
+        return self._edges
+
+
+def _window_of(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[int, int, Window]:
+    """Return first row, first column and window of the part of the image with the body."""
+    points = vertices_m @ T[:3, :3].T + T[:3, 3]
+    z = points[:, 2]
+    if (z <= 1e-3 * max(float(z.max()), 0.0)).any():
+        # A part is beside or behind the camera: the body may be anywhere in the image.
+        return 0, 0, camera if z.max() > 0.0 else camera.cropped(0, 0, 0, 0)
+    u, v = camera.fx * points[:, 0] / z + camera.cx, camera.fy * points[:, 1] / z + camera.cy
+    low_c, high_c = np.clip([np.floor(u.min()) - 2, np.ceil(u.max()) + 3], 0, camera.columns).astype(int)
+    low_r, high_r = np.clip([np.floor(v.min()) - 2, np.ceil(v.max()) + 3], 0, camera.rows).astype(int)
+    return int(low_r), int(low_c), camera.cropped(low_r, low_c, int(high_r - low_r), int(high_c - low_c))
+
+
+@njit(cache=True)
+def search(
+    image: Float32Array,
+    pixels: FloatArray,
+    normals: FloatArray,
+    range_px: float,
+    hypotheses: int,
+    least: float,
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the offsets (n, hypotheses) of the strongest edges along the normals; NaN where there are fewer.
+
+    The profile is sampled every pixel by bilinear interpolation and averaged over three pixels along the
+    edge. An edge is an extremum of the smoothed derivative with a step of at least ``least``.
+    """
+    half = int(np.ceil(range_px)) + 3
+    count = 2 * half + 1
+    profile, slope = np.empty(count), np.zeros(count)
+    offsets = np.full((len(pixels), hypotheses), np.nan)
+    strength = np.empty(hypotheses)
+    for i in range(len(pixels)):
+        nu, nv = normals[i, 0], normals[i, 1]
+        for k in range(count):
+            total, used = 0.0, 0
+            for along in range(-1, 2):
+                u = pixels[i, 0] + (k - half) * nu - along * nv
+                v = pixels[i, 1] + (k - half) * nv + along * nu
+                c, r = int(np.floor(u)), int(np.floor(v))
+                if c < 0 or r < 0 or c >= image.shape[1] - 1 or r >= image.shape[0] - 1:
+                    continue
+                a, b = u - c, v - r
+                upper = (1.0 - a) * image[r, c] + a * image[r, c + 1]
+                lower = (1.0 - a) * image[r + 1, c] + a * image[r + 1, c + 1]
+                total += (1.0 - b) * upper + b * lower
+                used += 1
+            profile[k] = total / used if used else np.nan
+        for k in range(2, count - 2):
+            # Derivative of a quadratic smoother of five samples; NaN outside the image.
+            slope[k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (profile[k + 2] - profile[k - 2])
+        strength[:] = 0.0
+        for k in range(3, count - 3):
+            s = abs(slope[k])
+            before, after = abs(slope[k - 1]), abs(slope[k + 1])
+            if not (2.0 * s >= least and s >= before and s > after):
+                continue
+            offset = k - half + 0.5 * (before - after) / (before - 2.0 * s + after)
+            if abs(offset) > range_px:
+                continue
+            for h in range(hypotheses):
+                if s > strength[h]:
+                    for j in range(hypotheses - 1, h, -1):
+                        strength[j], offsets[i, j] = strength[j - 1], offsets[i, j - 1]
+                    strength[h], offsets[i, h] = s, offset
+                    break
+    return offsets

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Correction of a predicted state by the edges of an image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import Float32Array, FloatArray
+from cdff_common.errors import RefusedError
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
+from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
+from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.object_models.tracked_state import TrackedState
+
+#: Smallest range of the search for edges, px, and the standard deviations of the prediction that it covers.
+_MIN_RANGE_PX, _SIGMAS = 4.0, 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFit:
+    """A corrected state and how well the image agrees with it.
+
+    Attributes
+    ----------
+    state : TrackedState
+    distance : float
+        Squared Mahalanobis distance of the correction from the prediction.
+    agreement : float
+        Fraction of the edge points that agree with the image.
+    sigma_px : float
+        Robust standard deviation of their offsets.
+    points : int
+        Edge points in the image.
+    range_px : float
+        Range of the first search.
+    """
+
+    state: TrackedState
+    distance: float
+    agreement: float
+    sigma_px: float
+    points: int
+    range_px: float
+
+
+class ImageFitter:
+    """Fit of a state to the edges of images.
+
+    Parameters
+    ----------
+    edges, refine : Dfn
+        ModelEdgeMeasurement and MeasuredPoseRefinement.
+    rounds : int
+        Measurements of the edges of an image.
+    max_range_px : float
+    min_points : int
+        Edge points below which an image is refused.
+    """
+
+    def __init__(
+        self,
+        edges: Dfn[Any, Any, Any],
+        refine: Dfn[Any, Any, Any],
+        rounds: int,
+        max_range_px: float,
+        min_points: int,
+    ) -> None:
+        self._edges, self._refine = edges, refine
+        self._rounds, self._max_range_px, self._min_points = rounds, max_range_px, min_points
+
+    def fit(
+        self,
+        model: ModelPreparationOutputs,
+        predicted: TrackedState,
+        image: Float32Array,
+        camera_matrix: FloatArray,
+    ) -> ImageFit:
+        """Return the state corrected by a grey image (r, c).
+
+        Raises
+        ------
+        RefusedError
+            ``few_edges:n<m`` or ``behind_camera``.
+        """
+        first_px = range_px = self._range_px(model, predicted, camera_matrix)
+        state = predicted
+        for _ in range(self._rounds):
+            measured = self._edges.process(
+                ModelEdgeMeasurementInputs(
+                    image=image,
+                    camera_matrix=camera_matrix,
+                    pose=state.T,
+                    vertices=model.drawn_vertices,
+                    triangles=model.drawn_triangles,
+                    range_px=range_px,
+                )
+            )
+            if len(measured.points) < self._min_points:
+                raise RefusedError(
+                    f"{len(measured.points)} edge points in the image",
+                    [f"few_edges:{len(measured.points)}<{self._min_points}"],
+                )
+            outputs = self._refine.process(
+                MeasuredPoseRefinementInputs(
+                    points=measured.points,
+                    pixels=measured.pixels,
+                    normals=measured.normals,
+                    offsets=measured.offsets,
+                    camera_matrix=camera_matrix,
+                    pose=state.T,
+                    limit_px=range_px,
+                    prior_covariance=predicted.covariance,
+                    prior_error=predicted.difference(state),
+                )
+            )
+            state = state.corrected(outputs.correction, outputs.covariance)
+            range_px = max(0.5 * range_px, _MIN_RANGE_PX)
+        error = state.difference(predicted)
+        distance = float(error @ np.linalg.lstsq(predicted.covariance, error, rcond=1e-12)[0])
+        return ImageFit(state, distance, outputs.agreement, outputs.sigma_px, len(measured.points), first_px)
+
+    def _range_px(
+        self, model: ModelPreparationOutputs, state: TrackedState, camera_matrix: FloatArray
+    ) -> float:
+        """Return the range of the search that covers the uncertainty of a state."""
+        depth_m = float(state.T[2, :3] @ model.centre_m + state.T[2, 3])
+        if depth_m <= 0.0:
+            raise RefusedError("the body is behind the camera", ["behind_camera"])
+        variances = np.diag(state.covariance)
+        across_m = math.sqrt(float(variances[:2].max()))
+        rotation_m = 0.5 * model.diameter_m * math.sqrt(float(variances[3:6].max()))
+        sigma_px = float(camera_matrix[0, 0]) * (across_m + rotation_m) / depth_m
+        return min(max(_SIGMAS * sigma_px, _MIN_RANGE_PX), self._max_range_px)

@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+# GENERATED from dfpc.yaml by cdff generate; do not edit.
+"""Interface of the DFPC VisualTargetTracking."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterable
+
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+
+
+class VisualTargetTrackingInterface(Dfpc):
+    """Track a known body in the images of a camera from a first guess: the edges of each image are
+    compared with those of the mesh at the predicted state, and correct position, velocity,
+    attitude, angular rate and centre of mass.
+    """
+
+    name = "visual_target_tracking"
+    INPUT_PORTS = ("model", "image", "guess")
+
+    @abstractmethod
+    def on_model(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a new one ends
+        the track.
+        """
+
+    @abstractmethod
+    def on_image(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Frame. 8-bit grey or colour image with its camera, without lens
+        distortion.
+        """
+
+    @abstractmethod
+    def on_guess(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type TransformWithCovariance. T_camera_body at the first image after it;
+        starts a new track.
+        """
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Clear the track; the next guess starts a new one."""

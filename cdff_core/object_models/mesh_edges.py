@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Edges of a mesh and control points on those that are visible at a pose: outline, creases and borders."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from cdff_common.arrays import FloatArray, IntArray
+from cdff_core.object_models.rendering import Window
+
+#: Vertices closer than this, relative to the extent of the mesh, are one.
+_SAME_VERTEX = 1e-5
+#: Depth by which a surface must be in front of a control point to hide it, relative to its depth.
+_HIDDEN = 0.01
+
+
+class MeshEdges(NamedTuple):
+    """Edges between the faces of a mesh.
+
+    Attributes
+    ----------
+    ends_m : ndarray, shape (e, 2, 3)
+        Ends in the frame of the model.
+    normals : ndarray, shape (e, 2, 3)
+        Unit normals of the two faces; twice the same for the border of a surface.
+    is_sharp : ndarray of bool, shape (e,)
+        The faces meet at an angle, or there is one face only.
+    """
+
+    ends_m: FloatArray
+    normals: FloatArray
+    is_sharp: np.ndarray
+
+
+def mesh_edges(vertices_m: FloatArray, triangles: IntArray, crease_rad: float) -> MeshEdges:
+    """Return the edges of a mesh; those with an angle of at least ``crease_rad`` are sharp."""
+    extent = float(np.ptp(vertices_m, axis=0).max())
+    cells = np.rint(vertices_m / (_SAME_VERTEX * extent)).astype(np.int64)
+    _, first, same = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    vertices, corners = vertices_m[first], same.reshape(-1)[triangles]
+    a, b, c = (vertices[corners[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    size = np.linalg.norm(normals, axis=1)
+    has_area = size > 0.0
+    corners, normals = corners[has_area], normals[has_area] / size[has_area, None]
+    pairs = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+    faces = np.tile(np.arange(len(corners)), 3)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    pairs, faces = pairs[order], faces[order]
+    starts = np.flatnonzero(np.r_[True, (np.diff(pairs, axis=0) != 0).any(axis=1)])
+    counts = np.diff(np.r_[starts, len(pairs)])
+    both = normals[np.stack([faces[starts], faces[starts + np.minimum(counts - 1, 1)]], axis=1)]
+    cosine = np.einsum("ij,ij->i", both[:, 0], both[:, 1])
+    is_sharp = (counts != 2) | (cosine < np.cos(crease_rad))
+    return MeshEdges(vertices[pairs[starts]], both, is_sharp)
+
+
+def control_points(
+    edges: MeshEdges, T: FloatArray, window: Window, inverse_depth: FloatArray, spacing_px: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the visible control points.
+
+    Parameters
+    ----------
+    edges : MeshEdges
+    T : ndarray, shape (4, 4)
+        T_camera_model.
+    window : Window
+        That of ``inverse_depth``, the rendering of the mesh: 0 where there is no face.
+    spacing_px : float
+        Distance of the points along an edge.
+
+    Returns
+    -------
+    points_m : ndarray, shape (n, 3)
+        In the frame of the model.
+    pixels : ndarray, shape (n, 2)
+        Column and row in the window.
+    normals : ndarray, shape (n, 2)
+        Unit normals of the edges in the image.
+    """
+    R, t = T[:3, :3], T[:3, 3]
+    ends = edges.ends_m @ R.T + t
+    towards = np.einsum("ekj,ej->ek", edges.normals @ R.T, ends[:, 0]) < 0.0
+    is_outline = towards[:, 0] != towards[:, 1]
+    near = 1e-3 * max(float(ends[..., 2].max(initial=0.0)), 0.0)
+    is_drawn = (is_outline | edges.is_sharp) & (ends[..., 2] > near).all(axis=1) & (near > 0.0)
+    if not is_drawn.any():
+        return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
+    ends, ends_m = ends[is_drawn], edges.ends_m[is_drawn]
+    scale, middle = np.array([window.fx, window.fy]), np.array([window.cx, window.cy])
+    image = ends[..., :2] / ends[..., 2:] * scale + middle
+    along = image[:, 1] - image[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    # The points of all edges together are evenly spaced: short edges of a fine mesh share them.
+    marks = np.cumsum(length) / spacing_px
+    number = np.floor(marks) - np.floor(marks - length / spacing_px)
+    number = np.minimum(number, 4096).astype(np.int64)
+    edge = np.repeat(np.arange(len(length)), number)
+    rank = np.arange(len(edge)) - np.repeat(np.cumsum(number) - number, number)
+    share = (rank + 0.5) / number[edge]
+    pixels = image[edge, 0] + share[:, None] * along[edge]
+    # The point in space that is seen at a share of the image of the edge.
+    za, zb = ends[edge, 0, 2], ends[edge, 1, 2]
+    depth = 1.0 / ((1.0 - share) / za + share / zb)
+    s = (share * depth / zb)[:, None]
+    points_m = (1.0 - s) * ends_m[edge, 0] + s * ends_m[edge, 1]
+    normals = np.stack([-along[edge, 1], along[edge, 0]], axis=1) / length[edge, None]
+    visible = _is_visible(pixels, depth, inverse_depth, _HIDDEN)
+    return points_m[visible], pixels[visible], normals[visible]
+
+
+@njit(cache=True)
+def _is_visible(
+    pixels: FloatArray, depth: FloatArray, inverse_depth: FloatArray, hidden: float
+) -> np.ndarray:  # pragma: no cover - compiled
+    """Return the mask (n,) of points that a neighbouring pixel does not hide."""
+    rows, columns = inverse_depth.shape
+    visible = np.zeros(len(pixels), np.bool_)
+    for i in range(len(pixels)):
+        column, row = int(np.rint(pixels[i, 0])), int(np.rint(pixels[i, 1]))
+        if column < 1 or row < 1 or column >= columns - 1 or row >= rows - 1:
+            continue
+        limit = (1.0 + hidden) / depth[i]
+        is_surface, is_seen = False, False
+        for r in range(row - 1, row + 2):
+            for c in range(column - 1, column + 2):
+                is_seen = is_seen or inverse_depth[r, c] <= limit
+                is_surface = is_surface or abs(inverse_depth[r, c] * depth[i] - 1.0) <= 2.0 * hidden
+        visible[i] = is_seen and is_surface
+    return visible

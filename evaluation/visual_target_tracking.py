@@ -1,0 +1,173 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Track ViSP's castle in its grey images with visual_target_tracking and default parameters.
+
+``starts``: the guess is the true pose of the first image, and true poses with seeded errors. ``disturbed``:
+frames 8 to 11 are black, or their lower half is. Errors are those of all used images; errors of published
+predictions are separate.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import ByteArray, FloatArray
+from cdff_common.formats.meshes.read import read_mesh
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Frame, Mesh, TransformWithCovariance
+
+PARTS = ("starts", "disturbed")
+FOLDER = "visp_castle"
+CAMERA_MATRIX = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
+INTERVAL_NS = 100_000_000
+#: Errors of the guesses, standard deviation per axis, and their number.
+GUESS_MM, GUESS_DEG, SEEDS = 3.0, 1.0, 5
+DISTURBED = range(8, 12)
+Change = Callable[[int, ByteArray], ByteArray]
+
+
+def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
+    """Return the results of each part."""
+    poses, images = truth(data), grey_images(data)
+    figures: dict[str, Any] = {}
+    if "starts" in parts:
+        progress("visual_target_tracking: starts")
+        guesses = [poses[0], *(guess_near(poses[0], seed) for seed in range(SEEDS))]
+        runs = [track(data, poses, images, guess) for guess in guesses]
+        figures["starts"] = {"true first pose": summary(runs[:1])}
+        figures["starts"][f"{SEEDS} guesses {GUESS_MM:g} mm, {GUESS_DEG:g}° off per axis"] = summary(runs[1:])
+    if "disturbed" in parts:
+        figures["disturbed"] = {}
+        for name, change in DISTURBANCES.items():
+            progress(f"visual_target_tracking: {name}")
+            figures["disturbed"][name] = summary([track(data, poses, images, poses[0], change)])
+    return figures
+
+
+def truth(data: Path) -> FloatArray:
+    """Return T_camera_model (n, 4, 4)."""
+    table = np.loadtxt(data / FOLDER / "truth.csv", delimiter=",", skiprows=1)
+    T = np.tile(np.eye(4), (len(table), 1, 1))
+    T[:, :3] = table[:, 1:].reshape(-1, 3, 4)
+    return T
+
+
+def grey_images(data: Path) -> list[ByteArray]:
+    """Return the grey images."""
+    import cv2
+
+    files = sorted((data / FOLDER / "gray").glob("*.png"))
+    return [np.asarray(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE), np.uint8) for file in files]
+
+
+def guess_near(T: FloatArray, seed: int) -> FloatArray:
+    """Return a pose with random errors."""
+    rng = np.random.default_rng(seed)
+    R = se3.exp_so3(rng.normal(0.0, np.radians(GUESS_DEG), 3)) @ T[:3, :3]
+    return se3.transform(R, T[:3, 3] + rng.normal(0.0, 1e-3 * GUESS_MM, 3))
+
+
+def _black(frame: int, image: ByteArray) -> ByteArray:
+    return np.zeros_like(image) if frame in DISTURBED else image
+
+
+def _half(frame: int, image: ByteArray) -> ByteArray:
+    changed = image.copy()
+    if frame in DISTURBED:
+        changed[len(image) // 2 :] = 0
+    return changed
+
+
+DISTURBANCES: dict[str, Change] = {"4 frames black": _black, "4 frames half black": _half}
+
+
+def track(
+    data: Path,
+    poses: FloatArray,
+    images: list[ByteArray],
+    guess: FloatArray,
+    change: Change | None = None,
+    config: Mapping[str, Any] | None = None,
+) -> list[dict[str, float]]:
+    """Return the errors for each image; ``config`` is that of the DFPC."""
+    model = read_mesh(data / FOLDER / "models" / "chateau.wrl")
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure(dict(config or {}))
+    mesh = Mesh.from_arrays(model.vertices, model.triangles, frame="castle/body", stamp_ns=0)
+    start = TransformWithCovariance.from_transform(
+        UncertainTransform(guess), parent="camera", child="castle/body", stamp_ns=0
+    )
+    list(dfpc.step(Sample("model", 0, 0, mesh)))
+    list(dfpc.step(Sample("guess", 0, 0, start)))
+    rows = []
+    for k, (T, image) in enumerate(zip(poses, images, strict=True)):
+        shown = image if change is None else change(k, image)
+        frame = Frame.from_image(
+            shown, sensor="camera", stamp_ns=k * INTERVAL_NS, camera_matrix=CAMERA_MATRIX
+        )
+        start_s = time.process_time()
+        pose, _ = dfpc.step(Sample("image", k * INTERVAL_NS, k, frame))
+        cpu_s = time.process_time() - start_s
+        estimate = pose.value.transform
+        error = pose_error(T, estimate.matrix)
+        rows.append(
+            {
+                "frame": float(k),
+                "cpu_s": cpu_s,
+                "mm": float(1e3 * np.linalg.norm(error[:3])),
+                "deg": float(np.degrees(np.linalg.norm(error[3:]))),
+                "nees": float(error @ np.linalg.solve(estimate.covariance, error)),
+                "is_coasting": float("coasting" in pose.quality.reasons),
+                "is_degraded": float(bool(pose.quality.reasons)),
+            }
+        )
+    return rows
+
+
+def summary(runs: list[list[dict[str, float]]]) -> dict[str, Any]:
+    """Return the figures of runs."""
+    rows = [row for run in runs for row in run]
+    used = [row for row in rows if not row["is_coasting"]]
+    predictions = [row["mm"] for row in rows if row["is_coasting"]]
+    return {
+        "images": len(rows),
+        "median_mm": _rounded(np.median([row["mm"] for row in used])),
+        "largest_mm": _rounded(max(row["mm"] for row in used)),
+        "median_deg": _rounded(np.median([row["deg"] for row in used])),
+        "largest_deg": _rounded(max(row["deg"] for row in used)),
+        "mean_nees": _rounded(np.mean([row["nees"] for row in used])),
+        "degraded": int(sum(row["is_degraded"] for row in rows)),
+        "coasting": len(predictions),
+        "largest_predicted_mm": _rounded(max(predictions, default=0.0)),
+        "median_cpu_ms": _rounded(1e3 * np.median([row["cpu_s"] for row in rows if row["frame"] > 0])),
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of the page."""
+    lines = [
+        "| run | images | median | largest | mean NEES (6 expected) | DEGRADED | coasting | CPU ms |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for part in PARTS:
+        for name, row in figures.get(part, {}).items():
+            coasting = f"{row['coasting']}"
+            coasting += f", up to {row['largest_predicted_mm']} mm" if row["coasting"] else ""
+            lines.append(
+                f"| {part}: {name} | {row['images']} | {row['median_mm']} mm, {row['median_deg']}° | "
+                f"{row['largest_mm']} mm, {row['largest_deg']}° | {row['mean_nees']} | {row['degraded']} | "
+                f"{coasting} | {row['median_cpu_ms']} |"
+            )
+    return "\n".join(lines)
+
+
+def _rounded(value: Any) -> float:
+    return float(f"{float(value):.3g}")

@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""VisualTargetTracking: a rotating satellite, dark images, loss, wrong input, ViSP's castle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from tests.support import satellite
+from tests.support.satellite_images import CAMERA_MATRIX, image_of
+
+PREPARE = {"points": 4000, "views": 60, "view_pixels": 96, "grid_cells": 32}
+BODY = satellite.merged(satellite.box((1.0, 0.8, 0.6)), satellite.box((0.3, 0.3, 0.5), (0.2, 0.1, 0.5)))
+RATE = np.radians([6.0, 4.0, -3.0])
+
+
+def truth(t_s: float) -> np.ndarray:
+    """Return T_camera_body at a time."""
+    R = se3.exp_so3([0.4, -0.8, 0.3]) @ se3.exp_so3(t_s * RATE)
+    return se3.transform(R, np.array([0.05, 0.0, 4.0]) + t_s * np.array([0.02, 0.0, -0.01]))
+
+
+def image(t_s: float, pixels: np.ndarray, distortion: tuple[float, ...] = ()) -> Sample:
+    stamp_ns = round(1e9 * t_s)
+    value = Frame.from_image(
+        pixels, sensor="camera", stamp_ns=stamp_ns, camera_matrix=CAMERA_MATRIX, dist_coeffs=distortion
+    )
+    return Sample("image", stamp_ns, 0, value, id=f"i{stamp_ns}")
+
+
+def model(mesh: satellite.Mesh = BODY) -> Sample:
+    value = Mesh.from_arrays(*mesh, frame="client/body", stamp_ns=0)
+    return Sample("model", 0, 0, value, id="m")
+
+
+def guess(T: np.ndarray) -> Sample:
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(T), parent="camera", child="client/body", stamp_ns=0
+    )
+    return Sample("guess", 0, 0, value)
+
+
+def make_dfpc(T_guess: np.ndarray | None = None, **config: float) -> Dfpc:
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure({"prepare": PREPARE, **config})
+    assert list(dfpc.step(model())) == []
+    if T_guess is not None:
+        assert list(dfpc.step(guess(T_guess))) == []
+    return dfpc
+
+
+def step(dfpc: Dfpc, sample: Sample) -> tuple[Output, Output]:
+    pose, track = dfpc.step(sample)
+    assert (pose.port, track.port) == ("pose", "track")
+    assert pose.quality == track.quality
+    return pose, track
+
+
+def errors(pose: Output, t_s: float) -> tuple[float, float]:
+    error = pose_error(truth(t_s), pose.value.transform.matrix)
+    return float(np.degrees(np.linalg.norm(error[3:]))), float(np.linalg.norm(error[:3]))
+
+
+def tracked(rng: np.random.Generator, count: int, **config: float) -> Dfpc:
+    """Return a tracker after ``count`` images, two per second."""
+    dfpc = make_dfpc(truth(0.0), **config)
+    for k in range(count):
+        step(dfpc, image(0.5 * k, image_of(BODY, truth(0.5 * k), rng)))
+    return dfpc
+
+
+def test_a_rotating_body_is_tracked_from_a_guess_that_is_off(rng: np.random.Generator) -> None:
+    T = truth(0.0)
+    off = se3.transform(se3.exp_so3([0.02, -0.02, 0.01]) @ T[:3, :3], T[:3, 3] + [0.02, -0.01, 0.03])
+    dfpc, all_errors = make_dfpc(off), []
+    for k in range(10):
+        pose, state = step(dfpc, image(0.5 * k, image_of(BODY, truth(0.5 * k), rng)))
+        assert pose.quality.status is (Status.DEGRADED if k == 0 else Status.OK), pose.quality.reasons
+        all_errors.append(errors(pose, 0.5 * k))
+    assert np.max(all_errors[1:], axis=0)[0] < 1.0
+    assert np.max(all_errors[1:], axis=0)[1] < 0.02
+    R = truth(4.5)[:3, :3]
+    np.testing.assert_allclose(state.value.velocities[0, 3:], R @ RATE, atol=0.02)
+    assert pose.value.child_frame == "client/body"
+    assert {"agreement", "points", "innovation", "sigma_px"} <= set(pose.quality.metrics)
+
+
+def test_dark_images_are_coasted_and_the_track_continues(rng: np.random.Generator) -> None:
+    dfpc = tracked(rng, 8)
+    sigmas = []
+    for t_s in (4.0, 4.5):
+        pose, _ = step(dfpc, image(t_s, np.full((240, 320), 10, np.uint8)))
+        assert pose.quality.status is Status.DEGRADED
+        assert "coasting" in pose.quality.reasons
+        sigmas.append(np.trace(pose.value.transform.covariance))
+    assert sigmas[1] > sigmas[0]
+    pose, _ = step(dfpc, image(5.0, image_of(BODY, truth(5.0), rng)))
+    assert pose.quality.status is Status.OK, pose.quality.reasons
+    assert errors(pose, 5.0)[0] < 1.0
+
+
+def test_another_body_is_not_used(rng: np.random.Generator) -> None:
+    dfpc = tracked(rng, 4)
+    other = image_of(satellite.cylinder(0.5, 0.7), truth(2.0), rng)
+    pose, _ = step(dfpc, image(2.0, other))
+    assert pose.quality.status is Status.DEGRADED
+    assert "coasting" in pose.quality.reasons
+
+
+def test_a_track_without_images_is_lost(rng: np.random.Generator) -> None:
+    dfpc = tracked(rng, 2, lost_after_s=1.0)
+    pose, track = step(dfpc, image(4.0, np.zeros((240, 320), np.uint8)))
+    assert pose.quality.status is Status.FAILED
+    assert "lost:3.5s" in pose.quality.reasons
+    assert track.value is None
+
+
+def test_missing_input_is_named(rng: np.random.Generator) -> None:
+    dark = np.zeros((240, 320), np.uint8)
+    pose, _ = step(make_dfpc(), image(0.0, dark))
+    assert pose.quality.reasons == ("no_guess",)
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure()
+    pose, _ = step(dfpc, image(0.0, dark))
+    assert pose.quality.reasons == ("no_model",)
+
+
+def test_a_repeated_stamp_keeps_the_state(rng: np.random.Generator) -> None:
+    dfpc = tracked(rng, 2)
+    before = dfpc.store.get("last_track").velocities
+    pose, _ = step(dfpc, image(0.5, image_of(BODY, truth(0.5), rng)))
+    assert pose.quality.status is Status.FAILED
+    assert pose.quality.reasons == ("repeated_stamp",)
+    np.testing.assert_array_equal(dfpc.store.get("last_track").velocities, before)
+
+
+def test_lens_distortion_is_refused(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(truth(0.0))
+    with pytest.raises(InputError, match="lens distortion"):
+        dfpc.step(image(0.0, image_of(BODY, truth(0.0), rng), distortion=(0.1, 0.0, 0.0, 0.0)))
+
+
+def test_the_castle_of_visp_is_tracked(real_data: Callable[[str], Path]) -> None:
+    from evaluation import visual_target_tracking as evaluated
+
+    folder = real_data(evaluated.FOLDER)
+    data, poses = folder.parent, evaluated.truth(folder.parent)[:6]
+    images = evaluated.grey_images(data)[:6]
+    rows = evaluated.track(
+        data, poses, images, evaluated.guess_near(poses[0], 1), config={"prepare": PREPARE}
+    )
+    assert max(row["mm"] for row in rows) < 4.0
+    assert max(row["deg"] for row in rows) < 1.2
+    assert sum(row["is_degraded"] for row in rows) == 1
