@@ -58,7 +58,7 @@ def tracks_csv(track: ObjectTrack) -> bytes:
 
 
 def track_json(track: ObjectTrack, table: bytes) -> bytes:
-    """Return frame, label and the states of a track, from its table in CSV, as JSON; null where it is empty."""
+    """Return frame, label and states of a track in CSV as JSON; empty cells are null."""
     rows = csv.DictReader(io.StringIO(table.decode()))
     states = [{name: _json_value(name, text) for name, text in row.items()} for row in rows]
     return json.dumps(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Local-vertical local-horizontal axes (LVLH) of an orbiting body: z to the centre, y against the orbit normal."""
+"""Local-vertical local-horizontal axes (LVLH) in orbit: z to the centre, y against the orbit normal."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class LocalOrbitalAxes:
         return cls(rotation, -(rate + slowing * interval_s) * against, sigma)
 
     def state(self, direction: FloatArray, rate: FloatArray, covariance: FloatArray) -> BearingStates:
-        """Return an inertial direction (3,), its rate (3,) and their covariance (6, 6) in the axes, as one state."""
+        """Return an inertial direction (3,), its rate (3,) and their covariance (6, 6) in the axes."""
         to_axes = self.rotation.T
         across = self.rate - (self.rate @ direction) * direction
         both = np.kron(np.eye(2), to_axes)

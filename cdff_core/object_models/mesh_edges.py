@@ -96,18 +96,18 @@ def control_points(
     image = ends[..., :2] / ends[..., 2:] * scale + middle
     along = image[:, 1] - image[:, 0]
     length = np.linalg.norm(along, axis=1)
-    # The points of all edges together are evenly spaced: short edges of a fine mesh share them.
+    # The points of all edges together are evenly spaced: short edges of a fine mesh fraction them.
     marks = np.cumsum(length) / spacing_px
     number = np.floor(marks) - np.floor(marks - length / spacing_px)
     number = np.minimum(number, 4096).astype(np.int64)
     edge = np.repeat(np.arange(len(length)), number)
     rank = np.arange(len(edge)) - np.repeat(np.cumsum(number) - number, number)
-    share = (rank + 0.5) / number[edge]
-    pixels = image[edge, 0] + share[:, None] * along[edge]
-    # The point in space that is seen at a share of the image of the edge.
+    fraction = (rank + 0.5) / number[edge]
+    pixels = image[edge, 0] + fraction[:, None] * along[edge]
+    # The point in space that is seen at a fraction of the image of the edge.
     za, zb = ends[edge, 0, 2], ends[edge, 1, 2]
-    depth = 1.0 / ((1.0 - share) / za + share / zb)
-    s = (share * depth / zb)[:, None]
+    depth = 1.0 / ((1.0 - fraction) / za + fraction / zb)
+    s = (fraction * depth / zb)[:, None]
     points_m = (1.0 - s) * ends_m[edge, 0] + s * ends_m[edge, 1]
     normals = np.stack([-along[edge, 1], along[edge, 0]], axis=1) / length[edge, None]
     visible = _is_visible(pixels, depth, inverse_depth, _HIDDEN)

@@ -10,8 +10,8 @@
     anchors:
       site: {lon_deg: 1.48, lat_deg: 43.56, height_m: 150.0, azimuth_deg: 0.0}
 
-``anchors`` are the locations of frames on the Earth, for positions as ``sensor_msgs/msg/NavSatFix``. ``to`` is
-a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names of
+``anchors`` are the locations of frames on the Earth, for positions as ``sensor_msgs/msg/NavSatFix``. ``to``
+is a topic, or a stream if the new log is InFuse. Streams and frames that are not listed have the names of
 ``default_topics``.
 """
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Iterated Kalman filter with measured edge points: the nearest hypothesis of each point, robustly weighted."""
+"""Iterated Kalman filter with edge points: the nearest hypothesis of each, robustly weighted."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def _window_of(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[i
     points = vertices_m @ T[:3, :3].T + T[:3, 3]
     z = points[:, 2]
     if (z <= 1e-3 * max(float(z.max()), 0.0)).any():
-        # A part is beside or behind the camera: the body may be anywhere in the image.
+        # A part is next to or behind the camera: the body may be anywhere in the image.
         return 0, 0, camera if z.max() > 0.0 else camera.cropped(0, 0, 0, 0)
     u, v = camera.fx * points[:, 0] / z + camera.cx, camera.fy * points[:, 1] / z + camera.cy
     low_c, high_c = np.clip([np.floor(u.min()) - 2, np.ceil(u.max()) + 3], 0, camera.columns).astype(int)

@@ -46,7 +46,7 @@ class VisualTargetTrackingConfig(NewTrackConfig):
         0.02,
         gt=0,
         le=1,
-        description="Standard deviation of the position of a guess without covariance, relative to the diameter",
+        description="Standard deviation of the position of a guess without covariance, in diameters",
     )
     guess_sigma_rad: float = Field(
         0.03, gt=0, le=3, description="Standard deviation of the rotation of a guess without covariance"
