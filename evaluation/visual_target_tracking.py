@@ -3,8 +3,9 @@
 """Track ViSP's castle in its grey images with visual_target_tracking and default parameters.
 
 ``starts``: the guess is the true pose of the first image, and true poses with seeded errors. ``disturbed``:
-frames 8 to 11 are black, or their lower half is. Errors are those of all used images; errors of published
-predictions are separate.
+frames 8 to 11 are black, or their right half is. ``file_camera``: the principal point is that of the camera
+file. Errors are those of all used images; errors of published predictions are separate. ``principal_point``:
+differences between the measured depth and that of the mesh at the true poses, for two principal points.
 """
 
 from __future__ import annotations
@@ -24,9 +25,15 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, Mesh, TransformWithCovariance
 
-PARTS = ("starts", "disturbed")
+PARTS = ("starts", "disturbed", "file_camera", "principal_point")
 FOLDER = "visp_castle"
-CAMERA_MATRIX = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
+#: Camera of the files, px. Its origin is the corner of the first pixel, as ``principal_point`` shows; that of
+#: CDFF is the centre of the first pixel.
+FILE_CAMERA_MATRIX = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
+CAMERA_MATRIX = FILE_CAMERA_MATRIX - np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
+#: Unit of the depth images, position of their camera relative to the grey one, and largest difference that
+#: counts (larger ones are at outlines), metres; step between the images that are compared.
+DEPTH_UNIT_M, T_DEPTH_GREY_M, LARGEST_M, STEP = 3.0518e-5, np.array([-0.05, 0.0, 0.0]), 0.01, 4
 INTERVAL_NS = 100_000_000
 #: Errors of the guesses, standard deviation per axis, and their number.
 GUESS_MM, GUESS_DEG, SEEDS = 3.0, 1.0, 5
@@ -49,7 +56,39 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         for name, change in DISTURBANCES.items():
             progress(f"visual_target_tracking: {name}")
             figures["disturbed"][name] = summary([track(data, poses, images, poses[0], change)])
+    if "file_camera" in parts:
+        run = track(data, poses, images, poses[0], camera_matrix=FILE_CAMERA_MATRIX)
+        figures["file_camera"] = {"true first pose": summary([run])}
+    if "principal_point" in parts:
+        figures["principal_point"] = {
+            name: _rounded(1e3 * depth_difference_m(data, poses, matrix))
+            for name, matrix in (("320, 240", FILE_CAMERA_MATRIX), ("319.5, 239.5", CAMERA_MATRIX))
+        }
     return figures
+
+
+def depth_difference_m(data: Path, poses: FloatArray, camera_matrix: FloatArray) -> float:
+    """Return the mean absolute difference between the measured depth and that of the mesh, metres."""
+    import cv2
+    import open3d
+
+    model = read_mesh(data / FOLDER / "models" / "chateau.wrl")
+    scene = open3d.t.geometry.RaycastingScene()
+    vertices, triangles = np.asarray(model.vertices, np.float32), np.asarray(model.triangles, np.uint32)
+    scene.add_triangles(open3d.core.Tensor(vertices), open3d.core.Tensor(triangles))
+    files = sorted((data / FOLDER / "depth").glob("*.png"))
+    differences = []
+    for T, file in list(zip(poses, files, strict=True))[::STEP]:
+        depth_m = DEPTH_UNIT_M * np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.float64)
+        v, u = np.mgrid[: depth_m.shape[0], : depth_m.shape[1]]
+        pixels = np.stack([u, v, np.ones_like(u)], axis=-1).astype(np.float64)
+        R, t = T[:3, :3], T[:3, 3] + T_DEPTH_GREY_M
+        directions = pixels @ np.linalg.inv(camera_matrix).T @ R
+        origins = np.broadcast_to(-R.T @ t, directions.shape)
+        rays = open3d.core.Tensor(np.concatenate([origins, directions], axis=-1).astype(np.float32))
+        difference_m = (depth_m - scene.cast_rays(rays)["t_hit"].numpy())[depth_m > 0.0]
+        differences.append(np.abs(difference_m[np.abs(difference_m) < LARGEST_M]))
+    return float(np.mean(np.concatenate(differences)))
 
 
 def truth(data: Path) -> FloatArray:
@@ -82,11 +121,11 @@ def _black(frame: int, image: ByteArray) -> ByteArray:
 def _half(frame: int, image: ByteArray) -> ByteArray:
     changed = image.copy()
     if frame in DISTURBED:
-        changed[len(image) // 2 :] = 0
+        changed[:, image.shape[1] // 2 :] = 0
     return changed
 
 
-DISTURBANCES: dict[str, Change] = {"4 frames black": _black, "4 frames half black": _half}
+DISTURBANCES: dict[str, Change] = {"4 frames black": _black, "right half of 4 frames black": _half}
 
 
 def track(
@@ -96,6 +135,7 @@ def track(
     guess: FloatArray,
     change: Change | None = None,
     config: Mapping[str, Any] | None = None,
+    camera_matrix: FloatArray = CAMERA_MATRIX,
 ) -> list[dict[str, float]]:
     """Return the errors for each image; ``config`` is that of the DFPC."""
     model = read_mesh(data / FOLDER / "models" / "chateau.wrl")
@@ -111,7 +151,7 @@ def track(
     for k, (T, image) in enumerate(zip(poses, images, strict=True)):
         shown = image if change is None else change(k, image)
         frame = Frame.from_image(
-            shown, sensor="camera", stamp_ns=k * INTERVAL_NS, camera_matrix=CAMERA_MATRIX
+            shown, sensor="camera", stamp_ns=k * INTERVAL_NS, camera_matrix=camera_matrix
         )
         start_s = time.process_time()
         pose, _ = dfpc.step(Sample("image", k * INTERVAL_NS, k, frame))
@@ -157,7 +197,7 @@ def table(figures: dict[str, Any]) -> str:
         "| run | images | median | largest | mean NEES (6 expected) | DEGRADED | coasting | CPU ms |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for part in PARTS:
+    for part in ("starts", "disturbed", "file_camera"):
         for name, row in figures.get(part, {}).items():
             coasting = f"{row['coasting']}"
             coasting += f", up to {row['largest_predicted_mm']} mm" if row["coasting"] else ""
@@ -166,6 +206,9 @@ def table(figures: dict[str, Any]) -> str:
                 f"{row['largest_mm']} mm, {row['largest_deg']}° | {row['mean_nees']} | {row['degraded']} | "
                 f"{coasting} | {row['median_cpu_ms']} |"
             )
+    if "principal_point" in figures:
+        lines += ["", "| principal point, px | mean difference of depth, mm |", "|---|---|"]
+        lines += [f"| {name} | {value} |" for name, value in figures["principal_point"].items()]
     return "\n".join(lines)
 
 
