@@ -97,7 +97,7 @@ class Agreement:
     registration: HeightRegistration | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the comparison as JSON data, lengths in metres."""
         return {
             "robot": self.robot,
             "references": list(self.references),
@@ -110,7 +110,7 @@ class Agreement:
 
 
 def compare_robots(parts: Sequence[RobotCells]) -> tuple[Agreement, ...]:
-    """Return the comparison of each robot with the more certain ones with common cells.
+    """Compare the cells of each robot with the same cells of the more certain robots.
 
     The most certain robot has the smallest median error variance. A robot that differs from most of at least
     two others is less certain than they are, whatever it states.

@@ -44,7 +44,7 @@ class LocalOrbitalAxes:
         position_sigma_m: float,
         velocity_sigma_m_s: float,
     ) -> LocalOrbitalAxes:
-        """Return the axes ``interval_s`` after a state (3,), (3,) in inertial axes.
+        """Return the axes ``interval_s`` seconds after a state in inertial axes: (3,) in m, (3,) in m/s.
 
         The true anomaly is continued by its rate h / r^2 and the derivative of that; the next term is below
         1e-8 rad after a minute in a low orbit.

@@ -75,6 +75,11 @@ class TrackedState:
             ]
         )
 
+    def squared_distance(self, prediction: TrackedState) -> float:
+        """Return the squared Mahalanobis distance from a prediction, by the covariance of the latter."""
+        error = self.difference(prediction)
+        return float(error @ np.linalg.lstsq(prediction.covariance, error, rcond=1e-12)[0])
+
     @property
     def velocities(self) -> FloatArray:
         """Velocity of the origin and angular rate (6,) in the frame, m/s and rad/s."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.json_form import from_json
-from cdff_common.errors import InputError
+from cdff_common.errors import CodecError, InputError
 from cdff_common.formats.bal import read_bal
 from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
 from cdff_common.formats.file_source import Source, load
@@ -146,7 +146,10 @@ def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
     s = load(text)
     fmt = (detect_mesh(s) if name == "Mesh" else None) or detect(s)
     if fmt == "json":
-        return from_json(name, json.loads(s.data))
+        try:
+            return from_json(name, json.loads(s.data))
+        except (CodecError, ValueError) as error:
+            raise InputError(f"{port.attribute}={s.name}: {error}; expected a {name} as JSON") from error
     if fmt == "msg":
         return _from_log(name, Path(text))
     try:

@@ -31,7 +31,7 @@ NAME = "orbit_approach"
 
 @pytest.fixture(scope="module")
 def approach() -> Iterator[tuple[str, list[Outcome]]]:
-    """Address of the DPM's HTTP server after the approach, and the outcomes of the requests of OG2."""
+    """Run the approach; return the address of the DPM's HTTP server and the outcomes of OG2's requests."""
     script, path = script_of(NAME), deploy_folder() / "profiles" / f"{NAME}.yaml"
     connect, http = f"tcp/127.0.0.1:{free_port()}", f"127.0.0.1:{free_port()}"
     log = simulated_log(load_any_scenario(str(script.scenario)))

@@ -106,8 +106,7 @@ class ScanFitter:
             state = state.corrected(outputs.correction, outputs.covariance)
             if float(np.linalg.norm(outputs.correction[9:12])) * duration_s < _RESIDUAL_MOTION_RAD:
                 break
-        error = state.difference(predicted)
-        distance = float(error @ np.linalg.lstsq(predicted.covariance, error, rcond=1e-12)[0])
+        distance = state.squared_distance(predicted)
         return ScanFit(
             state, distance, outputs.agreement, outputs.sigma_m, outputs.weak_directions, len(points_m)
         )

@@ -52,7 +52,7 @@ class VisualTargetTracking(VisualTargetTrackingInterface):
         self._used, self._last_used_ns = 0, 0
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Prepare the mesh; another one than before ends the track."""
+        """Prepare the mesh; a mesh that differs from the previous one ends the track."""
         previous = self._models.by_name.get(self._name)
         name = self._models.add(sample.value)
         model = self._models.by_name[name]

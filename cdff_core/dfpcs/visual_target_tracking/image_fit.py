@@ -121,8 +121,7 @@ class ImageFitter:
             )
             state = state.corrected(outputs.correction, outputs.covariance)
             range_px = max(0.5 * range_px, _MIN_RANGE_PX)
-        error = state.difference(predicted)
-        distance = float(error @ np.linalg.lstsq(predicted.covariance, error, rcond=1e-12)[0])
+        distance = state.squared_distance(predicted)
         return ImageFit(state, distance, outputs.agreement, outputs.sigma_px, len(measured.points), first_px)
 
     def _range_px(

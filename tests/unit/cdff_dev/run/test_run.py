@@ -229,7 +229,7 @@ def test_a_log_whose_only_stream_has_no_samples_is_refused(tmp_path: Path) -> No
 
 def test_a_json_file_with_a_number_is_not_a_pose(tmp_path: Path) -> None:
     (tmp_path / "number.json").write_text('{"value": 3.0}')
-    with pytest.raises(CdffError):
+    with pytest.raises(CdffError, match=r"guess=.*number\.json: .*expected a TransformWithCovariance"):
         read_inputs(
             [Port(name="guess", type="TransformWithCovariance")], {"guess": str(tmp_path / "number.json")}
         )

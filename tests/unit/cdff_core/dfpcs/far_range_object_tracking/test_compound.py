@@ -184,7 +184,7 @@ def test_with_the_state_in_orbit_the_direction_is_also_given_in_the_axes_of_the_
     has_covariance: bool,
 ) -> None:
     scene, dfpc = StarScene(), compound(observer="sun", use_stars=False)
-    # The orbit is such that the object is ahead: the velocity has its direction.
+    # The servicer flies towards the object: its velocity has the direction of the object.
     ahead = direction(scene, 11)
     up = np.cross(ahead, [0.0, 0.0, 1.0])
     up /= np.linalg.norm(up)
