@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.contract.foreign_names import is_anchor, is_fix
 from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.registry import Registry
 from cdff_common.progress import Progress
 from cdff_core.runtime import Runner
-from cdff_dev.logs.names import is_anchor, is_fix
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.slam.methods import METHODS

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from cdff_common.contract.foreign_names import is_anchor
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.profile_checks.faults import Severity, nearest_frame, nearest_name, one_of
 from cdff_common.interfaces.sensor_profile import Sensor
 from cdff_dev.logs.information import StreamReport
-from cdff_dev.logs.names import is_anchor
 from cdff_dev.logs.source import split_stream
 from cdff_dev.logs.timing import Timing
 

@@ -26,9 +26,9 @@ from typing import Any
 
 import yaml
 
+from cdff_common.contract.foreign_names import is_anchor
 from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, body
-from cdff_dev.logs.names import is_anchor
 from cdff_dev.logs.source import StreamInfo
 
 _KEYS = {"streams", "frames", "anchors"}

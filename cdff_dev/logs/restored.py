@@ -13,21 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.codecs.bitstream import unwrap
+from cdff_common.contract.foreign_names import frame_name
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 from cdff_common.types import (
-    DistanceImage,
     Frame,
     FrameExtrinsicT,
     FramePair,
-    Time,
     TransformWithCovariance,
     TransformWithCovarianceData,
 )
 from cdff_common.types.message import Message
 from cdff_common.types.pointcloud_ext import mounting
-from cdff_dev.logs.names import frame_name
 from cdff_dev.logs.source import (
     LogSample,
     LogSource,
@@ -36,13 +34,12 @@ from cdff_dev.logs.source import (
     chosen_streams,
     recorded_header,
 )
+from services.ros_messages.depth import distance_image
 
 #: Topic with the names of the original log, ``OriginalNames`` as JSON in ``std_msgs/String``.
 NAMES_TOPIC = "/cdff/original_names"
 #: Types of the new log whose texts are those of the original log.
 _WITHOUT_FRAMES = ("Asn1Bitstream", "Joints")
-#: Metres of the value 1 of a depth image of 16 bits in ROS (REP 118).
-DEPTH_UNIT_M = 0.001
 
 
 @dataclass(slots=True)
@@ -195,24 +192,8 @@ def restored_value(value: Any, type_name: str) -> Any:
     if type(value).ASN1_NAME == "Asn1Bitstream":
         return unwrap(value)
     if isinstance(value, Frame) and type_name == "DistanceImage":
-        return _distance_image(value)
+        return distance_image(value)
     return value
-
-
-def _distance_image(frame: Frame) -> DistanceImage:
-    """Return the depths of an image in metres, or in millimetres if it has 16 bits."""
-    image, K = frame.image, frame.camera_matrix
-    distances = image * DEPTH_UNIT_M if image.dtype.itemsize == 2 else image.astype(float)
-    return DistanceImage(
-        ref_time=Time.from_ns(frame.metadata.time_stamp.ns),
-        width=image.shape[1],
-        height=image.shape[0],
-        scale_x=1.0 / K[0, 0],
-        scale_y=1.0 / K[1, 1],
-        center_x=-K[0, 2] / K[0, 0],
-        center_y=-K[1, 2] / K[1, 1],
-        data=distances.ravel(),
-    )
 
 
 def mount_row(value: Any) -> list[float] | None:

@@ -11,10 +11,10 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.contract.foreign_names import is_anchor
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Header, Quality, product_id
-from cdff_dev.logs.names import is_anchor
 
 
 @dataclass(frozen=True, slots=True)

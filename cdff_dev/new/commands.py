@@ -136,7 +136,7 @@ def _drafts(args: argparse.Namespace) -> tuple[list[RobotDraft], str, str]:
     """Return the robots, the body, and the name of the profile."""
     import re
 
-    from cdff_dev.logs.names import is_anchor
+    from cdff_common.contract.foreign_names import is_anchor
     from cdff_dev.logs.opened import opened
     from cdff_dev.new.profile import robots_of_log
     from cdff_dev.new.questions import ask_robot

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from cdff_common.contract.foreign_names import is_anchor, is_fix
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.logs.names import is_anchor, is_fix
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.new.mounts import CameraMounts, edge_line
 

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from cdff_common.contract.foreign_names import frame_name, name_of
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.formats.images.sequences import ImageSequence, last_number
 from cdff_dev.logs.image_streams import Stamps, pose_stream
 from cdff_dev.logs.indexed import IndexedStream
-from cdff_dev.logs.names import frame_name, name_of
 
 _TABLES = ("truth.csv", "groundtruth.csv", "poses.csv")
 _SEPARATOR = "_from_"

@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from cdff_common.contract.foreign_names import robot_name
 from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import IMUSensors, Time
 from cdff_dev.logs.image_streams import Stamps
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
-from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.tables import read_times, time_unit_ns
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.contract.foreign_names import robot_name
 from cdff_common.errors import InputError
 from cdff_common.types import IMUSensors, LidarScan, Time
 from cdff_dev.logs.formats.pcap.ouster_packets import PacketLayout
@@ -20,7 +21,6 @@ from cdff_dev.logs.formats.pcap.ouster_points import RayTable
 from cdff_dev.logs.formats.pcap.ouster_sensor import OusterSensor, read_metadata
 from cdff_dev.logs.formats.pcap.packets import Capture, Datagram
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
-from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import Unconverted
 
 _STANDARD_GRAVITY = 9.80665  # m/s2

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.contract.foreign_names import robot_name
 from cdff_common.errors import CodecError, InputError
 from cdff_common.types import LidarScan
 from cdff_dev.logs.formats.pcap.packets import Capture
-from cdff_dev.logs.names import robot_name
 from cdff_dev.logs.source import (
     LogSample,
     LogSource,

@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cdff_common.contract.foreign_names import name_of
 from cdff_common.errors import CodecError
 from cdff_dev.logs.byte_files import LogFiles
 from cdff_dev.logs.formats.pocolog.blocks import FileBlocks, read_blocks
@@ -18,7 +19,6 @@ from cdff_dev.logs.formats.pocolog.ports import Port, PortPart
 from cdff_dev.logs.formats.pocolog.registry import Registry
 from cdff_dev.logs.formats.pocolog.values import ROBOT
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
-from cdff_dev.logs.names import name_of
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)

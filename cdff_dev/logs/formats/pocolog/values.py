@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.clock import MAX_STAMP_NS
+from cdff_common.contract.foreign_names import frame_name
 from cdff_common.types import Time
-from cdff_dev.logs.names import frame_name
 
 ROBOT = "robot"
 FloatArray = NDArray[np.float64]

@@ -7,8 +7,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cdff_common.contract.foreign_names import robot_name
 from cdff_dev.logs.formats import LogFormat, LogLocation
-from cdff_dev.logs.names import robot_name
 
 if TYPE_CHECKING:
     from cdff_dev.logs.formats.ros.recording import Recording

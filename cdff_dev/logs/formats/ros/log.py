@@ -16,18 +16,6 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry.se3 import FloatArray
-from cdff_dev.logs.formats.ros.clouds import unused_fields
-from cdff_dev.logs.formats.ros.conversions import (
-    CAMERA_INFO,
-    CLOUD,
-    CONVERSIONS,
-    FRAME_TREES,
-    LOCAL_FRAME_POSE,
-    NO_CONVERSION,
-    OMITTED_FIELDS,
-    transform_matrix,
-)
-from cdff_dev.logs.formats.ros.fixes import FIX, LocalFrame, has_covariance, no_position
 from cdff_dev.logs.formats.ros.pairs import PairAssembly
 from cdff_dev.logs.formats.ros.recording import (
     PARSER_ERRORS,
@@ -37,7 +25,6 @@ from cdff_dev.logs.formats.ros.recording import (
     encoded_stamp_ns,
 )
 from cdff_dev.logs.formats.ros.stereo import FrameTree, StereoTopics, stereo_candidates, stereo_topics
-from cdff_dev.logs.formats.ros.topics import Topic, namespace
 from cdff_dev.logs.source import (
     LogSample,
     LogSource,
@@ -46,6 +33,19 @@ from cdff_dev.logs.source import (
     chosen_streams,
     recorded_header,
 )
+from services.ros_messages.clouds import unused_fields
+from services.ros_messages.conversions import (
+    CAMERA_INFO,
+    CLOUD,
+    CONVERSIONS,
+    FRAME_TREES,
+    LOCAL_FRAME_POSE,
+    NO_CONVERSION,
+    OMITTED_FIELDS,
+    transform_matrix,
+)
+from services.ros_messages.fixes import FIX, LocalFrame, has_covariance, no_position
+from services.ros_messages.topics import Topic, namespace
 
 _log = logging.getLogger(__name__)
 _MAX_STAMP_NS = np.iinfo(np.int64).max - 1000

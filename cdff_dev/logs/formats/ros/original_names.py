@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from cdff_common.errors import CodecError, InputError
-from cdff_dev.logs.formats.ros.fixes import LocalFrame
 from cdff_dev.logs.formats.ros.log import RosLog
 from cdff_dev.logs.formats.ros.recording import Recording
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, RestoredLog
 from cdff_dev.logs.source import LogSource
+from services.ros_messages.fixes import LocalFrame
 
 
 def open_recording(recording: Recording, robot: str) -> LogSource:

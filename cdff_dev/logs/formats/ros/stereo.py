@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 
 from cdff_common.camera import StereoCalibration, check_image_size
+from cdff_common.contract.foreign_names import stream_name
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import FramePair
-from cdff_dev.logs.formats.ros.images import camera_matrix, camera_model, grey_pixels, pixels
-from cdff_dev.logs.formats.ros.topics import Topic, namespace
-from cdff_dev.logs.names import stream_name
 from cdff_dev.logs.stereo_pairs import PairRectifier, counterpart
+from services.ros_messages.images import camera_matrix, camera_model, grey_pixels, pixels
+from services.ros_messages.topics import Topic, namespace
 
 #: Poses of child frames in their parents: child -> (parent, T_parent_child).
 FrameTree = Mapping[str, tuple[str, FloatArray]]

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from cdff_common.errors import InputError
-from cdff_dev.logs.formats.ros.message_types import RosTypes
+from services.ros_messages.message_types import RosTypes
 
 
 class MessageStorage(Protocol):

@@ -19,14 +19,14 @@ from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder, storage_errors
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.logs.differences import ROUNDING, differing_fields
-from cdff_dev.logs.formats.ros.encoders import bitstream, encoder, transform_message
-from cdff_dev.logs.formats.ros.encoding import Encoded, Encoder, Outgoing, Target
-from cdff_dev.logs.formats.ros.fixes import EARTH, FIX, LocalFrame, is_position
 from cdff_dev.logs.formats.ros.storage import Bag1Storage, Bag2Storage, McapStorage, MessageStorage
 from cdff_dev.logs.mapping import LogMap
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, mount_row, with_mount
 from cdff_dev.logs.sinks import LogSink, Loss
 from cdff_dev.logs.source import recorded_header
+from services.ros_messages.encoders import bitstream, encoder, transform_message
+from services.ros_messages.encoding import Encoded, Encoder, Outgoing, Target
+from services.ros_messages.fixes import EARTH, FIX, LocalFrame, is_position
 
 _STORAGES: dict[str, Callable[[Path], MessageStorage]] = {
     ".bag": Bag1Storage,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import LidarScan
-from cdff_dev.logs.formats.ros.topics import Topic
+from services.ros_messages.topics import Topic
 
 #: Types of the fields by their number in ``sensor_msgs/PointField``.
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import pytest
 
+from cdff_common.contract.foreign_names import robot_name, stream_name
 from cdff_common.errors import InputError
-from cdff_dev.logs.formats.ros.clouds import lidar_scan
-from cdff_dev.logs.formats.ros.conversions import CONVERSIONS
-from cdff_dev.logs.formats.ros.images import frame
-from cdff_dev.logs.formats.ros.topics import Topic
-from cdff_dev.logs.names import robot_name, stream_name
+from services.ros_messages.clouds import lidar_scan
+from services.ros_messages.conversions import CONVERSIONS
+from services.ros_messages.images import frame
+from services.ros_messages.topics import Topic
 
 STAMP_NS = 1_600_000_000_000_000_000
 TOPIC = Topic("/camera/image_raw", "rover", CONVERSIONS["sensor_msgs/msg/Image"])

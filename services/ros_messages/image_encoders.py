@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.contract.foreign_names import name_of
 from cdff_common.errors import InputError
 from cdff_common.types import DistanceImage, Frame, FrameModeT, FramePair
-from cdff_dev.logs.formats.ros.encoding import Encoded, Outgoing, Target, read_back
-from cdff_dev.logs.formats.ros.message_types import RosTypes
-from cdff_dev.logs.names import name_of
-from cdff_dev.logs.restored import DEPTH_UNIT_M, restored_value
+from services.ros_messages.depth import DEPTH_UNIT_M, distance_image
+from services.ros_messages.encoding import Encoded, Outgoing, Target, read_back
+from services.ros_messages.message_types import RosTypes
 
 IMAGE, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 #: Encodings by mode and element type.
@@ -84,7 +84,7 @@ def depth_images(value: DistanceImage, target: Target, types: RosTypes, stamp_ns
         _depth_pixels(depths), stamp_ns=stamp_ns, camera_matrix=camera_matrix, sensor=target.frame
     )
     encoded = frame_images(frame, target, types, stamp_ns)
-    return Encoded(encoded.messages, restored_value(encoded.held, "DistanceImage"), encoded.read_as)
+    return Encoded(encoded.messages, distance_image(encoded.held), encoded.read_as)
 
 
 def _depth_pixels(depths: NDArray[np.float64]) -> NDArray[Any]:

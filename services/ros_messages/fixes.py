@@ -19,7 +19,7 @@ from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import TransformWithCovariance
-from cdff_dev.logs.formats.ros.topics import Topic
+from services.ros_messages.topics import Topic
 
 #: Message type, and the frame of its positions, which are above the ellipsoid of WGS 84.
 FIX = "sensor_msgs/msg/NavSatFix"

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.contract.foreign_names import ANCHOR_PORT, FIX_PORT
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import Asn1Bitstream, IMUSensors, Joints, JointState, Time, TransformWithCovariance
-from cdff_dev.logs.formats.ros.clouds import laser_scan, lidar_scan
-from cdff_dev.logs.formats.ros.fixes import FIX, local_frame_pose, position
-from cdff_dev.logs.formats.ros.images import frame
-from cdff_dev.logs.formats.ros.topics import Topic
-from cdff_dev.logs.names import ANCHOR_PORT, FIX_PORT
+from services.ros_messages.clouds import laser_scan, lidar_scan
+from services.ros_messages.fixes import FIX, local_frame_pose, position
+from services.ros_messages.images import frame
+from services.ros_messages.topics import Topic
 
 #: Value, frame and child frame of a sample.
 Converted = tuple[Any, str, str | None]

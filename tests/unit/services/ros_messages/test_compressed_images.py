@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import CodecError
-from cdff_dev.logs.compressed_images import decode_image
+from services.ros_messages.compressed_images import decode_image
 
 IMAGE = np.arange(48, dtype=np.uint8).reshape(6, 8)
 

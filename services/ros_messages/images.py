@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.types import Frame
-from cdff_dev.logs.compressed_images import decode_image
-from cdff_dev.logs.formats.ros.topics import Topic
+from services.ros_messages.compressed_images import decode_image
+from services.ros_messages.topics import Topic
 
 #: Type of an element, number of channels and mode by the encoding of ROS.
 _ENCODINGS = {

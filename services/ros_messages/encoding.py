@@ -12,10 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cdff_dev.logs.formats.ros.conversions import CONVERSIONS
-from cdff_dev.logs.formats.ros.fixes import LocalFrame
-from cdff_dev.logs.formats.ros.message_types import RosTypes
-from cdff_dev.logs.formats.ros.topics import Topic
+from services.ros_messages.conversions import CONVERSIONS
+from services.ros_messages.fixes import LocalFrame
+from services.ros_messages.message_types import RosTypes
+from services.ros_messages.topics import Topic
 
 
 class Outgoing(NamedTuple):

@@ -11,10 +11,10 @@ import numpy as np
 from cdff_common.codecs.bitstream import wrap
 from cdff_common.errors import InputError
 from cdff_common.types import IMUSensors, Joints, LidarScan, TransformWithCovariance
-from cdff_dev.logs.formats.ros.encoding import Encoded, Encoder, Target, single
-from cdff_dev.logs.formats.ros.fixes import FIX, fix_fields
-from cdff_dev.logs.formats.ros.image_encoders import depth_images, frame_images, pair_images
-from cdff_dev.logs.formats.ros.message_types import BITSTREAM, RosTypes
+from services.ros_messages.encoding import Encoded, Encoder, Target, single
+from services.ros_messages.fixes import FIX, fix_fields
+from services.ros_messages.image_encoders import depth_images, frame_images, pair_images
+from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 
 def _imu(value: IMUSensors, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:

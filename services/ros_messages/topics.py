@@ -7,11 +7,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from cdff_dev.logs.names import frame_name, name_of, stream_name
+from cdff_common.contract.foreign_names import frame_name, name_of, stream_name
 
 if TYPE_CHECKING:
-    from cdff_dev.logs.formats.ros.conversions import Conversion
-    from cdff_dev.logs.formats.ros.fixes import LocalFrame
+    from services.ros_messages.conversions import Conversion
+    from services.ros_messages.fixes import LocalFrame
 
 #: Last names of topics that ``image_transport`` adds to those of images.
 _TRANSPORTS = ("compressed", "compressedDepth")
