@@ -237,6 +237,11 @@ class Bus:
         *_, final = self.call_stream(key, parameters, **options)
         return final
 
+    @property
+    def zid(self) -> str:
+        """Id of the session in the network of Zenoh."""
+        return str(self._session.zid())
+
     def declare_alive(self, scope: str, service: str) -> None:
         """Announce a service by its liveliness token; call it last, when the service can answer."""
         if not self.has_token(keys.alive(scope, service)):

@@ -95,6 +95,11 @@ def dpm_product(scope: str, product_id: str) -> str:
     return f"{PREFIX}/{_chunk('scope', scope)}/dpm/product/{product_id}"
 
 
+def gateway_status(robot: str, gateway: str) -> str:
+    """Return the key of the counters of a gateway, by topic; cached for late joiners."""
+    return f"{PREFIX}/{_chunk('robot', robot)}/gateway/{_chunk('gateway', gateway)}/status"
+
+
 def event(scope: str, kind: str) -> str:
     """Return the key of events: ``inserted updated deleted activated deactivated reanchored sensor_mode
     alarm``.
