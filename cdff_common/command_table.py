@@ -10,6 +10,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "run": "run one DFN or DFPC once, on files",
         "replay": "replay a log through a DFPC or a mission, without middleware, repeatably",
         "eval": "compare results with ground truth, or two runs with each other",
+        "map": "maps of keyframes for visual_localisation, from images with known poses",
         "calibrate": "mounts of sensors and scales of wheels from the motions of one drive",
         "log": "show, cut, merge, convert, compare and export logs",
         "world": "frames with covariances, and items, at a mission time",

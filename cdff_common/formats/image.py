@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images: PNG, PGM and PPM, 8 and 16 bits, grey or colour in the order red, green, blue."""
+"""Images: PNG, PGM, PPM and JPEG, 8 and 16 bits, grey or colour in the order red, green, blue."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def read_image(source: Readable) -> NDArray[Any]:
     Raises
     ------
     CodecError
-        With the file name, if it is not a valid PNG, PGM or PPM, or has more than 2**28 pixels.
+        With the file name, if it is not a valid PNG, PGM, PPM or JPEG, or has more than 2**28 pixels.
     """
     from PIL import Image
 
@@ -48,7 +48,7 @@ def read_image(source: Readable) -> NDArray[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a limit is checked below
-            picture: Image.Image = Image.open(io.BytesIO(s.data), formats=("PNG", "PPM"))
+            picture: Image.Image = Image.open(io.BytesIO(s.data), formats=("PNG", "PPM", "JPEG"))
             if picture.width * picture.height > _LARGEST_PIXELS:
                 raise s.error(
                     f"{picture.width} x {picture.height} pixels, expected at most {_LARGEST_PIXELS}"
@@ -57,7 +57,7 @@ def read_image(source: Readable) -> NDArray[Any]:
             s.check_claim(size, f"{picture.width} x {picture.height} pixels")
             picture.load()
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
-        raise s.error(f"not a readable PNG, PGM or PPM: {error}") from error
+        raise s.error(f"not a readable PNG, PGM, PPM or JPEG: {error}") from error
     if picture.mode == "I":  # Pillow extends some 16-bit images to 32
         return np.asarray(picture, dtype=np.int64).clip(0, 65535).astype(np.uint16)
     if picture.mode not in _MODES:

@@ -29,6 +29,7 @@ from cdff_common.formats.pose_graph import write_pose_graph
 from cdff_common.formats.track_csv import write_track_csv
 from cdff_common.formats.tracks import track_json, tracks_csv
 from cdff_common.formats.tum import write_tum
+from cdff_common.formats.visual_map import write_visual_map
 
 if TYPE_CHECKING:
     from cdff_common.geodesy import Georeference
@@ -208,6 +209,7 @@ _WRITERS: dict[str, dict[str, Callable[[Any, Georeference | None], bytes]]] = {
         "tif": _frame_tif,
         "npz": lambda value, _: write_npz({"image": value.image, "camera_matrix": value.camera_matrix}),
     },
+    "VisualMap": {"npz": lambda value, _: write_visual_map(value)},
     "GroundAreas": {"geojson": _areas},
     "BodyMotion": {"json": lambda value, _: write_body_motion(value)},
     "ObjectTrack": {

@@ -192,6 +192,7 @@ from cdff_common.types.sequences import (
 )
 from cdff_common.types.system import DfpcStateT, DfpcStatus, Event, IcuMode, IcuStateT
 from cdff_common.types.time import Resolution, Time
+from cdff_common.types.visual_map import VisualMap, VisualMapMetadata, VisualMapPoints
 
 __all__ = [
     "Affine3d",
@@ -368,6 +369,9 @@ __all__ = [
     "Vector6d",
     "VectorXd",
     "VectorXdSequence",
+    "VisualMap",
+    "VisualMapMetadata",
+    "VisualMapPoints",
     "VisualPointFeature2D",
     "VisualPointFeature3D",
     "VisualPointFeature3DPoint",

@@ -46,6 +46,7 @@ POSITIONS = {
     "RigidBodyState": "pos",
     "Trajectory": "points",
     "TransformWithCovariance": "data.translation",
+    "VisualMap": "points_m",
     "VisualPointFeatureVector3D": "points_m",
     "Waypoint": "position",
 }

@@ -1694,6 +1694,36 @@ _205 = Struct(
     ),
 )
 _206 = Enumeration("Resolution", (("seconds", 0), ("milliseconds", 1), ("microseconds", 2)))
+_207 = Struct(
+    "VisualMap-Metadata",
+    "VisualMapMetadata",
+    (
+        Field("msgVersion", "msg_version", Integer(0, 4294967295)),
+        Field("producerId", "producer_id", Text(256)),
+        Field("sensorId", "sensor_id", Text(256)),
+        Field("timeStamp", "time_stamp", _2),
+        Field("descriptorType", "descriptor_type", Text(256)),
+    ),
+)
+_208 = Struct(
+    "VisualMap-Points",
+    "VisualMapPoints",
+    (
+        Field("counts", "counts", OctetString(1073741824, "<i8", 0)),
+        Field("positions", "positions", OctetString(1073741824, "<f4", 3)),
+        Field("depthSigmas", "depth_sigmas", OctetString(1073741824, "<f4", 0)),
+        Field("descriptors", "descriptors", _84),
+    ),
+)
+_209 = Struct(
+    "VisualMap",
+    "VisualMap",
+    (
+        Field("metadata", "metadata", _207),
+        Field("graph", "graph", _125),
+        Field("points", "points", _208),
+    ),
+)
 
 #: ASN.1 name -> node of every type that can be a message.
 MESSAGES: dict[str, Message] = {
@@ -1877,6 +1907,9 @@ MESSAGES: dict[str, Message] = {
     "ICU-Mode": _202,
     "DFPC-Status": _204,
     "Event": _205,
+    "VisualMap-Metadata": _207,
+    "VisualMap-Points": _208,
+    "VisualMap": _209,
 }
 
 #: Name -> node of every CHOICE.

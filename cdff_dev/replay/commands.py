@@ -46,8 +46,9 @@ def register(nouns: Any) -> None:
         "--map",
         action="append",
         default=[],
-        metavar="PORT=STREAM",
-        help="wire a stream of the log to a port of the DFPC; may be repeated",
+        metavar="PORT=STREAM|MAP",
+        help="wire a stream of the log to a port of the DFPC; may be repeated; or the file of a map (cdff map "
+        "build)",
     )
     parser.add_argument(
         "--mask",
@@ -162,7 +163,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
 
     from cdff_common.cli import key_values
     from cdff_common.clock import format_stamp
-    from cdff_common.errors import ConfigurationError, RefusedError
+    from cdff_common.errors import ConfigurationError, InputError, RefusedError
     from cdff_common.interfaces.dfpc import DfpcContext, Sample
     from cdff_common.interfaces.profile import load_profile
     from cdff_common.interfaces.registry import Registry
@@ -177,7 +178,11 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_dev.replay.wiring import robot_of, wire, with_masks
 
     speed = _speed(args.speed)
-    mapping = key_values(args.map, "--map", "PORT=STREAM")
+    map_files = [text for text in args.map if "=" not in text]
+    if len(map_files) > 1:
+        raise InputError(f"--map: files {', '.join(map_files)}, expected one")
+    map_file = map_files[0] if map_files else None
+    mapping = key_values([text for text in args.map if "=" in text], "--map", "PORT=STREAM")
     streams = {name: info.type_name for name, info in log.streams.items()}
     robot = robot_of(streams, args.robot)
     dfpc = Registry.default().make_dfpc(args.dfpc)
@@ -196,7 +201,9 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
         parameters.update(read_mapping(Path(args.config)))
     with compilation_notice(dfpc.name):
         dfpc.configure(parameters, context, implementation)
-    wired = wire(dfpc.description, streams, robot, mapping, entry, file_ports(args.model, args.guess))
+    wired = wire(
+        dfpc.description, streams, robot, mapping, entry, file_ports(args.model, args.guess, map_file)
+    )
     outputs = tuple(port.attribute for port in dfpc.description.output_ports)
     until = parse_condition(args.until, outputs) if args.until else None
     tap = Tap(args.tap, (*wired, *outputs), partial(print, file=sys.stderr if args.json else sys.stdout))
@@ -211,7 +218,10 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
 
     summary = replay(
         dfpc,
-        paced(with_files(samples_of(part, wired, robot), dfpc.description, args.model, args.guess), speed),
+        paced(
+            with_files(samples_of(part, wired, robot), dfpc.description, args.model, args.guess, map_file),
+            speed,
+        ),
         Path(args.out) if args.out else None,
         on_sample,
         tap.on_product,

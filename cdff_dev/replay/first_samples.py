@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of files that come before those of a log: the models of bodies, and a guess of the first pose."""
+"""Samples of files that come before those of a log: the models of bodies, a map, and a guess of the first pose."""
 
 from __future__ import annotations
 
@@ -14,26 +14,31 @@ from cdff_common.interfaces.description import DfpcDescription, InputPort
 from cdff_common.interfaces.dfpc import Sample
 from cdff_dev.run.inputs import read_inputs
 
-#: Ports of the options ``--model`` and ``--guess``, and the types that they take.
-_OPTIONS = {"model": "Mesh", "guess": "TransformWithCovariance"}
+#: Ports of the options ``--model``, ``--map`` and ``--guess``, and the types that they take.
+_OPTIONS = {"model": "Mesh", "map": "VisualMap", "guess": "TransformWithCovariance"}
 
 
-def file_ports(models: Sequence[str], guess: str | None) -> list[str]:
+def file_ports(models: Sequence[str], guess: str | None, map_file: str | None = None) -> list[str]:
     """Return the ports that files are given for."""
-    return [port for port, files in (("model", models), ("guess", guess)) if files]
+    return [port for port, files in (("model", models), ("map", map_file), ("guess", guess)) if files]
 
 
 def with_files(
-    samples: Iterable[Sample], description: DfpcDescription, models: Sequence[str], guess: str | None
+    samples: Iterable[Sample],
+    description: DfpcDescription,
+    models: Sequence[str],
+    guess: str | None,
+    map_file: str | None = None,
 ) -> Iterator[Sample]:
-    """Yield the samples of model and guess files, with the time of the first sample, then the samples.
+    """Yield the samples of model, map and guess files, with the time of the first sample, then the samples.
 
     Raises
     ------
     InputError
         If the DFPC has no such port, or a file is not of its type.
     """
-    files = [("model", file) for file in models] + ([("guess", guess)] if guess else [])
+    files = [("model", file) for file in models]
+    files += [(port, file) for port, file in (("map", map_file), ("guess", guess)) if file]
     values = [(port, file, _read(description, port, file)) for port, file in files]
     if len(models) > 1 and not _port(description, "model").repeated:
         raise InputError(f"--model is given {len(models)} times: {description.folder} takes one model")

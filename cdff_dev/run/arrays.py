@@ -86,7 +86,7 @@ def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
     if fmt == "tum" and (shape[1:] == ("4", "4") or "stamps_ns" in port.attribute):
         stamps_ns, T = read_tum(s)
         return stamps_ns if "stamps_ns" in port.attribute else T
-    if fmt in ("png", "pgm", "ppm"):
+    if fmt in ("png", "jpg", "pgm", "ppm"):
         return grey(read_image(s)) if len(shape) == 2 else read_image(s)
     if fmt == "tif":
         bands = list(read_bands(s)[0].values())

@@ -29,6 +29,7 @@ from cdff_common.formats.npz import read_npz
 from cdff_common.formats.pose import PoseValue, read_pose
 from cdff_common.formats.pose_graph import read_pose_graph
 from cdff_common.formats.tum import read_tum
+from cdff_common.formats.visual_map import read_visual_map
 from cdff_common.interfaces.description import Port
 from cdff_common.types import (
     Frame,
@@ -267,12 +268,13 @@ def _with_calibration(port: Port, files: list[str], metadata: _Metadata) -> Any:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-_IMAGE_FORMATS = ("png", "pgm", "ppm", "tif", "npz")
+_IMAGE_FORMATS = ("png", "jpg", "pgm", "ppm", "tif", "npz")
 #: For each type of port, the formats of its files in addition to json and msg, and their reader.
 _READERS: dict[str, tuple[tuple[str, ...], Callable[[Source, str, _Metadata], Any]]] = {
     "Pointcloud": (CLOUD_FORMATS, _pointcloud),
     "LidarScan": (CLOUD_FORMATS, _lidar_scan),
     "Mesh": (MESH_FORMATS, _mesh),
+    "VisualMap": (("npz",), lambda s, _fmt, _metadata: read_visual_map(s)),
     "Frame": (_IMAGE_FORMATS, _frame),
     "ElevationMap": (("tif",), lambda s, _, metadata: read_map(s, "ElevationMap", frame=metadata.frame)),
     "NavigationMap": (("tif",), lambda s, _, metadata: read_map(s, "NavigationMap", frame=metadata.frame)),

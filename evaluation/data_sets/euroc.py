@@ -69,7 +69,7 @@ def stereo_views(folder: Path) -> list[StereoView]:
     baseline_m = -float(P_right[0, 3] / P_right[0, 0])
     T_imu_left = se3.transform(se3.normalise_rotation(T_imu[0][:3, :3]), T_imu[0][:3, 3])
     T_imu_left = T_imu_left @ se3.transform(R_left.T, np.zeros(3))
-    views, poses = [], _true_poses(folder)
+    views, poses = [], true_poses(folder)
     for path in sorted(folder.glob("*/*_0.jpg"), key=lambda p: p.name):
         stamp_ns = int(path.name.split("_")[0])
         images = [
@@ -90,7 +90,7 @@ def _intrinsics(calibrations: list[dict[str, Any]]) -> list[list[float]]:
     return [calibration["intrinsics"] for calibration in calibrations]
 
 
-def _true_poses(folder: Path) -> dict[int, FloatArray]:
+def true_poses(folder: Path) -> dict[int, FloatArray]:
     """Return ``T_world_imu`` (4, 4) by time stamp."""
     poses = {}
     for name in ("truth_map.csv", "truth_query.csv"):

@@ -76,6 +76,8 @@ _CONSISTENT = {
     "LidarMap",
     "LidarMapClouds",
     "LidarMapPosition",
+    "VisualMap",
+    "VisualMapPoints",
     "BundleCameras",
     "BundleLenses",
     "BundlePoints",
@@ -143,6 +145,15 @@ def _array(node: Array, shape: tuple[int, ...], rng: np.random.Generator) -> np.
     return rng.choice([node.element.low, node.element.high, 0, 1], shape).astype(node.dtype)
 
 
+def _visual_points(counts: np.ndarray, rng: np.random.Generator) -> Any:
+    n = int(counts.sum())
+    descriptors = class_of("Array3D")()
+    if n:
+        descriptors = class_of("Array3D").from_array(rng.integers(0, 255, (n, 4)).astype(np.uint8))
+    positions, sigmas = _reals(3, np.float32)(n, rng), rng.random(n).astype(np.float32)
+    return class_of("VisualMapPoints")(counts, positions, sigmas, descriptors)
+
+
 def _consistent(node: Struct, rng: np.random.Generator) -> Any:
     cls = class_of(node.class_name)
     n = int(rng.integers(0, 5))
@@ -178,6 +189,13 @@ def _consistent(node: Struct, rng: np.random.Generator) -> Any:
         clouds = class_of("LidarMapClouds")(np.ones(len(ids), np.int64), _reals(3, np.float32)(len(ids), rng))
         position = class_of("LidarMapPosition")(ids[:1], _reals(7)(len(ids[:1]), rng))
         return cls(_value(node.fields[0].node, rng), graph, clouds, position)
+    if node.class_name == "VisualMapPoints":
+        counts = rng.integers(0, 4, n)
+        return _visual_points(counts, rng)
+    if node.class_name == "VisualMap":
+        graph = _value(node.fields[1].node, rng)
+        points = _visual_points(np.ones(len(graph.vertices.ids), np.int64), rng)
+        return cls(_value(node.fields[0].node, rng), graph, points)
     if node.class_name == "BundleProblem":
         metadata, cameras, lenses, points = (_value(field.node, rng) for field in node.fields[:4])
         cameras = cameras if len(lenses.values) else class_of("BundleCameras")()

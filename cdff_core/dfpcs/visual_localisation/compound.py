@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Controller of VisualLocalisation: search keyframes, match their points, estimate the pose, decide."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.camera import CameraModel
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.covariance import compose_covariance, rotate_covariance
+from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_common.interfaces.product import Quality
+from cdff_common.types import Frame, Pointcloud, TransformWithCovariance
+from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
+from cdff_core.dfpcs.visual_localisation.configuration import VisualLocalisationConfig
+from cdff_core.dfpcs.visual_localisation.interface import VisualLocalisationInterface
+from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher, MapMatches
+from cdff_core.imaging.grey import checked_image, grey_image
+from cdff_core.visual_map.features import FeatureExtractor
+from cdff_core.visual_map.pose_fit import PoseFit, fit_pose
+
+#: Images that wait for a map, and points of the cloud in the store.
+_MAX_WAITING, _MAX_CLOUD = 16, 100_000
+#: Focal length of the direction noise of keyframes, pixels: that of a camera of VGA size and 70 degrees.
+_MAP_FOCAL_PX = 450.0
+
+
+class VisualLocalisation(VisualLocalisationInterface):
+    """Localisation of each image in the map."""
+
+    Config = VisualLocalisationConfig
+    config: VisualLocalisationConfig
+
+    def setup(self) -> None:
+        """Create the DFNs, clear the state, offer the store items."""
+        self._extractor = FeatureExtractor(self.dfn("detect"), self.dfn("describe"))
+        self._match, self._solve = self.dfn("match"), self.dfn("solve", seed=self.context.seed)
+        self._waiting: list[Sample] = []
+        self._last: TransformWithCovariance | None = None
+        self.forget_map()
+        self.store.offer("last_pose", lambda: self._last)
+        self.store.offer("map_points", self._map_points)
+
+    def forget_map(self) -> None:
+        """Clear the map."""
+        self._map: MapMatcher | None = None
+        self._map_id = ""
+
+    def on_map(self, sample: Sample) -> Iterable[Output]:
+        """Replace the map; locate the images that waited for it."""
+        cfg = self.config
+        self._map = MapMatcher(
+            sample.value, self._match, cfg.clusters, cfg.sigma_px / _MAP_FOCAL_PX, self.context.seed
+        )
+        self._map_id = sample.id
+        waiting, self._waiting = self._waiting, []
+        return [self._localise(image) for image in waiting]
+
+    def on_image(self, sample: Sample) -> Iterable[Output]:
+        """Locate the image; without a map it waits."""
+        if self._map is None:
+            self._waiting = [*self._waiting, sample][-_MAX_WAITING:]
+            return ()
+        return [self._localise(sample)]
+
+    def on_pair(self, sample: Sample) -> Iterable[Output]:
+        """Locate the left image."""
+        return self.on_image(
+            Sample(sample.port, sample.stamp_ns, sample.seq, sample.value.left, sample.id, sample.frame)
+        )
+
+    def finish(self) -> Iterable[Output]:
+        """Return FAILED no_map for the images that still wait."""
+        waiting, self._waiting = self._waiting, []
+        return [self._output(sample, None, Quality.failed("no_map")) for sample in waiting]
+
+    def _localise(self, sample: Sample) -> Output:
+        """Run the control sequence for one image."""
+        frame: Frame = sample.value
+        metrics: dict[str, float] = {}
+        try:
+            pose = self._estimate(frame, metrics)
+            quality = Quality.from_reasons([], self.covariance_kind, metrics)
+        except (InputError, RefusedError) as error:
+            pose, quality = None, Quality.from_error(error, metrics)
+            if isinstance(error, RefusedError):
+                quality = Quality.failed("not_on_the_map", *quality.reasons, metrics=metrics)
+        return self._output(sample, pose, quality)
+
+    def _estimate(self, frame: Frame, metrics: dict[str, float]) -> UncertainTransform:
+        """Return T_map_camera; raises RefusedError with the reasons against the best pose."""
+        assert self._map is not None
+        cfg = self.config
+        camera = CameraModel.of_frame(frame)
+        features = self._extractor.extract(checked_image(grey_image(frame)), camera)
+        matches = self._map.match(features, cfg.candidates)
+        metrics |= {"features": float(len(features)), "matches": float(len(matches))}
+        directions = features.directions[matches.features]
+        focal_px = float(np.sqrt(camera.fx * camera.fy))
+        start = self._solve.process(
+            PerspectiveNPointSolvingInputs(
+                points=matches.points_m,
+                projections=focal_px * directions,
+                camera_matrix=np.diag([focal_px, focal_px, 1.0]),
+            )
+        )
+        fit = fit_pose(
+            start.camera, matches.points_m, matches.covariances, directions, cfg.sigma_px / focal_px, cfg.gate
+        )
+        # A feature that matches several keyframes is one measurement of the image.
+        inliers = len(np.unique(matches.features[fit.inliers]))
+        ratio = float(fit.inliers.mean())
+        metrics |= {"inliers": float(inliers), "inlier_ratio": ratio, "variance_factor": fit.variance_factor}
+        pose = self._with_map_covariance(fit, matches)
+        assert pose.covariance is not None
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1]))
+        reasons = []
+        if inliers < cfg.min_inliers:
+            reasons.append(f"few_inliers:{inliers}<{cfg.min_inliers}")
+        if ratio < cfg.min_inlier_ratio:
+            reasons.append(f"low_inlier_ratio:{ratio:.2f}<{cfg.min_inlier_ratio}")
+        if sigma_m > cfg.max_sigma_m:
+            reasons.append(f"large_covariance:{sigma_m:.2g}>{cfg.max_sigma_m}")
+        if reasons:
+            raise RefusedError("the image does not fit the map", reasons)
+        return pose
+
+    def _with_map_covariance(self, fit: PoseFit, matches: MapMatches) -> UncertainTransform:
+        """Return T_map_camera with the covariance of the fit and of the poses of the matched keyframes."""
+        assert self._map is not None
+        T = se3.inverse(fit.T_camera_map)
+        scale = self.config.correlation * max(fit.variance_factor, 1.0)
+        covariance = scale * rotate_covariance(fit.covariance, T[:3, :3])
+        vertices, counts = np.unique(matches.vertices[fit.inliers], return_counts=True)
+        for vertex, weight in zip(vertices, counts / max(int(counts.sum()), 1), strict=True):
+            covariance = covariance + weight * self._propagated(int(vertex), T)
+        return UncertainTransform(T, covariance)
+
+    def _propagated(self, vertex: int, T_map_camera: FloatArray) -> FloatArray:
+        """Return the covariance of T_map_camera that follows from that of a keyframe."""
+        assert self._map is not None
+        T_map_keyframe = self._map.poses[vertex]
+        T_keyframe_camera = se3.inverse(T_map_keyframe) @ T_map_camera
+        return compose_covariance(
+            T_map_keyframe, self._map.pose_covariances[vertex], T_keyframe_camera, np.zeros((6, 6))
+        )
+
+    def _output(self, sample: Sample, pose: UncertainTransform | None, quality: Quality) -> Output:
+        frame: Frame = sample.value
+        output = Output.of_pose(
+            "pose",
+            pose,
+            stamp_ns=sample.stamp_ns,
+            frame="map" if self._map is None else self._map.frame,
+            child=frame.frame or f"{self.context.robot}/camera",
+            quality=quality,
+            inputs=(self._map_id, sample.id),
+            producer=self.name,
+        )
+        self._last = output.value or self._last
+        return output
+
+    def _map_points(self) -> Pointcloud | None:
+        if self._map is None:
+            return None
+        step = -(-len(self._map.points_m) // _MAX_CLOUD) or 1
+        return Pointcloud.from_points(self._map.points_m[::step], frame=self._map.frame, stamp_ns=0)

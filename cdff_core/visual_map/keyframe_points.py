@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points of a keyframe, measured by a rectified stereo pair or by a depth image."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from cdff_common.arrays import BoolArray, Float32Array, FloatArray
+from cdff_common.camera import CameraModel
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfn import Dfn
+from cdff_common.types import DistanceImage, Frame, FramePair
+from cdff_common.types.visual_map_ext import KeyframePoints
+from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs, StereoMatching2DOutputs
+from cdff_core.imaging.grey import grey_image
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
+
+MatchingDfn = Dfn[object, StereoMatching2DInputs, StereoMatching2DOutputs]
+#: Standard deviation of a disparity of a feature, pixels.
+_DISPARITY_SIGMA_PX = 0.3
+#: Largest depth in baselines: 1 px of disparity at a focal length of 450 px.
+_MAX_BASELINES = 450.0
+#: Standard deviation of a depth image: a ratio of the squared depth (structured light), 1/m.
+_DEPTH_SIGMA_PER_M = 0.003
+#: Largest distance in the image of a feature from a measured point, pixels, and largest ratio of the depths
+#: around it: features on the edge of an object have no certain depth.
+_MAX_OFFSET_PX, _MAX_DEPTH_RATIO = 1.5, 1.05
+
+
+def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: MatchingDfn) -> KeyframePoints:
+    """Return the features of the left image with a unique disparity; raises InputError on an invalid camera."""
+    camera = RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+    left, right = grey_image(pair.left), grey_image(pair.right)
+    features = extractor.extract(left, CameraModel.of_frame(pair.left))
+    matched = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
+    least = camera.fx / _MAX_BASELINES
+    usable = matched.valid & (np.where(matched.valid, matched.disparities, 0.0) > least)
+    depths = camera.fx * camera.baseline_m / matched.disparities[usable]
+    sigmas = depths * _DISPARITY_SIGMA_PX / matched.disparities[usable]
+    return _points(features, usable, depths, sigmas)
+
+
+def points_of_depth(
+    frame: Frame, depth: DistanceImage, extractor: FeatureExtractor, T_camera_depth: FloatArray
+) -> KeyframePoints:
+    """Return the features of a colour image whose depth the depth image determines.
+
+    ``T_camera_depth`` (4, 4) is the pose of the depth camera in the frame of the colour camera; the images need
+    not be registered.
+
+    Raises
+    ------
+    InputError
+        If the depth image does not have the stated size.
+    """
+    if len(depth.data) != depth.width * depth.height:
+        raise InputError(f"depth image: {len(depth.data)} distances, expected {depth.width} x {depth.height}")
+    camera = CameraModel.of_frame(frame)
+    features = extractor.extract(grey_image(frame), camera)
+    points = se3.transform_points(T_camera_depth, _depth_points(depth))
+    points = points[points[:, 2] > 0.1]
+    if len(points) < 4 or not len(features):
+        return _points(features, np.zeros(len(features), bool), np.zeros(0), np.zeros(0))
+    tree = cKDTree(points[:, :2] / points[:, 2:])
+    offsets, rows = tree.query(features.directions, k=4)
+    z = points[rows, 2]
+    usable = (offsets[:, 3] * camera.fx < 2.0 * _MAX_OFFSET_PX) & (z.max(1) < _MAX_DEPTH_RATIO * z.min(1))
+    depths = z[usable].mean(axis=1)
+    return _points(features, usable, depths, _DEPTH_SIGMA_PER_M * depths**2)
+
+
+def registered_depth(frame: Frame, depth: DistanceImage, T_camera_depth: FloatArray) -> Float32Array:
+    """Return the depth (rows, columns) of the pixels of a colour image, metres: the nearest point of each; 0 without."""
+    camera = CameraModel.of_frame(frame)
+    points = se3.transform_points(T_camera_depth, _depth_points(depth))
+    columns, rows = np.nan_to_num(np.rint(camera.project(points)), nan=-1.0).astype(np.int64).T
+    inside = (rows >= 0) & (rows < camera.rows) & (columns >= 0) & (columns < camera.cols)
+    order = np.flatnonzero(inside)[np.argsort(-points[inside, 2], kind="stable")]
+    image = np.zeros((camera.rows, camera.cols), np.float32)
+    image[rows[order], columns[order]] = points[order, 2]
+    return image
+
+
+def _depth_points(depth: DistanceImage) -> FloatArray:
+    """Return the points (n, 3) of the pixels with a distance, in the frame of the depth camera, metres."""
+    distances = np.asarray(depth.data, np.float64).reshape(depth.height, depth.width)
+    rows, columns = np.nonzero(distances > 0.0)
+    z = distances[rows, columns]
+    x = columns * depth.scale_x + depth.center_x
+    y = rows * depth.scale_y + depth.center_y
+    return np.column_stack([x * z, y * z, z])
+
+
+def _points(
+    features: ImageFeatures, usable: BoolArray, depths: FloatArray, sigmas: FloatArray
+) -> KeyframePoints:
+    directions = np.column_stack([features.directions[usable], np.ones(len(depths))])
+    return KeyframePoints(directions * depths[:, None], sigmas, features.descriptors[usable])

@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import ProductNotFoundError
+from cdff_common.geometry import se3
+from cdff_common.geometry.covariance import pose_error
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
+from cdff_common.interfaces.product import Status
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Frame, VisualMap
+from tests.support import textured_walls as walls
+
+T_QUERY = se3.transform(se3.exp_so3([0.03, 0.08, -0.05]), [0.15, -0.1, 0.2])
+
+
+@cache
+def wall_map() -> VisualMap:
+    return walls.wall_map([se3.transform(np.eye(3), [x, 0.0, 0.0]) for x in (-0.3, 0.0, 0.3)])
+
+
+def node(**config: object) -> Dfpc:
+    dfpc = Registry.default().make_dfpc("visual_localisation")
+    dfpc.configure(config)
+    return dfpc
+
+
+def image(T: np.ndarray = T_QUERY, seed: int = 0) -> Frame:
+    return Frame.from_image(walls.view(T, seed), stamp_ns=0, camera_matrix=walls.K, sensor="rover/camera")
+
+
+def located(dfpc: Dfpc, frame: Frame) -> Output:
+    list(dfpc.step(Sample("map", 0, 0, wall_map(), "m")))
+    (output,) = dfpc.step(Sample("image", 0, 1, frame, "i"))
+    return output
+
+
+def test_an_image_is_located_without_a_guess_within_its_covariance() -> None:
+    dfpc = node()
+    output = located(dfpc, image())
+    assert output.quality.status is Status.OK, output.quality.reasons
+    assert (output.frame, output.child, output.inputs) == ("site", "rover/camera", ("m", "i"))
+    T = output.value.transform
+    e = pose_error(T_QUERY, T.matrix)
+    assert np.linalg.norm(e[:3]) < 0.02
+    assert np.linalg.norm(e[3:]) < np.radians(0.4)
+    assert e @ np.linalg.solve(T.covariance, e) < 30.0
+    assert dfpc.store.get("last_pose") == output.value
+    assert len(dfpc.store.get("map_points").points_m) == len(wall_map().points_m)
+
+
+def test_the_left_image_of_a_pair_is_located() -> None:
+    dfpc = node()
+    list(dfpc.step(Sample("map", 0, 0, wall_map())))
+    (output,) = dfpc.step(Sample("pair", 0, 1, walls.pair(T_QUERY)))
+    assert np.linalg.norm(pose_error(T_QUERY, output.value.transform.matrix)[:3]) < 0.02
+
+
+def test_an_image_of_another_scene_is_refused() -> None:
+    output = located(node(), image(seed=5))
+    assert output.value is None
+    assert output.quality.reasons[0] == "not_on_the_map"
+
+
+@pytest.mark.parametrize("grey", [0, 255], ids=["black", "saturated"])
+def test_an_image_without_texture_is_refused(grey: int) -> None:
+    frame = Frame.from_image(np.full((240, 320), grey, np.uint8), stamp_ns=0, camera_matrix=walls.K)
+    assert located(node(), frame).quality.reasons[0] == "not_on_the_map"
+
+
+def test_an_image_without_a_camera_is_refused() -> None:
+    output = located(node(), Frame.from_image(walls.view(T_QUERY), stamp_ns=0))
+    assert output.quality.status is Status.FAILED
+    assert output.quality.reasons[0].startswith("bad_input:image of a camera")
+
+
+@pytest.mark.parametrize(
+    ("config", "reason"),
+    [
+        ({"min_inliers": 9000}, "few_inliers"),
+        ({"min_inlier_ratio": 1.0}, "low_inlier_ratio"),
+        ({"max_sigma_m": 1e-6}, "large_covariance"),
+    ],
+)
+def test_a_pose_beyond_a_gate_is_refused_with_its_reason(config: dict[str, float], reason: str) -> None:
+    output = located(node(**config), image())
+    assert output.value is None
+    assert reason in " ".join(output.quality.reasons)
+
+
+def test_an_image_before_the_map_waits_for_it() -> None:
+    dfpc = node()
+    assert not list(dfpc.step(Sample("image", 0, 0, image())))
+    (output,) = dfpc.step(Sample("map", 0, 1, wall_map()))
+    assert output.quality.status is Status.OK
+
+
+def test_without_a_map_the_images_are_refused_at_the_end() -> None:
+    dfpc = node()
+    list(dfpc.step(Sample("image", 0, 0, image())))
+    (output,) = dfpc.finish()
+    assert output.quality.reasons == ("no_map",)
+    assert not list(dfpc.finish())
+    with pytest.raises(ProductNotFoundError):
+        dfpc.store.get("map_points")
+
+
+def test_the_accuracy_of_the_map_enters_the_covariance() -> None:
+    from cdff_common.formats.visual_map import read_visual_map, write_visual_map
+    from cdff_common.types import PoseGraph
+
+    base = read_visual_map(write_visual_map(wall_map()))
+    v = base.graph.vertices
+    graph = PoseGraph.from_arrays(
+        v.ids,
+        v.stamps_ns,
+        v.matrices,
+        np.column_stack([v.ids, v.ids]),
+        v.matrices,
+        np.broadcast_to(np.diag(np.repeat([1 / 0.2**2, 1 / 0.001**2], 3)), (3, 6, 6)),
+        np.full(3, 2),
+        frame="site",
+    )
+    dfpc = node()
+    list(dfpc.step(Sample("map", 0, 0, VisualMap(base.metadata, graph, base.points))))
+    (output,) = dfpc.step(Sample("image", 0, 1, image()))
+    assert np.sqrt(output.value.transform.covariance[0, 0]) == pytest.approx(0.2, rel=0.05)
