@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from cdff_core.dfns.features_extraction_2d.interface import (
     FeaturesExtraction2DOutputs,
 )
 
-ExtractionDfn = Dfn[object, FeaturesExtraction2DInputs, FeaturesExtraction2DOutputs]
-DescriptionDfn = Dfn[object, FeaturesDescription2DInputs, FeaturesDescription2DOutputs]
+ExtractionDfn = Dfn[Any, FeaturesExtraction2DInputs, FeaturesExtraction2DOutputs]
+DescriptionDfn = Dfn[Any, FeaturesDescription2DInputs, FeaturesDescription2DOutputs]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

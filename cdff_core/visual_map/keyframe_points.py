@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -19,7 +21,7 @@ from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
 
-MatchingDfn = Dfn[object, StereoMatching2DInputs, StereoMatching2DOutputs]
+MatchingDfn = Dfn[Any, StereoMatching2DInputs, StereoMatching2DOutputs]
 #: Standard deviation of a disparity of a feature, pixels.
 _DISPARITY_SIGMA_PX = 0.3
 #: Largest depth in baselines: 1 px of disparity at a focal length of 450 px.

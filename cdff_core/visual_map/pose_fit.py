@@ -109,4 +109,4 @@ def _linearised(
     by_pose[:, [0, 1, 2], [5, 3, 4]] = -p[:, [1, 2, 0]]
     D = by_point @ T[:3, :3]
     noise = D @ covariances @ np.swapaxes(D, 1, 2) + sigma**2 * np.eye(2)
-    return projected - directions, by_point @ by_pose, np.linalg.inv(noise)
+    return projected - directions, by_point @ by_pose, np.asarray(np.linalg.inv(noise), np.float64)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from cdff_core.dfns.features_matching_2d.interface import (
 from cdff_core.visual_map.features import ImageFeatures
 from cdff_core.visual_map.place_index import PlaceIndex
 
-MatchingDfn = Dfn[object, FeaturesMatching2DInputs, FeaturesMatching2DOutputs]
+MatchingDfn = Dfn[Any, FeaturesMatching2DInputs, FeaturesMatching2DOutputs]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
