@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``visual_localisation`` on real images: EuRoC V1_01 pairs and 7-Scenes, with RootSIFT and PoseLib as peer.
 
-Figures of a set: median error of position (mm) and rotation (degrees), ratios of queries within limits, refused
-queries, false fixes (more than 0.25 m or 5 degrees off and not refused), normalised squared error per degree of
-freedom (1 expected; the covariance of the true pose of the query is added), CPU seconds per query.
+Figures of a set: median error of position (mm) and rotation (degrees), ratios of queries within limits,
+refused queries, false fixes (more than 0.25 m or 5 degrees off and not refused), normalised squared error per
+degree of freedom (1 expected; the covariance of the true pose of the query is added), CPU seconds per query.
 """
 
 from __future__ import annotations
@@ -70,14 +70,15 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
     for part, name in (("euroc", "EuRoC V1_01"), ("kitchen", "7-Scenes kitchen")):
         limits = [f"{100 * m:g} cm, {deg:g}°" for m, deg in LIMITS[part]]
         lines += [
-            f"| {name} | queries | median | {' | '.join(limits)} | refused | false fixes | NEES / 6 | CPU s |",
+            f"| {name} | queries | median | {' | '.join(limits)} "
+            "| refused | false fixes | NEES / 6 | CPU s |",
             "|---" * (7 + len(limits)) + "|",
         ]
         for method, f in figures.get(part, {}).items():
             within = " | ".join(f"{100 * f['within'][limit]:.0f} %" for limit in limits)
             lines.append(
-                f"| {method} | {f['queries']} | {f['median_mm']} mm, {f['median_deg']}° | {within} | {f['refused']} | "
-                f"{f['false_fixes']} | {f.get('nees_per_freedom', '–')} | {f['cpu_s']} |"
+                f"| {method} | {f['queries']} | {f['median_mm']} mm, {f['median_deg']}° | {within} "
+                f"| {f['refused']} | {f['false_fixes']} | {f.get('nees_per_freedom', '–')} | {f['cpu_s']} |"
             )
         lines.append("")
     lines += ["| another scene | images | refused |", "|---|---|---|"]

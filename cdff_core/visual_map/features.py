@@ -47,13 +47,13 @@ class ImageFeatures:
 
 
 class FeatureExtractor:
-    """Detects and describes features in raw images; the lens distortion is removed from the positions only."""
+    """Detects and describes features in raw images; only their positions lose the lens distortion."""
 
     def __init__(self, detect: ExtractionDfn, describe: DescriptionDfn) -> None:
         self._detect, self._describe = detect, describe
 
     def extract(self, image: ByteArray, camera: CameraModel) -> ImageFeatures:
-        """Return the features of a grey image; those without a direction less than 80 degrees off axis are dropped."""
+        """Return the features of a grey image with a direction less than 80 degrees off axis."""
         detected = self._detect.process(FeaturesExtraction2DInputs(image=image))
         described = self._describe.process(
             FeaturesDescription2DInputs(

@@ -34,7 +34,13 @@ _MAX_OFFSET_PX, _MAX_DEPTH_RATIO = 1.5, 1.05
 
 
 def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: MatchingDfn) -> KeyframePoints:
-    """Return the features of the left image with a unique disparity; raises InputError on an invalid camera."""
+    """Return the features of the left image with a unique disparity.
+
+    Raises
+    ------
+    InputError
+        If the camera matrix or the baseline is invalid.
+    """
     camera = RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
     left, right = grey_image(pair.left), grey_image(pair.right)
     features = extractor.extract(left, CameraModel.of_frame(pair.left))
@@ -51,8 +57,8 @@ def points_of_depth(
 ) -> KeyframePoints:
     """Return the features of a colour image whose depth the depth image determines.
 
-    ``T_camera_depth`` (4, 4) is the pose of the depth camera in the frame of the colour camera; the images need
-    not be registered.
+    ``T_camera_depth`` (4, 4) is the pose of the depth camera in the frame of the colour camera; the images
+    need not be registered.
 
     Raises
     ------
@@ -76,7 +82,10 @@ def points_of_depth(
 
 
 def registered_depth(frame: Frame, depth: DistanceImage, T_camera_depth: FloatArray) -> Float32Array:
-    """Return the depth (rows, columns) of the pixels of a colour image, metres: the nearest point of each; 0 without."""
+    """Return the depth (rows, columns) of the pixels of a colour image, metres.
+
+    It is that of the nearest point in each pixel, 0 without one.
+    """
     camera = CameraModel.of_frame(frame)
     points = se3.transform_points(T_camera_depth, _depth_points(depth))
     columns, rows = np.nan_to_num(np.rint(camera.project(points)), nan=-1.0).astype(np.int64).T

@@ -47,8 +47,8 @@ def register(nouns: Any) -> None:
         action="append",
         default=[],
         metavar="PORT=STREAM|MAP",
-        help="wire a stream of the log to a port of the DFPC; may be repeated; or the file of a map (cdff map "
-        "build)",
+        help="wire a stream of the log to a port of the DFPC; may be repeated; "
+        "or the file of a map (cdff map build)",
     )
     parser.add_argument(
         "--mask",

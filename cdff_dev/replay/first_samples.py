@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of files that come before those of a log: the models of bodies, a map, and a guess of the first pose."""
+"""Samples of files that come before those of a log: models of bodies, a map, a guess of the first pose."""
 
 from __future__ import annotations
 

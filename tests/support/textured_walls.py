@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -19,6 +21,7 @@ _WALLS = ((4.0, -3.0, 6.0), (2.5, 0.1, 2.0))
 _PIXELS_PER_M = 120.0
 
 
+@cache
 def texture(seed: int, width_m: float, height_m: float) -> np.ndarray:
     """Return a random grey texture with structure of several sizes."""
     rng = np.random.default_rng(seed)

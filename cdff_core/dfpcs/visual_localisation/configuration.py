@@ -36,5 +36,5 @@ class VisualLocalisationConfig(DfpcConfig):
         2.0,
         ge=1,
         le=100,
-        description="Matches whose errors agree, as those of one object: factor of the covariance of the matches",
+        description="Factor of the covariance: number of matches with one error, as on one object",
     )
