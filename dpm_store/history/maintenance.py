@@ -49,7 +49,7 @@ class Statistics:
         Newest end of capture.
     events : int
     payloads, stored_bytes : int
-        Number and bytes of stored payloads, each content once.
+        Number and bytes of stored payloads, each content once, before compression.
     free_bytes : int
         Free space of the disk.
     """

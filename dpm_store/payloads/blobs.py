@@ -5,6 +5,9 @@
 Order of a write: temporary file, fsync, rename, fsync of the directory, row. A crash in between leaves a file
 without a row, which ``collect`` removes. The row stores a CRC-32 of every chunk, so that any part can be
 checked without reading the rest.
+
+A file that is shorter than its payload is compressed, chunk by chunk (``seekable``). Payloads that do not
+become clearly smaller are stored as they are.
 """
 
 from __future__ import annotations
@@ -14,13 +17,21 @@ import hashlib
 import os
 import struct
 import tempfile
+import threading
 import zlib
+from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
-from cdff_common.errors import InputError, StorageError
+from cdff_common.errors import CodecError, InputError, StorageError
+from dpm_store.payloads.seekable import compress, read_frames
 
 CHUNK_BYTES = 1 << 18
+#: A payload is stored compressed if this makes it smaller than the fraction.
+WORTHWHILE = 0.9
+#: Files whose content is not compared again while they are unchanged.
+_REMEMBERED = 64
 #: Errors of a full disk.
 FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -57,11 +68,22 @@ def check_chunks(data: bytes, first_chunk: int, sums: bytes, what: str) -> None:
             raise StorageError(f"{what}: bytes {chunk * CHUNK_BYTES}… are corrupt on the disk")
 
 
+class _State(NamedTuple):
+    """Identity and last change of a file."""
+
+    inode: int
+    size: int
+    modified_ns: int
+    changed_ns: int
+
+
 class BlobFiles:
     """The payload files below ``directory``, in two levels to keep directories small."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
+        self._lock = threading.Lock()
+        self._written: OrderedDict[str, _State] = OrderedDict()
         directory.mkdir(parents=True, exist_ok=True)
         for leftover in directory.glob("*.part"):
             leftover.unlink()
@@ -82,7 +104,11 @@ class BlobFiles:
         """
         target = self.path(sha256)
         try:
-            if _has_content(target, payload) and _make_durable(target):
+            if self._is_unchanged(sha256, target) and _make_durable(target):
+                return
+            content = stored_form(payload)
+            if _has_content(target, content) and _make_durable(target):
+                self._remember(sha256, target)
                 return
             new_directory = not target.parent.exists()
             target.parent.mkdir(exist_ok=True)
@@ -91,7 +117,7 @@ class BlobFiles:
             descriptor, temporary = tempfile.mkstemp(suffix=".part", dir=self._directory)
             try:
                 with os.fdopen(descriptor, "wb") as file:
-                    file.write(payload)
+                    file.write(content)
                     file.flush()
                     os.fsync(file.fileno())
                 Path(temporary).rename(target)
@@ -99,6 +125,7 @@ class BlobFiles:
                 Path(temporary).unlink(missing_ok=True)
                 raise
             fsync(target.parent)
+            self._remember(sha256, target)
         except OSError as error:
             why = "the disk is full; delete products" if error.errno in FULL else "the disk failed"
             raise StorageError(
@@ -116,21 +143,39 @@ class BlobFiles:
         first, last = chunk_range(offset, length)
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
-            with self.path(sha256).open("rb") as file:
-                file.seek(start)
-                data = file.read(stop - start)
-        except OSError as error:
-            raise StorageError(f"{what}: payload file not readable ({error.strerror})") from error
-        if len(data) != stop - start:
-            raise StorageError(
-                f"{what}: payload file ends at byte {start + len(data)}, expected {size}; not served"
-            )
-        check_chunks(data, first, sums, what)
+            data = self._read_chunks(sha256, size, first, last, what)
+            check_chunks(data, first, sums, what)
+        except StorageError:
+            with self._lock:
+                self._written.pop(sha256, None)
+            raise
         return (
             data
             if (start, stop) == (offset, offset + length)
             else data[offset - start : offset - start + length]
         )
+
+    def _read_chunks(self, sha256: str, size: int, first: int, last: int, what: str) -> bytes:
+        """Return the chunks ``first`` to ``last`` (exclusive), not compared; raises StorageError."""
+        start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
+        try:
+            with self.path(sha256).open("rb") as file:
+                stored = os.fstat(file.fileno()).st_size
+                if stored < size:
+                    return read_frames(file, stored, size, first, last)
+                file.seek(start)
+                data = file.read(stop - start)
+        except OSError as error:
+            raise StorageError(f"{what}: payload file not readable ({error.strerror})") from error
+        except CodecError as error:
+            raise StorageError(
+                f"{what}: payload file of {stored} bytes is corrupt on the disk ({error}); not served"
+            ) from error
+        if len(data) != stop - start:
+            raise StorageError(
+                f"{what}: payload file ends at byte {start + len(data)}, expected {size}; not served"
+            )
+        return data
 
     def names(self) -> Iterator[list[str]]:
         """Yield the SHA-256 digests of the payload files, one list for each directory."""
@@ -155,14 +200,46 @@ class BlobFiles:
             raise StorageError(f"payload {sha256} not removed ({error.strerror})") from error
         return size
 
+    def _remember(self, sha256: str, path: Path) -> None:
+        """Remember the state of a file that has its content."""
+        try:
+            state = _state(path)
+        except FileNotFoundError:  # removed by a collection
+            return
+        with self._lock:
+            self._written[sha256] = state
+            self._written.move_to_end(sha256)
+            while len(self._written) > _REMEMBERED:
+                self._written.popitem(last=False)
 
-def _has_content(path: Path, payload: bytes) -> bool:
-    """Return whether a file exists and equals the payload."""
+    def _is_unchanged(self, sha256: str, path: Path) -> bool:
+        """Return whether a remembered file has not changed since."""
+        with self._lock:
+            remembered = self._written.get(sha256)
+        try:
+            return remembered is not None and _state(path) == remembered
+        except FileNotFoundError:
+            return False
+
+
+def stored_form(payload: bytes) -> bytes:
+    """Return the content of the file of a payload: compressed, or the payload itself."""
+    compressed = compress(payload, CHUNK_BYTES)
+    return compressed if len(compressed) < WORTHWHILE * len(payload) else payload
+
+
+def _state(path: Path) -> _State:
+    stat = path.stat()
+    return _State(stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+
+
+def _has_content(path: Path, content: bytes) -> bool:
+    """Return whether a file exists and has this content."""
     try:
         with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size != len(payload):
+            if os.fstat(file.fileno()).st_size != len(content):
                 return False
-            view = memoryview(payload)
+            view = memoryview(content)
             return all(
                 file.read(CHUNK_BYTES) == view[i : i + CHUNK_BYTES] for i in range(0, len(view), CHUNK_BYTES)
             )

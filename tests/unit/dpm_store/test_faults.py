@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cdff_common.clock import ManualClock
@@ -96,7 +97,7 @@ def fill(path: Path) -> None:
 def fill_store(store: Store, size: int) -> None:
     """Insert until an insertion is refused."""
     for seq in range(10_000):
-        put(store, header(seq), seq.to_bytes(2, "big") * (size // 2))
+        put(store, header(seq), np.random.default_rng(seq).bytes(size))
 
 
 @pytest.mark.req("CDFF-SUP-170")
@@ -137,35 +138,36 @@ def test_there_is_no_reserve_by_default(tmp_path: Path) -> None:
 @pytest.mark.req("CDFF-SUP-171")
 @pytest.mark.parametrize("size", [10, PACKED_BYTES, PACKED_BYTES + 1, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("where", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("levels", [256, 4], ids=["stored", "compressed"])
 def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
-    store: Store, size: int, where: float
+    store: Store, size: int, where: float, levels: int
 ) -> None:
-    payload = bytes(range(256)) * (size // 256 + 1)
-    put(store, header(1), payload[:size])
-    flip(store, digest(payload[:size]), int(where * (size - 1)))
+    payload = np.random.default_rng(3).integers(0, levels, size, np.uint8).tobytes()
+    put(store, header(1), payload)
+    flip(store, digest(payload), where)
     with pytest.raises(StorageError, match="corrupt on the disk"):
         store.payload(header(1).id)
     (problem,) = store.verify()
-    assert digest(payload[:size]) in problem.where
-    assert (
-        put(store, header(2), payload[:size]) is Insertion.INSERTED
-    )  # inserting the same content repairs the payload
-    assert store.payload(header(1).id) == payload[:size]
+    assert digest(payload) in problem.where
+    # Inserting the same content repairs the payload.
+    assert put(store, header(2), payload) is Insertion.INSERTED
+    assert store.payload(header(1).id) == payload
     assert store.verify() == ()
 
 
-def flip(store: Store, sha256: str, offset: int) -> None:
-    """Change one bit of a stored payload."""
-    path = store.directory / "blobs" / sha256[:2] / sha256[2:]
-    if not path.exists():
+def flip(store: Store, sha256: str, where: float) -> None:
+    """Change one bit of a stored payload; ``where`` is 0 at its first and 1 at its last byte on the disk."""
+    path, first = store.directory / "blobs" / sha256[:2] / sha256[2:], 0
+    if path.exists():
+        size = path.stat().st_size
+    else:
         with store._database.read() as connection:
-            location = connection.exec_driver_sql(
-                "SELECT location FROM blobs WHERE sha256 = ?", (sha256,)
-            ).scalar_one()
-        path, offset = (
-            store._payloads.packs.path(pack_of(location)),
-            location - location_range(pack_of(location))[0] + offset,
-        )
+            location, size = connection.exec_driver_sql(
+                "SELECT location, size FROM blobs WHERE sha256 = ?", (sha256,)
+            ).one()
+        path = store._payloads.packs.path(pack_of(location))
+        first = location - location_range(pack_of(location))[0]
+    offset = first + int(where * (size - 1))
     with path.open("r+b") as file:
         file.seek(offset)
         changed_byte = bytes([file.read(1)[0] ^ 4])

@@ -3,17 +3,19 @@
 import hashlib
 import threading
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from dpm_store import Insertion, Store
 from dpm_store.history import maintenance
 from dpm_store.payloads import blobs
-from dpm_store.payloads.blobs import BlobFiles
+from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, chunk_sums
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.support.store_products import header, put
 
-SMALL, LARGE = b"s" * 100, b"l" * (PACKED_BYTES + 1)
+SMALL, LARGE = b"s" * 100, np.random.default_rng(1).bytes(PACKED_BYTES + 1)
 
 
 @pytest.mark.req("CDFF-SUP-036")
@@ -38,8 +40,10 @@ def test_a_collection_in_steps_removes_exactly_the_unused_payloads(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(maintenance, "_WRITE_PAYLOADS", 3)
-    for seq in range(20):
-        put(store, header(seq), bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1))
+    rng = np.random.default_rng(2)
+    payloads = [rng.bytes(100 if seq % 2 else PACKED_BYTES + 1) for seq in range(20)]
+    for seq, payload in enumerate(payloads):
+        put(store, header(seq), payload)
     orphan = store.directory / "blobs" / "ab" / ("c" * 62)
     orphan.parent.mkdir(exist_ok=True)
     orphan.write_bytes(b"x" * 7)
@@ -49,7 +53,7 @@ def test_a_collection_in_steps_removes_exactly_the_unused_payloads(
     assert store.collect() == 0
     assert not orphan.exists()
     for seq in range(15, 20):
-        assert store.payload(header(seq).id) == bytes([seq]) * (100 if seq % 2 else PACKED_BYTES + 1)
+        assert store.payload(header(seq).id) == payloads[seq]
     assert store.verify() == ()
 
 
@@ -82,19 +86,37 @@ def test_wrong_sums_and_index_entries_are_detected(store: Store) -> None:
     assert {p.what.split(":")[0] for p in store.verify()} == {"spatial index", "sums"}
 
 
+@pytest.mark.parametrize("is_remembered", [True, False])
 def test_a_payload_that_is_collected_during_an_insertion_is_written_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_remembered: bool
 ) -> None:
-    files, payload = BlobFiles(tmp_path / "blobs"), b"x" * 40_000
+    files, payload = BlobFiles(tmp_path / "blobs"), bytes(40_000)
     digest = hashlib.sha256(payload).hexdigest()
     files.write(digest, payload)
-    real = blobs._has_content
+    if not is_remembered:
+        files = BlobFiles(tmp_path / "blobs")
+    owner, name = (files, "_is_unchanged") if is_remembered else (blobs, "_has_content")
+    real = getattr(owner, name)
 
-    def collected_after(path: Path, content: bytes) -> bool:
-        has_content = real(path, content)
+    def collected_after(*arguments: Any) -> bool:
+        has_content: bool = real(*arguments)
+        assert has_content
         files.remove(digest)
+        monkeypatch.undo()
         return has_content
 
-    monkeypatch.setattr(blobs, "_has_content", collected_after)
+    monkeypatch.setattr(owner, name, collected_after)
     files.write(digest, payload)
-    assert files.path(digest).read_bytes() == payload
+    assert files.read(digest, len(payload), chunk_sums(payload), 0, len(payload), "payload") == payload
+
+
+def test_a_payload_written_before_files_were_compressed_is_read(tmp_path: Path) -> None:
+    files, payload = BlobFiles(tmp_path), bytes(2 * CHUNK_BYTES)
+    digest = hashlib.sha256(payload).hexdigest()
+    files.path(digest).parent.mkdir()
+    files.path(digest).write_bytes(payload)
+    sums = chunk_sums(payload)
+    assert files.read(digest, len(payload), sums, CHUNK_BYTES, 10, "payload") == bytes(10)
+    files.write(digest, payload)
+    assert files.path(digest).stat().st_size < 200
+    assert files.read(digest, len(payload), sums, 0, len(payload), "payload") == payload

@@ -3,7 +3,9 @@
 import hashlib
 from dataclasses import replace
 
+import numpy as np
 import pytest
+import zstandard
 
 from cdff_common.clock import ManualClock
 from cdff_common.contract.limits import LATEST_NS
@@ -141,25 +143,47 @@ def test_equal_payloads_are_stored_once(store: Store) -> None:
 
 
 def test_collecting_frees_payloads_of_tombstones_only(store: Store) -> None:
-    for seq, size in enumerate((10, PACKED_BYTES + 1)):
-        put(store, header(seq), bytes([seq]) * size)
+    large = np.random.default_rng(1).bytes(PACKED_BYTES + 1)
+    for seq, payload in enumerate((bytes(10), large)):
+        put(store, header(seq), payload)
         store.delete(header(seq).id)
     assert store.collect() == 10 + PACKED_BYTES + 1
     assert store.collect() == 0
     assert store.verify() == ()
-    assert put(store, header(7), bytes([1]) * (PACKED_BYTES + 1)) is Insertion.INSERTED
-    assert store.payload(header(7).id) == bytes([1]) * (PACKED_BYTES + 1)
+    assert put(store, header(7), large) is Insertion.INSERTED
+    assert store.payload(header(7).id) == large
+
+
+def test_a_compressible_payload_needs_less_space_and_any_part_can_be_read(store: Store) -> None:
+    heights = np.full((3, CHUNK_BYTES // 8), np.nan)
+    heights[1, ::9] = np.arange(len(heights[1, ::9]))
+    payload = heights.tobytes()[:-5]
+    put(store, header(0), payload)
+    (path,) = (store.directory / "blobs").glob("??/*")
+    assert path.stat().st_size < len(payload) / 5
+    with path.open("rb") as file:
+        reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+        assert reader.readall() == payload
+    for offset, length in ((0, 10), (CHUNK_BYTES - 1, 2), (CHUNK_BYTES, CHUNK_BYTES), (len(payload) - 3, 3)):
+        assert store.payload(header(0).id, offset, length) == payload[offset : offset + length]
+    assert store.payload(header(0).id) == payload
+    assert store.verify() == ()
+    store.delete(header(0).id)
+    assert store.collect() < len(payload) / 5
 
 
 @pytest.mark.parametrize("size", [100, PACKED_BYTES + 100, 3 * CHUNK_BYTES])
-def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(store: Store, size: int) -> None:
-    payload = bytes(i % 256 for i in range(size))
+@pytest.mark.parametrize("levels", [256, 4], ids=["stored", "compressed"])
+def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
+    store: Store, size: int, levels: int
+) -> None:
+    payload = np.random.default_rng(2).integers(0, levels, size, np.uint8).tobytes()
     put(store, header(0), payload)
     sha256 = store.get(header(0).id).sha256
     path = store.directory / "blobs" / sha256[:2] / sha256[2:]
     path = path if size > PACKED_BYTES else store.directory / "packs" / "00000001.pack"
     data = bytearray(path.read_bytes())
-    data[size // 2] ^= 0x10
+    data[min(size, len(data)) // 2] ^= 0x10
     path.write_bytes(data)
     with pytest.raises(StorageError, match="corrupt on the disk"):
         store.payload(header(0).id)
@@ -172,9 +196,13 @@ def test_a_truncated_or_missing_file_is_reported(store: Store) -> None:
     put(store, header(0), b"y" * (PACKED_BYTES + 5))
     sha256 = store.get(header(0).id).sha256
     path = store.directory / "blobs" / sha256[:2] / sha256[2:]
-    path.write_bytes(b"y" * 10)
-    with pytest.raises(StorageError, match="ends at byte 10"):
-        store.payload(header(0).id)
+    stored = path.read_bytes()
+    for damaged in (b"", b"y" * 10, stored[:-1], stored[1:], stored + b"\0"):
+        path.write_bytes(damaged)
+        with pytest.raises(
+            StorageError, match=f"payload file of {len(damaged)} bytes is corrupt on the disk"
+        ):
+            store.payload(header(0).id)
     path.unlink()
     with pytest.raises(StorageError, match="not readable"):
         store.payload(header(0).id)
