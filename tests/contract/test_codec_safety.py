@@ -50,6 +50,7 @@ def test_a_short_message_with_a_huge_declared_length_allocates_little(codec: str
             assert peak < _MAX_ALLOCATION_BYTES, (name, codec, message)
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-CORE-053")
 def test_thousands_of_mutated_messages_are_decoded_or_refused() -> None:
     report = fuzz(6_000, seed=1)

@@ -24,6 +24,7 @@ def test_random_messages_survive_a_round_trip(name: str, codec: str, rng: np.ran
         assert decode(name, encode(value, codec, name), codec) == value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_uper_messages_are_interchangeable_with_those_of_asn1tools(
     name: str, rng: np.random.Generator

@@ -88,6 +88,7 @@ def test_the_pose_of_the_mast_head_follows_from_its_joints(stage: Stage, endpoin
             wait_until(is_consistent, 20.0, f"head and base at {stamp_ns}")
 
 
+@pytest.mark.slow
 def test_a_time_can_be_pinned_and_invalid_queries_are_refused_on_the_command_line(
     stage: Stage, endpoint: str
 ) -> None:

@@ -272,6 +272,7 @@ def test_malformed_calls_are_answered_with_the_reason(shared: System) -> None:
     assert shared.call("stat").body()["products"] == before
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-032")
 def test_acknowledged_products_survive_a_kill_of_the_dpm(system: System) -> None:
     acknowledged: list[str] = []

@@ -152,6 +152,7 @@ def stac(server: Server) -> Any:
     return pystac_client.Client.open(f"{server.url}/stac")
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-160")
 @pytest.mark.parametrize("method", ["GET", "POST"])
 def test_pystac_client_finds_every_item_once_over_all_pages(stac: Any, server: Server, method: str) -> None:
@@ -260,6 +261,7 @@ def test_stac_declares_its_conformance_classes_and_every_link_works(server: Serv
             assert server.get(link["href"].removeprefix(server.url))[0] == 200
 
 
+@pytest.mark.slow
 def test_stac_api_validator_finds_no_error(server: Server) -> None:
     pytest.importorskip("stac_api_validator", reason="stac-api-validator is not installed")
     (west, south), (east, north) = lon_lat(0.0, 0.0), lon_lat(50.0, 2.0)

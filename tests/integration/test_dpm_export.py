@@ -146,6 +146,7 @@ def test_exports_are_read_by_other_programs(
     np.testing.assert_allclose(table[:, 0], [1.0, 2.0, 3.0])
 
 
+@pytest.mark.slow
 def test_an_exported_pose_graph_is_read_by_gtsam(
     system: System, endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -179,6 +180,7 @@ def test_an_export_folder_contains_each_product_and_all_outlines(
     assert shapes == {"Polygon": 2, "LineString Z": 1}
 
 
+@pytest.mark.slow
 def test_products_that_cannot_be_exported_are_reported(
     system: System, endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -204,6 +206,7 @@ def test_profiles_and_clouds_are_retrieved_over_zenoh(system: System) -> None:
     assert system.get("/api/v1/maps/dem/profile?path=1,1,2,2")["coverage"] == 1.0
 
 
+@pytest.mark.slow
 def test_gdal_reads_the_tiles_as_a_map_in_the_frame_of_the_site(system: System, tmp_path: Path) -> None:
     import rasterio
     from rasterio.windows import from_bounds

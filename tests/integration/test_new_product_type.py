@@ -51,6 +51,7 @@ def put(bus: Bus, value: Any, product: str) -> str:
     return header.id
 
 
+@pytest.mark.slow
 def test_a_product_type_of_a_plugin_is_stored_searched_requested_and_displayed(
     spawn: Spawn, router: Any, endpoint: str, eventually: Eventually
 ) -> None:

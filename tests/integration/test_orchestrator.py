@@ -349,6 +349,7 @@ def test_a_dfpc_killed_during_a_request_is_activated_again_after_its_restart(
     assert done[0].header.t1_ns > since_ns
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-041")
 def test_a_killed_orchestrator_resumes_from_its_journal_and_the_client_is_answered(
     client: Client, driver: Driver, system: System
@@ -395,6 +396,7 @@ def test_after_the_router_was_restarted_requests_are_answered_again(client: Clie
     assert client.request("pose", robot="mana", max_age_s=0.9, deadline_s=30).value is not None
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-146")
 def test_a_second_orchestrator_exits_names_the_leader_and_leaves_the_journal_unchanged(
     system: System, tmp_path: Path, client: Client

@@ -105,6 +105,7 @@ def test_a_provider_that_raises_fails_or_hangs_is_replaced_by_another_one(
         running_system[1](*HOST, "mana_troublemaker")
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-SUP-027")
 def test_a_sensor_lost_during_a_request_is_reported_at_once_and_works_after_recovery(
     running_system: tuple[str, Spawn], bus: Bus

@@ -68,6 +68,7 @@ def terminal(endpoint: str, log: Path, *options: str) -> Iterator[tuple[subproce
         os.close(keyboard)
 
 
+@pytest.mark.slow
 def test_keys_on_a_terminal_step_change_the_speed_pause_and_end(
     router: subprocess.Popen[bytes], endpoint: str, log: Path, eventually: Eventually
 ) -> None:

@@ -73,6 +73,7 @@ def world(scenario: Scenario) -> World:
     return make_world(scenario)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_wheels_and_imu_alone_have_an_error_below_four_percent_within_their_covariance(
     scenario: Scenario, world: World, robot: str

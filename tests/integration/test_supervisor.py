@@ -89,6 +89,7 @@ def test_a_killed_service_is_back_within_five_seconds(
     assert new_router.pid != router.pid
 
 
+@pytest.mark.slow
 def test_sigterm_to_the_supervisor_ends_every_process_even_one_that_ignores_sigterm(
     supervisor: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
 ) -> None:

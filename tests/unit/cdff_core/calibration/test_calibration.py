@@ -100,6 +100,7 @@ def test_a_level_drive_determines_everything_but_the_height_and_says_so() -> Non
     mount.require(("x", "y", "yaw"))
 
 
+@pytest.mark.slow
 def test_a_straight_drive_names_the_position_and_the_roll() -> None:
     stamps, poses = drive(turn_rad_s=0.0)
     mount = hand_eye(motion_pairs(stamps, poses, stamps, noisy(poses @ MOUNT, 0)))
@@ -174,6 +175,7 @@ def inertial_drive(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "rpy_deg", [(0.0, 0.0, 0.0), (180.0, 0.0, 90.0), (90.0, 0.0, -90.0), (10.0, -30.0, 135.0)]
 )
@@ -188,6 +190,7 @@ def test_the_rotation_of_an_imu_is_found_from_gravity_curves_and_accelerations(
     assert set(mount.undetermined) == {"x", "y", "z"}  # wheels slip: docs state why
 
 
+@pytest.mark.slow
 def test_the_clock_of_an_imu_that_is_late_is_found_and_does_not_spoil_the_rotation() -> None:
     mount, offset_s = inertial_mount(*inertial_drive((180.0, 0.0, 90.0), (0.0, 0.0, 0.0), offset_s=0.3))
     assert offset_s == pytest.approx(0.3, abs=0.021)

@@ -113,6 +113,7 @@ def test_a_clock_offset_is_estimated_with_its_sigma_and_its_stream_named(
     assert "sensor_rotation" not in first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_good_drive_has_no_finding_and_mounts_and_clocks_agree(seed: int) -> None:
     for dfpc, ports in (("position_manager", POSITION), ("digital_elevation_mapping", MAPPING)):

@@ -87,6 +87,7 @@ def votes_of(table: PairTable, points: Array, normals: Array, i: int, near: Arra
     return votes + 0.5 * np.roll(votes, 1, axis=1) + 0.5 * np.roll(votes, -1, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "in_plane", "noise_m"), [(2, 0, 0.0), (3, 0, 0.05), (4, 9, 0.05), (5, 9, 0.1)]
 )

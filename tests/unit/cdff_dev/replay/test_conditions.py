@@ -87,6 +87,7 @@ def test_a_replay_of_a_part_stops_and_prints_the_poses(
     assert "--tap map: no such port" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_replay_writes_the_last_map_and_graph(real_data: Callable[[str], Path], tmp_path: Path) -> None:
     log = str(real_data("kitti_velodyne"))
     assert (

@@ -80,6 +80,7 @@ def test_inputs_are_kept_through_deleted_products(aged_store: Store, clock: Manu
     assert first not in {v.id for v in aged_store.retention.plan([Rule(product="dem", max_age_s=35)]).retired}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_in_a_random_provenance_graph_exactly_the_needed_inputs_stay(
     store: Store, clock: ManualClock, seed: int

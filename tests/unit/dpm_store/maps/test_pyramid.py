@@ -231,6 +231,7 @@ def test_a_corrected_frame_moves_its_patches_from_tile_to_tile(
     assert cells(store, new_tile).count.sum() == pytest.approx(3000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_deleted_first", [True, False])
 def test_a_map_that_was_moved_and_deleted_leaves_no_tile(
     store: Store, rng: np.random.Generator, is_deleted_first: bool
@@ -262,6 +263,7 @@ def test_another_covariance_of_a_frame_changes_its_tiles(store: Store, rng: np.r
     assert np.nanmax(cells(store, tile).to_layers(0)["variance"]) > before
 
 
+@pytest.mark.slow
 def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
@@ -284,6 +286,7 @@ def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
         assert_equal_to_points(store, tile, points)
 
 
+@pytest.mark.slow
 def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np.random.Generator) -> None:
     url = f"sqlite:///{tmp_path}/data"
     with open_store(url, ManualClock(S)) as store:

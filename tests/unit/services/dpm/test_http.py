@@ -377,6 +377,7 @@ texts = st.one_of(
 paths = st.sampled_from(["/api/v1/products", "/api/v1/poses", "/api/v1/maps/dem/window"])
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(path=paths, parameters=st.dictionaries(st.sampled_from(PARAMETERS), texts, max_size=4))
 def test_arbitrary_parameters_never_cause_a_server_error(

@@ -210,6 +210,7 @@ def test_an_error_repeats_the_request(stage: Stage) -> None:
     assert invalid.asked["request"] == invalid.request
 
 
+@pytest.mark.slow
 def test_a_standing_request_continues_when_the_dpm_has_its_whole_region(stage: Stage) -> None:
     parameters = {
         "type": "dem",

@@ -43,6 +43,7 @@ def _motion(
     return _dfn().process(inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.req("CDFF-CORE-010")
 def test_a_tumbling_body_is_predicted_and_its_moments_and_centre_are_found() -> None:
     body = MovingBody.drawn(1)

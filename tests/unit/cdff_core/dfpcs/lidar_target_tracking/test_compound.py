@@ -80,6 +80,7 @@ def tracked(rng: np.random.Generator, count: int, **config: Any) -> Dfpc:
     return dfpc
 
 
+@pytest.mark.slow
 def test_a_rotating_body_is_detected_and_tracked_with_its_rate(rng: np.random.Generator) -> None:
     dfpc, all_errors, nees = make_dfpc(), [], []
     for i in range(30):

@@ -60,6 +60,7 @@ def errors(detection: ObjectDetection, T: np.ndarray) -> tuple[float, float]:
     return float(angles[best]), float(np.linalg.norm(poses[best, :3, 3] - T[:3, 3]))
 
 
+@pytest.mark.slow
 def test_the_pose_is_found_from_all_sides_with_covariance(client: Dfpc, rng: np.random.Generator) -> None:
     nees = []
     for _ in range(6):
@@ -136,6 +137,7 @@ def test_two_clients_are_two_detections(client: Dfpc, rng: np.random.Generator) 
         assert min(errors(d, T)[0] for d in output.value.detections) < 1.0
 
 
+@pytest.mark.slow
 def test_a_cube_has_a_set_of_equal_poses(rng: np.random.Generator) -> None:
     mesh = satellite.box((0.9, 0.9, 0.9))
     dfpc = make_dfpc()

@@ -55,6 +55,7 @@ def tracked() -> tuple[Tracking3D, MovingBody, list[Output]]:
     return dfpc, body, _run(dfpc, *body.measured(T_S, SIGMA_M, SIGMA_RAD, seed=2))
 
 
+@pytest.mark.slow
 def test_each_pose_gives_a_state_failed_until_there_are_enough(
     tracked: tuple[Tracking3D, MovingBody, list[Output]],
 ) -> None:

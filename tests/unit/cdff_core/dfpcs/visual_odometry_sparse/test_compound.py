@@ -205,6 +205,7 @@ def test_a_change_of_brightness_does_not_change_the_motion(pairs: list[FramePair
         assert np.linalg.norm(cov.pose_error(T, output.value.transform.matrix)[:3]) < 0.006
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("survival", "renewed"), [(0.3, False), (0.9, True)])
 def test_a_keyframe_is_replaced_when_too_few_of_its_points_are_tracked(
     pairs: list[FramePair], survival: float, renewed: bool

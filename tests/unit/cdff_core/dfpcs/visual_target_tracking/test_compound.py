@@ -80,6 +80,7 @@ def tracked(rng: np.random.Generator, count: int, **config: float) -> Dfpc:
     return dfpc
 
 
+@pytest.mark.slow
 def test_a_rotating_body_is_tracked_from_a_guess_that_is_off(rng: np.random.Generator) -> None:
     T = truth(0.0)
     off = se3.transform(se3.exp_so3([0.02, -0.02, 0.01]) @ T[:3, :3], T[:3, 3] + [0.02, -0.01, 0.03])

@@ -135,6 +135,7 @@ def test_the_command_prints_the_results(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["eval", "dem", files[0], str(tmp_path / "none.tif")]) == 1
 
 
+@pytest.mark.slow
 def test_the_command_draws_both_maps_and_the_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -141,6 +141,7 @@ def test_the_command_refuses_a_wrong_scenario_in_one_line(
     assert not (tmp_path / "log").exists()
 
 
+@pytest.mark.slow
 def test_every_shipped_scenario_in_orbit_has_held_out_seeds() -> None:
     scenarios = [load_any_scenario(name) for name in scenario_names()]
     in_orbit = [s for s in scenarios if isinstance(s, OrbitScenario)]

@@ -44,6 +44,7 @@ def distances_m(name: str) -> np.ndarray:
     return np.linalg.norm(OrbitMotion(s).servicer_offsets_m(np.arange(0.0, s.duration_s + 1.0, 10.0)), axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILT)
 def test_the_bodies_of_a_scenario_are_built_and_its_camera_sees_the_client(name: str) -> None:
     world = OrbitWorld(scenario(name))
