@@ -5,7 +5,7 @@
     cdff demo --once --data-dir DIR && python benchmarks/dpm_payloads.py DIR [--count 200] [--out FILE]
 
 ``compressed`` is ``dpm_store.payloads.blobs.BlobFiles``. ``plain`` writes the payload itself with the same
-calls: temporary file, fsync, rename, fsync of the folder. Both write below ``DIR`` and remove what they wrote;
+calls: temporary file, fsync, rename, fsync of the folder. Both write below ``DIR`` and remove their files;
 they take turns with each payload. Reading includes the comparison with the checksums; files are in the page
 cache. Times are medians per payload, wall and CPU, by product.
 """

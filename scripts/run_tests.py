@@ -3,9 +3,9 @@
 """Run the tests in two parts: tests that start processes, and tests that only compute.
 
 Tests that start processes run one by one, because they wait for services within time limits. Tests that only
-compute run in parallel at the lowest priority, at the same time in the remaining processor time; the output of
-the others is printed when they have ended. With ``--slow`` they run afterwards: both at once make services miss
-their time limits on a slow machine.
+compute run in parallel at the lowest priority, at the same time in the remaining processor time; the output
+of the others is printed when they have ended. With ``--slow`` they run afterwards: both at once make services
+miss their time limits on a slow machine.
 
 ``run_tests.py`` runs the tests that are not marked slow or soak, ``run_tests.py --slow`` the slow ones too,
 ``run_tests.py --soak`` only the soak tests; further arguments go to pytest.
