@@ -26,6 +26,8 @@ def missing_services(bus: Bus, services: list[str]) -> list[str]:
 def _status_key(scope: str, name: str) -> str:
     if name == "orchestrator":
         return keys.orchestrator_rpc(scope, "stat")
+    if name.startswith("gateway_"):
+        return keys.gateway_status(scope, name)
     return keys.dpm_rpc(scope, "stat") if name == "dpm" else keys.dfpc_rpc(scope, name, "status")
 
 

@@ -173,6 +173,8 @@ class Robot(StrictModel):
     urdf : str
         File of its joints, relative to the profile; once loaded, the document. Its fixed joints are frames
         like ``frames``.
+    gateways : mapping of gateway to file
+        Gateways that run for the robot, and the file of the settings of each, relative to the profile.
     """
 
     id: RobotId
@@ -182,6 +184,7 @@ class Robot(StrictModel):
     limits: dict[Name, float] = {}
     dfpcs: tuple[DfpcEntry, ...] = ()
     urdf: str = ""
+    gateways: dict[Literal["gateway_ros2"], str] = {}
 
     @model_validator(mode="after")
     def _names_are_wired(self, info: ValidationInfo) -> Robot:

@@ -41,7 +41,8 @@ class RobotProfile:
             and policy.sensor in robot.sensors
             and policy.stream in robot.sensors[policy.sensor].streams
         )
-        part = {"robots": (robot,), "history": history, "retention": (), "merging": None}
+        own = robot.model_copy(update={"gateways": {}})  # files of the machine of the robot
+        part = {"robots": (own,), "history": history, "retention": (), "merging": None}
         return cls(profile.model_copy(update=part))
 
     @property

@@ -13,6 +13,7 @@ import threading
 
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option
+from cdff_common.errors import ConfigurationError
 from cdff_common.extras import import_extra
 from cdff_common.heartbeat import add_check
 from cdff_common.process import cap_threads, run_service
@@ -27,6 +28,7 @@ def main(argv: list[str] | None = None) -> int:
         default=os.environ.get("CDFF_ROS_CONNECT"),
         help="endpoint of the robot's rmw_zenohd; default: CDFF_ROS_CONNECT, else the router of the bus",
     )
+    parser.add_argument("--robot", help="robot that the settings must name")
     add_connect_option(parser)
     args = parser.parse_args(argv)
     cap_threads(1)
@@ -37,6 +39,10 @@ def main(argv: list[str] | None = None) -> int:
         from services.gateway_ros2.settings import load_settings
 
         settings = load_settings(args.settings)
+        if args.robot not in (None, settings.robot):
+            raise ConfigurationError(
+                f"{args.settings}: robot {settings.robot!r}, expected {args.robot!r}, whose profile names it"
+            )
         robot_connect = args.ros_connect or args.connect
         with (
             Bus.open(args.connect, name=SERVICE, wait_s=None, stop=stop) as bus,

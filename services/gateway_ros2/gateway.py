@@ -12,7 +12,7 @@ from typing import Any
 from cdff_common.bus import Bus, Message, keys
 from services.gateway_ros2 import rmw_zenoh
 from services.gateway_ros2.inputs import InputLink
-from services.gateway_ros2.outputs import OutputLink, Publishers
+from services.gateway_ros2.outputs import FrameTree, OutputLink, Publishers
 from services.gateway_ros2.settings import GatewaySettings
 from services.ros_messages.conversions import CAMERA_INFO
 from services.ros_messages.message_types import RosTypes
@@ -55,8 +55,9 @@ class Gateway:
             if entry.camera_info is not None:
                 self._subscribe(entry.camera_info, CAMERA_INFO, entry.qos, link.on_camera_info, 1)
         publishers = Publishers(robot_bus, self._node, self._types, self._entities + 1)
+        frame_tree = FrameTree()
         self._outputs = [
-            OutputLink(entry, settings.robot, settings.frames, self._types, publishers)
+            OutputLink(entry, settings.robot, settings.frames, self._types, publishers, frame_tree)
             for entry in settings.outputs
         ]
         for output in self._outputs:

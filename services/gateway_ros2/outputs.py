@@ -26,6 +26,27 @@ from services.ros_messages.type_hashes import message_hash
 logger = logging.getLogger(__name__)
 
 
+class FrameTree:
+    """Frames that the gateway publishes: each has one parent, and none is below itself."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._parents: dict[str, str] = {}
+
+    def add(self, parent: str, child: str) -> None:
+        """Add an edge; raises InputError if its child has another parent or is above its parent."""
+        with self._lock:
+            known = self._parents.get(child, parent)
+            if known != parent:
+                raise InputError(f"frame {child} below {parent}: it is already below {known}")
+            above: str | None = parent
+            while above is not None:
+                if above == child:
+                    raise InputError(f"frame {child} below {parent}: {parent} is below {child}, a loop")
+                above = self._parents.get(above)
+            self._parents[child] = parent
+
+
 class Publishers:
     """Publishers of a node: each topic has a token, a number of its messages and an id.
 
@@ -87,6 +108,8 @@ class OutputLink:
         Frames of CDFF by their ``frame_id``.
     ros_types : RosTypes
     publishers : Publishers
+    frame_tree : FrameTree
+        Frames of all transforms that the gateway publishes.
     """
 
     def __init__(
@@ -96,11 +119,13 @@ class OutputLink:
         frames: Mapping[str, str],
         ros_types: RosTypes,
         publishers: Publishers,
+        frame_tree: FrameTree,
     ) -> None:
         self.entry, self.counters = entry, TopicCounters()
         self._robot, self._frames, self._ros_types = robot, frames, ros_types
         self._frame_ids = {frame: frame_id for frame_id, frame in frames.items()}
         self._publishers, self._rate = publishers, RateLimit(entry.max_hz)
+        self._frame_tree = frame_tree
         self._cameras: dict[str, Any] = {}
 
     def on_message(self, message: Message) -> None:
@@ -129,6 +154,7 @@ class OutputLink:
         if self.entry.type == TF:
             if not isinstance(value, TransformWithCovariance):
                 raise InputError(f"a {type(value).__name__} as {TF}: expected a TransformWithCovariance")
+            self._frame_tree.add(value.parent_frame, value.child_frame)
             transform = transform_message(value, target, self._ros_types, header.t1_ns)
             message = self._ros_types.make("tf2_msgs/TFMessage", transforms=[transform])
             return (Outgoing(self.entry.topic, TF, message),)

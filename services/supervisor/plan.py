@@ -12,7 +12,7 @@ from pathlib import Path
 from cdff_common.bus.identity import VARIABLE, Identity
 from cdff_common.bus.keys import GROUND
 from cdff_common.errors import ConfigurationError
-from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile import Profile, Robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def plan(
     Raises
     ------
     ConfigurationError
-        If the profile has no such robot, or an identity is missing.
+        If the profile has no such robot, or an identity or the settings of a gateway are missing.
     """
     all_scopes = (GROUND, *profile.robot_ids)
     for scope in scopes:
@@ -117,8 +117,27 @@ def plan(
         ]
         if profile.merging is not None:
             specs.append(spec("map_merging", "services.map_merging", tokens=((GROUND, "map_merging"),)))
+    for robot in profile.robots:
+        if robot.id in selected_scopes:
+            for gateway, settings in _gateway_settings(robot, profile_path).items():
+                options = ("--robot", robot.id, "--settings", str(settings))
+                own_token = ((robot.id, gateway),)
+                specs.append(spec(f"{robot.id}_{gateway}", f"services.{gateway}", *options, tokens=own_token))
     for process, entries in profile.processes().items():
         tokens = tuple((robot, entry.name) for robot, entry in entries if robot in selected_scopes)
         if tokens:
             specs.append(spec(process, "services.dfpc_host", "--process", process, tokens=tokens))
     return specs
+
+
+def _gateway_settings(robot: Robot, profile_path: Path) -> dict[str, Path]:
+    """Return the files of the settings of the gateways of a robot; raises ConfigurationError without one."""
+    files: dict[str, Path] = {
+        name: profile_path.resolve().parent / file for name, file in robot.gateways.items()
+    }
+    for name, file in files.items():
+        if not file.is_file():
+            raise ConfigurationError(
+                f"{robot.id}.gateways.{name}: no file {file}; expected the settings of the gateway"
+            )
+    return files

@@ -50,10 +50,42 @@ def orchestrator_lines(stat: Mapping[str, Any] | None) -> list[str]:
     ]
 
 
+def gateway_lines(statuses: Mapping[tuple[str, str], Mapping[str, Any]]) -> list[str]:
+    """Return the metrics of gateways by robot and service: messages of each topic, and the latency."""
+    received: dict[str, Any] = {}
+    forwarded: dict[str, Any] = {}
+    dropped: dict[str, Any] = {}
+    latency_s: dict[str, Any] = {}
+    for (robot, gateway), status in sorted(statuses.items()):
+        inputs = [("in", topic, counters) for topic, counters in status["inputs"].items()]
+        outputs = [("out", counters["topic"], counters) for counters in status["outputs"]]
+        for direction, topic, counters in inputs + outputs:
+            names = {"robot": robot, "gateway": gateway, "direction": direction, "topic": topic}
+            names["type"] = counters["type"]
+            labels = _label_text(names)
+            received[labels] = counters["received"]
+            forwarded[labels] = counters["forwarded"]
+            latency_s[labels] = f"{counters['latency_ms'] / 1e3:.6f}"
+            for reason, count in sorted(counters["dropped"].items()):
+                dropped[_label_text({**names, "reason": reason})] = count
+    if not statuses:
+        return []
+    return [
+        *_metric("cdff_gateway_received_total", "counter", received),
+        *_metric("cdff_gateway_forwarded_total", "counter", forwarded),
+        *_metric("cdff_gateway_dropped_total", "counter", dropped),
+        *_metric("cdff_gateway_latency_seconds", "gauge", latency_s),
+    ]
+
+
 def _labels(alarm: Mapping[str, Any]) -> str:
     """Return the labels of an alarm; its texts come from other services, so that they are escaped."""
     values = {name: alarm[name] for name in ("kind", "source", "severity")}
     values["acknowledged"] = str(alarm["acknowledged_by"] is not None).lower()
+    return _label_text(values)
+
+
+def _label_text(values: Mapping[str, Any]) -> str:
     return "{" + ",".join(f"{name}={json.dumps(str(value))}" for name, value in values.items()) + "}"
 
 

@@ -39,6 +39,14 @@ def test_services_that_hang_or_have_a_dead_loop_are_named() -> None:
     ]
 
 
+def test_a_gateway_answers_by_its_status() -> None:
+    bus: Any = _Bus(answer={"inputs": {}, "outputs": []})
+    assert health.unhealthy_services(bus, ["mana/gateway_ros2"]) == []
+    hung: Any = _Bus()
+    (problem,) = health.unhealthy_services(hung, ["mana/gateway_ros2"])
+    assert "cdff/@v1/mana/gateway/gateway_ros2/status" in problem
+
+
 def test_a_service_without_scope_is_refused() -> None:
     bus: Any = _Bus()
     with pytest.raises(InputError, match="scope"):

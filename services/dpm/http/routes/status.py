@@ -20,7 +20,7 @@ from dpm_store import Event
 from dpm_store.history.events import CHANGES
 from services.alarms import Severity
 from services.dpm.http.context import Context, Ctx, jsonable
-from services.dpm.http.metrics import dpm_lines, orchestrator_lines
+from services.dpm.http.metrics import dpm_lines, gateway_lines, orchestrator_lines
 from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.native_models import AlarmBody, AlarmList, Changes, Status
 from services.dpm.operations.condition_monitor import check_disk
@@ -75,11 +75,26 @@ def acknowledge(context: Ctx, alarm: AlarmParameters) -> Any:
 
 @router.get("/metrics", response_class=PlainTextResponse)
 def metrics(context: Ctx) -> PlainTextResponse:
-    """Return counters and gauges of the DPM and, if it answers, of the orchestrator, in Prometheus' text
-    format.
+    """Return counters and gauges of the DPM and, if they answer, of the orchestrator and of gateways, in
+    Prometheus' text format.
     """
     lines = dpm_lines(context.dpm.reports.status()) + orchestrator_lines(_orchestrator(context))
+    lines += gateway_lines(_gateways(context))
     return PlainTextResponse("\n".join(lines) + "\n", media_type="text/plain; version=0.0.4")
+
+
+def _gateways(context: Context) -> dict[tuple[str, str], Any]:
+    statuses: dict[tuple[str, str], Any] = {}
+    if context.bus is None:
+        return statuses
+    with contextlib.suppress(CdffError):
+        for token in context.bus.alive(keys.alive("*", "*")):
+            robot, service = token.removeprefix(f"{keys.PREFIX}/").split("/@alive/")
+            if service.startswith("gateway_"):
+                key = keys.gateway_status(robot, service)
+                with contextlib.suppress(CdffError):
+                    statuses[robot, service] = context.bus.call(key, timeout_s=_METRICS_TIMEOUT_S).body()
+    return statuses
 
 
 def _orchestrator(context: Context) -> Any:

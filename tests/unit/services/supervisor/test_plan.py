@@ -58,3 +58,22 @@ def test_a_secured_plan_gives_each_process_the_identity_of_its_scope(tmp_path: P
     (tmp_path / "mana" / "identity.key").unlink()
     with pytest.raises(ConfigurationError, match=r"mana/identity\.key: cannot be read"):
         planned(secrets=tmp_path)
+
+
+def test_the_gateways_of_a_robot_run_on_its_machine_with_the_settings_of_its_profile(tmp_path: Path) -> None:
+    profile = load_profile(PROFILE)
+    mana, minnie = profile.robots
+    mana = mana.model_copy(update={"gateways": {"gateway_ros2": "gateway.yaml"}})
+    with_gateway = profile.model_copy(update={"robots": (mana, minnie)})
+
+    def specs(*scopes: str) -> list[ProcessSpec]:
+        path = tmp_path / "profile.yaml"
+        return plan(with_gateway, path, connect="tcp/a:1", http="b:2", data_dir=tmp_path, scopes=scopes)
+
+    with pytest.raises(ConfigurationError, match=r"mana\.gateways\.gateway_ros2: no file .*gateway\.yaml"):
+        specs("mana")
+    (tmp_path / "gateway.yaml").touch()
+    (gateway,) = [s for s in specs("mana") if s.name == "mana_gateway_ros2"]
+    assert gateway.argv[-4:] == ("--robot", "mana", "--settings", str(tmp_path / "gateway.yaml"))
+    assert gateway.tokens == (("mana", "gateway_ros2"),)
+    assert "mana_gateway_ros2" not in [s.name for s in specs("ground", "minnie")]

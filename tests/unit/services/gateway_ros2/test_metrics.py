@@ -1,0 +1,32 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Counters of gateways among the metrics of the DPM."""
+
+from __future__ import annotations
+
+from services.dpm.http.metrics import gateway_lines
+from services.gateway_ros2.counters import TopicCounters
+
+
+def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:
+    imu, pose = TopicCounters(), TopicCounters()
+    for _ in range(3):
+        imu.receive(316)
+    imu.forward(0.002)
+    imu.drop("rate", "too many")
+    imu.drop("decoding", "316 bytes")
+    status = {
+        "inputs": {"/imu": {"type": "sensor_msgs/msg/Imu", **imu.to_map()}},
+        "outputs": [{"topic": "/pose", "type": "nav_msgs/msg/Odometry", **pose.to_map()}],
+    }
+    lines = gateway_lines({("mana", "gateway_ros2"): status})
+    names = 'robot="mana",gateway="gateway_ros2",direction="in",topic="/imu",type="sensor_msgs/msg/Imu"'
+    assert f"cdff_gateway_received_total{{{names}}} 3" in lines
+    assert f"cdff_gateway_forwarded_total{{{names}}} 1" in lines
+    assert f'cdff_gateway_dropped_total{{{names},reason="rate"}} 1' in lines
+    assert f"cdff_gateway_latency_seconds{{{names}}} 0.002000" in lines
+    assert any('direction="out",topic="/pose"' in line for line in lines)
+
+
+def test_without_gateways_there_are_no_lines() -> None:
+    assert gateway_lines({}) == []
