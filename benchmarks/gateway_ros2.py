@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Latency that the gateway to ROS 2 adds to a cloud, compared with the same bytes over the same router.
+
+    python benchmarks/gateway_ros2.py [--out FILE] [--rounds N]
+
+Router and gateway are processes. A program publishes a ``PointCloud2`` of 1 MB under a key without the
+gateway, and under the key of the topic, in turn, one message at a time; it receives both, the second as a
+sample of MessagePack.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import queue
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _report import write_report
+from _services import Services
+
+from cdff_common.bus import Bus, Message, keys
+from cdff_common.clock import wall_ns
+from services.gateway_ros2 import rmw_zenoh
+from services.ros_messages.message_types import RosTypes
+from services.ros_messages.type_hashes import message_hash
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+POINTS = 83_333  # 12 bytes each
+TIMEOUT_S = 20.0
+SETTINGS = f"""robot: mana
+inputs:
+  - {{topic: /points, type: {CLOUD}, stream: lidar/scan, frame: mana/lidar}}
+"""
+
+
+def cloud(types: RosTypes, points: Any) -> bytes:
+    """Return the CDR bytes of a cloud with the stamp of now."""
+    fields = [
+        types.make("sensor_msgs/PointField", name=name, offset=4 * i, datatype=7, count=1)
+        for i, name in enumerate("xyz")
+    ]
+    message = types.make(
+        "sensor_msgs/PointCloud2",
+        header=types.header(wall_ns(), "lidar"),
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * len(points),
+        data=points.reshape(-1).view(np.uint8),
+        is_dense=True,
+    )
+    return bytes(types.serialize(message, CLOUD))
+
+
+def latencies_ms(endpoint: str, rounds: int) -> dict[str, list[float]]:
+    """Return the latencies of messages without and with the gateway."""
+    types = RosTypes(2)
+    topic = rmw_zenoh.data_key(0, "/points", CLOUD, message_hash(types.store.fielddefs, CLOUD))
+    targets = {"raw": "benchmark/raw", "gateway": topic}
+    received: dict[str, queue.Queue[float]] = {name: queue.Queue() for name in targets}
+
+    def arrival(name: str) -> Any:
+        def on_message(_: Message) -> None:
+            received[name].put(time.perf_counter())
+
+        return on_message
+
+    points = np.random.default_rng(0).random((POINTS, 3), np.float32)
+    found: dict[str, list[float]] = {name: [] for name in targets}
+    with Bus.open(endpoint, name="robot", wait_s=20.0) as robot, Bus.open(endpoint, name="client") as client:
+        deadline_s = time.monotonic() + 60.0
+        while not client.alive(keys.alive("mana", "gateway_ros2")):
+            if time.monotonic() > deadline_s:
+                raise TimeoutError("the gateway is not ready after 60 s")
+        client.subscribe(targets["raw"], arrival("raw"))
+        client.subscribe(keys.sensor("mana", "lidar", "scan"), arrival("gateway"))
+        time.sleep(1.0)
+        for i in range(rounds + 5):
+            for name, key in targets.items():
+                data = cloud(types, points)
+                attachment = rmw_zenoh.Attachment(i + 1, wall_ns(), bytes(16)).to_bytes()
+                start_s = time.perf_counter()
+                robot.publish(key, data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
+                end_s = received[name].get(timeout=TIMEOUT_S)
+                if i >= 5:
+                    found[name].append(1e3 * (end_s - start_s))
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--rounds", type=int, default=200)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Path(folder) / "gateway.yaml"
+        settings.write_text(SETTINGS, encoding="utf-8")
+        with Services(Path(folder), with_dpm=False) as services:
+            command = [sys.executable, "-m", "services.gateway_ros2", "--settings", str(settings)]
+            command += ["--connect", services.endpoint]
+            with subprocess.Popen(command, stderr=subprocess.DEVNULL) as gateway:
+                try:
+                    found = latencies_ms(services.endpoint, args.rounds)
+                finally:
+                    gateway.terminate()
+    quantiles = {
+        name: {"p50_ms": statistics.median(times), "p10_ms": float(np.quantile(times, 0.1))}
+        for name, times in found.items()
+    }
+    report = {name: {q: round(v, 2) for q, v in of.items()} for name, of in quantiles.items()}
+    report["added"] = {
+        q: round(quantiles["gateway"][q] - quantiles["raw"][q], 2) for q in ("p50_ms", "p10_ms")
+    }
+    write_report({"rounds": args.rounds, **report, "load": round(os.getloadavg()[0], 1)}, args.out)
+
+
+if __name__ == "__main__":
+    main()
