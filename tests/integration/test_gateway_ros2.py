@@ -8,6 +8,7 @@ import json
 import os
 import shlex
 import subprocess
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from cdff_common.codecs import encode_payload
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import TransformWithCovariance
+from cdff_dev.ports import free_port
 from services.dfpc_host.inputs import decode_sample
 from services.gateway_ros2 import rmw_zenoh
 from services.ros_messages.message_types import RosTypes
@@ -319,3 +321,29 @@ def test_another_implementation_of_ros_2_exchanges_messages_with_the_gateway(
     imu = decode_sample(samples[0], "imu", "IMUSensors")
     np.testing.assert_array_equal(imu.value.acc, [0.25, 0.5, 9.75])
     assert not status(bus)["inputs"]["/imu/data"]["dropped"]
+
+
+def test_cdff_up_starts_the_gateway_of_a_profile_and_the_dpm_has_its_metrics(
+    endpoint: str, spawn: Spawn, tmp_path: Path
+) -> None:
+    (tmp_path / "gateway.yaml").write_text(_SETTINGS)
+    profile = tmp_path / "profile.yaml"
+    profile.write_text(
+        "name: gate\nrobots:\n  - id: mana\n    gateways: {gateway_ros2: gateway.yaml}\n"
+        "    frames: [{parent: mana/base, child: mana/imu}]\n"
+        "    sensors: {imu: {kind: imu, frame: mana/imu, streams: {sample: IMUSensors}}}\n"
+    )
+    http = f"127.0.0.1:{free_port()}"
+    options = ("--profile", str(profile), "--connect", endpoint, "--http", http)
+    spawn("cdff_common.cli", "up", *options, "--data-dir", str(tmp_path / "up"))
+
+    def metrics() -> str:
+        try:
+            with urllib.request.urlopen(f"http://{http}/metrics", timeout=10) as answer:
+                text: str = answer.read().decode()
+        except OSError:
+            return ""
+        return text
+
+    start = 'cdff_gateway_received_total{robot="mana",gateway="gateway_ros2",direction="in",topic="/imu/data"'
+    wait_until(lambda: start in metrics(), 90.0, "the DPM has the counters of the gateway")
