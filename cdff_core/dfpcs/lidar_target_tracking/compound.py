@@ -22,6 +22,7 @@ from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfpcs.lidar_target_tracking.configuration import LidarTargetTrackingConfig
 from cdff_core.dfpcs.lidar_target_tracking.interface import LidarTargetTrackingInterface
 from cdff_core.dfpcs.lidar_target_tracking.scan_fit import ScanFit, ScanFitter
+from cdff_core.object_models.compilation import compile_kernels
 from cdff_core.object_models.prepared import PreparedModels, body_frame
 from cdff_core.object_models.scan_detection import (
     DetectionLimits,
@@ -60,6 +61,7 @@ class LidarTargetTracking(LidarTargetTrackingInterface):
         self._detector = ScanDetector(self.dfn("search", seed=seed), self.dfn("refine", seed=seed), limits)
         self._fitter = ScanFitter(self.dfn("deskew"), self.dfn("registration"))
         self._dfns = self.dfn("predict"), self.dfn("correct")
+        compile_kernels()
         self._gate = chi_squared_quantile(cfg.gate_probability, 6)
         self._name, self._model_id = "", ""
         self._track_id = 0

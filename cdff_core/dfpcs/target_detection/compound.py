@@ -16,6 +16,7 @@ from cdff_common.interfaces.product import CovarianceKind, Quality
 from cdff_common.types import ObjectDetection, ObjectDetections, Time, TransformWithCovariance
 from cdff_core.dfpcs.target_detection.configuration import TargetDetectionConfig
 from cdff_core.dfpcs.target_detection.interface import TargetDetectionInterface
+from cdff_core.object_models.compilation import compile_kernels
 from cdff_core.object_models.prepared import PreparedModels, body_frame
 from cdff_core.object_models.scan_detection import (
     DetectionLimits,
@@ -39,6 +40,7 @@ class TargetDetection(TargetDetectionInterface):
         cfg, seed = self.config, self.context.seed
         limits = DetectionLimits(cfg.sigma_m, cfg.min_points, cfg.min_score, cfg.ambiguity)
         self._detector = ScanDetector(self.dfn("search", seed=seed), self.dfn("refine", seed=seed), limits)
+        compile_kernels()
         self._waiting: Sample | None = None
         self._last: ObjectDetections | None = None
         self._model_ids: dict[str, str] = {}

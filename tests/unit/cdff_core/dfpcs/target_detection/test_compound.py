@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.geometry import se3
@@ -58,6 +60,27 @@ def errors(detection: ObjectDetection, T: np.ndarray) -> tuple[float, float]:
     angles = np.degrees(se3.rotation_angle(np.swapaxes(poses[:, :3, :3], 1, 2) @ T[:3, :3]))
     best = int(np.argmin(angles))
     return float(angles[best]), float(np.linalg.norm(poses[best, :3, 3] - T[:3, 3]))
+
+
+def test_the_first_scan_compiles_nothing(client: Dfpc) -> None:
+    """All kernels of the detection are compiled when the compound is configured."""
+    compiled = _signatures()
+    T = se3.transform(np.eye(3), [0, 0, 8])
+    output = detect(client, satellite.scan(satellite.satellite(), T, rng=np.random.default_rng(1), **NEAR))
+    assert output.value is not None
+    assert len(compiled) > 5
+    assert _signatures() == compiled
+
+
+def _signatures() -> dict[str, int]:
+    """Return the number of compiled signatures of each kernel in the modules of known bodies."""
+    return {
+        f"{name}.{kernel}": len(value.signatures)
+        for name, module in list(sys.modules.items())
+        if name.startswith("cdff_core.object_models.")
+        for kernel, value in vars(module).items()
+        if isinstance(value, Dispatcher)
+    }
 
 
 @pytest.mark.slow
