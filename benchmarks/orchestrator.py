@@ -3,6 +3,7 @@
 """Measure the orchestrator: latency of stored products, planning, simultaneous requests.
 
     python benchmarks/orchestrator.py [--calls 300] [--requests 1000] [--clients 50] [--out FILE]
+        [--only PART ...] [--standing 10 50 200 500 2000] [--robots 1 10 100] [--fleet 50] [--duration-s 30]
 
 The benchmark starts a router, a DPM and an orchestrator. ``raw``: a minimal process answers a Zenoh query
 with the same bytes. ``by id``: the DPM returns the product by its id. ``request``: the orchestrator serves a
@@ -10,6 +11,13 @@ request by type, robot and age. Planning is measured in this process, with 100 D
 input has three possible sources, and in a chain. Simultaneous requests are distributed over the clients; each
 client has its own session and sends all its requests at once. A request answered OVERLOADED is repeated after
 the stated time. CPU times are those of this process.
+
+``fleet``: for each number of robots, the CPU time in this process to describe all DFPCs, to list the
+catalogue, to plan one request and to determine the due actions. ``standing``: standing requests for poses
+of ``--fleet`` robots with a period of ``--every-s``, with stand-in hosts that store a pose of each robot at
+the same rate in the DPM. Each row has the fraction of the expected replies, their lateness (reception after
+the later of the capture and the end of the period), the number of requests with exactly one final reply,
+and CPU time, memory and threads of the processes.
 """
 
 from __future__ import annotations
@@ -25,23 +33,31 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
+import zenoh
+from _fleet import fleet_profile
 from _report import write_report
+from _services import cpu_s, memory_mb, threads
 
 from cdff_common.bus import Bus, Reply, keys
-from cdff_common.clock import wall_ns
+from cdff_common.bus.message import unpack
+from cdff_common.bus.session import open_client
+from cdff_common.clock import WallClock, wall_ns
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CdffError, OverloadedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_core.orchestration.planner import Plan, plan
+from cdff_core.orchestration.request import parse_request
 from cdff_core.orchestration.world import (
     Input,
     InputSource,
@@ -51,6 +67,9 @@ from cdff_core.orchestration.world import (
     SensorState,
     World,
 )
+from services.orchestrator.planning import RequestPlanner
+from services.orchestrator.product_finder import ProductFinder
+from services.orchestrator.state import SystemState
 
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = """
@@ -72,11 +91,27 @@ def free_endpoint() -> str:
         return f"127.0.0.1:{probe.getsockname()[1]}"
 
 
+@dataclass(frozen=True)
+class System:
+    """A running system: endpoint of its router, and its processes."""
+
+    endpoint: str
+    processes: Mapping[str, subprocess.Popen[bytes]]
+
+
 @contextmanager
-def system(folder: Path) -> Iterator[str]:
-    """Run router, DPM, orchestrator and the raw process; yield the endpoint of the router."""
-    profile = folder / "profile.yaml"
-    profile.write_text(PROFILE)
+def system(
+    folder: Path,
+    profile: Path,
+    other: Sequence[str],
+    token: tuple[str, str],
+    robot: str,
+    options: Sequence[str] = (),
+) -> Iterator[System]:
+    """Run router, DPM, orchestrator and another process with a ``token``, and yield them once ready.
+
+    ``options`` are those of the orchestrator, ``robot`` is one of the profile.
+    """
     endpoint = f"tcp/{free_endpoint()}"
     environment = {
         **os.environ,
@@ -84,33 +119,33 @@ def system(folder: Path) -> Iterator[str]:
         "CDFF_DATA_DIR": str(folder),
         "OMP_NUM_THREADS": "1",
     }
-    commands = [
-        ["-m", "services.router", "--listen", endpoint],
-        ["-m", "services.dpm", "--profile", str(profile), "--http", free_endpoint()],
-        ["-m", "services.orchestrator", "--profile", str(profile)],
-        [__file__, "--raw"],
-    ]
+    commands: dict[str, Sequence[str]] = {
+        "router": ["-m", "services.router", "--listen", endpoint],
+        "dpm": ["-m", "services.dpm", "--profile", str(profile), "--http", free_endpoint()],
+        "orchestrator": ["-m", "services.orchestrator", "--profile", str(profile), *options],
+        "other": other,
+    }
     with (folder / "log").open("ab") as log:
-        processes = [
-            subprocess.Popen(
+        processes = {
+            name: subprocess.Popen(
                 [sys.executable, *c], env=environment, cwd=ROOT, stdin=subprocess.PIPE, stderr=log
             )
-            for c in commands
-        ]
+            for name, c in commands.items()
+        }
     try:
         with Bus.open(endpoint, name="wait", wait_s=30) as bus:
-            tokens = {keys.alive("mana", s) for s in ("dpm", "orchestrator")} | {keys.alive("ground", "raw")}
-            deadline_s = time.monotonic() + 60
+            tokens = {keys.alive(robot, s) for s in ("dpm", "orchestrator")} | {keys.alive(*token)}
+            deadline_s = time.monotonic() + 180
             while not tokens <= bus.alive(keys.alive("*", "*")):
                 if time.monotonic() > deadline_s:
                     raise SystemExit(f"not ready: {(folder / 'log').read_text()[-2000:]}")
                 time.sleep(0.1)
-        yield endpoint
+        yield System(endpoint, processes)
     finally:
-        for process in reversed(processes):
+        for process in reversed(processes.values()):
             process.terminate()
-        for process in processes:
-            process.wait(10)
+        for process in processes.values():
+            process.wait(30)
 
 
 def answer_raw() -> None:
@@ -295,6 +330,137 @@ def simultaneous_requests(endpoint: str, requests: int, clients: int) -> dict[st
     }
 
 
+def fleet(robots: int) -> dict[str, Any]:
+    """Return the CPU time of operations of the orchestrator on a fleet, measured in this process."""
+    profile = fleet_profile(robots)
+    state = SystemState(profile)
+    planner = RequestPlanner(state, ProductFinder(None, WallClock(), lambda: profile), WallClock())
+    request = parse_request({"type": "pose", "every_s": "1"}, "r0")
+    descriptions = {p: dict(d) for p, d in state._descriptions.items()}
+
+    def describe() -> None:
+        for provider, description in descriptions.items():
+            state.set_description(provider, description)
+            state.set_state(provider, "inactive")
+            state.set_alive(provider, alive=True)
+            state.actions()
+
+    def plan_request() -> None:
+        for i in range(20):
+            selected, _ = planner.best(request, ["r0"], None, frozenset(), 0.0, 10.0, f"job {i}")
+            state.hold(f"job {i}", selected, 5)
+        for i in range(20):
+            state.release(f"job {i}")
+
+    figures: dict[str, Any] = {"robots": robots, "dfpcs": len(descriptions)}
+    figures["describe_all_cpu_s"] = cpu_of(describe, 1)
+    figures["plan_hold_release_cpu_ms"] = cpu_of(plan_request, 1) / 20 * 1e3
+    figures["catalogue_cpu_ms"] = cpu_of(lambda: state.catalogue(profile.robot_ids), 1) * 1e3
+    figures["actions_cpu_ms"] = cpu_of(state.actions, 5) * 1e3
+    return figures
+
+
+def cpu_of(call: Callable[[], object], count: int) -> float:
+    """Return the mean CPU time of a call in this process, seconds."""
+    start_s = time.process_time()
+    for _ in range(count):
+        call()
+    return round((time.process_time() - start_s) / count, 6)
+
+
+class StandingRequest:
+    """A standing request, and the times of its replies."""
+
+    def __init__(self, session: zenoh.Session, robot: str, every_s: float, duration_s: float, i: int) -> None:
+        self.robot, self.every_s = robot, every_s
+        self.late_s: list[float] = []
+        self.products = self.finals = 0
+        self.outcome = ""
+        self._received_s = float("-inf")
+        parameters = {"type": "pose", "every_s": every_s, "deadline_ms": int(duration_s * 1e3)}
+        selector = f"{keys.orchestrator_rpc(robot, 'request')}?" + ";".join(
+            f"{name}={value}" for name, value in {**parameters, "request": f"s{i}"}.items()
+        )
+        session.get(
+            selector,
+            zenoh.handlers.Callback(self._on_reply, indirect=False),
+            timeout=duration_s + 30.0,
+            consolidation=zenoh.ConsolidationMode.NONE,
+        )
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            self.finals += 1
+            self.outcome = str(unpack(reply.err.payload.to_bytes()).get("code", "timeout"))
+            return
+        attachment = unpack(reply.ok.attachment.to_bytes())
+        if attachment["kind"] == "product":
+            now_s = wall_ns() * 1e-9
+            due_s = max(attachment["t1_ns"] * 1e-9, self._received_s + self.every_s)
+            self.late_s.append(now_s - due_s)
+            self._received_s, self.products = now_s, self.products + 1
+        if attachment["final"]:
+            self.finals += 1
+            self.outcome = str(attachment["kind"])
+
+
+def standing(requests: int, robots: int, every_s: float, duration_s: float) -> dict[str, Any]:
+    """Return the figures of some standing requests over the robots of a fleet."""
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
+        profile = folder / "profile.yaml"
+        profile.write_text(
+            yaml.safe_dump(fleet_profile(robots).model_dump(mode="json", exclude_defaults=True))
+        )
+        hosts = [
+            str(ROOT / "benchmarks" / "_fleet.py"),
+            "--profile",
+            str(profile),
+            "--rate-hz",
+            f"{1 / every_s}",
+        ]
+        capacity = ("--capacity", str(requests + 1))
+        with system(folder, profile, hosts, ("ground", "hosts"), "r0", capacity) as running:
+            time.sleep(10.0)  # all hosts are described
+            return {"requests": requests, "robots": robots, "every_s": every_s} | run_standing(
+                running, requests, robots, every_s, duration_s
+            )
+
+
+def run_standing(
+    running: System, requests: int, robots: int, every_s: float, duration_s: float
+) -> dict[str, Any]:
+    """Send standing requests to a running system; return how they were served."""
+    pids = {name: p.pid for name, p in running.processes.items()}
+    sessions = [open_client(running.endpoint, 30.0) for _ in range(min(10, requests))]
+    before_s = {name: cpu_s(pid) for name, pid in pids.items()}
+    memory_before_mb = {name: memory_mb(pid) for name, pid in pids.items()}
+    open_requests = [
+        StandingRequest(sessions[i % len(sessions)], f"r{i % robots}", every_s, duration_s, i)
+        for i in range(requests)
+    ]
+    peak_threads: Counter[str] = Counter()
+    until_s = time.monotonic() + duration_s + 35.0
+    while time.monotonic() < until_s and not all(r.finals for r in open_requests):
+        time.sleep(0.5)
+        peak_threads |= Counter({name: threads(pid) for name, pid in pids.items()})
+    time.sleep(1.0)
+    late_s = [s for r in open_requests for s in r.late_s]
+    figures = {
+        "products_fraction": sum(r.products for r in open_requests) * every_s / duration_s / requests,
+        "late_p50_s": statistics.median(late_s) if late_s else None,
+        "late_p95_s": float(np.percentile(late_s, 95)) if late_s else None,
+        "exactly_one_final": sum(r.finals == 1 for r in open_requests),
+        "ended": dict(Counter(r.outcome for r in open_requests)),
+        "cpu_s": {name: round(cpu_s(pid) - before_s[name], 2) for name, pid in pids.items()},
+        "memory_mb": {name: [memory_before_mb[name], memory_mb(pid)] for name, pid in pids.items()},
+        "threads": dict(peak_threads),
+    }
+    for session in sessions:
+        session.close()
+    return figures
+
+
 def main() -> None:
     """Measure and print JSON."""
     parser = argparse.ArgumentParser(
@@ -303,6 +469,13 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=300)
     parser.add_argument("--requests", type=int, default=1000)
     parser.add_argument("--clients", type=int, default=50)
+    parts = ("planning", "served", "fleet", "standing")
+    parser.add_argument("--only", nargs="+", choices=parts, default=parts)
+    parser.add_argument("--standing", nargs="+", type=int, default=(10, 50, 200, 500, 2000))
+    parser.add_argument("--robots", nargs="+", type=int, default=(1, 10, 100))
+    parser.add_argument("--fleet", type=int, default=50)
+    parser.add_argument("--every-s", type=float, default=1.0)
+    parser.add_argument("--duration-s", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=None)
     parser.add_argument("--raw", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -310,14 +483,30 @@ def main() -> None:
         answer_raw()
         return
     figures: dict[str, Any] = {"about": {"python": platform.python_version(), "cpus": os.cpu_count()}}
-    figures["planning"] = planning(max(args.calls // 3, 1))
-    with tempfile.TemporaryDirectory() as folder, system(Path(folder)) as endpoint:
-        with Bus.open(endpoint, name="benchmark", wait_s=30) as bus:
-            figures["served"] = {
-                name: latencies(bus, name, value, args.calls) for name, value in values().items()
-            }
-        figures["at_once"] = simultaneous_requests(endpoint, args.requests, args.clients)
+    if "planning" in args.only:
+        figures["planning"] = planning(max(args.calls // 3, 1))
+    if "served" in args.only:
+        figures |= served(args.calls, args.requests, args.clients)
+    if "fleet" in args.only:
+        figures["fleet"] = [fleet(robots) for robots in args.robots]
+    if "standing" in args.only:
+        figures["standing"] = [
+            standing(requests, args.fleet, args.every_s, args.duration_s) for requests in args.standing
+        ]
     write_report(figures, args.out)
+
+
+def served(calls: int, requests: int, clients: int) -> dict[str, Any]:
+    """Return the latency of stored products, and the times of simultaneous requests."""
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
+        profile = folder / "profile.yaml"
+        profile.write_text(PROFILE)
+        with system(folder, profile, [__file__, "--raw"], ("ground", "raw"), "mana") as running:
+            with Bus.open(running.endpoint, name="benchmark", wait_s=30) as bus:
+                figures = {name: latencies(bus, name, value, calls) for name, value in values().items()}
+            at_once = simultaneous_requests(running.endpoint, requests, clients)
+    return {"served": figures, "at_once": at_once}
 
 
 if __name__ == "__main__":

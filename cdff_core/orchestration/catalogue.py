@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -193,8 +193,12 @@ def world_of(
     priority: int = -1,
     measured: Mapping[ProviderId, ResourceUsage] | None = None,
     absent: Container[ProviderId] = frozenset(),
+    cache: ProviderCache | None = None,
+    robots: Container[str] | None = None,
 ) -> World:
-    """Return the current world for a request of a priority.
+    """Return the current world for a request of a priority, only of ``robots`` if they are given.
+
+    ``descriptions`` are those of these robots, ``cache`` the providers of earlier calls.
 
     ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
     With ``optimistic``, every DFPC of the profile counts as available, also without a running process, except
@@ -202,24 +206,28 @@ def world_of(
     lower ``priority``, by default from none.
     """
     providers = {}
-    rates_hz = _rates_hz(profile, observed)
+    cache = ProviderCache() if cache is None else cache
+    selected = [robot for robot in profile.robots if robots is None or robot.id in robots]
+    rates_hz = {robot.id: _rates_hz(robot, observed) for robot in selected}
+    robot_by_id = {robot.id: robot for robot in selected}
     for provider_id, description in descriptions.items():
         history = observed.failures.get(provider_id)
         reason = history.reason if history is not None and history.reason else "its process is not running"
         is_absent = provider_id in absent
         if is_absent:
             reason = f"it has left with robot {provider_id.robot}"
-        providers[provider_id] = provider_of(
+        providers[provider_id] = cache.provider_of(
+            robot_by_id[provider_id.robot],
             description,
             alive=not is_absent and (optimistic or provider_id in observed.alive),
             active=provider_id in observed.active,
             unavailable_reason=reason,
             measured=(measured or {}).get(provider_id),
-            rates_hz=_rates_needed(profile, provider_id.robot, description, rates_hz),
+            rates_hz=rates_hz[provider_id.robot],
             wired=observed.wired.get(provider_id),
         )
     sensors = {}
-    for robot in profile.robots:
+    for robot in selected:
         for name, sensor in robot.sensors.items():
             sensor_id = SensorId(robot.id, name)
             current = observed.modes.get(sensor_id, sensor.initial_mode)
@@ -236,46 +244,76 @@ def world_of(
                 lost=observed.lost.get(sensor_id, ""),
                 switch_s=sensor.switch_durations_s.get(current, {}),
             )
-    reserved = frozenset(leases.wanted | observed.active) & providers.keys()
+    reserved = frozenset(p for p in providers if p in observed.active or leases.is_wanted(p))
     return World(
         providers,
         sensors,
-        memory_free_mb=_remaining(profile, "memory_mb", {p: providers[p].memory_mb for p in reserved}),
-        cpu_free=_remaining(profile, "cpu_cores", {p: providers[p].cpu for p in reserved}),
+        memory_free_mb=_remaining(selected, "memory_mb", {p: providers[p].memory_mb for p in reserved}),
+        cpu_free=_remaining(selected, "cpu_cores", {p: providers[p].cpu for p in reserved}),
         reserved=reserved,
     )
 
 
-def _remaining(profile: Profile, limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
+class ProviderCache:
+    """Providers of earlier worlds; one is made again only if its description or an observation differs."""
+
+    def __init__(self) -> None:
+        self._providers: dict[
+            tuple[ProviderId, bool], tuple[Mapping[str, Any], Robot, tuple[object, ...], Provider]
+        ] = {}
+
+    def provider_of(
+        self,
+        robot: Robot,
+        description: Mapping[str, Any],
+        *,
+        alive: bool,
+        rates_hz: Mapping[SensorId, float | None],
+        **observations: Any,
+    ) -> Provider:
+        """Return ``provider_of`` for a DFPC of a robot with the ``rates_hz`` of its sensors."""
+        key = (ProviderId(robot.id, str(description.get("name"))), alive)
+        # Description and robot are compared by identity: a changed one is a new object.
+        basis = (rates_hz, *observations.items())
+        held = self._providers.get(key)
+        if held is not None and held[0] is description and held[1] is robot and held[2] == basis:
+            return held[3]
+        rates = _rates_needed(robot, description, rates_hz)
+        provider = provider_of(description, alive=alive, rates_hz=rates, **observations)
+        self._providers[key] = (description, robot, basis, provider)
+        return provider
+
+
+def _remaining(robots: Iterable[Robot], limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
     """Return the remaining budget of each robot with a limit; ``reserved`` is the usage of each provider."""
+    used: dict[str, float] = {}
+    for provider, usage in reserved.items():
+        used[provider.robot] = used.get(provider.robot, 0.0) + usage
     return {
-        robot.id: robot.limits[limit] - sum(usage for p, usage in reserved.items() if p.robot == robot.id)
-        for robot in profile.robots
-        if limit in robot.limits
+        robot.id: robot.limits[limit] - used.get(robot.id, 0.0) for robot in robots if limit in robot.limits
     }
 
 
-def _rates_hz(profile: Profile, observed: ObservedState) -> dict[SensorId, float | None]:
+def _rates_hz(robot: Robot, observed: ObservedState) -> dict[SensorId, float | None]:
     """Return the sample rate of each sensor in its current mode, or in its first streaming mode."""
     rates: dict[SensorId, float | None] = {}
-    for robot in profile.robots:
-        for name, sensor in robot.sensors.items():
-            mode = sensor.modes.get(observed.modes.get(SensorId(robot.id, name), sensor.initial_mode))
-            streaming = [m for m in (mode, *sensor.modes.values()) if m is not None and m.on]
-            rates[SensorId(robot.id, name)] = streaming[0].rate_hz if streaming else None
+    for name, sensor in robot.sensors.items():
+        mode = sensor.modes.get(observed.modes.get(SensorId(robot.id, name), sensor.initial_mode))
+        streaming = [m for m in (mode, *sensor.modes.values()) if m is not None and m.on]
+        rates[SensorId(robot.id, name)] = streaming[0].rate_hz if streaming else None
     return rates
 
 
 def _rates_needed(
-    profile: Profile, robot: str, description: Mapping[str, Any], rates_hz: Mapping[SensorId, float | None]
+    robot: Robot, description: Mapping[str, Any], rates_hz: Mapping[SensorId, float | None]
 ) -> dict[SensorId, float | None]:
     """Return the sample rates for one DFPC; for a sensor with required modes that of the fastest one."""
     rates = dict(rates_hz)
     for name, modes in dict(description.get("modes", {})).items():
-        sensor = profile.robot(robot).sensors.get(str(name))
+        sensor = robot.sensors.get(str(name))
         if sensor is not None:
             rates_in_modes = [sensor.modes[m].rate_hz for m in mode_names(str(modes)) if m in sensor.modes]
-            rates[SensorId(robot, str(name))] = max(
+            rates[SensorId(robot.id, str(name))] = max(
                 (r for r in rates_in_modes if r is not None), default=None
             )
     return rates

@@ -52,6 +52,7 @@ class Leases:
     _mode_of: dict[ProviderId, dict[SensorId, str]] = field(default_factory=dict)
     _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
     _avoided_modes: dict[SensorId, frozenset[str]] = field(default_factory=dict)
+    _held: dict[str, set[ProviderId]] = field(default_factory=dict)  # providers of each holder
     _count: int = 0  # number of acquisitions
 
     def acquire(
@@ -75,6 +76,7 @@ class Leases:
         """
         self._count += 1
         for provider in providers:
+            self._held.setdefault(holder, set()).add(provider)
             lease = self._provider_leases.setdefault(provider, _Lease())
             lease.holders.add(holder)
             lease.linger_until_s = None
@@ -96,8 +98,9 @@ class Leases:
 
     def release(self, holder: str, now_s: float) -> None:
         """Release the lease of ``holder``; providers without another holder start to linger."""
-        for provider, lease in self._provider_leases.items():
-            if holder in lease.holders:
+        for provider in self._held.pop(holder, ()):
+            lease = self._provider_leases.get(provider)
+            if lease is not None and holder in lease.holders:
                 lease.holders.discard(holder)
                 if not lease.holders:
                     lease.linger_until_s = now_s + self.linger_s.get(provider, 0.0)
@@ -138,11 +141,13 @@ class Leases:
             self,
             _provider_leases={
                 provider: replace(lease, holders=lease.holders - {holder})
+                if holder in lease.holders
+                else lease
                 for provider, lease in self._provider_leases.items()
                 if lease.holders != {holder}
             },
             _demands={
-                sensor: {h: d for h, d in demands.items() if h != holder}
+                sensor: {h: d for h, d in demands.items() if h != holder} if holder in demands else demands
                 for sensor, demands in self._demands.items()
             },
             _mode=dict(self._mode),
@@ -163,6 +168,22 @@ class Leases:
     def wanted(self) -> frozenset[ProviderId]:
         """Providers that shall be active: held or lingering."""
         return frozenset(self._provider_leases)
+
+    def is_wanted(self, provider: ProviderId) -> bool:
+        """Return whether a provider shall be active: held or lingering."""
+        return provider in self._provider_leases
+
+    def robots_of(self, holder: str) -> set[str]:
+        """Return the robots of the providers of a holder."""
+        return {provider.robot for provider in self._held.get(holder, ())}
+
+    def effect(self, robots: Container[str]) -> tuple[object, ...]:
+        """Return what the leases require of some robots; equal before and after a change without effect."""
+        return (
+            {p: not lease.holders for p, lease in self._provider_leases.items() if p.robot in robots},
+            {s: mode for s, mode in self._mode.items() if s.robot in robots},
+            {p: dict(ports) for p, ports in self._chosen_sources.items() if p.robot in robots},
+        )
 
     def holders(self, provider: ProviderId) -> frozenset[str]:
         """Return the holders of a provider; empty while it lingers."""

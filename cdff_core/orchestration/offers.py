@@ -9,7 +9,7 @@ from typing import Any
 
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.explanation import plan_with_costs
-from cdff_core.orchestration.planner import Plan, plan, possible_products
+from cdff_core.orchestration.planner import NoPlan, Plan, plan, possible_products
 from cdff_core.orchestration.world import Provider, ProviderId, World
 
 
@@ -19,34 +19,55 @@ def product_offers(
     """Return one offer for each product and robot: plan and providers, or the reasons against it.
 
     In the ``optimistic`` world all processes run; ``waits_for`` names the missing processes. Products without
-    a provider have an offer, too.
+    a provider have an offer, too. ``nearest`` lists available products: the same product of other robots,
+    then other products of the robot.
     """
-    return [_offer(world, optimistic, product, robot) for product in products for robot in robots]
+    fleet = sorted({provider_id.robot for provider_id in world.providers})
+    offers = []
+    for product in products:
+        on_robots: list[str] | None = None  # those with a plan, determined if another robot has none
+        for robot in robots:
+            offer = _offer(world, optimistic, product, robot)
+            if not offer["possible"]:
+                if on_robots is None:
+                    on_robots = [r for r in fleet if f"{product} of {r}" in possible_products(world, [r])]
+                others = [f"{product} of {r}" for r in on_robots if r != robot]
+                offer["nearest"] = [*others, *possible_products(world, [robot])]
+            offers.append(offer)
+    return offers
 
 
 def _offer(world: World, optimistic: World, product: str, robot: str) -> dict[str, Any]:
-    providers = sorted(
-        (p for p in world.providers.values() if p.id.robot == robot and product in p.products),
-        key=lambda p: p.id,
-    )
+    """Return an offer without its ``nearest``."""
+    by_id = {provider.id: provider for provider, _ in world.outputs_of(product, [robot])}
+    providers = [by_id[provider_id] for provider_id in sorted(by_id)]
     current = plan(world, product, [robot])
     entry: dict[str, Any] = {
         "type": product,
         "robot": robot,
         "possible": isinstance(current, Plan),
-        "by": [_provider_offer(world, product, provider) for provider in providers],
+        "by": [
+            _provider_offer(
+                provider, current if len(providers) == 1 else _plan_with(world, product, provider)
+            )
+            for provider in providers
+        ],
     }
     if isinstance(current, Plan):
         return entry | {"plan": plan_with_costs(current, world)}
     if_all_run = plan(optimistic, product, [robot])
     if isinstance(if_all_run, Plan):
         entry["waits_for"] = [str(p) for p in if_all_run.order if not world.providers[p].available]
-    return entry | {"why_not": current.text, "nearest": _nearest(world, product, robot)}
+    return entry | {"why_not": current.text}
 
 
-def _provider_offer(world: World, product: str, provider: Provider) -> dict[str, Any]:
+def _plan_with(world: World, product: str, provider: Provider) -> Plan | NoPlan:
+    """Return the cheapest plan in which a provider provides a product, or the reasons against it."""
+    return plan(world, product, [provider.id.robot], roots=frozenset({provider.id}))
+
+
+def _provider_offer(provider: Provider, result: Plan | NoPlan) -> dict[str, Any]:
     """Return cost and performance of a provider, and the cheapest plan with it or the reasons against it."""
-    result = plan(world, product, [provider.id.robot], roots=frozenset({provider.id}))
     offer: dict[str, Any] = {
         "dfpc": provider.id.dfpc,
         "implementation": provider.implementation,
@@ -64,13 +85,6 @@ def _provider_offer(world: World, product: str, provider: Provider) -> dict[str,
     return offer | {"why_not": list(result.reasons)}
 
 
-def _nearest(world: World, product: str, robot: str) -> list[str]:
-    """Return available products: the same product of other robots, then other products of this robot."""
-    others = sorted({provider_id.robot for provider_id in world.providers} - {robot})
-    same_product = [text for text in possible_products(world, others) if text.startswith(f"{product} of ")]
-    return [*same_product, *possible_products(world, [robot])]
-
-
 def describe_world(
     world: World,
     profile: Profile,
@@ -78,6 +92,7 @@ def describe_world(
     robots: Sequence[str],
 ) -> dict[str, Any]:
     """Return DFPCs, sensors and remaining budgets of some robots as plain data."""
+    selected, sensors_of = frozenset(robots), {robot.id: robot.sensors for robot in profile.robots}
     remaining = {
         robot: {"memory_mb": world.memory_free_mb.get(robot), "cpu_cores": world.cpu_free.get(robot)}
         for robot in robots
@@ -86,7 +101,7 @@ def describe_world(
     dfpcs = [
         {**descriptions[provider_id], "cpu_cores": round(provider.cpu, 4), "memory_mb": provider.memory_mb}
         for provider_id, provider in sorted(world.providers.items())
-        if provider_id.robot in robots
+        if provider_id.robot in selected
     ]
     sensors = [
         {
@@ -102,7 +117,7 @@ def describe_world(
             "range_m": sensor.range_m,
         }
         for state in world.sensors.values()
-        if state.id.robot in robots
-        for sensor in [profile.robot(state.id.robot).sensors[state.id.sensor]]
+        if state.id.robot in selected
+        for sensor in [sensors_of[state.id.robot][state.id.sensor]]
     ]
     return {"dfpcs": dfpcs, "sensors": sensors, "left": remaining}

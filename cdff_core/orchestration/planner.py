@@ -25,7 +25,7 @@ cost of the cheapest of them is a lower bound. The search is exact; tests compar
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import TopologicalSorter
 
@@ -370,11 +370,13 @@ def plan(
     may provide the product itself.
     """
     robot_ids = set(robots)
-    usable = replace(world, providers={id_: p for id_, p in world.providers.items() if id_ not in exclude})
+    usable = world
+    if exclude:
+        usable = replace(world, providers={i: p for i, p in world.providers.items() if i not in exclude})
     search = _Search(usable)
     candidates = [
         (provider, port)
-        for provider, port in _outputs_of(usable, product, robot_ids)
+        for provider, port in usable.outputs_of(product, sorted(robot_ids))
         if roots is None or provider.id in roots
     ]
     candidates.sort(key=lambda pair: (0.0 if pair[0].active else pair[0].cost, pair[0].id))
@@ -407,24 +409,26 @@ def plan(
 
 def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
     """Return ``product of robot`` for each product with a sound plan."""
-    possible = []
-    for robot in sorted(robots):
-        products = {name for p in world.providers.values() if p.id.robot == robot for name in p.products}
-        for product in sorted(products):
-            search = _Search(world)
-            for provider, port in _outputs_of(world, product, {robot}):
-                search.search_root(provider, port)
-            if search.best is not None:
-                possible.append(f"{product} of {robot}")
-    return tuple(possible)
+    return tuple(f"{product} of {robot}" for robot in sorted(robots) for product in _possible(world, robot))
 
 
-def _outputs_of(world: World, product: str, robots: Container[str]) -> Iterator[tuple[Provider, str]]:
-    """Yield the providers of a product on some robots, each with its output port."""
-    for provider in world.providers.values():
-        for port, output in sorted(provider.outputs.items()):
-            if output == product and provider.id.robot in robots:
-                yield provider, port
+def _possible(world: World, robot: str) -> tuple[str, ...]:
+    """Return the products of a robot with a sound plan; determined once in each world."""
+    possible = world.possible.get(robot)
+    if possible is None:
+        possible = tuple(p for p in sorted(world.products_of(robot)) if has_plan(world, p, robot))
+        world.possible[robot] = possible
+    return possible
+
+
+def has_plan(world: World, product: str, robot: str) -> bool:
+    """Return whether there is a sound plan for a product of a robot."""
+    search = _Search(world)
+    for provider, port in world.outputs_of(product, [robot]):
+        search.search_root(provider, port)
+        if search.best is not None:
+            return True
+    return False
 
 
 def _ready_s(world: World, order: Sequence[ProviderId], state: _PartialPlan) -> float:

@@ -173,13 +173,13 @@ def dependency_order(
 ) -> list[ProviderId]:
     """Return the providers, upstream ones first; a loop of optional inputs is cut at its first name."""
     order: list[ProviderId] = []
-    visited_providers: set[ProviderId] = set()
+    members, visited_providers = frozenset(providers), set[ProviderId]()
 
     def visit(provider: ProviderId) -> None:
         if provider in visited_providers:
             return
         visited_providers.add(provider)
-        for source in sorted(upstream.get(provider, frozenset()) & set(providers)):
+        for source in sorted(upstream.get(provider, frozenset()) & members):
             visit(source)
         order.append(provider)
 

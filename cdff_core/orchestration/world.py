@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -144,3 +144,22 @@ class World:
     cpu_free: Mapping[str, float] = field(default_factory=dict)
     #: Providers with allocated memory and CPU: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()
+    _outputs: dict[tuple[str, str], list[tuple[Provider, str]]] = field(
+        init=False, default_factory=dict, compare=False, repr=False
+    )
+    #: Products with a plan, by robot; the planner fills it.
+    possible: dict[str, tuple[str, ...]] = field(init=False, default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for provider in self.providers.values():
+            for port, product in sorted(provider.outputs.items()):
+                if product is not None:
+                    self._outputs.setdefault((provider.id.robot, product), []).append((provider, port))
+
+    def outputs_of(self, product: str, robots: Iterable[str]) -> list[tuple[Provider, str]]:
+        """Return the providers of a product on some robots, each with its output port."""
+        return [output for robot in robots for output in self._outputs.get((robot, product), ())]
+
+    def products_of(self, robot: str) -> set[str]:
+        """Return the products of a robot."""
+        return {product for owner, product in self._outputs if owner == robot}

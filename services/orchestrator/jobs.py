@@ -7,7 +7,7 @@ from __future__ import annotations
 import threading
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +45,8 @@ class Job:
     is_stopped : bool
         Set when the orchestrator stops.
     timing : Timing
+    changed : Event
+        Set by each change that concerns the job.
     cancelled : Event
         Set when the job is cancelled, displaced or stopped.
     """
@@ -60,10 +62,16 @@ class Job:
     retry_after_s: float | None = None
     is_stopped: bool = False
     timing: Timing = REAL
+    changed: threading.Event = field(init=False)
     cancelled: threading.Event = field(init=False)
 
     def __post_init__(self) -> None:
-        self.cancelled = self.timing.event()
+        self.changed, self.cancelled = self.timing.event(), self.timing.event()
+
+    def cancel(self) -> None:
+        """Let the job end soon."""
+        self.cancelled.set()
+        self.changed.set()
 
     def remaining_s(self) -> float:
         """Return the seconds until the reply is due."""
@@ -106,8 +114,6 @@ class JobRegistry:
         Largest number of open jobs.
     ended_limit : int
         Number of ended jobs in lists.
-    wake : callable, optional
-        Called when a job was displaced, to wake it, so that it ends at once.
     """
 
     def __init__(
@@ -115,13 +121,11 @@ class JobRegistry:
         journal: Journal,
         capacity: int,
         ended_limit: int = 200,
-        wake: Callable[[], None] | None = None,
         timing: Timing = REAL,
     ) -> None:
         self._journal = journal
         self._capacity = capacity
         self._ended_limit = ended_limit
-        self._wake = wake
         self._timing = timing
         self._is_stopping = False
         self._lock = timing.lock()
@@ -155,7 +159,9 @@ class JobRegistry:
             job = Job(str(uuid.uuid4()), request, deadline_s, wall_ns(), timing=self._timing)
             self._jobs[job.id] = job
             ended_ids = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
-            for job_id in ended_ids[: max(len(ended_ids) - self._ended_limit, 0)]:
+            # Displaced jobs that have not ended yet leave room for fewer ended ones.
+            listed = max(len(ended_ids), len(self._jobs) - self._capacity)
+            for job_id in ended_ids[: max(listed - self._ended_limit, 0)]:
                 del self._jobs[job_id]
         self._journal.append(
             "job",
@@ -166,9 +172,8 @@ class JobRegistry:
             state=str(job.state),
             request=request.describe(),
         )
-        if displaced is not None and self._wake is not None:
+        if displaced is not None:
             self._journal.append("decision", job=displaced.id, displaced_by=job.id)
-            self._wake()
         return job
 
     def stop(self, timeout_s: float) -> None:
@@ -178,9 +183,7 @@ class JobRegistry:
             stopped = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
             for job in stopped:
                 job.is_stopped = True
-                job.cancelled.set()
-        if self._wake is not None:
-            self._wake()
+                job.cancel()
         until_s, pause = self._timing.now_s() + timeout_s, self._timing.event()
         while any(j.state not in FINAL_STATES for j in stopped) and self._timing.now_s() < until_s:
             pause.wait(_STOP_PERIOD_S)
@@ -202,7 +205,7 @@ class JobRegistry:
             )
         displaced = max(lower, key=lambda j: (-j.request.priority, j.accepted_ns))
         displaced.retry_after_s = retry_after_s
-        displaced.cancelled.set()
+        displaced.cancel()
         return displaced
 
     def move(self, job: Job, state: JobState, reason: str = "", **more: Any) -> None:

@@ -55,7 +55,8 @@ class RequestPlanner:
 
         A frame of the profile may have no pose before its robot has started.
         """
-        for frame in request.frames - frames_of(self.state.profile):
+        others = request.frames - {"site"}
+        for frame in others - frames_of(self.state.profile) if others else ():
             try:
                 known = self.finder.has_frame(frame, robots, until_s)
             except UnavailableError:
@@ -138,10 +139,12 @@ class RequestPlanner:
         horizon_s: float,
         holder: str = "",
     ) -> _Plans:
-        optimistic_world = self.state.world(optimistic=True, priority=request.priority, holder=holder)
+        optimistic_world = self.state.world(
+            optimistic=True, priority=request.priority, holder=holder, robots=robots
+        )
         coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
         # After the query of the coverage, which takes time.
-        world = self.state.world(priority=request.priority, holder=holder)
+        world = self.state.world(priority=request.priority, holder=holder, robots=robots)
         return _Plans(
             world=world,
             now=_plan(request, world, robots, exclude, coverage),

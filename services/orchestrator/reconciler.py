@@ -106,7 +106,7 @@ class Reconciler:
         finally:
             with self._lock:
                 self._busy.discard(subject)
-            self._state.notify()
+            self._state.notify(subject.robot)
 
     def _set_mode(self, action: SetMode) -> None:
         sensor, mode = action.sensor, action.mode

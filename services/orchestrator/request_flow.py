@@ -72,6 +72,13 @@ class _RequestRun:
     reported: str = ""
 
     @property
+    def relevant(self) -> frozenset[tuple[str, str]]:
+        """Products whose insertion may change the reply: robot, or any, and name."""
+        request = self.job.request
+        near = request.region is not None and request.region.near_frame is not None
+        return frozenset({(request.robot, request.product), *([("any", "pose")] if near else [])})
+
+    @property
     def query_until_s(self) -> float:
         """Limit of queries for products, monotonic seconds."""
         return self.job.deadline_s - self.margin_s
@@ -133,7 +140,7 @@ class RequestFlow:
             yield from self._progress_reply(job)
             self.jobs.move(job, JobState.LOOKING)
             run = self._start(job)
-            with self._shared.share(request):
+            with self._shared.share(request), self.state.watch(job.changed, run.robots, run.relevant):
                 yield from self._serve(run) if request.every_s is None else self._serve_standing(run)
         except CdffError as error:
             cancelled = job.cancelled.is_set() and job.retry_after_s is None and not job.is_stopped
@@ -169,8 +176,9 @@ class RequestFlow:
         job = run.job
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
         while True:
+            job.changed.clear()
             job.check_cancelled()
-            version, cycle_start_s = self.state.version, self.timing.now_s()
+            cycle_start_s = self.timing.now_s()
             self._query_if_changed(run)
             if run.acceptable is not None:
                 run.plan.replace_if_degraded(run.acceptable)
@@ -188,7 +196,7 @@ class RequestFlow:
                 return
             if has_changed:
                 yield from self._progress_reply(job, run)
-            self._wait(job, version, cycle_start_s, _IDLE_S, run.margin_s)
+            self._wait(job, cycle_start_s, _IDLE_S, run.margin_s)
 
     def _serve_standing(self, run: _RequestRun) -> Iterator[Reply]:
         """Yield each newer product, at most one per period, until the lease of the request expires."""
@@ -196,8 +204,9 @@ class RequestFlow:
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
         period_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
         while job.remaining_s() > 0.0:
+            job.changed.clear()
             job.check_cancelled()
-            version, cycle_start_s = self.state.version, self.timing.now_s()
+            cycle_start_s = self.timing.now_s()
             self._query_if_changed(run)
             due_s, match = sent_s + period_s, run.acceptable
             if due_s <= cycle_start_s and match is not None and match.candidate.t1_ns > sent_t1_ns:
@@ -211,7 +220,7 @@ class RequestFlow:
                 product = f"{job.request.product} of {job.request.robot}"
                 raise UnavailableError(f"no newer {product} can be made: {run.plan.impossible}")
             next_s = due_s if cycle_start_s < due_s else cycle_start_s + _IDLE_S
-            self._wait(job, version, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)
+            self._wait(job, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)
         if not sent:
             yield self._final_reply(run)
             return
@@ -223,20 +232,18 @@ class RequestFlow:
 
     # -- steps
 
-    def _wait(self, job: Job, version: int, cycle_start_s: float, max_wait_s: float, margin_s: float) -> None:
-        """Wait for a change since ``version``, at most ``max_wait_s``, then until ``_QUERY_PERIOD_S`` after
-        ``cycle_start_s``; both end ``margin_s`` before the deadline.
+    def _wait(self, job: Job, cycle_start_s: float, max_wait_s: float, margin_s: float) -> None:
+        """Wait for a change since the start of the cycle, at most ``max_wait_s``, then until
+        ``_QUERY_PERIOD_S`` after ``cycle_start_s``; both end ``margin_s`` before the deadline.
         """
-        self.state.wait(version, min(max_wait_s, job.remaining_s() - margin_s))
+        job.changed.wait(max(min(max_wait_s, job.remaining_s() - margin_s), 0.0))
         pause_s = min(_QUERY_PERIOD_S - (self.timing.now_s() - cycle_start_s), job.remaining_s() - margin_s)
         if pause_s > 0:
             job.cancelled.wait(pause_s)
 
     def _query_if_changed(self, run: _RequestRun) -> None:
         """Query after a relevant insertion, otherwise periodically, since an event may be lost."""
-        region = run.job.request.region
-        relevant = {run.job.request.product} | ({"pose"} if region and region.near_frame else set())
-        insertions, now_s = self.state.insertions(relevant), self.timing.now_s()
+        insertions, now_s = self.state.insertions(run.relevant), self.timing.now_s()
         is_first = run.queried_s is None
         if run.queried_s is not None and insertions == run.insertions and now_s - run.queried_s < _IDLE_S:
             return

@@ -88,7 +88,7 @@ class Orchestrator:
         self._journal = Journal(journal_path, bus.mission_clock)
         self._journal.listen(self._metrics.on_record)
         self._state = SystemState(profile, timing)
-        self._jobs = JobRegistry(self._journal, capacity, wake=self._state.notify, timing=timing)
+        self._jobs = JobRegistry(self._journal, capacity, timing=timing)
         self._recover()
         clock, dpm = bus.mission_clock, DpmClient(bus, timing)
         finder = ProductFinder(dpm, clock, lambda: self._state.profile)
@@ -206,8 +206,7 @@ class Orchestrator:
 
     def _on_cancel(self, call: Request) -> Reply:
         job = self._jobs.get(JobParameters.parse(call.parameters).job)
-        job.cancelled.set()
-        self._state.notify()
+        job.cancel()
         return Reply.of({"job": job.id, "state": str(job.state)})
 
     def _on_renew(self, call: Request) -> Reply:

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +15,7 @@ from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.robot_profile import RobotProfile, with_robot
 from cdff_core.orchestration.catalogue import (
+    ProviderCache,
     description_of,
     sensors_used,
     upstream_providers,
@@ -34,6 +34,7 @@ from cdff_core.orchestration.reconciliation import (
 from cdff_core.orchestration.world import ProviderId, SensorId, World
 from services.orchestrator.provider_monitor import ProviderMonitor
 from services.orchestrator.timing import REAL, Timing
+from services.orchestrator.watchers import Watcher, Watchers
 
 #: Time for which a mode is not demanded after the instrument control unit refused or did not confirm it,
 #: seconds.
@@ -76,8 +77,8 @@ class PlanProgress:
 class SystemState:
     """Descriptions, observations and leases of all robots of a profile.
 
-    Every method takes the lock, which is reentrant. ``version`` increases with each change; ``wait`` waits
-    for that.
+    Every method takes the lock, which is reentrant. ``version`` increases with each change except insertions;
+    ``wait`` waits for that. A change of a robot, or an insertion, wakes only the jobs that ``watch`` it.
     """
 
     def __init__(self, profile: Profile, timing: Timing = REAL) -> None:
@@ -86,13 +87,15 @@ class SystemState:
         self._timing = timing
         self._changed = timing.condition()
         self._descriptions: dict[ProviderId, Mapping[str, Any]] = {}
+        self._by_robot: dict[str, dict[ProviderId, Mapping[str, Any]]] = {}
         self._observed = ObservedState()
         self._monitor = ProviderMonitor(profile, self._observed, self._descriptions)
         self._state_changes: dict[ProviderId, int] = {}
         self._warm_up_s: dict[ProviderId, float] = {}
         self._refused_modes: dict[tuple[SensorId, str], tuple[float, str]] = {}  # until when, and why
         self._changed_modes: set[SensorId] = set()
-        self._insertions: Counter[str] = Counter()
+        self._watchers = Watchers()
+        self._cache = ProviderCache()
         self._linger_s: dict[ProviderId, float] = {}
         self._leases = Leases(self._linger_s)
         self._left: set[str] = set()
@@ -105,7 +108,9 @@ class SystemState:
         registry = Registry.default()
         for entry in robot.dfpcs:
             provider = ProviderId(robot.id, entry.name)
-            self._descriptions[provider] = description_of(robot, entry, registry.dfpc(entry.name))
+            description = description_of(robot, entry, registry.dfpc(entry.name))
+            self._descriptions[provider] = description
+            self._by_robot.setdefault(robot.id, {})[provider] = description
             self._warm_up_s[provider], self._linger_s[provider] = entry.warm_up_s, entry.linger_s
             if entry.activation == "always":
                 accepts = {SensorId(robot.id, s): mode_names(m) for s, m in robot.modes_of(entry).items()}
@@ -136,7 +141,7 @@ class SystemState:
         robot, registry = joined.robot, Registry.default()
         for entry in robot.dfpcs:
             registry.dfpc(entry.name)
-        with self._change():
+        with self._change(robot.id):
             self._clear_robot(robot.id)
             self.profile = with_robot(self.profile, joined)
             self._monitor.set_profile(self.profile)
@@ -146,7 +151,7 @@ class SystemState:
 
     def remove_robot(self, robot: str) -> None:
         """Take the DFPCs of a robot that has left out of planning and catalogue; its products stay stored."""
-        with self._change():
+        with self._change(robot):
             self._clear_robot(robot)
             self._left.add(robot)
 
@@ -168,11 +173,28 @@ class SystemState:
 
     # -- change signal
 
-    def notify(self) -> None:
-        """Signal a change."""
+    def notify(self, *robots: str) -> None:
+        """Signal a change of some robots, by default of all."""
         with self._changed:
             self.version += 1
             self._changed.notify_all()
+            self._watchers.notify(robots or None)
+
+    @contextmanager
+    def watch(
+        self, watcher: Watcher, robots: Collection[str], products: Collection[tuple[str, str]]
+    ) -> Iterator[None]:
+        """Call ``watcher.set`` at each change of ``robots`` and insertion of ``products``.
+
+        A product is ``(robot, name)``; its robot may be ``any``.
+        """
+        with self._changed:
+            self._watchers.add(watcher, robots, products)
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._watchers.remove(watcher, robots, products)
 
     def wait(self, version: int, timeout_s: float) -> None:
         """Return once the version differs from ``version``, or after ``timeout_s``."""
@@ -180,11 +202,11 @@ class SystemState:
             self._changed.wait_for(lambda: self.version != version, timeout=max(timeout_s, 0.0))
 
     @contextmanager
-    def _change(self) -> Iterator[None]:
-        """Take the lock and signal a change."""
+    def _change(self, *robots: str) -> Iterator[None]:
+        """Take the lock and signal a change of some robots, by default of all."""
         with self._changed:
             yield
-            self.notify()
+            self.notify(*robots)
 
     # -- observations of DFPCs
 
@@ -201,12 +223,12 @@ class SystemState:
 
     def set_description(self, provider: ProviderId, description: Mapping[str, Any]) -> None:
         """Record the description reported by a DFPC."""
-        with self._change():
-            self._descriptions[provider] = description
+        with self._change(provider.robot):
+            self._descriptions[provider] = self._by_robot[provider.robot][provider] = description
 
     def set_alive(self, provider: ProviderId, alive: bool) -> None:
         """Record that the process of a DFPC appeared or disappeared."""
-        with self._change():
+        with self._change(provider.robot):
             self._monitor.set_alive(provider, alive, self._timing.now_s())
             if alive:
                 self._observed.alive.add(provider)
@@ -252,7 +274,7 @@ class SystemState:
                 if state == "error" and before[0]:
                     o.add_failure(provider, last_error or "it reported state error", now_s)
             if before != (provider in o.active, o.states.get(provider), o.wired.get(provider)):
-                self.notify()
+                self.notify(provider.robot)
 
     def _set_inactive(self, provider: ProviderId) -> None:
         self._observed.active.discard(provider)
@@ -264,7 +286,7 @@ class SystemState:
         """Record a heartbeat of a DFPC; raises InputError for a malformed one."""
         with self._changed:
             if self._monitor.add_status(provider, status, self._timing.now_s()):
-                self.notify()
+                self.notify(provider.robot)
 
     def set_owned(self, provider: ProviderId, owned: bool) -> None:
         """Record if this orchestrator owns a DFPC, having activated it; it deactivates only owned ones."""
@@ -284,11 +306,11 @@ class SystemState:
             elif o.lost.pop(sensor, None) is not None:
                 o.clear_failures(sensor)
             if before != (o.modes.get(sensor), o.lost.get(sensor)):
-                self.notify()
+                self.notify(sensor.robot)
 
     def add_mode_refusal(self, sensor: SensorId, mode: str, reason: str) -> None:
         """Record a mode that was refused or not confirmed; it is not demanded for ``REFUSAL_S``."""
-        with self._change():
+        with self._change(sensor.robot):
             now_s = self._timing.now_s()
             self._refused_modes[sensor, mode] = (now_s + REFUSAL_S, reason)
             self._observed.add_failure(sensor, reason, now_s)
@@ -319,29 +341,31 @@ class SystemState:
 
     def add_failure(self, subject: ProviderId | SensorId, reason: str) -> None:
         """Record a failed activation or mode change; it is repeated after a back-off."""
-        with self._change():
+        with self._change(subject.robot):
             self._observed.add_failure(subject, reason, self._timing.now_s())
 
     def clear_failures(self, subject: ProviderId | SensorId) -> None:
         """Clear the failures of a provider or sensor."""
-        with self._change():
+        with self._change(subject.robot):
             self._observed.clear_failures(subject)
 
-    def add_insertion(self, product: str) -> None:
-        """Count a product inserted in the DPM."""
-        with self._change():
-            self._insertions[product] += 1
-
-    def insertions(self, products: Iterable[str]) -> int:
-        """Return the number of inserted products of some types."""
+    def add_insertion(self, robot: str, product: str) -> None:
+        """Count a product of a robot that was inserted in the DPM."""
         with self._changed:
-            return sum(self._insertions[p] for p in products)
+            self._watchers.add_insertion(robot, product)
+
+    def insertions(self, products: Iterable[tuple[str, str]]) -> int:
+        """Return the number of inserted products, each given as ``(robot, name)``; the robot may be any."""
+        with self._changed:
+            return self._watchers.insertions(products)
 
     # -- leases and actions
 
     def hold(self, holder: str, plan: Plan, priority: int) -> None:
         """Replace the lease of a holder by the needs of a plan."""
-        with self._change():
+        robots = {provider.robot for provider in plan.order}
+        with self._change_of_leases(robots | self._leases.robots_of(holder)):
+            world = self.world(optimistic=True, robots=robots)
             self._leases.release(holder, self._timing.now_s())
             self._leases.acquire(
                 holder,
@@ -350,13 +374,22 @@ class SystemState:
                 priority=priority,
                 accepts=plan.accepts,
                 chosen_sources=plan.chosen_sources,
-                uses=sensors_used(self.world(optimistic=True), plan.chosen_sources),
+                uses=sensors_used(world, plan.chosen_sources),
             )
 
     def release(self, holder: str) -> None:
         """Release the lease of a holder."""
-        with self._change():
+        with self._change_of_leases(self._leases.robots_of(holder)):
             self._leases.release(holder, self._timing.now_s())
+
+    @contextmanager
+    def _change_of_leases(self, robots: set[str]) -> Iterator[None]:
+        """Take the lock, and signal a change of some robots if their leases require something else."""
+        with self._changed:
+            before = self._leases.effect(robots)
+            yield
+            if before != self._leases.effect(robots):
+                self.notify(*robots)
 
     def displaced(self, holder: str) -> list[str]:
         """Return the sensors that a holder lost to a request of higher priority, as reasons."""
@@ -378,7 +411,10 @@ class SystemState:
             self._leases.expire(now_s, self._observed.active)
             refusals = self._refusals(now_s)
             self._leases.avoid(refusals)
-            world = self.world(optimistic=True)
+            o = self._observed
+            world = self.world(
+                optimistic=True, robots={p.robot for p in self._leases.wanted | o.active | o.owned}
+            )
             sources = {m: s for m in self._leases.wanted if (s := self._leases.chosen_sources(m))}
             upstream = upstream_providers(world, sources)
             actions = next_actions(
@@ -416,15 +452,23 @@ class SystemState:
 
     # -- views for planning and replies
 
-    def world(self, *, optimistic: bool = False, priority: int = -1, holder: str = "") -> World:
-        """Return the current world of the planner for a request of some priority.
+    def world(
+        self,
+        *,
+        optimistic: bool = False,
+        priority: int = -1,
+        holder: str = "",
+        robots: Collection[str] | None = None,
+    ) -> World:
+        """Return the current world of the planner for a request of some priority, of all robots or of some.
 
         The leases of ``holder``, which a new plan replaces, do not count.
         """
         with self._changed:
+            selected = self._by_robot if robots is None else robots
             return world_of(
                 self.profile,
-                self._descriptions,
+                {p: d for robot in selected for p, d in self._by_robot.get(robot, {}).items()},
                 self._observed,
                 self._leases.without(holder) if holder else self._leases,
                 self._refusals(self._timing.now_s()),
@@ -432,6 +476,8 @@ class SystemState:
                 priority=priority,
                 measured=self._monitor.usage,
                 absent=self._absent,
+                cache=self._cache,
+                robots=robots,
             )
 
     def progress(self, plan: Plan) -> PlanProgress:
@@ -475,7 +521,8 @@ class SystemState:
                     "last_failure": o.failures[m].reason if m in o.failures else "",
                     "measured": self._monitor.usage[m].describe() if m in self._monitor.usage else None,
                 }
-                for m, d in self._descriptions.items()
+                for robot in robots
+                for m, d in self._by_robot.get(robot, {}).items()
             }
             world = replace(
                 world, providers={m: p for m, p in world.providers.items() if m not in self._absent}

@@ -121,8 +121,8 @@ class SystemMonitor:
         for sensor, event in _modes_of({"sensors": {str(body["sensor"]): body}}, robot).items():
             self._state.set_mode(sensor, event["mode"], _lost(event))
 
-    def _on_inserted(self, _key: str, body: dict[str, Any]) -> None:
-        self._state.add_insertion(str(body.get("product", "")))
+    def _on_inserted(self, key: str, body: dict[str, Any]) -> None:
+        self._state.add_insertion(key.split("/")[2], str(body.get("product", "")))
 
     def _on_alarm(self, key: str, body: dict[str, Any]) -> None:
         provider = ProviderId(key.split("/")[2], str(body.get("dfpc", "")))

@@ -130,11 +130,10 @@ def test_excess_jobs_are_refused_with_a_time_to_retry(journal: Journal) -> None:
 
 @pytest.mark.req("CDFF-SUP-072")
 def test_the_last_job_of_lowest_priority_is_evicted_for_a_higher_one(journal: Journal) -> None:
-    wake_calls: list[bool] = []
-    registry = JobRegistry(journal, capacity=3, wake=lambda: wake_calls.append(True))
+    registry = JobRegistry(journal, capacity=3)
     jobs = [registry.open(replace(request(name), priority=p)) for name, p in (("a", 5), ("b", 2), ("c", 2))]
     high = registry.open(replace(request("high"), priority=9))
-    assert wake_calls == [True]
+    assert [job.changed.is_set() for job in jobs] == [False, False, True]
     with pytest.raises(OverloadedError, match="higher priority") as refusal:
         jobs[2].check_cancelled()
     assert refusal.value.retry_after_s > 0

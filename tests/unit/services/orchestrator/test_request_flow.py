@@ -85,7 +85,7 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
 
 def answer(journal: Journal, finder: ScriptedFinder, **parameters: str) -> list[Reply]:
     state = SystemState(load_profile(PROFILE))
-    registry = JobRegistry(journal, 4, wake=state.notify)
+    registry = JobRegistry(journal, 4)
     planning = RequestPlanner(state, finder, finder.clock)  # type: ignore[arg-type]
     flow = RequestFlow(
         state, finder, planning, ReplyBuilder(None, finder.clock), registry, journal, finder.clock

@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import itertools
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cdff_common.interfaces.profile import load_profile
+from cdff_core.orchestration.planner import Plan, plan
 from cdff_core.orchestration.reconciliation import Deactivate, SetMode
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.state import HEALTHY_S, REFUSAL_S, SystemState
@@ -170,7 +172,58 @@ def test_a_vanished_process_is_neither_alive_nor_active(state: SystemState) -> N
 
 
 def test_insertions_are_counted_by_product(state: SystemState) -> None:
-    for product in ("dem", "pose", "dem"):
-        state.add_insertion(product)
-    assert state.insertions(["dem"]) == 2
-    assert state.insertions(["dem", "pose", "trajectory"]) == 3
+    for robot, product in (("mana", "dem"), ("mana", "pose"), ("minnie", "dem")):
+        state.add_insertion(robot, product)
+    assert state.insertions([("mana", "dem")]) == 1
+    assert state.insertions([("any", "dem")]) == 2
+    assert state.insertions([("any", "dem"), ("mana", "pose"), ("mana", "trajectory")]) == 3
+
+
+def test_a_change_wakes_only_the_jobs_that_it_concerns(state: SystemState) -> None:
+    events = {name: threading.Event() for name in ("mana", "minnie", "all")}
+
+    def woken() -> set[str]:
+        names = {name for name, event in events.items() if event.is_set()}
+        for event in events.values():
+            event.clear()
+        return names
+
+    with (
+        state.watch(events["mana"], ["mana"], [("mana", "dem")]),
+        state.watch(events["minnie"], ["minnie"], [("minnie", "dem")]),
+        state.watch(events["all"], ["mana", "minnie"], [("any", "dem")]),
+    ):
+        state.set_alive(DEM, True)
+        assert woken() == {"mana", "all"}
+        state.add_insertion("minnie", "dem")
+        assert woken() == {"minnie", "all"}
+        state.add_insertion("mana", "pose")
+        assert woken() == set()
+        state.notify()
+        assert woken() == {"mana", "minnie", "all"}
+    state.notify()
+    assert woken() == set()
+
+
+def test_a_further_holder_of_the_same_plan_is_no_change(state: SystemState) -> None:
+    for provider in (VO, DEM):
+        state.set_alive(provider, True)
+    selected = plan(state.world(optimistic=True), "dem", ["mana"])
+    assert isinstance(selected, Plan)
+    state.hold("first", selected, 5)
+    version = state.version
+    state.hold("second", selected, 5)
+    state.release("first")
+    assert state.version == version
+    state.release("second")
+    assert state.version == version + 1
+
+
+def test_the_world_of_some_robots_is_the_part_of_the_whole(state: SystemState) -> None:
+    state.set_alive(DEM, True)
+    state.set_state(DEM, "active")
+    whole, part = state.world(), state.world(robots=["mana"])
+    assert part.providers == {p: x for p, x in whole.providers.items() if p.robot == "mana"}
+    assert part.sensors == {s: x for s, x in whole.sensors.items() if s.robot == "mana"}
+    assert set(part.memory_free_mb) <= {"mana"}
+    assert part.reserved == {p for p in whole.reserved if p.robot == "mana"}

@@ -175,4 +175,4 @@ def test_a_lost_sensor_has_a_reason(
 
 def test_an_insertion_is_counted_for_its_kind_of_product(monitor: SystemMonitor, state: State) -> None:
     monitor._on_inserted(keys.event("mana", "inserted"), {"product": "dem"})
-    assert state.calls == [("add_insertion", "dem")]
+    assert state.calls == [("add_insertion", "mana", "dem")]
