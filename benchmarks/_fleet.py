@@ -68,7 +68,8 @@ class Host:
     def __init__(self, bus: Bus, robot: Any, entry: Any) -> None:
         self._bus, self.robot, self.name = bus, robot.id, entry.name
         self._description = description_of(robot, entry, Registry.default().dfpc(entry.name))
-        self.state, self._changes, self._outputs = "inactive", 0, 0
+        self.state, self._changes, self._outputs, self._beats = "inactive", 0, 0, 0
+        self._ports = list(entry.inputs)
         for verb in ("configure", "activate", "deactivate", "clean_up"):
             bus.serve(keys.dfpc_rpc(self.robot, self.name, verb), self._on_switch, workers=1)
         bus.serve(keys.dfpc_rpc(self.robot, self.name, "describe"), self._on_describe, workers=1)
@@ -86,6 +87,8 @@ class Host:
     def beat(self) -> None:
         """Publish a heartbeat."""
         body = {"state": self.state, "changes": self._changes, "samples": self._outputs, "rss_mb": 50.0}
+        self._beats += 1  # each input has a new sample
+        body["samples_by_port"] = dict.fromkeys(self._ports, self._beats)
         body |= {"outputs": self._outputs, "failed": 0, "mean_step_cpu_s": 0.001, "last_step_s": 0.001}
         self._bus.publish_map(keys.dfpc_status(self.robot, self.name), body)
 
