@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Size of the payload files of a store, and the time to write and read them, compressed and as they are.
 
-    cdff demo --once --data-dir DIR && python benchmarks/dpm_payloads.py DIR [--count 200] [--out FILE]
+    cdff demo --once --data-dir DIR
+    python benchmarks/dpm_payloads.py DIR [--count 200] [--out FILE]
 
 ``compressed`` is ``dpm_store.payloads.blobs.BlobFiles``. ``plain`` writes the payload itself with the same
 calls: temporary file, fsync, rename, fsync of the folder. Both write below ``DIR`` and remove their files;

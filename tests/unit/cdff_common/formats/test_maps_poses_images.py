@@ -34,7 +34,9 @@ from cdff_common.types import (
     PoseGraph,
     PoseTrajectory,
     TransformWithCovariance,
+    VisualMap,
 )
+from cdff_common.types.visual_map_ext import KeyframePoints
 
 
 @pytest.fixture
@@ -204,6 +206,10 @@ def test_every_type_can_be_written_in_each_of_its_formats(
 ) -> None:
     nav = {"class": np.zeros((30, 40), np.uint8)}
     T = np.eye(4)[None]
+    graph = PoseGraph.from_arrays(
+        [0], [0], T, np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], frame="site"
+    )
+    keyframe = KeyframePoints(np.ones((2, 3)), np.ones(2), np.ones((2, 4), np.uint8))
     values = [
         dem,
         pose,
@@ -213,9 +219,8 @@ def test_every_type_can_be_written_in_each_of_its_formats(
         ),
         PoseTrajectory.from_arrays(np.array([1000]), T, None, parent="site", child="mana/base"),
         Frame.from_image(np.zeros((4, 6), np.uint8), stamp_ns=0),
-        PoseGraph.from_arrays(
-            [0], [0], T, np.zeros((0, 2)), np.zeros((0, 4, 4)), np.zeros((0, 6, 6)), [], frame="site"
-        ),
+        graph,
+        VisualMap.from_parts(graph, [keyframe], sensor="mana/navcam", stamp_ns=0, descriptor_type="ORB"),
         CorrespondenceMap2D.from_arrays([[1, 2]], [[3, 4]]),
         BundleProblem.from_arrays(
             T, [9.0, 9.0, 0.0, 0.0], [[0, 0, 1]], ([0], [0]), [[0.0, 0.0]], frame="site"

@@ -55,6 +55,10 @@ class Orchestrator:
             return Reply.of({}, kind="reference", id="0" * 36, job="j", final=True)
         raise NoAnswerError(f"{key}: no answer")
 
+    def alive(self, _key: str) -> set[str]:
+        """Return the liveliness tokens: none."""
+        return set()
+
 
 @pytest.fixture(scope="module")
 def application(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
