@@ -21,6 +21,7 @@ from cdff_common.formats.hillshade import classes_png, hillshade_png
 from cdff_common.formats.image import write_jpg, write_png
 from cdff_common.formats.las import write_las, write_laz
 from cdff_common.formats.libmv import write_libmv
+from cdff_common.formats.meshes.ply_faces import write_ply_mesh
 from cdff_common.formats.npz import write_npz
 from cdff_common.formats.pcd import write_pcd
 from cdff_common.formats.ply import write_ply
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
         ElevationMap,
         Frame,
         GroundAreas,
+        Mesh,
         NavigationMap,
         ObjectTrack,
         Pointcloud,
@@ -119,6 +121,14 @@ def _cloud_npz(value: Pointcloud, _: Georeference | None) -> bytes:
     return write_npz({"points_m": arrays.points_m, **extra, **header})
 
 
+def _mesh_ply(value: Mesh, _: Georeference | None) -> bytes:
+    data = value.data
+    normals, colors = (column if len(column) else None for column in (data.normals, data.colors))
+    vertices = CloudArrays.of(data.vertices, None, colors, normals)
+    comments = {"frame": value.frame, "stamp_ns": str(value.stamp_ns)}
+    return write_ply_mesh(vertices, data.triangles.astype(np.int64), comments=comments)
+
+
 def _map(value: ElevationMap | NavigationMap, place: Georeference | None) -> bytes:
     return write_map(value, place=place)
 
@@ -180,6 +190,7 @@ _WRITERS: dict[str, dict[str, Callable[[Any, Georeference | None], bytes]]] = {
         "pcd": lambda value, _: write_pcd(cloud_arrays(value)),
         "npz": _cloud_npz,
     },
+    "Mesh": {"ply": _mesh_ply},
     "ElevationMap": {"tif": _map, "png": lambda value, _: hillshade_png(value), "npz": _map_npz},
     "NavigationMap": {
         "tif": _map,

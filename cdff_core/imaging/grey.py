@@ -43,6 +43,21 @@ def grey_image(frame: Frame) -> ByteArray:
     return np.asarray(np.rint(colours @ _LUMA), dtype=np.uint8)
 
 
+def rgb_image(frame: Frame) -> ByteArray:
+    """Return red, green and blue of a frame, shape (rows, cols, 3), uint8; the three are equal if it is grey.
+
+    Raises
+    ------
+    InputError
+        If the pixel type or colour order is not supported.
+    """
+    image = frame.image
+    order = _ORDERS.get(frame.metadata.mode)
+    if image.ndim == 3 and order is not None and image.shape[2] >= 3 and image.dtype == np.uint8:
+        return np.ascontiguousarray(image[:, :, list(order)])
+    return np.repeat(grey_image(frame)[:, :, None], 3, axis=2)
+
+
 def checked_image(image: ByteArray) -> ByteArray:
     """Return a contiguous image; raises InputError unless it is grey, uint8 and at least 32 x 32."""
     if image.ndim != 2 or image.dtype != np.uint8 or min(image.shape) < 32:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 #: Options of ``--dfpc`` that a mission does not take.
-_OF_ONE_DFPC = ("implementation", "config", "robot", "seed", "start", "duration", "until", "guess")
+_OF_ONE_DFPC = ("implementation", "config", "robot", "seed", "start", "duration", "until", "guess", "poses")
 
 
 def register(nouns: Any) -> None:
@@ -73,6 +73,11 @@ def register(nouns: Any) -> None:
     )
     parser.add_argument(
         "--guess", metavar="FILE", help="with --dfpc: pose at the first sample (.json, .txt or .tum)"
+    )
+    parser.add_argument(
+        "--poses",
+        metavar="FILE",
+        help="with --dfpc: poses for its port poses, with the times of the log (TUM, EuRoC, table of images)",
     )
     parser.add_argument("--speed", default="max", help="mission seconds per second, or max (the default)")
     parser.add_argument(
@@ -173,7 +178,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     from cdff_dev.play.log_part import LogPart
     from cdff_dev.replay.conditions import parse_condition
     from cdff_dev.replay.engine import paced, replay, samples_of
-    from cdff_dev.replay.first_samples import file_ports, with_files
+    from cdff_dev.replay.first_samples import file_ports, with_files, with_poses
     from cdff_dev.replay.tap import Tap
     from cdff_dev.replay.wiring import robot_of, wire, with_masks
 
@@ -202,7 +207,12 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     with compilation_notice(dfpc.name):
         dfpc.configure(parameters, context, implementation)
     wired = wire(
-        dfpc.description, streams, robot, mapping, entry, file_ports(args.model, args.guess, map_file)
+        dfpc.description,
+        streams,
+        robot,
+        mapping,
+        entry,
+        file_ports(args.model, args.guess, map_file, args.poses),
     )
     outputs = tuple(port.attribute for port in dfpc.description.output_ports)
     until = parse_condition(args.until, outputs) if args.until else None
@@ -216,12 +226,10 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
         tap.on_sample(sample)
         progress.advance()
 
+    samples = with_poses(samples_of(part, wired, robot), dfpc.description, args.poses)
     summary = replay(
         dfpc,
-        paced(
-            with_files(samples_of(part, wired, robot), dfpc.description, args.model, args.guess, map_file),
-            speed,
-        ),
+        paced(with_files(samples, dfpc.description, args.model, args.guess, map_file), speed),
         Path(args.out) if args.out else None,
         on_sample,
         tap.on_product,

@@ -1,26 +1,61 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of files that come before those of a log: models of bodies, a map, a guess of the first pose."""
+"""Samples of files that join those of a log: models of bodies, a map, a guess of the first pose, poses."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import heapq
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from itertools import chain
 from pathlib import Path
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription, InputPort
 from cdff_common.interfaces.dfpc import Sample
+from cdff_dev.logs.formats.poses.pose_files import poses_log
 from cdff_dev.run.inputs import read_inputs
 
-#: Ports of the options ``--model``, ``--map`` and ``--guess``, and the types that they take.
-_OPTIONS = {"model": "Mesh", "map": "VisualMap", "guess": "TransformWithCovariance"}
+#: Ports of the options ``--model``, ``--map``, ``--guess`` and ``--poses``, and the types that they take.
+_OPTIONS = {
+    "model": "Mesh",
+    "map": "VisualMap",
+    "guess": "TransformWithCovariance",
+    "poses": "TransformWithCovariance",
+}
 
 
-def file_ports(models: Sequence[str], guess: str | None, map_file: str | None = None) -> list[str]:
+def file_ports(
+    models: Sequence[str], guess: str | None, map_file: str | None = None, poses: str | None = None
+) -> list[str]:
     """Return the ports that files are given for."""
-    return [port for port, files in (("model", models), ("map", map_file), ("guess", guess)) if files]
+    files = (("model", models), ("map", map_file), ("guess", guess), ("poses", poses))
+    return [port for port, given in files if given]
+
+
+def with_poses(
+    samples: Iterable[Sample], description: DfpcDescription, poses: str | None
+) -> Iterator[Sample]:
+    """Yield samples, and those of a file of poses in the order of their times, after others of a time.
+
+    Raises
+    ------
+    InputError
+        If the DFPC has no port ``poses``.
+    CodecError
+        If the file cannot be read.
+    """
+    if poses is None:
+        yield from samples
+        return
+    _port(description, "poses")
+    with closing(poses_log(Path(poses))) as log:
+        (stream,) = log.streams
+        of_file = (item.to_sample("poses", "") for item in log.samples([stream]))
+        plain = (dataclasses.replace(sample, frame="", child="") for sample in of_file)
+        yield from heapq.merge(samples, plain, key=lambda sample: sample.stamp_ns)
 
 
 def with_files(

@@ -1,15 +1,18 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faces of PLY files, ascii and binary of either byte order."""
+"""Faces of PLY files: reading of ascii and binary files of either byte order, writing of binary ones."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
 from cdff_common.arrays import IntArray
+from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.file_source import Source
 from cdff_common.formats.meshes.arrays import MeshArrays, fan
-from cdff_common.formats.ply import PLY_BYTE_ORDERS, PlyElement, ply_header, read_ply
+from cdff_common.formats.ply import PLY_BYTE_ORDERS, PlyElement, ply_header, read_ply, write_ply
 
 
 def read_ply_mesh(s: Source) -> MeshArrays:
@@ -36,6 +39,18 @@ def read_ply_mesh(s: Source) -> MeshArrays:
         sizes = [sum(np.dtype(kind).itemsize for _, kind in e.properties) * e.count for e in before]
         triangles = _binary(s, start + sum(sizes), face, PLY_BYTE_ORDERS[layout])
     return MeshArrays.checked(vertices, triangles, s.name)
+
+
+def write_ply_mesh(
+    vertices: CloudArrays, triangles: IntArray, *, comments: Mapping[str, str] | None = None
+) -> bytes:
+    """Return a little-endian PLY file of vertices and triangles ``(m, 3)``; comments as ``name value``."""
+    cloud = write_ply(vertices, comments=comments)
+    end = cloud.index(b"end_header\n")
+    faces = f"element face {len(triangles)}\nproperty list uchar int vertex_indices\n".encode()
+    table = np.empty(len(triangles), dtype=[("n", "u1"), ("corners", "<i4", (3,))])
+    table["n"], table["corners"] = 3, triangles
+    return cloud[:end] + faces + cloud[end:] + table.tobytes()
 
 
 def _ascii(s: Source, start: int, skip: int, face: PlyElement) -> IntArray:

@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of Reconstruction3D."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from cdff_common.interfaces.dfpc import DfpcConfig
+
+
+class Reconstruction3DConfig(DfpcConfig):
+    """Noise of the sensors, extent of the surface and times of publication."""
+
+    voxel_m: float | None = Field(
+        None, gt=0, le=1e5, description="Edge of a voxel, m; default: of the first capture's points and noise"
+    )
+    pose_of: Literal["sensor", "body"] = Field(
+        "sensor",
+        description="Meaning of poses whose frames are not those of the sensor: T_model_sensor or T_sensor_body",
+    )
+    max_pose_gap_s: float = Field(
+        0.5, gt=0, le=86400, description="Time between two poses, s, above which none is interpolated"
+    )
+    depth_sigma_m: float = Field(
+        0.001, gt=0, le=1000, description="Standard deviation of a depth at small distance, m"
+    )
+    depth_sigma_per_m: float = Field(
+        0.0015, ge=0, le=1, description="Increase of the standard deviation of a depth by its square, 1/m"
+    )
+    range_sigma_m: float = Field(0.02, gt=0, le=1000, description="Standard deviation of lidar ranges, m")
+    disparity_sigma_px: float = Field(
+        0.3, gt=0, le=10, description="Standard deviation of the disparities of stereo pairs, px"
+    )
+    min_range_m: float = Field(0.05, ge=0, le=1e9, description="Distance below which points are excluded, m")
+    max_range_m: float | None = Field(
+        None, gt=0, le=1e9, description="Distance above which points are excluded, m; default: none"
+    )
+    max_step: float = Field(
+        4.0,
+        gt=1,
+        le=100,
+        description="Difference of the depths of neighbouring pixels, in widths of a pixel, that divides "
+        "surfaces",
+    )
+    publish_every: int = Field(50, ge=1, le=100_000, description="Captures between two published surfaces")
+    min_captures: int = Field(2, ge=2, le=1000, description="Captures below which there is no surface")
+    max_refused: float = Field(
+        0.5,
+        gt=0,
+        lt=1,
+        description="Part of the captures that contradict the surface above which it is FAILED",
+    )
+    max_waiting: int = Field(
+        20, ge=1, le=1000, description="Captures, and images, that wait for poses; the oldest is dropped"
+    )
