@@ -27,7 +27,7 @@ def camera_poses(count: int, first_rad: float = 0.0) -> FloatArray:
 
 
 def depth_image() -> FloatArray:
-    """Return the depths from any of the cameras, 0 beside the sphere."""
+    """Return the depths from any of the cameras, 0 where there is no sphere."""
     u, v = np.meshgrid((np.arange(COLUMNS) - K[0, 2]) / FOCAL_PX, (np.arange(ROWS) - K[1, 2]) / FOCAL_PX)
     squared = u**2 + v**2 + 1.0
     root = DISTANCE_M**2 - squared * (DISTANCE_M**2 - RADIUS_M**2)

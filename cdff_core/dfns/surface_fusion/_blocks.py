@@ -72,7 +72,7 @@ class VoxelBlocks:
         return _coordinates(self._keys), self._slots
 
     def neighbours(self) -> tuple[IntArray, IntArray]:
-        """Return the coordinates ``(m, 3)`` of all blocks and the slots ``(m, 27)`` around each; -1 if absent.
+        """Return the coordinates ``(m, 3)`` and the slots ``(m, 27)`` around each, -1 if absent.
 
         Blocks are in the order of their slots.
         """

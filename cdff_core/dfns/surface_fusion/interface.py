@@ -21,12 +21,12 @@ class SurfaceFusionInputs(DfnInputs):
     Attributes
     ----------
     points : ndarray of float32, shape (r,c,3)
-        Points in the frame of the camera, metres, at the pixels of cameraMatrix; NaN where none; no image
-        with zero rows adds nothing.
+        Points in the frame of the camera, metres, at the pixels of cameraMatrix; NaN where none; an image
+        of zero rows adds nothing.
     normals : ndarray of float32, shape (r,c,3)
         Unit normals towards the camera; NaN excludes the pixel.
     sigmas : ndarray of float32, shape (r,c)
-        Standard deviations of the points along their normals, metres.
+        Standard deviations of the points along their rays, metres, above 0.
     colors : ndarray of uint8, shape (r,c,3), optional
         Red, green, blue; absent without colour.
     camera_matrix : ndarray of float64, shape (3,3)

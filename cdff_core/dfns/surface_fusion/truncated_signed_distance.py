@@ -3,8 +3,8 @@
 """Fusion of images into a truncated signed distance field in sparse blocks of voxels.
 
 Curless, B. and Levoy, M. (1996), "A volumetric method for building complex models from range images",
-doi:10.1145/237170.237269. The distance of a voxel is that from the plane of its pixel instead of that along the
-ray: it has no error at oblique incidence or with few pixels. Gibson, S. (1998), "Constrained elastic surface
+doi:10.1145/237170.237269. The distance of a voxel is that from the plane of its pixel instead of that along
+the ray: it has no error at oblique incidence or with few pixels. Gibson, S. (1998), "Constrained elastic surface
 nets", doi:10.1007/BFb0056277: one vertex in each crossed cell.
 """
 
@@ -47,7 +47,7 @@ class TruncatedSignedDistanceConfig(DfnConfig):
         0.01,
         ge=0,
         le=1,
-        description="Vertices of a separate part of the mesh below which it is removed, of all",
+        description="Share of the vertices below which a separate part is removed",
     )
     max_disagreement: float = Field(
         0.5, gt=0, le=1, description="Part of the compared voxels that an image may contradict"
@@ -111,16 +111,19 @@ class TruncatedSignedDistance(Interface[TruncatedSignedDistanceConfig]):
                 f"points up to {np.abs(samples).max():.3g} m from the origin: too far for voxels of "
                 f"{config.voxel_m:g} m, expected larger voxels or a nearer origin"
             )
-        camera = (
+        T = np.ascontiguousarray(se3.inverse(inputs.pose))
+        compared, contradicted = disagreement(
+            *blocks.all(),
             config.voxel_m,
             truncation_m,
             config.min_cosine,
-            np.ascontiguousarray(se3.inverse(inputs.pose)),
+            T,
             inputs.camera_matrix,
             inputs.points,
             inputs.normals,
+            blocks.distances,
+            blocks.views,
         )
-        compared, contradicted = disagreement(*blocks.all(), *camera, blocks.distances, blocks.views)
         if compared >= config.min_compared and contradicted > config.max_disagreement * compared:
             part = contradicted / compared
             raise RefusedError(
@@ -132,7 +135,13 @@ class TruncatedSignedDistance(Interface[TruncatedSignedDistanceConfig]):
         integrate(
             stored,
             slots,
-            *camera,
+            config.voxel_m,
+            truncation_m,
+            config.min_cosine,
+            T,
+            inputs.camera_matrix,
+            inputs.points,
+            inputs.normals,
             inputs.sigmas,
             np.zeros((0, 0, 3), np.uint8) if inputs.colors is None else inputs.colors,
             blocks.distances,

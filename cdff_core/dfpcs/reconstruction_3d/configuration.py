@@ -19,7 +19,7 @@ class Reconstruction3DConfig(DfpcConfig):
     )
     pose_of: Literal["sensor", "body"] = Field(
         "sensor",
-        description="Meaning of poses whose frames are not those of the sensor: T_model_sensor or T_sensor_body",
+        description="Meaning of poses of other frames than the sensor's: T_model_sensor or T_sensor_body",
     )
     max_pose_gap_s: float = Field(
         0.5, gt=0, le=86400, description="Time between two poses, s, above which none is interpolated"

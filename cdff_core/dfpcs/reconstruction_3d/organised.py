@@ -17,7 +17,7 @@ from cdff_core.imaging.grey import rgb_image
 #: Tangent of the largest angle of a cloud's points from its middle, and the largest number of pixels.
 _MAX_TANGENT, _MAX_PIXELS = 1.8, 2_000_000
 #: Distance in pixels up to which a pixel takes the nearest point of a cloud.
-_REACH_PX = 1.5
+_REACH_PX = 0.8
 #: Half width of the differences that give the normals of a depth image, pixels.
 _HALF_PX = 2
 
