@@ -72,8 +72,8 @@ def _assert_sphere(vertices: FloatArray, normals: FloatArray, limit_m: float) ->
 
 
 def test_depth_images_around_a_sphere_give_its_surface() -> None:
-    outputs = _run(_dfpc(), _captures(POSES))
-    assert len(outputs["pose"]) == 16
+    outputs = _run(_dfpc(), _captures(camera_poses(40)))
+    assert len(outputs["pose"]) == 40
     (mesh,), (cloud,) = outputs["mesh"], outputs["cloud"]
     assert mesh.quality.status is Status.OK
     assert mesh.frame == mesh.value.frame == "world"
