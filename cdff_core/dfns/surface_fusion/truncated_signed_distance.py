@@ -4,8 +4,8 @@
 
 Curless, B. and Levoy, M. (1996), "A volumetric method for building complex models from range images",
 doi:10.1145/237170.237269. The distance of a voxel is that from the plane of its pixel instead of that along
-the ray: it has no error at oblique incidence or with few pixels. Gibson, S. (1998), "Constrained elastic surface
-nets", doi:10.1007/BFb0056277: one vertex in each crossed cell.
+the ray, which is wrong at oblique incidence and with few pixels. Gibson, S. (1998), "Constrained elastic
+surface nets", doi:10.1007/BFb0056277: one vertex in each crossed cell.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class TruncatedSignedDistanceConfig(DfnConfig):
 
 
 class TruncatedSignedDistance(Interface[TruncatedSignedDistanceConfig]):
-    """Weighted mean of distances from the planes of the pixels; weight squared cosine of incidence / variance."""
+    """Mean distance from the planes of the pixels; weight: squared cosine of incidence by variance."""
 
     def setup(self) -> None:
         """Clear the voxels."""

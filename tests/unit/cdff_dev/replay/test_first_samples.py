@@ -16,7 +16,7 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.replay.engine import replay
-from cdff_dev.replay.first_samples import file_ports, with_files
+from cdff_dev.replay.first_samples import file_ports, with_files, with_poses
 from cdff_dev.replay.wiring import wire
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -77,3 +77,16 @@ def test_the_trajectory_of_a_tracked_body_is_absolute(tmp_path: Path) -> None:
     replay(dfpc, [Sample("measurement", 1000, 0, value)], tmp_path)
     _, T = read_tum(tmp_path / "pose.tum")
     np.testing.assert_allclose(T[0], POSE, atol=1e-8)
+
+
+def test_poses_of_a_file_are_merged_by_time_after_other_samples_of_their_time(tmp_path: Path) -> None:
+    file = tmp_path / "poses.tum"
+    file.write_text("1.0 0 0 1 0 0 0 1\n2.0 0 0 2 0 0 0 1\n")
+    description = Registry.default().dfpc("reconstruction_3d")
+    samples = [Sample("depth", stamp_ns, 0, None) for stamp_ns in (1_000_000_000, 1_500_000_000)]
+    merged = list(with_poses(samples, description, str(file)))
+    assert [sample.port for sample in merged] == ["depth", "poses", "depth", "poses"]
+    assert merged[-1].value.transform.matrix[2, 3] == 2.0
+    assert list(with_poses(samples, description, None)) == samples
+    with pytest.raises(InputError, match="expected a port poses"):
+        list(with_poses(samples, Registry.default().dfpc("tracking_3d"), str(file)))
