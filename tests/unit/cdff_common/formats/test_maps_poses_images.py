@@ -28,6 +28,7 @@ from cdff_common.types import (
     ElevationMap,
     Frame,
     GroundAreas,
+    Mesh,
     NavigationMap,
     ObjectTrack,
     Pointcloud,
@@ -228,6 +229,7 @@ def test_every_type_can_be_written_in_each_of_its_formats(
         GroundAreas.from_rings([3], [1], [3], [[0, 0], [1, 0], [0, 1]], frame="site", t0_ns=0, t1_ns=0),
         ObjectTrack.from_arrays(1, [1000], T, frame="site"),
         BodyMotion(),
+        Mesh.from_arrays(np.eye(3), np.array([[0, 1, 2]]), frame="client/body", stamp_ns=0),
     ]
     assert {type(v).__name__ for v in values} == set(FORMATS)
     for value in values:
