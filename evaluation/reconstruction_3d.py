@@ -147,7 +147,7 @@ def _distances(body: Body, points: FloatArray) -> FloatArray:
 
 
 def _cast(body: Body, T_body_camera: FloatArray, rays: FloatArray) -> FloatArray:
-    """Return the depth of the body along rays whose third component is 1."""
+    """Return the depth (n,) of the body along rays (n, 3) with z = 1 in the camera, metres; inf if missed."""
     import open3d as o3d
 
     starts = np.broadcast_to(T_body_camera[:3, 3], rays.shape)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.model_preparation.interface import ModelPreparationInputs
@@ -43,17 +42,14 @@ def compile_kernels() -> None:
         dfn("model_pose_refinement"),
         DetectionLimits(0.0, 10, 0.0, 10.0),
     )
-    try:
-        detector.detect("wedge", model, scan, {})
-        inputs = ModelRegistrationInputs(
-            scan=scan,
-            pose=T,
-            drawn_vertices=model.drawn_vertices,
-            drawn_triangles=model.drawn_triangles,
-            centre_m=model.centre_m,
-            sigma_m=0.01,
-            **surface_ports(model),
-        )
-        dfn("model_registration").process(inputs)
-    except RefusedError:  # the kernels were called
-        return
+    detector.detect("wedge", model, scan, {})
+    inputs = ModelRegistrationInputs(
+        scan=scan,
+        pose=T,
+        drawn_vertices=model.drawn_vertices,
+        drawn_triangles=model.drawn_triangles,
+        centre_m=model.centre_m,
+        sigma_m=0.01,
+        **surface_ports(model),
+    )
+    dfn("model_registration").process(inputs)

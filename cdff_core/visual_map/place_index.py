@@ -17,9 +17,9 @@ _ITERATIONS = 10
 
 
 class PlaceIndex:
-    """Vectors of locally aggregated descriptors [1]_ over clusters of the map's own descriptors.
+    """Index of keyframes by one vector each: locally aggregated descriptors (VLAD [1]_).
 
-    Residuals are normalised within each cluster [2]_, so that a repeated structure does not dominate.
+    The clusters are those of the descriptors of the map. Residuals are normalised within each cluster [2]_, so that a repeated structure does not dominate.
 
     References
     ----------

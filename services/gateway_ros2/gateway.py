@@ -80,7 +80,7 @@ class Gateway:
                     return
 
     def status(self) -> dict[str, Any]:
-        """Return the counters of all topics as plain data."""
+        """Return the message of the status key: the counters of each topic."""
         inputs = {}
         for link in self._inputs:
             counters = link.counters.to_map()

@@ -11,7 +11,7 @@ DEPTH_UNIT_M = 0.001
 
 
 def distance_image(frame: Frame) -> DistanceImage:
-    """Return the depths of an image in metres, or in millimetres if it has 16 bits."""
+    """Return a depth image, metres; pixels of 16 bits are millimetres, other pixels are metres."""
     image, K = frame.image, frame.camera_matrix
     distances = image * DEPTH_UNIT_M if image.dtype.itemsize == 2 else image.astype(float)
     return DistanceImage(

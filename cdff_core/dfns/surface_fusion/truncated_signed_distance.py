@@ -10,6 +10,8 @@ surface nets", doi:10.1007/BFb0056277: one vertex in each crossed cell.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from pydantic import Field
 from scipy.sparse import coo_array
@@ -171,6 +173,25 @@ class TruncatedSignedDistance(Interface[TruncatedSignedDistanceConfig]):
         )
         triangles = surface_triangles(around, blocks.distances, cells)
         return _large_parts(vertices, triangles, self.config.min_part)
+
+
+@cache
+def compile_kernels() -> None:
+    """Fuse and extract a plane, once in this process: the first image takes no longer than the others."""
+    columns, rows = np.meshgrid(np.arange(16.0), np.arange(16.0))
+    points = np.stack([columns - 8.0, rows - 8.0, np.full_like(rows, 10.0)], axis=2).astype(np.float32)
+    fusion = TruncatedSignedDistance()
+    fusion.configure({"voxel_m": 1.0, "min_views": 1, "max_blocks": 64})
+    fusion.process(
+        Inputs(
+            points=points,
+            normals=np.full_like(points, [0.0, 0.0, -1.0]),
+            sigmas=np.ones(rows.shape, np.float32),
+            camera_matrix=np.array([[10.0, 0.0, 8.0], [0.0, 10.0, 8.0], [0.0, 0.0, 1.0]]),
+            pose=np.eye(4),
+            is_extracted=True,
+        )
+    )
 
 
 def _no_triangles() -> IntArray:

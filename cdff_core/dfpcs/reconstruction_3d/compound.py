@@ -27,6 +27,7 @@ from cdff_common.types import Mesh, Pointcloud
 from cdff_core.dfns.disparity_image.interface import DisparityImageInputs
 from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
 from cdff_core.dfns.surface_fusion.interface import SurfaceFusionInputs, SurfaceFusionOutputs
+from cdff_core.dfns.surface_fusion.truncated_signed_distance import compile_kernels
 from cdff_core.dfpcs.reconstruction_3d.configuration import Reconstruction3DConfig
 from cdff_core.dfpcs.reconstruction_3d.interface import Reconstruction3DInterface
 from cdff_core.dfpcs.reconstruction_3d.organised import (
@@ -53,6 +54,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         """Create the DFNs, clear the surface, offer the store item."""
         if "voxel_m" in self.slot_parameters("fusion"):
             raise ConfigurationError(f"{self.name}: fusion: voxel_m is a parameter of the DFPC")
+        compile_kernels()
         self._normals, self._disparity = self.dfn("normals"), self.dfn("disparity")
         self._mesh: Mesh | None = None
         self.restart()
@@ -131,6 +133,9 @@ class Reconstruction3D(Reconstruction3DInterface):
             except ExtrapolationError:
                 self._drops["no_pose"] += 1
                 continue
+            except FrameNotFoundError:
+                self._drops["frame_unknown"] += 1
+                continue
             except InputError:
                 self._drops["malformed"] += 1
                 continue
@@ -157,7 +162,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         return self.config.pose_of == "body"
 
     def _pose(self, sample: Sample) -> UncertainTransform:
-        """Return T_model_sensor at the time of a capture; raises ExtrapolationError."""
+        """Return T_model_sensor at the time of a capture; raises ExtrapolationError or FrameNotFoundError."""
         gap_s = 1e-9 * self._poses.gap_ns(sample.stamp_ns)
         if gap_s > self.config.max_pose_gap_s:
             raise ExtrapolationError(f"{self.name}: no pose within {self.config.max_pose_gap_s:g} s")
@@ -211,20 +216,26 @@ class Reconstruction3D(Reconstruction3DInterface):
         return of_depth(z, K, sigma_z, config.max_step)
 
     def _colors(self, sample: Sample, cloud: OrganisedCloud) -> ByteArray | None:
-        """Return the colours of a capture, if it has an image."""
+        """Return the colours of a capture, if it has an image whose camera has a known place."""
         if sample.port == "stereo":
             return colors_of(cloud, sample.value.left, np.eye(4))
         image = next((image for image in self._images if image.stamp_ns == sample.stamp_ns), None)
         if image is None or not image.value.camera_matrix.any():
             return None
-        return colors_of(cloud, image.value, self._mount(image.value.frame, sample.frame, sample.stamp_ns))
+        if image.value.frame in ("", sample.frame):
+            return colors_of(cloud, image.value, np.eye(4))
+        try:
+            mount = self._mount(image.value.frame, sample.frame, sample.stamp_ns)
+        except FrameNotFoundError:
+            if not self.config.images_registered:
+                self._drops["image_frame_unknown"] += 1
+                return None
+            mount = np.eye(4)
+        return colors_of(cloud, image.value, mount)
 
     def _mount(self, parent: str, child: str, stamp_ns: int) -> FloatArray:
-        """Return T_parent_child of two frames of the robot; identity if it is unknown."""
-        try:
-            return self.context.frames.lookup(parent, child, stamp_ns).matrix
-        except FrameNotFoundError:
-            return np.eye(4)
+        """Return T_parent_child of two frames of the robot; raises FrameNotFoundError."""
+        return self.context.frames.lookup(parent, child, stamp_ns).matrix
 
     def _extract(self, fusion: Dfn[Any, SurfaceFusionInputs, SurfaceFusionOutputs]) -> SurfaceFusionOutputs:
         none = np.zeros((0, 0, 3), np.float32)

@@ -21,6 +21,9 @@ class Reconstruction3DConfig(DfpcConfig):
         "sensor",
         description="Meaning of poses of other frames than the sensor's: T_model_sensor or T_sensor_body",
     )
+    images_registered: bool = Field(
+        False, description="Images whose frame has no known transform are taken to be at the depth camera"
+    )
     max_pose_gap_s: float = Field(
         0.5, gt=0, le=86400, description="Time between two poses, s, above which none is interpolated"
     )

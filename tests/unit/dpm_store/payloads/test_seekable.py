@@ -35,7 +35,7 @@ def test_other_programs_read_the_file() -> None:
 
 
 def test_damage_never_gives_more_bytes_than_expected() -> None:
-    """A changed literal is left to the checksum of the payload."""
+    """A changed byte of the content is not detected here, but by the checksum of the payload."""
     data, rng = compress(CONTENT, FRAME), np.random.default_rng(2)
     refused = 0
     for _ in range(2000):

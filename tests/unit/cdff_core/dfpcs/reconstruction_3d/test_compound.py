@@ -19,6 +19,7 @@ from cdff_common.interfaces.product import Status
 from cdff_common.types import DistanceImage, Frame, FramePair, Pointcloud, Time, TransformWithCovariance
 from cdff_core.dfpcs.reconstruction_3d.compound import Reconstruction3D
 from tests.support.depth_sphere import COLUMNS, RADIUS_M, ROWS, K, camera_poses, depth_image
+from tests.support.kernels import compiled_signatures
 
 POSES = camera_poses(16)
 
@@ -71,6 +72,15 @@ def _assert_sphere(vertices: FloatArray, normals: FloatArray, limit_m: float) ->
     assert np.median((normals * vertices).sum(axis=1) / radii) > 0.97
 
 
+def test_the_first_image_compiles_nothing() -> None:
+    """All kernels of the fusion are compiled when the compound is configured."""
+    dfpc = _dfpc()
+    compiled = compiled_signatures("cdff_core.dfns.surface_fusion.")
+    assert _run(dfpc, _captures(camera_poses(8)))["mesh"][0].value is not None
+    assert len(compiled) > 3
+    assert compiled_signatures("cdff_core.dfns.surface_fusion.") == compiled
+
+
 def test_depth_images_around_a_sphere_give_its_surface() -> None:
     outputs = _run(_dfpc(), _captures(camera_poses(40)))
     assert len(outputs["pose"]) == 40
@@ -116,20 +126,40 @@ def test_noisy_lidar_clouds_give_a_surface_better_than_their_noise() -> None:
             points, axis=1, keepdims=True
         )
         cloud = Pointcloud.from_points(points, frame="servicer/lidar", stamp_ns=_stamp_ns(n))
-        samples += [Sample("cloud", _stamp_ns(n), n, cloud, frame="servicer/lidar"), _pose(n, T, child="x")]
+        samples += [
+            Sample("cloud", _stamp_ns(n), n, cloud, frame="servicer/lidar"),
+            _pose(n, T, child="servicer/lidar"),
+        ]
     mesh = _run(_dfpc(), samples)["mesh"][0]
     _assert_sphere(mesh.value.data.vertices, mesh.value.data.normals, 0.01)
 
 
-def test_an_image_of_the_same_time_gives_the_colour() -> None:
+@pytest.mark.parametrize(
+    ("frame", "images_registered", "is_colored"),
+    [("servicer/depth", False, True), ("servicer/colour", True, True), ("servicer/colour", False, False)],
+)
+def test_an_image_of_the_same_time_gives_the_colour(
+    frame: str, images_registered: bool, is_colored: bool
+) -> None:
     pixels = np.zeros((ROWS, COLUMNS, 3), np.uint8)
     pixels[:, :, 2] = 200
     samples = []
     for n, T in enumerate(POSES):
-        image = Frame.from_image(pixels, stamp_ns=_stamp_ns(n), mode="BGR", camera_matrix=K, sensor="x")
+        image = Frame.from_image(pixels, stamp_ns=_stamp_ns(n), mode="BGR", camera_matrix=K, sensor=frame)
         samples += [Sample("image", _stamp_ns(n), n, image), _depth(n), _pose(n, T)]
-    mesh = _run(_dfpc(), samples)["mesh"][0].value
-    np.testing.assert_allclose(np.median(mesh.data.colors, axis=0), [200, 0, 0], atol=1)
+    mesh = _run(_dfpc(images_registered=images_registered), samples)["mesh"][0]
+    expected = [200, 0, 0] if is_colored else [0, 0, 0]
+    np.testing.assert_allclose(np.median(mesh.value.data.colors, axis=0), expected, atol=1)
+    reasons = [] if is_colored else [f"image_frame_unknown:{len(POSES)}"]
+    assert [r for r in mesh.quality.reasons if r.startswith("image")] == reasons
+
+
+def test_captures_whose_place_on_the_robot_is_unknown_are_not_fused() -> None:
+    samples = [s for n, T in enumerate(POSES) for s in (_depth(n), _pose(n, T, child="servicer/base"))]
+    (mesh,) = _run(_dfpc(), samples)["mesh"]
+    assert mesh.value is None
+    assert mesh.quality.status is Status.FAILED
+    assert f"frame_unknown:{len(POSES)}" in mesh.quality.reasons
 
 
 def test_a_stereo_pair_is_matched() -> None:

@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
-from numba.core.dispatcher import Dispatcher
 
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.geometry import se3
@@ -19,6 +17,7 @@ from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Mesh, ObjectDetection, Pointcloud
 from tests.support import satellite
+from tests.support.kernels import compiled_signatures
 
 PREPARE = {"points": 8000, "views": 60, "view_pixels": 128, "grid_cells": 64}
 NEAR = {"pixels": 96, "field_deg": 20.0, "sigma_m": 0.01}
@@ -64,23 +63,12 @@ def errors(detection: ObjectDetection, T: np.ndarray) -> tuple[float, float]:
 
 def test_the_first_scan_compiles_nothing(client: Dfpc) -> None:
     """All kernels of the detection are compiled when the compound is configured."""
-    compiled = _signatures()
+    compiled = compiled_signatures("cdff_core.object_models.")
     T = se3.transform(np.eye(3), [0, 0, 8])
     output = detect(client, satellite.scan(satellite.satellite(), T, rng=np.random.default_rng(1), **NEAR))
     assert output.value is not None
     assert len(compiled) > 5
-    assert _signatures() == compiled
-
-
-def _signatures() -> dict[str, int]:
-    """Return the number of compiled signatures of each kernel in the modules of known bodies."""
-    return {
-        f"{name}.{kernel}": len(value.signatures)
-        for name, module in list(sys.modules.items())
-        if name.startswith("cdff_core.object_models.")
-        for kernel, value in vars(module).items()
-        if isinstance(value, Dispatcher)
-    }
+    assert compiled_signatures("cdff_core.object_models.") == compiled
 
 
 @pytest.mark.slow
