@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pose of a camera, with covariance, from points with covariances and the directions in which it sees them."""
+"""Pose of a camera, with covariance, from points with covariances and their directions in its image."""
 
 from __future__ import annotations
 
