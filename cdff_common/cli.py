@@ -13,6 +13,7 @@ Exit codes: 0 done, 1 known error (one line on standard error), 2 usage, 3 refus
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ from typing import Any, TextIO
 from cdff_common.command_parser import CommandParser
 from cdff_common.command_table import GROUPS, SUMMARIES
 from cdff_common.completion import complete, is_completing
-from cdff_common.errors import CdffError, FaultsError, InputError, RefusedError
+from cdff_common.errors import CdffError, FaultsError, InputError, RefusedError, StorageError
 from cdff_common.extras import missing_extra
 from cdff_common.terminal import set_verbosity, styled
 
@@ -37,6 +38,25 @@ EXIT_ERROR = 1
 EXIT_USAGE = 2
 EXIT_REFUSED = 3
 EXIT_BUG = 70
+
+#: Errors of the operating system that are no bugs: permissions, full or damaged disks, too many files.
+_FAULTS_OF_THE_MACHINE = frozenset(
+    (
+        errno.EACCES,
+        errno.EPERM,
+        errno.EROFS,
+        errno.ENOSPC,
+        errno.EDQUOT,
+        errno.EFBIG,
+        errno.EIO,
+        errno.ENODEV,
+        errno.ESTALE,
+        errno.ELOOP,
+        errno.ENAMETOOLONG,
+        errno.EMFILE,
+        errno.ENFILE,
+    )
+)
 
 Nouns = Any  # argparse._SubParsersAction is generic only for type checkers
 Register = Callable[[Nouns], None]
@@ -105,6 +125,8 @@ def run_safely(command: Callable[[], int]) -> int:
     except Exception as error:  # noqa: BLE001  the outermost frame: a bug is reported with its traceback
         if hint := missing_extra(error):
             return _report(CdffError(hint))
+        if isinstance(error, OSError) and error.errno in _FAULTS_OF_THE_MACHINE:
+            return _report(StorageError(f"{error.filename or 'a file'}: {error.strerror}"))
         import traceback
 
         traceback.print_exc()

@@ -57,6 +57,8 @@ _HEAD_BYTES = 1 << 16
 def detect(source: Readable) -> str:
     """Return the format of a file, one of ``FORMATS``; raises CodecError for other files."""
     s = load(source)
+    if not s.data:
+        raise s.error(f"empty file of 0 bytes, expected one of {', '.join(FORMATS)}")
     for magic, name in _MAGIC:
         if s.data.startswith(magic):
             return name

@@ -130,6 +130,8 @@ def _info(args: argparse.Namespace) -> int:
             print("\n".join(report.text(name.ljust(width))))
         for name, item in log.unconverted.items():
             print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}")
+        if not any(report.info.count for report in reports.values()):
+            print("no samples: the recording is empty, or none of its content is converted")
         print(f"{size_bytes(args.log) / 1e6:.1f} MB")
     return 0
 
@@ -187,7 +189,7 @@ def _cut(args: argparse.Namespace) -> int:
 
     with opened(args.log, args.calibration) as log:
         refuse_own_input(log, Path(args.out))
-        with LogWriter(args.out) as writer:
+        with LogWriter(args.out, is_whole=True) as writer:
             for sample in counted(_selected_samples(log, args), 0, "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0
@@ -214,7 +216,7 @@ def _merge(args: argparse.Namespace) -> int:
                 path_of[name] = path
             logs.append(log)
         ordered = heapq.merge(*(log.samples() for log in logs), key=lambda s: (s.stamp_ns, s.stream, s.seq))
-        with LogWriter(args.out) as writer:
+        with LogWriter(args.out, is_whole=True) as writer:
             for sample in counted(ordered, _count(*logs), "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
     return 0

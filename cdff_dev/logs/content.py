@@ -16,6 +16,7 @@ from cdff_dev.logs.formats import LogLocation
 _HEAD_BYTES = 1 << 16
 #: Description of a text without a known structure.
 TEXT = "text"
+EMPTY = "empty file of 0 bytes: its recording or copy did not start"
 _GRAPH = "pose graph", "cdff run pose_graph_optimization graph=FILE"
 _BUNDLE = "bundle adjustment problem", "cdff run bundle_adjustment problem=FILE"
 _MODEL = "model of an object", "cdff run model_detection model=FILE"
@@ -76,6 +77,8 @@ def describe(location: LogLocation) -> str | None:
 def _kind(path: Path) -> tuple[str, str] | None:
     """Return what a file is and what reads it; None if it is unknown."""
     suffix = path.suffix.lower()
+    if path.stat().st_size == 0:
+        return EMPTY, ""
     if path.name.lower().startswith(("readme", "license")):
         return TEXT, ""
     if suffix in _BY_SUFFIX:

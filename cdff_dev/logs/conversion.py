@@ -123,7 +123,7 @@ def convert_log(
     written: Counter[str] = Counter()
     total = sum(info.count for info in infos.values())
     with (
-        create_log(path, names) as sink,
+        create_log(path, names, is_whole=True) as sink,
         closing(counted(log.samples_from(start_ns, chosen), total, "samples")) as samples,
     ):
         for sample in samples:

@@ -31,7 +31,10 @@ class LogSink(Protocol):
         """Append a sample; raises InputError, or StorageError if it cannot be written."""
 
     def close(self) -> None:
-        """Write the remainder and close the log."""
+        """Write the remainder and close the log; raises StorageError."""
+
+    def keep(self) -> None:
+        """Keep the samples of a log that could not be closed, under its name."""
 
     def __enter__(self) -> Self:
         return self
@@ -40,7 +43,7 @@ class LogSink(Protocol):
         self.close()
 
 
-def create_log(path: Path, mapping: LogMap) -> LogSink:
+def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False) -> LogSink:
     """Return the writer of a new log.
 
     Parameters
@@ -50,6 +53,8 @@ def create_log(path: Path, mapping: LogMap) -> LogSink:
         without suffix for the folder of a ROS 2 bag (sqlite3). A file of that name is replaced.
     mapping : LogMap
         Names in the new log.
+    is_whole : bool
+        Remove an incomplete ``.msg`` after an error instead of keeping its samples, as the others do.
 
     Raises
     ------
@@ -62,7 +67,7 @@ def create_log(path: Path, mapping: LogMap) -> LogSink:
     if suffix == ".msg":
         from cdff_dev.logs.formats.infuse.writer import LogWriter
 
-        return LogWriter(path)
+        return LogWriter(path, is_whole=is_whole)
     if suffix not in (".bag", ".mcap", ""):
         raise InputError(
             f"log {path}: no writer for {suffix}; expected .msg, .bag, .mcap, or a folder for a ROS 2 bag"

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import threading
 from typing import Any
 
@@ -91,6 +92,7 @@ def _run(args: argparse.Namespace) -> int:
     from cdff_common.process import run_service
     from cdff_dev.logs.opened import opened as opened_log
     from cdff_dev.play.control import keyboard, serve_control
+    from cdff_dev.play.display import shown_progress
     from cdff_dev.play.log_part import LogPart
     from cdff_dev.play.looped_log import LoopedLog
     from cdff_dev.play.player import Player
@@ -102,6 +104,9 @@ def _run(args: argparse.Namespace) -> int:
         with ExitStack() as stack:
             opened = stack.enter_context(opened_log(args.log))
             part = LogPart(opened, args.topics, args.start, args.duration)
+            if part.left_out:
+                names = ", ".join(part.left_out)
+                print(f"not played, static poses with stamps outside the log: {names}", file=sys.stderr)
             log = LoopedLog(part, is_repeated=args.loop)
             bus = stack.enter_context(Bus.open(args.connect, name="player"))
             via = {
@@ -126,7 +131,7 @@ def _run(args: argparse.Namespace) -> int:
 
                     url = stack.enter_context(served(player, stop, args.http))
                     print(f"control at {url}", flush=True)
-                with keyboard(player, stop, is_stepping=args.step):
+                with keyboard(player, stop, is_stepping=args.step), shown_progress(player):
                     player.run(stop, stay=not args.exit_at_end)
 
     return run_service("player", body)

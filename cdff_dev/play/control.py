@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.clock import NS_PER_S, parse_stamp
 from cdff_common.errors import InputError
+from cdff_dev.play.display import print_state
 
 if TYPE_CHECKING:
     from cdff_dev.play.player import Player
@@ -150,7 +151,7 @@ def _read_keys(player: Player, stop: threading.Event, is_stepping: bool) -> None
         for key in keys_of(text):
             try:
                 if on_key(player, stop, key, is_stepping=is_stepping):
-                    _print_state(player)
+                    print_state(player)
             except InputError as error:
                 sys.stderr.write(f"{error}\n")
 
@@ -158,15 +159,6 @@ def _read_keys(player: Player, stop: threading.Event, is_stepping: bool) -> None
 def keys_of(text: str) -> list[str]:
     """Return the keys of the characters that a terminal sends; an arrow is one key of three characters."""
     return [_ARROWS.get(key, key) for key in _KEY.findall(text)]
-
-
-def _print_state(player: Player) -> None:
-    status = player.status()
-    state = "ended" if status["ended"] else "paused" if status["paused"] else "playing"
-    position_s = (status["now_ns"] - status["start_ns"]) / NS_PER_S
-    loop = ", loop" if status["loop"] else ""
-    sys.stderr.write(f"{state} at {position_s:.3f} s, speed {status['speed']:g}{loop}\n")
-    sys.stderr.flush()
 
 
 def on_key(player: Player, stop: threading.Event, key: str, *, is_stepping: bool = False) -> bool:

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from cdff_common.clock import parse_stamp
 from cdff_common.errors import InputError
+from cdff_common.world.history import is_static
 from cdff_dev.logs import LogSample, LogSource, StreamInfo
 from cdff_dev.logs.source import Unconverted
 
@@ -26,6 +26,12 @@ class LogPart(LogSource):
         Seconds after the first sample of the streams, negative ones before the last, or a time (RFC 3339).
     duration_s : float, optional
         Default: to the end.
+
+    Attributes
+    ----------
+    left_out : list of str
+        Streams of static poses without a sample in the interval. Their stamps do not define it: they can be
+        those of the start of a program, decades later than the time of a simulation.
 
     Raises
     ------
@@ -48,19 +54,24 @@ class LogPart(LogSource):
             )
         if duration_s is not None and not 0.0 <= duration_s < math.inf:
             raise InputError(f"--duration {duration_s}: expected seconds, 0 or more")
-        first_ns = min((i.t0_ns for i in infos.values() if not i.is_empty), default=0)
-        last_ns = max(i.t1_ns for i in infos.values())
+        timed = [i for n, i in infos.items() if not i.is_empty and not is_static(n)]
+        timed = timed or [i for i in infos.values() if not i.is_empty]
+        first_ns = min((i.t0_ns for i in timed), default=0)
+        last_ns = max((i.t1_ns for i in timed), default=0)
         self._t0_ns = _start_ns(start, first_ns, last_ns)
         self._t1_ns = last_ns if duration_s is None else min(last_ns, self._t0_ns + int(duration_s * 1e9))
         if not first_ns <= self._t0_ns <= self._t1_ns:
             raise InputError(
                 f"--start {start}, --duration {duration_s}: the log has {(last_ns - first_ns) / 1e9:g} s"
             )
-        self._infos = {name: self._restricted(info) for name, info in infos.items()}
+        self._infos = {name: self._restricted(name, info) for name, info in infos.items()}
+        self.left_out = [
+            n for n, i in infos.items() if is_static(n) and self._infos[n].is_empty != i.is_empty
+        ]
 
     @property
     def streams(self) -> dict[str, StreamInfo]:
-        """Streams by name; their counts are those of the whole log."""
+        """Streams by name, with the numbers and times of the samples of the part."""
         return self._infos
 
     @property
@@ -84,13 +95,13 @@ class LogPart(LogSource):
         """Close the files."""
         self._log.close()
 
-    def _restricted(self, info: StreamInfo) -> StreamInfo:
-        t0_ns, t1_ns = max(info.t0_ns, self._t0_ns), min(info.t1_ns, self._t1_ns)
-        return (
-            replace(info, t0_ns=t0_ns, t1_ns=t1_ns)
-            if t0_ns <= t1_ns
-            else replace(info, count=0, t0_ns=0, t1_ns=0)
-        )
+    def _restricted(self, name: str, info: StreamInfo) -> StreamInfo:
+        if self._t0_ns <= info.t0_ns and info.t1_ns <= self._t1_ns:
+            return info
+        stamps_ns = self._log.stamps_ns(name)
+        stamps_ns = stamps_ns[(stamps_ns >= self._t0_ns) & (stamps_ns <= self._t1_ns)]
+        times = (int(stamps_ns.min()), int(stamps_ns.max())) if len(stamps_ns) else (0, 0)
+        return StreamInfo(info.type_name, len(stamps_ns), *times)
 
 
 def _start_ns(start: str, first_ns: int, last_ns: int) -> int:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -71,11 +72,20 @@ class RecordingFiles:
         self._size += size
 
     def close(self) -> None:
-        """Complete the log."""
+        """Complete the log; one that cannot be completed keeps its samples. Raises StorageError."""
         sink, self._sink = self._sink, None
         if sink is not None:
-            sink.close()
+            try:
+                sink.close()
+            except StorageError:
+                sink.keep()
+                raise
             self._losses += Counter(sink.losses)
+
+    def existing(self) -> list[Path]:
+        """Return the files and folders that were written, chunks included."""
+        found = [[path] if path.exists() else chunk_files(path.parent, path.stem) for path in self.paths]
+        return list(chain.from_iterable(found))
 
     def _is_full(self, stamp_ns: int) -> bool:
         is_large = self._max_bytes is not None and self._size >= self._max_bytes

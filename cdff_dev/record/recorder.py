@@ -107,11 +107,14 @@ class Recorder:
         for subscription in self._subscriptions:
             subscription.finish(_END_S)
         with self._lock:
-            self._files.close()
+            try:
+                self._files.close()
+            except StorageError as error:
+                self._fault = self._fault or error
         if self._fault is not None:
             raise StorageError(
-                f"{self._fault}; {self.samples} samples were written before to "
-                f"{', '.join(str(path) for path in self._files.paths)}"
+                f"{self._fault}; of {self.samples} samples, those on the disk are in "
+                f"{', '.join(str(path) for path in self._files.existing()) or 'no file'}"
             ) from self._fault
         return self._recorded
 

@@ -220,7 +220,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
     part: LogSource = log
     if args.start is not None or args.duration is not None:
         part = LogPart(log, list(wired.values()), args.start or "0", args.duration)
-    progress = Progress(sum(log.streams[s].count for s in wired.values()), "samples")
+    progress = Progress(sum(part.streams[s].count for s in wired.values()), "samples")
 
     def on_sample(sample: Sample) -> None:
         tap.on_sample(sample)

@@ -115,7 +115,7 @@ def wire(
     missing = [n for n, p in ports.items() if not p.optional and n not in wired and n not in from_files]
     if missing or not wired:
         unwired = ", ".join(f"{n} ({ports[n].type_name})" for n in missing) or "any port"
-        available = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items()))
+        available = ", ".join(f"{n} ({t})" for n, t in sorted(streams.items())) or "no streams"
         mesh = any(ports[n].type_name == "Mesh" for n in missing)
         raise InputError(
             f"{description.folder}: no stream of the log fits {unwired}; use "

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from collections.abc import Callable
@@ -139,3 +140,11 @@ def test_a_missing_library_is_a_known_error_and_another_missing_module_a_bug(
     assert cli.run_safely(lambda: missing("cv2")) == cli.EXIT_ERROR
     assert capsys.readouterr().err == "cdff: cv2 is not installed: pip install 'cdff[core]'\n"
     assert cli.run_safely(lambda: missing("cdff_core.nowhere")) == cli.EXIT_BUG
+
+
+def test_a_file_without_permission_is_a_known_error(capsys: pytest.CaptureFixture[str]) -> None:
+    def read() -> int:
+        raise PermissionError(errno.EACCES, "Permission denied", "/data/scans")
+
+    assert cli.run_safely(read) == cli.EXIT_ERROR
+    assert capsys.readouterr().err == "cdff: /data/scans: Permission denied\n"

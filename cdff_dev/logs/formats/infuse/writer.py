@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import glob
+import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -50,36 +52,45 @@ class LogWriter(LogSink):
         An existing log of that name is replaced.
     chunk_bytes : int
         Largest size of a chunk; the samples of a chunk are kept in memory until it is written.
-
-    Notes
-    -----
-    A chunk file is renamed to its final name when it is complete: a process that is killed loses only the
-    samples of its current chunk.
+    is_whole : bool
+        Give the files their names only when the log is complete, and remove them after an error: an existing
+        log stays until then. Otherwise each chunk has its name when it is complete, and the samples before an
+        error stay: a process that is killed loses only those of its current chunk.
     """
 
-    def __init__(self, path: str | Path, *, chunk_bytes: int = CHUNK_BYTES) -> None:
+    def __init__(self, path: str | Path, *, chunk_bytes: int = CHUNK_BYTES, is_whole: bool = False) -> None:
         self.path = Path(path)
         self._single = self.path.suffix == ".msg"
         self._prefix = self.path.with_suffix("") if self._single else self.path / "log"
-        self._chunk_bytes = chunk_bytes
+        self._chunk_bytes, self._is_whole = chunk_bytes, is_whole
         self._streams: dict[str, _Stream] = {}
         self._size = 0
         self._chunks: list[Path] = []
         self._closed = False
         try:
             self._prefix.parent.mkdir(parents=True, exist_ok=True)
-            if self._single:
-                self.path.unlink(missing_ok=True)
-            for old in chunk_files(self._prefix.parent, self._prefix.name):
-                old.unlink()
+            if not is_whole:
+                self._remove_existing()
+            elif not os.access(self._prefix.parent, os.W_OK):
+                raise PermissionError(None, "no permission to write there")
         except OSError as error:
-            raise StorageError(f"log {self.path}: {error}") from error
+            raise StorageError(f"log {self.path}: cannot be written: {error.strerror or error}") from error
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, *error: object) -> None:
+        if self._is_whole and error[0] is not None:
+            self.abort()
+        else:
+            self.close()
+
+    def abort(self) -> None:
+        """Close the log; one that had to be whole is removed."""
+        self._closed = True
+        for path in (*self._chunks, self._next_chunk()) if self._is_whole else ():
+            with suppress(OSError):
+                path.with_suffix(".part").unlink()
 
     def write(self, stream: str, value: Any, stamp_ns: int, header: Header | None = None) -> None:
         """Append a sample.
@@ -128,22 +139,50 @@ class LogWriter(LogSink):
         if self._closed:
             return
         self._closed = True
+        try:
+            self._complete()
+        except StorageError:
+            self.abort()
+            raise
+
+    def keep(self) -> None:
+        """Do nothing: complete chunks have their names already."""
+
+    def _complete(self) -> None:
+        """Write the last chunk and give the files their names."""
         if self._size or not self._chunks:
             self._flush()
-        if self._single and len(self._chunks) == 1:
-            with storage_errors(f"log {self.path}"):
+        with storage_errors(f"log {self.path}"):
+            if self._is_whole:
+                self._remove_existing()
+                for path in self._chunks:
+                    path.with_suffix(".part").replace(path)
+            if self._single and len(self._chunks) == 1:
                 self._chunks[0].replace(self.path)
 
+    def _remove_existing(self) -> None:
+        """Remove the log that has the name of this one."""
+        if self._single:
+            self.path.unlink(missing_ok=True)
+        for old in chunk_files(self._prefix.parent, self._prefix.name):
+            old.unlink()
+
+    def _next_chunk(self) -> Path:
+        return self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
+
     def _flush(self) -> None:
-        path = self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
+        path = self._next_chunk()
         part = path.with_suffix(".part")
         try:
             with part.open("wb") as file:
                 self._write_chunk(file)
-            part.replace(path)
+            if not self._is_whole:
+                part.replace(path)
         except OSError as error:
-            part.unlink(missing_ok=True)
-            raise StorageError(f"log {path}: {error}") from error
+            raise StorageError(f"log {path}: cannot be written: {error.strerror or error}") from error
+        finally:
+            if not self._is_whole:
+                part.unlink(missing_ok=True)
         self._chunks.append(path)
         self._size = 0
         for stream in self._streams.values():

@@ -5,15 +5,24 @@
 from __future__ import annotations
 
 import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import InputError
 from services.ros_messages.message_types import RosTypes
+
+#: Time and size of messages after which they are committed to a database: a process that is killed loses
+#: later ones.
+_COMMIT_S, _COMMIT_BYTES = 1.0, 16_000_000
 
 
 class MessageStorage(Protocol):
@@ -29,6 +38,9 @@ class MessageStorage(Protocol):
 
     def close(self) -> None:
         """Complete the file."""
+
+    def keep(self) -> None:
+        """Give a file that cannot be completed its name: it is read up to its end."""
 
     def abort(self) -> None:
         """Remove the file."""
@@ -57,39 +69,83 @@ class Bag1Storage(MessageStorage):
         self._writer.close()
         self._part.replace(self._path)
 
+    def keep(self) -> None:
+        """Give the file its name without its index."""
+        self._close_file()
+        self._part.replace(self._path)
+
     def abort(self) -> None:
         """Remove the file."""
-        self._writer.close()
+        self._close_file()
         self._part.unlink(missing_ok=True)
+
+    def _close_file(self) -> None:
+        """Close the file without its index; on a full disk also without its last bytes."""
+        with suppress(OSError):
+            if self._writer.bio is not None:
+                self._writer.bio.close()
 
 
 class Bag2Storage(MessageStorage):
-    """The folder of a ROS 2 bag with an SQLite database; raises InputError if the folder exists."""
+    """The folder of a ROS 2 bag with an SQLite database.
+
+    Raises InputError if the folder exists, or its path has a character that rosbags does not write.
+    """
 
     def __init__(self, path: Path) -> None:
         if path.exists():
             raise InputError(f"log {path}: exists already; remove it, or name another folder")
+        if found := sorted(set("#?%") & set(str(path.resolve()))):
+            # rosbags opens the database by a URI in which these have another meaning.
+            raise InputError(
+                f"log {path}: {' '.join(found)} cannot be in the path of a new ROS 2 bag; write it elsewhere "
+                "and move it, or write NAME.mcap"
+            )
         self.types = RosTypes(2)
         self._path = path
         self._writer = Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
-        self._writer.open()
+        with _database_errors():
+            self._writer.open()
+        assert isinstance(self._writer.storage, Sqlite3Writer)
+        self._database = self._writer.storage.conn
+        self._uncommitted_bytes, self._committed_s = 0, monotonic_s()
 
     def add_topic(self, topic: str, type_name: str) -> Any:
         """Return the connection of a new topic."""
-        return self._writer.add_connection(topic, type_name, typestore=self.types.store)
+        with _database_errors():
+            return self._writer.add_connection(topic, type_name, typestore=self.types.store)
 
     def write(self, key: Any, stamp_ns: int, data: memoryview | bytes) -> None:
         """Append a message."""
-        self._writer.write(key, stamp_ns, data)
+        with _database_errors():
+            self._writer.write(key, stamp_ns, data)
+            self._uncommitted_bytes += len(data)
+            if self._uncommitted_bytes > _COMMIT_BYTES or monotonic_s() - self._committed_s > _COMMIT_S:
+                self._database.commit()
+                self._uncommitted_bytes, self._committed_s = 0, monotonic_s()
 
     def close(self) -> None:
         """Write the metadata."""
-        self._writer.close()
+        with _database_errors():
+            self._writer.close()
+
+    def keep(self) -> None:
+        """Close the database without the messages that were not committed."""
+        self._database.close()
 
     def abort(self) -> None:
         """Remove the folder."""
-        self._writer.close()
+        self._database.close()
         shutil.rmtree(self._path)
+
+
+@contextmanager
+def _database_errors() -> Iterator[None]:
+    """Convert an error of SQLite, such as of a full disk, to an OSError."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from error
 
 
 class McapStorage(MessageStorage):
@@ -124,7 +180,14 @@ class McapStorage(MessageStorage):
         self._file.close()
         self._part.replace(self._path)
 
+    def keep(self) -> None:
+        """Give the file its name without its index."""
+        with suppress(OSError):
+            self._file.close()
+        self._part.replace(self._path)
+
     def abort(self) -> None:
         """Remove the file."""
-        self._file.close()
+        with suppress(OSError):  # of a full disk, which the last bytes cannot be written to
+            self._file.close()
         self._part.unlink(missing_ok=True)

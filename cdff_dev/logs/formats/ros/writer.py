@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from cdff_common.errors import CodecError, InputError
+from cdff_common.errors import CodecError, InputError, StorageError
 from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder, storage_errors
 from cdff_common.types import TransformWithCovariance
@@ -209,9 +209,18 @@ class RosWriter(LogSink):
             self._add(Outgoing(NAMES_TOPIC, "std_msgs/msg/String", text), self._last_ns)
             self._storage.close()
 
+    def keep(self) -> None:
+        """Give an incomplete log its name."""
+        with storage_errors(self._name):
+            self._storage.keep()
+
     def __exit__(self, *error: object) -> None:
         if error[0] is None:
-            self.close()
+            try:
+                self.close()
+            except StorageError:
+                self._storage.abort()
+                raise
         elif not self._closed:
             self._closed = True
             self._storage.abort()

@@ -52,6 +52,7 @@ SETS = [
         ),
         ("T.txt", b"1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n", "pose as a matrix (for cdff run NAME guess=FILE)"),
         ("README.txt", b"SET: clouds\n", "text"),
+        ("run.bag", b"", "empty file of 0 bytes: its recording or copy did not start"),
     ],
 )
 def test_a_file_that_is_no_recording_is_described(

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from cdff_dev.play.control import keyboard, keys_of, on_key
+from cdff_dev.play.display import progress_text
 
 
 class _Player:
@@ -28,7 +29,8 @@ class _Player:
 
     def status(self) -> dict[str, Any]:
         state = {"paused": self.is_paused, "speed": self.speed, "loop": False, "ended": False}
-        return state | {"now_ns": self.now_ns(), "start_ns": 0}
+        counts = {"published": 7, "dropped": 0, "t_end_ns": self.progress.t_end_ns}
+        return state | counts | {"now_ns": self.now_ns(), "start_ns": 0}
 
     def now_ns(self) -> int:
         return 50_000_000_000
@@ -74,6 +76,11 @@ def test_each_key_has_its_effect() -> None:
     assert not stop.is_set()
     on_key(player, stop, "q")  # type: ignore[arg-type]
     assert stop.is_set()
+
+
+def test_progress_states_position_end_and_samples() -> None:
+    text = progress_text(_Player())  # type: ignore[arg-type]
+    assert text == "playing at 50.000 s of 100.000 s, speed 1, 7 samples"
 
 
 def test_the_end_of_a_terminal_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -86,6 +86,32 @@ def test_a_repeated_log_continues_time_and_odometry(log: LogSource) -> None:
     assert len({sample.seq for sample in samples if sample.stream == IMU}) == 303
 
 
+def test_the_stamps_of_static_poses_do_not_set_the_time_of_a_part(log: LogSource, tmp_path: Path) -> None:
+    with LogWriter(tmp_path / "b.msg") as writer:
+        for sample in log.samples():
+            writer.write(sample.stream, sample.value, sample.stamp_ns)
+        pose = TransformWithCovariance.from_transform(
+            UncertainTransform.identity(), parent="base", child="imu", stamp_ns=S
+        )
+        writer.write("/mana/tf_static.imu", pose, 1_000_000_000 * S)
+    with open_log(tmp_path / "b.msg") as static:
+        part = LogPart(static, start="-2")
+        assert next(sample.stamp_ns for sample in part.samples()) == 108 * S
+        assert max(info.t1_ns for info in part.streams.values()) == 110 * S
+        assert part.left_out == ["/mana/tf_static.imu"]
+
+
+@pytest.mark.parametrize(
+    ("start", "duration_s"), [("0", 2.97), ("3.04", 2.97), ("3.04", 1.0), ("-1.55", None)]
+)
+def test_a_repeated_part_has_no_gap_between_its_laps(
+    log: LogSource, start: str, duration_s: float | None
+) -> None:
+    looped = LoopedLog(LogPart(log, ["*/imu.*"], start, duration_s))
+    stamps_ns = [sample.stamp_ns for sample in islice(looped.samples(), 200)]
+    assert set(np.diff(stamps_ns)) == {S // 10}
+
+
 def test_a_log_is_read_from_a_stamp_on_like_its_rest(log: LogSource) -> None:
     later = [(s.stream, s.seq) for s in log.samples() if s.stamp_ns >= 104 * S]
     assert [(s.stream, s.seq) for s in log.samples_from(104 * S)] == later

@@ -96,7 +96,7 @@ def test_a_log_that_cannot_be_continued_ends_the_recording_with_the_reason(tmp_p
         )
         bus.publish(message)
         assert ended.is_set() == (n >= 5)
-    with pytest.raises(StorageError, match=r"run_001\.mcap exists.*; 5 samples were written before"):
+    with pytest.raises(StorageError, match=r"run_001\.mcap exists.*; of 5 samples.*run_000\.mcap"):
         recorder.close()
     assert (tmp_path / "run_001.mcap").read_bytes() == b"another recording"
     with open_log(tmp_path / "run_000.mcap") as log:

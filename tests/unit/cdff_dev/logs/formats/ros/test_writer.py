@@ -150,3 +150,10 @@ def test_a_folder_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with pytest.raises(InputError, match="exists already"):
         create_ros_log(tmp_path / "run", LogMap())
+
+
+@pytest.mark.parametrize("name", ["a#b", "a?b", "a%20b"])
+def test_a_path_that_rosbags_would_write_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot be in the path of a new ROS 2 bag"):
+        create_ros_log(tmp_path / name, LogMap({}))
+    assert list(tmp_path.iterdir()) == []
