@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measure maps of a store: a window of 1000 x 1000 cells from 200 patches, and rendered tiles.
+"""Measure maps of a store: windows of 1000 x 1000 and 400 x 400 cells from 200 patches, and rendered tiles.
 
     python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--auxiliary] [--out FILE]
 
 The patches (``--side`` cells of 5 cm along an edge, every cell observed) have random positions in the window;
 with ``--auxiliary`` they have the auxiliary layers of ``digital_elevation_mapping`` too. For ``cold`` the
 store is opened again, so that nothing is decoded or rendered yet. The payload files may be in the page cache;
-disk times are not measured.
+disk times are not measured. The smaller window is also repeated, and repeated after the insertion of a patch.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
 from cdff_common.raster.tiles import Tile, level_of, tiles_over
 from cdff_common.types import ElevationMap
-from dpm_store import NewProduct, open_store
+from dpm_store import NewProduct, Store, open_store
 from dpm_store.maps.windows import WindowQuery
 from services.dpm.rendering.tiles import TileRequest, Tiles
 
@@ -134,6 +134,27 @@ def window(url: str, trials: int) -> dict[str, Any]:
     }
 
 
+def repeated_window(url: str, side: int, auxiliary: bool, trials: int) -> dict[str, Any]:
+    """Return the times of a window in the middle: the first, repeated ones, and the first after an insertion."""
+    edge_m = np.array([0.3, 0.7]) * SIDE_CELLS * CELL_M
+    query = WindowQuery(parse_region(f"bbox:{edge_m[0]},{edge_m[0]},{edge_m[1]},{edge_m[1]}"))
+    rng = np.random.default_rng(2)
+
+    def assemble(store: Store) -> dict[str, float]:
+        return timed(lambda: store.maps.elevation_window(query), 1)
+
+    with open_store(url, ManualClock(S)) as store:
+        store.search()
+        first, patches = assemble(store), len(store.maps.elevation_window(query).patches)
+        repeated = timed(lambda: store.maps.elevation_window(query), trials)
+        inserted = []
+        for seq in range(10_000, 10_000 + trials):
+            store.put_all([patch(rng, side, seq, auxiliary)])
+            inserted.append(assemble(store))
+    medians = {name: round(statistics.median(s[name] for s in inserted), 3) for name in inserted[0]}
+    return {"patches": patches, "first": first, "repeated": repeated, "after_insertion": medians}
+
+
 def tiles(url: str) -> dict[str, Any]:
     """Return the times of all tiles at the level of the patches, and of four overviews.
 
@@ -211,6 +232,7 @@ def main() -> int:
             },
             "window_1000x1000": window(url, args.trials),
             "tile_256x256": tiles(url),
+            "window_400x400": repeated_window(url, args.side, args.auxiliary, args.trials),
         }
     write_report(figures, args.out)
     return 0

@@ -47,6 +47,12 @@ class UncertainTransform:
         """Return the exact identity, a shared object with which composition is free."""
         return _IDENTITY
 
+    def equals(self, other: UncertainTransform) -> bool:
+        """Return whether both have exactly the same matrix and covariance."""
+        if self.covariance is None or other.covariance is None:
+            return self.covariance is other.covariance and np.array_equal(self.matrix, other.matrix)
+        return np.array_equal(self.matrix, other.matrix) and np.array_equal(self.covariance, other.covariance)
+
     @classmethod
     def exact(cls, matrix: ArrayLike) -> UncertainTransform:
         """Return a transform ``(4, 4)`` with zero covariance, such as a mount."""

@@ -22,6 +22,8 @@ _NO_COVARIANCE: NDArray[np.float64] = np.zeros((6, 6))
 _NO_LAYER = np.zeros((0, 0), np.float32)
 _NO_LAYER.setflags(write=False)
 _NO_SUMS: NDArray[np.float64] = np.zeros((0, 0, 5))
+#: Arrays of ``CellStatistics``.
+_STATISTICS = ("count", "mean", "m2", "minimum", "maximum", "newest_ns")
 
 
 @dataclass(slots=True, eq=False)
@@ -43,6 +45,17 @@ class WindowCells:
             self.with_auxiliary().add(part.auxiliary)
         self.statistics.add(part.statistics)
 
+    def copy(self, target: tuple[slice, slice], other: WindowCells, source: tuple[slice, slice]) -> None:
+        """Copy the cells of another grid at ``source`` to ``target``, where no cell has a height."""
+        if other.auxiliary is not None or self.auxiliary is not None:
+            auxiliary = self.with_auxiliary()
+            theirs = other.auxiliary or AuxiliaryLayers.unknown(
+                other.statistics.geometry, other.statistics.observed
+            )
+            auxiliary.sums[target] = theirs.sums[source]
+        for name in _STATISTICS:
+            getattr(self.statistics, name)[target] = getattr(other.statistics, name)[source]
+
     def select(self, slices: tuple[slice, slice], part: WindowCells, choice: Choice) -> None:
         """Replace the cells for which the rule prefers the part."""
         mine, theirs = self.statistics, part.statistics
@@ -60,7 +73,7 @@ class WindowCells:
         """Replace the selected cells at ``slices`` by those of a part."""
         if part.auxiliary is not None:
             np.copyto(self.with_auxiliary().sums[slices], part.auxiliary.sums, where=selected[..., None])
-        for name in ("count", "mean", "m2", "minimum", "maximum", "newest_ns"):
+        for name in _STATISTICS:
             np.copyto(getattr(self.statistics, name)[slices], getattr(part.statistics, name), where=selected)
 
 

@@ -107,8 +107,8 @@ class Mosaic:
         layers: Mapping[str, ArrayLike],
         t1_ns: int,
         T_window_map: UncertainTransform | None = None,
-    ) -> bool:
-        """Add one map; return whether it overlaps the window.
+    ) -> GridGeometry | None:
+        """Add one map; return the part of the window that it can overlap, or None.
 
         A map in the window's frame whose cells fit into those of the window is pooled exactly. Any other map
         is resampled: its cells are divided into 2 x 2 parts with a quarter of the heights each, and a part is
@@ -142,14 +142,14 @@ class Mosaic:
             )
         overlap = self._overlap(geometry, factor, T_window_map, layers)
         if overlap is None:
-            return False
+            return None
         self.patches += 1
         source = MapSource(
             geometry, arrays, self._auxiliary_of(geometry, layers), t1_ns, factor, T_window_map
         )
         if self.choice is Choice.POOLED and self._newest is None and factor == 1:
             source.pool_into(self._cells, self._within)
-            return True
+            return overlap
         part = WindowCells(CellStatistics.empty(overlap))
         source.pool_into(part, np.zeros(overlap.shape))
         slices = self.geometry.slices_of(overlap)
@@ -160,7 +160,18 @@ class Mosaic:
             self._cells.select(slices, part, self.choice)
         if self._newest is not None:
             self._newest.select(slices, part, Choice.NEWEST)
-        return True
+        return overlap
+
+    def copy_cells(self, other: Mosaic) -> None:
+        """Copy the common cells of another mosaic with the same rules; none of them may have a height."""
+        common = self.geometry.intersection(other.geometry)
+        if common is None:
+            return
+        target, source = self.geometry.slices_of(common), other.geometry.slices_of(common)
+        self._cells.copy(target, other._cells, source)
+        self._within[target] = other._within[source]
+        if self._newest is not None and other._newest is not None:
+            self._newest.copy(target, other._newest, source)
 
     def disagreeing(self) -> tuple[NDArray[np.bool_], int]:
         """Return the pooled cells ``(rows, cols)`` whose patches disagree, and their number.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from cdff_common.raster.cell_selection import Choice
 from dpm_store.maps.navigation import NavigationMaps
 from dpm_store.maps.patches import Patches, PatchSelection, bounds_each, overlapping
+from dpm_store.maps.pooled_blocks import PooledBlocks
 from dpm_store.maps.windows import (
     PatchUsage,
     Window,
@@ -51,6 +52,7 @@ class Maps:
 
     def __init__(self, patches: Patches) -> None:
         self.patches = patches
+        self._blocks = PooledBlocks(patches)
         self.navigation = NavigationMaps(patches.of("navigation_map", "NavigationMap"))
 
     def plan(self, query: WindowQuery) -> WindowPlan:
@@ -120,12 +122,16 @@ class Maps:
                 usage = PatchUsage.merged(usages)
                 return assembled, replace(usage, disagreeing=assembled.disagreeing, agreements=compared)
             choice = Choice.POOLED  # the maps of one robot share its errors
+        if auxiliary and selection.records:
+            pooled = self._blocks.pool(replace(query, choice=choice), selection, geometry)
+            if pooled is not None:
+                return pooled[0], replace(pooled[1], agreements=tuple(agreements or ()))
         mosaic = Mosaic(geometry, choice, query.disagreement, auxiliary=auxiliary)
         usage = add_patches(
             self.patches,
             selection,
             geometry,
-            lambda patch, T: mosaic.add(patch.geometry, patch.layers, patch.t1_ns, T),
+            lambda patch, T: mosaic.add(patch.geometry, patch.layers, patch.t1_ns, T) is not None,
         )
         assembled = mosaic.assembled()
         return assembled, replace(
@@ -149,8 +155,8 @@ class Maps:
         from cdff_common.raster.weighting import RobotCells
 
         parts, usages = [], []
-        pooled = replace(query, choice=Choice.POOLED)
         for robot in _robots_of(selection):
+            pooled = replace(query, choice=Choice.POOLED, robot=robot)
             of_robot = replace(selection, records=tuple(r for r in selection.records if r.robot == robot))
             assembled, usage = self.pool(pooled, of_robot, geometry, auxiliary=True)
             parts.append(RobotCells(robot, assembled))

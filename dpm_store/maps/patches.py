@@ -37,7 +37,7 @@ DERIVED_DFPC = "dpm"
 #: Largest number of patches of one window.
 MAX_PATCHES = 20_000
 #: Size of the cache of decoded elevation patches, bytes.
-CACHE_BYTES = 48 << 20
+CACHE_BYTES = 24 << 20
 #: Patches read together: at most so many, and at most so many bytes, unless one alone is larger.
 _BATCH, BATCH_BYTES = 32, 8 << 20
 #: Batches in memory: one is pooled while the next one is read.

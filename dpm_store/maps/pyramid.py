@@ -258,6 +258,6 @@ class Pyramid:
             self._patches,
             selection,
             geometry,
-            lambda patch, T: mosaic.add(patch.geometry, patch.layers, patch.t1_ns, T),
+            lambda patch, T: mosaic.add(patch.geometry, patch.layers, patch.t1_ns, T) is not None,
         )
         return mosaic.assembled().statistics

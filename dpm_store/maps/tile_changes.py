@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, func, select
 
-from cdff_common.geometry import UncertainTransform
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
 from dpm_store.frames.frames import FrameTable, HistoryView
@@ -75,7 +74,7 @@ class MapChanges:
                 box = None
                 for frame in sorted(self.frames_in_use):
                     old, new = before.find(frame, map_frame), after.find(frame, map_frame)
-                    if old is not None and new is not None and _is_same(old, new):
+                    if old is not None and new is not None and old.equals(new):
                         continue
                     box = _patches_box(connection, map_frame) if box is None else box
                     for T in (old, new):
@@ -90,12 +89,6 @@ class MapChanges:
             T = tree.find(frame, map_frame)
             if T is not None:
                 yield Change(frame, bounds_in(T, box), product, is_insertion)
-
-
-def _is_same(a: UncertainTransform, b: UncertainTransform) -> bool:
-    if a.covariance is None or b.covariance is None:
-        return a.covariance is b.covariance and np.array_equal(a.matrix, b.matrix)
-    return np.array_equal(a.matrix, b.matrix) and np.array_equal(a.covariance, b.covariance)
 
 
 def tiles_of_change(keys: Iterable[Key], change: Change, margin_cells: int = 0) -> list[Key]:
