@@ -154,7 +154,7 @@ class PooledBlocks:
 
     @contextmanager
     def _locked(self, keys: Sequence[BlockKey]) -> Iterator[list[Block]]:
-        """Lock the blocks of keys, which are in ascending order, so that no two windows wait for each other."""
+        """Lock the blocks of ascending keys, so that no two windows wait for each other."""
         with self._lock:
             blocks = [self._block(key) for key in keys]
         with ExitStack() as stack:
