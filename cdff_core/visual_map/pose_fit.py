@@ -77,7 +77,7 @@ def fit_pose(
     T = np.array(T_camera_map)
     for iteration in range(_ITERATIONS):
         limit = gate * max(1.0, _FIRST_GATE * 0.5**iteration)
-        residuals, J, W = _linearised(T, points, covariances, directions, sigma)
+        residuals, J, W = linearised_directions(T, points, covariances, directions, sigma)
         squares = np.einsum("ni,nij,nj->n", residuals, W, residuals)
         weights = np.maximum(1.0 - squares / limit**2, 0.0) ** 2
         JW = np.einsum("nia,nij,n->naj", J, W, weights)
@@ -93,7 +93,7 @@ def fit_pose(
     return PoseFit(T, np.linalg.inv(normal), inliers, factor)
 
 
-def _linearised(
+def linearised_directions(
     T: FloatArray, points: FloatArray, covariances: FloatArray, directions: FloatArray, sigma: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return residuals (n, 2), derivatives (n, 2, 6) by a perturbation from the left, weights (n, 2, 2)."""

@@ -22,12 +22,15 @@ from cdff_core.dfpcs.visual_localisation.interface import VisualLocalisationInte
 from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher, MapMatches
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.visual_map.features import FeatureExtractor
+from cdff_core.visual_map.focal_length import fit_focal_ratio
 from cdff_core.visual_map.pose_fit import PoseFit, fit_pose
 
 #: Images that wait for a map, and points of the cloud in the store.
 _MAX_WAITING, _MAX_CLOUD = 16, 100_000
 #: Focal length of the direction noise of keyframes, pixels: that of a camera of VGA size and 70 degrees.
 _MAP_FOCAL_PX = 450.0
+#: Difference of the focal length in standard deviations from which it is significant.
+_SIGNIFICANT = 4.0
 
 
 class VisualLocalisation(VisualLocalisationInterface):
@@ -84,16 +87,18 @@ class VisualLocalisation(VisualLocalisationInterface):
         frame: Frame = sample.value
         metrics: dict[str, float] = {}
         try:
-            pose = self._estimate(frame, metrics)
-            quality = Quality.from_reasons([], self.covariance_kind, metrics)
+            pose, reasons = self._estimate(frame, metrics)
+            quality = Quality.from_reasons(reasons, self.covariance_kind, metrics)
         except (InputError, RefusedError) as error:
             pose, quality = None, Quality.from_error(error, metrics)
             if isinstance(error, RefusedError):
                 quality = Quality.failed("not_on_the_map", *quality.reasons, metrics=metrics)
         return self._output(sample, pose, quality)
 
-    def _estimate(self, frame: Frame, metrics: dict[str, float]) -> UncertainTransform:
-        """Return T_map_camera; raises RefusedError with the reasons against the best pose."""
+    def _estimate(
+        self, frame: Frame, metrics: dict[str, float]
+    ) -> tuple[UncertainTransform, list[str]]:
+        """Return T_map_camera and its deficiencies; raises RefusedError with the reasons against it."""
         assert self._map is not None
         cfg = self.config
         camera = CameraModel.of_frame(frame)
@@ -128,7 +133,34 @@ class VisualLocalisation(VisualLocalisationInterface):
             reasons.append(f"large_covariance:{sigma_m:.2g}>{cfg.max_sigma_m}")
         if reasons:
             raise RefusedError("the image does not fit the map", reasons)
-        return pose
+        return pose, self._focal_length_reasons(fit, matches, directions, focal_px, metrics)
+
+    def _focal_length_reasons(
+        self,
+        fit: PoseFit,
+        matches: MapMatches,
+        directions: FloatArray,
+        focal_px: float,
+        metrics: dict[str, float],
+    ) -> list[str]:
+        """Return the reason if the matches contradict the stated focal length."""
+        cfg = self.config
+        ratio = fit_focal_ratio(
+            fit.T_camera_map,
+            matches.points_m,
+            matches.covariances,
+            directions,
+            cfg.sigma_px / focal_px,
+            cfg.gate,
+        )
+        if ratio is None:
+            return []
+        sigma = ratio.sigma * float(np.sqrt(cfg.correlation * max(fit.variance_factor, 1.0)))
+        metrics |= {"focal_length_ratio": ratio.value, "focal_length_ratio_sigma": sigma}
+        error = abs(ratio.value - 1.0)
+        if error < cfg.max_focal_error or error < _SIGNIFICANT * sigma:
+            return []
+        return [f"focal_length:{ratio.value * focal_px:.4g}!={focal_px:.4g}"]
 
     def _with_map_covariance(self, fit: PoseFit, matches: MapMatches) -> UncertainTransform:
         """Return T_map_camera with the covariance of the fit and of the poses of the matched keyframes."""

@@ -12,7 +12,7 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 class VisualLocalisationConfig(DfpcConfig):
     """Parameters of the DFN slots, of the search and of the estimate, and the gates of a result."""
 
-    candidates: int = Field(5, ge=1, le=100, description="Keyframes that are compared with the image")
+    candidates: int = Field(6, ge=1, le=100, description="Keyframes that are compared with the image")
     clusters: int = Field(64, ge=2, le=1024, description="Clusters of descriptors of the place index")
     sigma_px: float = Field(
         0.7, gt=0, le=10, description="Standard deviation of a feature, pixels of a camera without distortion"
@@ -33,8 +33,14 @@ class VisualLocalisationConfig(DfpcConfig):
         0.5, gt=0, description="Standard deviation of the position above which a pose is refused, metres"
     )
     correlation: float = Field(
-        2.0,
+        4.0,
         ge=1,
         le=100,
         description="Factor of the covariance: number of matches with one error, as on one object",
+    )
+    max_focal_error: float = Field(
+        0.01,
+        gt=0,
+        le=1,
+        description="Relative error of the stated focal length above which a significant one is reported",
     )

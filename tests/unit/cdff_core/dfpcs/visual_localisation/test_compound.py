@@ -130,3 +130,21 @@ def test_the_accuracy_of_the_map_enters_the_covariance() -> None:
     list(dfpc.step(Sample("map", 0, 0, VisualMap(base.metadata, graph, base.points))))
     (output,) = dfpc.step(Sample("image", 0, 1, image()))
     assert np.sqrt(output.value.transform.covariance[0, 0]) == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize("ratio", [0.94, 1.07])
+def test_a_wrong_focal_length_is_reported_with_its_estimate(ratio: float) -> None:
+    K = walls.K.copy()
+    K[0, 0] *= ratio
+    K[1, 1] *= ratio
+    frame = Frame.from_image(walls.view(T_QUERY), stamp_ns=0, camera_matrix=K, sensor="rover/camera")
+    output = located(node(), frame)
+    assert output.quality.status is Status.DEGRADED
+    (reason,) = output.quality.reasons
+    assert reason.startswith("focal_length:")
+    assert output.quality.metrics["focal_length_ratio"] == pytest.approx(1.0 / ratio, abs=0.01)
+
+
+def test_the_right_focal_length_is_confirmed() -> None:
+    metrics = located(node(), image()).quality.metrics
+    assert abs(metrics["focal_length_ratio"] - 1.0) < 3.0 * metrics["focal_length_ratio_sigma"] < 0.03
