@@ -15,7 +15,6 @@ from cdff_common.geometry.covariance import rotate_covariance
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.types import LidarMap, LidarScan, Pointcloud, PoseTrajectory
-from cdff_core.dfpcs.lidar_slam.checkpoint_schedule import CheckpointSchedule
 from cdff_core.dfpcs.lidar_slam.configuration import LidarSlamConfig
 from cdff_core.dfpcs.lidar_slam.interface import LidarSlamInterface
 from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyframeMap
@@ -24,6 +23,7 @@ from cdff_core.dfpcs.lidar_slam.motion_predictor import MotionPredictor
 from cdff_core.dfpcs.lidar_slam.products import ProductBuilder
 from cdff_core.dfpcs.lidar_slam.relocaliser import Relocaliser
 from cdff_core.dfpcs.lidar_slam.scan_tracker import ScanTracker, TrackingResult
+from cdff_core.keyframe_graph.checkpoint_schedule import CheckpointSchedule
 
 
 class LidarSlam(LidarSlamInterface):

@@ -14,8 +14,9 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import LidarMap
 from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
 from cdff_core.dfpcs.lidar_slam.keyframe_map import Keyframe, KeyframeMap
-from cdff_core.dfpcs.lidar_slam.loop_closure import Loop, LoopCloser
-from cdff_core.dfpcs.lidar_slam.trajectory import Trajectory
+from cdff_core.dfpcs.lidar_slam.loop_closure import LoopCloser
+from cdff_core.keyframe_graph.loops import Loop
+from cdff_core.keyframe_graph.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from cdff_common.interfaces.dfpc import Dfpc

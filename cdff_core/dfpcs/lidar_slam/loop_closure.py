@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.errors import InputError, RefusedError
-from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Quality, Status
 from cdff_core.cloud_matching.acceptance import registration_quality
@@ -22,6 +22,7 @@ from cdff_core.cloud_matching.search import AlignmentSearch
 from cdff_core.dfns.loop_detection.interface import LoopDetectionInputs, LoopDetectionOutputs
 from cdff_core.dfpcs.lidar_slam.configuration import LoopGates
 from cdff_core.dfpcs.lidar_slam.keyframe_map import Keyframe, KeyframeMap
+from cdff_core.keyframe_graph.loops import DriftLimits, Loop
 
 Float = NDArray[np.float64]
 
@@ -29,22 +30,8 @@ Float = NDArray[np.float64]
 MATCHING_GATES = MatchingGates(candidates=2, min_overlap=0.4, good_overlap=0.4, good_agreement=0.5)
 #: Number of prepared clouds of keyframes in the cache.
 _CACHED_CLOUDS = 16
-#: Tolerances between a loop and the graph: a constant part and a part per metre of the loop's length.
-_TRANSLATION_M, _TRANSLATION_RATIO, _ROTATION_RAD, _ROTATION_RAD_PER_M = 0.5, 0.03, 0.05, 0.001
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Loop:
-    """A verified loop: ``T_old_new`` of two keyframes."""
-
-    old: int
-    new: int
-    T: UncertainTransform
-
-    @property
-    def distance_m(self) -> float:
-        """Distance between both keyframes."""
-        return float(np.linalg.norm(self.T.matrix[:3, 3]))
+#: Tolerances between a loop and the graph.
+_DRIFT = DriftLimits(0.5, 0.03, 0.05, 0.001)
 
 
 class LoopCloser:
@@ -141,7 +128,7 @@ class LoopCloser:
         }
         position_m = keyframes.poses[key][:3, 3]
         for k, length_m in path_lengths_m.items():
-            range_m = _TRANSLATION_M + _TRANSLATION_RATIO * length_m + self._gates.search_radius_m
+            range_m = _DRIFT.translation(length_m) + self._gates.search_radius_m
             if keyframes.distance_m(k, position_m) >= range_m:
                 descriptors.pop(k, None)
         if not descriptors:
@@ -188,7 +175,7 @@ class LoopCloser:
         if quality.status is Status.FAILED:
             self.refusals[quality.reasons[0].split(":")[0]] += 1
             return None
-        if old in path_lengths_m and not self._agrees(keyframes, old, key, T_old_key, path_lengths_m[old]):
+        if old in path_lengths_m and not _DRIFT.explain(keyframes, old, key, T_old_key, path_lengths_m[old]):
             self.refusals["contradicts_graph"] += 1
             return None
         return Loop(old, key, registration.transform)
@@ -196,17 +183,6 @@ class LoopCloser:
     @staticmethod
     def _quality(registration: Registration) -> Quality:
         return registration_quality(registration, registration.overlap, MATCHING_GATES)
-
-    def _agrees(
-        self, keyframes: KeyframeMap, old: int, key: int, T_old_key: Float, loop_length_m: float
-    ) -> bool:
-        """Return whether drift over the length of the loop explains its difference from the graph."""
-        T_old_key_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[key]
-        difference_m = float(np.linalg.norm((T_old_key_graph - T_old_key)[:3, 3]))
-        R_difference = (T_old_key @ se3.inverse(keyframes.poses[key]) @ keyframes.poses[old])[:3, :3]
-        allowed_m = _TRANSLATION_M + _TRANSLATION_RATIO * loop_length_m
-        allowed_rad = _ROTATION_RAD + _ROTATION_RAD_PER_M * loop_length_m
-        return difference_m <= allowed_m and float(se3.rotation_angle(R_difference)) <= allowed_rad
 
     def _cloud(self, keyframes: KeyframeMap, key: int) -> Cloud | None:
         """Return the prepared cloud of a keyframe; None if too few points remain."""

@@ -8,25 +8,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cdff_common.errors import ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Output
 from cdff_common.interfaces.product import CovarianceKind, Quality
-from cdff_common.types import (
-    LidarMap,
-    LidarScan,
-    Pointcloud,
-    PoseGraph,
-    PoseTrajectory,
-)
+from cdff_common.types import LidarMap, LidarScan, Pointcloud
 from cdff_core.dfpcs.lidar_slam.configuration import TrackingGates
 from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper
 from cdff_core.dfpcs.lidar_slam.quality import degradation_reasons, registration_metrics
 from cdff_core.dfpcs.lidar_slam.relocaliser import Relocaliser
 from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
+from cdff_core.keyframe_graph.products import GraphProducts
 
 
-class ProductBuilder:
+class ProductBuilder(GraphProducts):
     """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and that of the lidar."""
 
     def __init__(
@@ -38,13 +32,9 @@ class ProductBuilder:
         mapper: KeyframeMapper,
         relocaliser: Relocaliser,
     ) -> None:
-        self._producer, self._gates = producer, gates
-        self._mapper, self._relocaliser = mapper, relocaliser
-        self._map_frame, self._odom_frame, self._lidar_frame = (
-            f"{robot}/slam",
-            f"{robot}/lidar_odom",
-            lidar_frame,
-        )
+        super().__init__(producer, f"{robot}/slam", mapper)
+        self._gates, self._mapper, self._relocaliser = gates, mapper, relocaliser
+        self._odom_frame, self._lidar_frame = f"{robot}/lidar_odom", lidar_frame
         self.clear()
 
     def clear(self) -> None:
@@ -77,22 +67,15 @@ class ProductBuilder:
         else:
             yield self._pose("pose", self._map_frame, tracking.with_noise(T_map_lidar), scan, quality)
 
-    def reports(self, stamp_ns: int | None = None) -> Iterator[Output]:
-        """Yield the current trajectory and graph."""
-        first_ns, quality = self._mapper.first_ns, self.map_quality()
-        stamp_ns = self._mapper.newest_ns if stamp_ns is None else stamp_ns
-        if (trajectory := self.stored_trajectory()) is not None:
-            yield Output(
-                "trajectory",
-                trajectory,
-                first_ns,
-                stamp_ns,
-                self._map_frame,
-                self._lidar_frame,
-                quality,
-                self._inputs,
-            )
-        yield Output("graph", self.graph(), first_ns, stamp_ns, self._map_frame, None, quality, self._inputs)
+    @property
+    def sensor_frame(self) -> str:
+        """Frame of the lidar."""
+        return self._lidar_frame
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Id of the newest sweep."""
+        return self._inputs
 
     def cloud_output(self) -> Output:
         """Return the whole map as an output."""
@@ -103,13 +86,13 @@ class ProductBuilder:
 
     def cloud(self, voxel_m: float) -> Pointcloud:
         """Return the whole map as a cloud; raises ProductNotFoundError without a map."""
-        self._require_map()
+        self.require_map()
         points_m = self._mapper.cloud(voxel_m)
         return Pointcloud.from_points(points_m, frame=self._map_frame, stamp_ns=self._mapper.newest_ns)
 
     def lidar_map(self) -> LidarMap:
         """Return all keyframes and the position of the lidar; raises ProductNotFoundError without a map."""
-        self._require_map()
+        self.require_map()
         mapper, position = self._mapper, self._relocaliser.last_position
         if mapper.current is not None:
             mapper.update_cloud(describe=False)
@@ -117,31 +100,6 @@ class ProductBuilder:
         return mapper.keyframes.to_message(
             frame=self._map_frame, sensor=self._lidar_frame, producer=self._producer, position=position
         )
-
-    def graph(self) -> PoseGraph:
-        """Return the pose graph of the linked keyframes; the poses of others in the map are unknown."""
-        return self._mapper.keyframes.to_graph(
-            self._mapper.linked, frame=self._map_frame, producer=self._producer
-        )
-
-    def trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
-        """Return ``T_slam_lidar`` between two times; raises ProductNotFoundError without a pose there."""
-        stamps, poses, covariances = self._mapper.trajectory.in_map(self._mapper.keyframes, t0_ns, t1_ns)
-        if not len(stamps):
-            raise ProductNotFoundError(f"{self._producer}: no pose between {t0_ns} and {t1_ns}")
-        return PoseTrajectory.from_arrays(
-            stamps,
-            poses,
-            covariances,
-            parent=self._map_frame,
-            child=self._lidar_frame,
-            producer=self._producer,
-        )
-
-    def stored_trajectory(self) -> PoseTrajectory | None:
-        """Return the whole trajectory; None if no pose in the map is known."""
-        is_localised = self._mapper.trajectory.is_localised(self._mapper.keyframes)
-        return self.trajectory(-1, -1) if is_localised else None
 
     def map_quality(self) -> Quality:
         """Return the quality of the map: degraded sweeps and keyframes that are not linked."""
@@ -183,7 +141,3 @@ class ProductBuilder:
             inputs=self._inputs,
             producer=self._producer,
         )
-
-    def _require_map(self) -> None:
-        if not len(self._mapper.keyframes):
-            raise ProductNotFoundError(f"{self._producer}: nothing has been mapped yet")

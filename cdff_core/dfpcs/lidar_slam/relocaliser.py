@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_core.dfpcs.lidar_slam.checkpoint_schedule import is_power_of_two
+from cdff_core.keyframe_graph.checkpoint_schedule import is_power_of_two
 
 if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper

@@ -95,9 +95,7 @@ class VisualLocalisation(VisualLocalisationInterface):
                 quality = Quality.failed("not_on_the_map", *quality.reasons, metrics=metrics)
         return self._output(sample, pose, quality)
 
-    def _estimate(
-        self, frame: Frame, metrics: dict[str, float]
-    ) -> tuple[UncertainTransform, list[str]]:
+    def _estimate(self, frame: Frame, metrics: dict[str, float]) -> tuple[UncertainTransform, list[str]]:
         """Return T_map_camera and its deficiencies; raises RefusedError with the reasons against it."""
         assert self._map is not None
         cfg = self.config

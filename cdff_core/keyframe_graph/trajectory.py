@@ -1,15 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses of the lidar relative to keyframes, so that later loop closures correct them."""
+"""Poses of a sensor relative to keyframes, so that later loop closures correct them."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.covariance import compose_covariance, rotate_covariance
-from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyframeMap
+from cdff_core.keyframe_graph.graph import KeyframeGraph
 
 Float = NDArray[np.float64]
 
@@ -18,7 +20,7 @@ _CAPACITY = 20_000
 
 
 class Trajectory:
-    """Trajectory of the lidar: for each stamp the keyframe and ``T_keyframe_lidar``."""
+    """Trajectory of a sensor: for each stamp the keyframe and ``T_keyframe_sensor``."""
 
     def __init__(self, capacity: int = _CAPACITY) -> None:
         self._capacity = capacity
@@ -35,21 +37,21 @@ class Trajectory:
         """Stamp of the newest pose; -1 without one."""
         return self._stamps_ns[-1] if self._stamps_ns else -1
 
-    def is_localised(self, keyframes: KeyframeMap) -> bool:
+    def is_localised(self, keyframes: KeyframeGraph[Any]) -> bool:
         """Return whether any pose belongs to a keyframe connected with the root."""
         return not keyframes.component(keyframes.root).isdisjoint(self._keys)
 
-    def append(self, stamp_ns: int, key: int, T_keyframe_lidar: UncertainTransform) -> None:
+    def append(self, stamp_ns: int, key: int, T_keyframe_sensor: UncertainTransform) -> None:
         """Append the newest pose; above the capacity, first remove every second pose of the older half."""
-        assert T_keyframe_lidar.covariance is not None  # every increment has one
+        assert T_keyframe_sensor.covariance is not None  # every increment has one
         if len(self) >= self._capacity:
             half = len(self) // 2
             for column in (self._stamps_ns, self._keys, self._poses, self._covariances):
                 del column[1:half:2]
         self._stamps_ns.append(stamp_ns)
         self._keys.append(key)
-        self._poses.append(np.array(T_keyframe_lidar.matrix))
-        self._covariances.append(np.array(T_keyframe_lidar.covariance))
+        self._poses.append(np.array(T_keyframe_sensor.matrix))
+        self._covariances.append(np.array(T_keyframe_sensor.covariance))
 
     def move(self, key: int, new_key: int, T_new_key: Float) -> None:
         """Express the poses relative to one keyframe relative to another, by ``T_new_key`` (4, 4)."""
@@ -59,7 +61,7 @@ class Trajectory:
                 self._covariances[i] = rotate_covariance(self._covariances[i], T_new_key[:3, :3])
 
     def in_map(
-        self, keyframes: KeyframeMap, t0_ns: int, t1_ns: int
+        self, keyframes: KeyframeGraph[Any], t0_ns: int, t1_ns: int
     ) -> tuple[NDArray[np.int64], Float, Float]:
         """Return stamps (n,), poses (n, 4, 4) and covariances (n, 6, 6) in the map frame.
 

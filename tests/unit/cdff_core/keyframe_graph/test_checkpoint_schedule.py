@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
-from cdff_core.dfpcs.lidar_slam.checkpoint_schedule import CheckpointSchedule, is_power_of_two
+from cdff_core.keyframe_graph.checkpoint_schedule import CheckpointSchedule, is_power_of_two
 
 
 def test_at_rest_a_checkpoint_is_due_after_powers_of_two_sweeps() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_core.dfpcs.lidar_slam.keyframe_map import KeyframeMap
-from cdff_core.dfpcs.lidar_slam.trajectory import Trajectory
+from cdff_core.keyframe_graph.trajectory import Trajectory
 
 
 def pose_at(x_m: float) -> UncertainTransform:

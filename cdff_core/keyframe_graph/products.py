@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Trajectory and graph of a SLAM as products."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+from cdff_common.errors import ProductNotFoundError
+from cdff_common.interfaces.dfpc import Output
+from cdff_common.interfaces.product import Quality
+from cdff_common.types import PoseGraph, PoseTrajectory
+from cdff_core.keyframe_graph.graph import KeyframeGraph
+from cdff_core.keyframe_graph.trajectory import Trajectory
+
+
+class Mapper(Protocol):
+    """Map under construction."""
+
+    trajectory: Trajectory
+
+    @property
+    def keyframes(self) -> KeyframeGraph[Any]:
+        """Keyframes and pose graph."""
+
+    @property
+    def linked(self) -> set[int]:
+        """Keyframes connected with the root."""
+
+    @property
+    def first_ns(self) -> int:
+        """Stamp of the oldest keyframe."""
+
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest keyframe or pose."""
+
+
+class GraphProducts:
+    """Builds the products of trajectory and graph in the map frame."""
+
+    def __init__(self, producer: str, map_frame: str, mapper: Mapper) -> None:
+        self._producer, self._map_frame, self._graph_of = producer, map_frame, mapper
+
+    def graph(self) -> PoseGraph:
+        """Return the pose graph of the linked keyframes; the poses of others in the map are unknown."""
+        keyframes = self._graph_of.keyframes
+        return keyframes.to_graph(self._graph_of.linked, frame=self._map_frame, producer=self._producer)
+
+    def trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
+        """Return ``T_map_sensor`` between two times; raises ProductNotFoundError without a pose there."""
+        mapper = self._graph_of
+        stamps, poses, covariances = mapper.trajectory.in_map(mapper.keyframes, t0_ns, t1_ns)
+        if not len(stamps):
+            raise ProductNotFoundError(f"{self._producer}: no pose between {t0_ns} and {t1_ns}")
+        return PoseTrajectory.from_arrays(
+            stamps,
+            poses,
+            covariances,
+            parent=self._map_frame,
+            child=self.sensor_frame,
+            producer=self._producer,
+        )
+
+    def stored_trajectory(self) -> PoseTrajectory | None:
+        """Return the whole trajectory; None if no pose in the map is known."""
+        is_localised = self._graph_of.trajectory.is_localised(self._graph_of.keyframes)
+        return self.trajectory(-1, -1) if is_localised else None
+
+    def reports(self, stamp_ns: int | None = None) -> Iterator[Output]:
+        """Yield the current trajectory and graph."""
+        mapper, quality, frame = self._graph_of, self.map_quality(), self._map_frame
+        stamp_ns = mapper.newest_ns if stamp_ns is None else stamp_ns
+        span = (mapper.first_ns, stamp_ns)
+        if (trajectory := self.stored_trajectory()) is not None:
+            yield Output("trajectory", trajectory, *span, frame, self.sensor_frame, quality, self.inputs)
+        yield Output("graph", self.graph(), *span, frame, None, quality, self.inputs)
+
+    @property
+    def sensor_frame(self) -> str:
+        """Frame of the sensor."""
+        raise NotImplementedError
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Ids of the newest inputs."""
+        raise NotImplementedError
+
+    def map_quality(self) -> Quality:
+        """Return the quality of the map."""
+        raise NotImplementedError
+
+    def require_map(self) -> None:
+        """Raise ProductNotFoundError without a keyframe."""
+        if not len(self._graph_of.keyframes):
+            raise ProductNotFoundError(f"{self._producer}: nothing has been mapped yet")
