@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cdff_common.arrays import BoolArray, Float32Array, FloatArray
+from cdff_common.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
@@ -33,6 +34,21 @@ _DEPTH_SIGMA_PER_M = 0.003
 _MAX_OFFSET_PX, _MAX_DEPTH_RATIO = 1.5, 1.05
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPoints:
+    """Points of the features whose depth was measured.
+
+    Attributes
+    ----------
+    points : KeyframePoints
+    features : ndarray of int, shape (n,)
+        Row of the feature of each point.
+    """
+
+    points: KeyframePoints
+    features: IntArray
+
+
 def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: MatchingDfn) -> KeyframePoints:
     """Return the features of the left image with a unique disparity.
 
@@ -41,15 +57,9 @@ def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: Matching
     InputError
         If the camera matrix or the baseline is invalid.
     """
-    camera = RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
-    left, right = grey_image(pair.left), grey_image(pair.right)
-    features = extractor.extract(left, CameraModel.of_frame(pair.left))
-    matched = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
-    least = camera.fx / _MAX_BASELINES
-    usable = matched.valid & (np.where(matched.valid, matched.disparities, 0.0) > least)
-    depths = camera.fx * camera.baseline_m / matched.disparities[usable]
-    sigmas = depths * _DISPARITY_SIGMA_PX / matched.disparities[usable]
-    return _points(features, usable, depths, sigmas)
+    RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+    features = extractor.extract(grey_image(pair.left), CameraModel.of_frame(pair.left))
+    return measured_by_pair(pair, features, match).points
 
 
 def points_of_depth(
@@ -65,10 +75,43 @@ def points_of_depth(
     InputError
         If the depth image does not have the stated size.
     """
-    if len(depth.data) != depth.width * depth.height:
-        raise InputError(f"depth image: {len(depth.data)} distances, expected {depth.width} x {depth.height}")
     camera = CameraModel.of_frame(frame)
     features = extractor.extract(grey_image(frame), camera)
+    return measured_by_depth(depth, features, camera.fx, T_camera_depth).points
+
+
+def measured_by_pair(pair: FramePair, features: ImageFeatures, match: MatchingDfn) -> MeasuredPoints:
+    """Return the points of the features of the left image that have a unique disparity.
+
+    Raises
+    ------
+    InputError
+        If the camera matrix or the baseline is invalid.
+    """
+    camera = RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+    left, right = grey_image(pair.left), grey_image(pair.right)
+    matched = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
+    least = camera.fx / _MAX_BASELINES
+    usable = matched.valid & (np.where(matched.valid, matched.disparities, 0.0) > least)
+    depths = camera.fx * camera.baseline_m / matched.disparities[usable]
+    sigmas = depths * _DISPARITY_SIGMA_PX / matched.disparities[usable]
+    return _points(features, usable, depths, sigmas)
+
+
+def measured_by_depth(
+    depth: DistanceImage, features: ImageFeatures, focal_px: float, T_camera_depth: FloatArray
+) -> MeasuredPoints:
+    """Return the points of the features of a colour image whose depth the depth image determines.
+
+    ``focal_px`` is the focal length of the colour camera.
+
+    Raises
+    ------
+    InputError
+        If the depth image does not have the stated size.
+    """
+    if len(depth.data) != depth.width * depth.height:
+        raise InputError(f"depth image: {len(depth.data)} distances, expected {depth.width} x {depth.height}")
     points = se3.transform_points(T_camera_depth, _depth_points(depth))
     points = points[points[:, 2] > 0.1]
     if len(points) < 4 or not len(features):
@@ -76,7 +119,7 @@ def points_of_depth(
     tree = cKDTree(points[:, :2] / points[:, 2:])
     offsets, rows = tree.query(features.directions, k=4)
     z = points[rows, 2]
-    usable = (offsets[:, 3] * camera.fx < 2.0 * _MAX_OFFSET_PX) & (z.max(1) < _MAX_DEPTH_RATIO * z.min(1))
+    usable = (offsets[:, 3] * focal_px < 2.0 * _MAX_OFFSET_PX) & (z.max(1) < _MAX_DEPTH_RATIO * z.min(1))
     depths = z[usable].mean(axis=1)
     return _points(features, usable, depths, _DEPTH_SIGMA_PER_M * depths**2)
 
@@ -108,6 +151,7 @@ def _depth_points(depth: DistanceImage) -> FloatArray:
 
 def _points(
     features: ImageFeatures, usable: BoolArray, depths: FloatArray, sigmas: FloatArray
-) -> KeyframePoints:
+) -> MeasuredPoints:
     directions = np.column_stack([features.directions[usable], np.ones(len(depths))])
-    return KeyframePoints(directions * depths[:, None], sigmas, features.descriptors[usable])
+    points = KeyframePoints(directions * depths[:, None], sigmas, features.descriptors[usable])
+    return MeasuredPoints(points, np.flatnonzero(usable))

@@ -12,23 +12,22 @@ from cdff_common.arrays import FloatArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.geometry.covariance import compose_covariance, rotate_covariance
+from cdff_common.geometry.covariance import compose_covariance
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
 from cdff_common.types import Frame, Pointcloud, TransformWithCovariance
-from cdff_core.dfns.perspective_n_point_solving.interface import PerspectiveNPointSolvingInputs
 from cdff_core.dfpcs.visual_localisation.configuration import VisualLocalisationConfig
 from cdff_core.dfpcs.visual_localisation.interface import VisualLocalisationInterface
-from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher, MapMatches
+from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher
 from cdff_core.imaging.grey import checked_image, grey_image
+from cdff_core.visual_map.camera_pose import CameraPose, CameraPoseSolver
 from cdff_core.visual_map.features import FeatureExtractor
 from cdff_core.visual_map.focal_length import fit_focal_ratio
-from cdff_core.visual_map.pose_fit import PoseFit, fit_pose
+from cdff_core.visual_map.matches import MAP_FOCAL_PX, MapMatches
+from cdff_core.visual_map.pose_fit import PoseFit
 
 #: Images that wait for a map, and points of the cloud in the store.
 _MAX_WAITING, _MAX_CLOUD = 16, 100_000
-#: Focal length of the direction noise of keyframes, pixels: that of a camera of VGA size and 70 degrees.
-_MAP_FOCAL_PX = 450.0
 #: Difference of the focal length in standard deviations from which it is significant.
 _SIGNIFICANT = 4.0
 
@@ -42,7 +41,10 @@ class VisualLocalisation(VisualLocalisationInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the state, offer the store items."""
         self._extractor = FeatureExtractor(self.dfn("detect"), self.dfn("describe"))
-        self._match, self._solve = self.dfn("match"), self.dfn("solve", seed=self.context.seed)
+        self._match = self.dfn("match")
+        self._pose_solver = CameraPoseSolver(
+            self.dfn("solve", seed=self.context.seed), self.config.sigma_px, self.config.gate
+        )
         self._waiting: list[Sample] = []
         self._last: TransformWithCovariance | None = None
         self.forget_map()
@@ -58,7 +60,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         """Replace the map; locate the images that waited for it."""
         cfg = self.config
         self._map = MapMatcher(
-            sample.value, self._match, cfg.clusters, cfg.sigma_px / _MAP_FOCAL_PX, self.context.seed
+            sample.value, self._match, cfg.clusters, cfg.sigma_px / MAP_FOCAL_PX, self.context.seed
         )
         self._map_id = sample.id
         waiting, self._waiting = self._waiting, []
@@ -103,23 +105,11 @@ class VisualLocalisation(VisualLocalisationInterface):
         features = self._extractor.extract(checked_image(grey_image(frame)), camera)
         matches = self._map.match(features, cfg.candidates)
         metrics |= {"features": float(len(features)), "matches": float(len(matches))}
-        directions = features.directions[matches.features]
         focal_px = float(np.sqrt(camera.fx * camera.fy))
-        start = self._solve.process(
-            PerspectiveNPointSolvingInputs(
-                points=matches.points_m,
-                projections=focal_px * directions,
-                camera_matrix=np.diag([focal_px, focal_px, 1.0]),
-            )
-        )
-        fit = fit_pose(
-            start.camera, matches.points_m, matches.covariances, directions, cfg.sigma_px / focal_px, cfg.gate
-        )
-        # A feature that matches several keyframes is one measurement of the image.
-        inliers = len(np.unique(matches.features[fit.inliers]))
-        ratio = float(fit.inliers.mean())
+        located = self._pose_solver.solve(features, matches, focal_px)
+        fit, inliers, ratio = located.fit, located.inliers, located.inlier_ratio
         metrics |= {"inliers": float(inliers), "inlier_ratio": ratio, "variance_factor": fit.variance_factor}
-        pose = self._with_map_covariance(fit, matches)
+        pose = self._with_map_covariance(located, matches)
         assert pose.covariance is not None
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1]))
         reasons = []
@@ -131,6 +121,7 @@ class VisualLocalisation(VisualLocalisationInterface):
             reasons.append(f"large_covariance:{sigma_m:.2g}>{cfg.max_sigma_m}")
         if reasons:
             raise RefusedError("the image does not fit the map", reasons)
+        directions = features.directions[matches.features]
         return pose, self._focal_length_reasons(fit, matches, directions, focal_px, metrics)
 
     def _focal_length_reasons(
@@ -160,13 +151,13 @@ class VisualLocalisation(VisualLocalisationInterface):
             return []
         return [f"focal_length:{ratio.value * focal_px:.4g}!={focal_px:.4g}"]
 
-    def _with_map_covariance(self, fit: PoseFit, matches: MapMatches) -> UncertainTransform:
+    def _with_map_covariance(self, located: CameraPose, matches: MapMatches) -> UncertainTransform:
         """Return T_map_camera with the covariance of the fit and of the poses of the matched keyframes."""
         assert self._map is not None
-        T = se3.inverse(fit.T_camera_map)
-        scale = self.config.correlation * max(fit.variance_factor, 1.0)
-        covariance = scale * rotate_covariance(fit.covariance, T[:3, :3])
-        vertices, counts = np.unique(matches.vertices[fit.inliers], return_counts=True)
+        pose = located.transform(self.config.correlation)
+        T, covariance = pose.matrix, pose.covariance
+        assert covariance is not None
+        vertices, counts = np.unique(matches.vertices[located.fit.inliers], return_counts=True)
         for vertex, weight in zip(vertices, counts / max(int(counts.sum()), 1), strict=True):
             covariance = covariance + weight * self._propagated(int(vertex), T)
         return UncertainTransform(T, covariance)
