@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Image of a camera with its features, and the measurement of their depths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.camera import CameraModel
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.types import DistanceImage, Frame, FramePair
+from cdff_core.imaging.frames import check_undistorted
+from cdff_core.imaging.grey import checked_image, grey_image
+from cdff_core.imaging.rectified_camera import RectifiedCamera
+from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
+from cdff_core.visual_map.keyframe_points import (
+    MatchingDfn,
+    MeasuredPoints,
+    measured_by_depth,
+    measured_by_pair,
+)
+
+#: Largest difference between the times of an image and its depth image.
+_MAX_GAP_NS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraView:
+    """Features of an image.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    inputs : tuple of str
+        Ids of the samples.
+    frame : str
+        Frame of the camera; empty if the image has none.
+    features : ImageFeatures
+    focal_px : float
+    measure : callable
+        Returns the points of the features with a measured depth.
+    """
+
+    stamp_ns: int
+    inputs: tuple[str, ...]
+    frame: str
+    features: ImageFeatures
+    focal_px: float
+    measure: Callable[[], MeasuredPoints]
+
+
+class ViewBuilder:
+    """Makes views of stereo pairs, and of colour images with their depth images."""
+
+    def __init__(
+        self, extractor: FeatureExtractor, match: MatchingDfn, depth_offset_m: tuple[float, float, float]
+    ) -> None:
+        self._extractor, self._match = extractor, match
+        self._T_camera_depth = se3.transform(np.eye(3), depth_offset_m)
+        self.clear()
+
+    def clear(self) -> None:
+        """Clear the image that waits for its depth image, or the reverse."""
+        self._waiting: Sample | None = None
+
+    def of_pair(self, sample: Sample) -> CameraView:
+        """Return the view of the left image; raises InputError if the pair is unusable."""
+        pair: FramePair = sample.value
+        check_undistorted(pair.left, pair.right)
+        RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
+        left, right = grey_image(pair.left), grey_image(pair.right)
+        if left.shape != right.shape:
+            raise InputError(f"images of {left.shape} and {right.shape} pixels, expected equal sizes")
+        features, camera = self._features(pair.left)
+        measure = partial(measured_by_pair, pair, features, self._match)
+        return CameraView(sample.stamp_ns, (sample.id,), pair.left.frame, features, camera.fx, measure)
+
+    def of_rgbd(self, sample: Sample) -> CameraView | None:
+        """Return the view of an image and its depth image; None while the other one is missing.
+
+        Raises
+        ------
+        InputError
+            If the image or its camera is unusable.
+        """
+        other = self._waiting
+        if other is None or other.port == sample.port or abs(other.stamp_ns - sample.stamp_ns) > _MAX_GAP_NS:
+            self._waiting = sample
+            return None
+        self._waiting = None
+        image, depth = (other, sample) if sample.port == "depth" else (sample, other)
+        frame: Frame = image.value
+        distances: DistanceImage = depth.value
+        features, camera = self._features(frame)
+        measure = partial(measured_by_depth, distances, features, camera.fx, self._T_camera_depth)
+        return CameraView(
+            image.stamp_ns, (image.id, depth.id), frame.frame, features, _focal_px(camera), measure
+        )
+
+    def _features(self, frame: Frame) -> tuple[ImageFeatures, CameraModel]:
+        camera = CameraModel.of_frame(frame)
+        return self._extractor.extract(checked_image(grey_image(frame)), camera), camera
+
+
+def _focal_px(camera: CameraModel) -> float:
+    focal: FloatArray = np.sqrt(camera.fx * camera.fy)
+    return float(focal)
