@@ -91,12 +91,14 @@ class KeyframeGraph(Generic[K]):
         return key
 
     def add_loop(self, a: int, b: int, T_a_b: UncertainTransform) -> None:
-        """Add a loop closure; a component that it connects with the root's is transformed to satisfy it."""
-        root_component = self.component(self.root)
-        if (a in root_component) != (b in root_component):
-            fixed, moved, T_fixed_moved = (
-                (a, b, T_a_b.matrix) if a in root_component else (b, a, se3.inverse(T_a_b.matrix))
-            )
+        """Add a loop closure; if it connects two components, one is transformed to satisfy it.
+
+        The component of the root keeps its poses, otherwise that of ``a``.
+        """
+        if b not in self.component(a):
+            fixed, moved, T_fixed_moved = a, b, T_a_b.matrix
+            if b in self.component(self.root):
+                fixed, moved, T_fixed_moved = b, a, se3.inverse(T_a_b.matrix)
             correction = self.poses[fixed] @ T_fixed_moved @ se3.inverse(self.poses[moved])
             for key in self.component(moved):
                 self.poses[key] = se3.normalise_transform(correction @ self.poses[key])

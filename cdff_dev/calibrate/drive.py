@@ -18,10 +18,10 @@ from cdff_common.progress import Progress
 from cdff_core.runtime import Runner
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.replay.engine import samples_of
-from cdff_dev.slam.methods import METHODS
+from cdff_dev.slam.methods import LIDAR_SLAM, STEREO_ODOMETRY
 
 #: Type of a stream with a trajectory to be estimated -> method that estimates it.
-ODOMETRIES = {method.type_name: method for method in METHODS.values()}
+ODOMETRIES = {method.type_name: method for method in (LIDAR_SLAM, STEREO_ODOMETRY)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

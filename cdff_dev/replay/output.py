@@ -28,7 +28,7 @@ from cdff_common.types import ObjectTrack
 from cdff_dev.logs import LogWriter
 
 #: Types whose last value is written to a file.
-_FILES = ("BodyMotion", "Pointcloud", "Mesh", "ElevationMap", "NavigationMap", "PoseGraph")
+_FILES = ("BodyMotion", "Pointcloud", "Mesh", "ElevationMap", "NavigationMap", "PoseGraph", "VisualMap")
 
 
 class ReplayOutput:

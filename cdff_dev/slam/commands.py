@@ -13,7 +13,7 @@ from typing import Any
 
 def register(nouns: Any) -> None:
     """Add ``cdff slam``, ``cdff vo`` and ``cdff dem``."""
-    _add(nouns, "slam", "trajectory and map from the lidar of a log, in one command")
+    _add(nouns, "slam", "trajectory and map from the lidar or camera of a log, in one command")
     _add(nouns, "vo", "trajectory from the stereo camera of a log, in one command")
     dem = _add(nouns, "dem", "elevation map from the lidar or stereo camera of a log, in one command")
     dem.add_argument(
@@ -26,9 +26,9 @@ def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
         name,
         help=summary,
         description=f"{summary.capitalize()}. Writes trajectory.tum, trajectory_kitti.txt, run.json, "
-        "report.html, outputs.msg and pictures; with true poses in the log also their comparison. With a "
-        "lidar also map.ply and graph.g2o; cdff dem also dem.tif and dem.png. Without a profile, cdff dem "
-        "assumes that the sensor is level at the start.",
+        "report.html, outputs.msg and pictures; with true poses in the log also their comparison. cdff slam "
+        "also map.ply and graph.g2o, from a camera map.npz; cdff dem also dem.tif and dem.png. Without a "
+        "profile, cdff dem assumes that the sensor is level at the start.",
     )
     parser.add_argument(
         "log", metavar="PATH", help="log file, folder or pattern of files of any known format"
@@ -56,7 +56,7 @@ def _run(name: str, args: argparse.Namespace) -> int:
     from cdff_dev.slam.elevation import map_elevation
     from cdff_dev.slam.estimation import estimate
     from cdff_dev.slam.files import write_files
-    from cdff_dev.slam.methods import METHODS, method_for
+    from cdff_dev.slam.methods import method_for
     from cdff_dev.slam.report import summary_text
 
     if args.view:
@@ -65,7 +65,7 @@ def _run(name: str, args: argparse.Namespace) -> int:
     make_folder(out)  # a folder that cannot be written is reported before the work
     try:
         with opened(args.log, args.calibration) as log:
-            method = METHODS[name] if name in METHODS else method_for(log)
+            method = method_for(name, log, args.stream)
             estimation, elevation = estimate(method, log, args.log, args.profile, args.stream), None
             if name == "dem":
                 elevation = map_elevation(estimation, log, args.resolution_m, args.profile)

@@ -17,10 +17,11 @@ from cdff_common.formats.geotiff import write_map
 from cdff_common.formats.ply import write_ply
 from cdff_common.formats.pose_graph import write_pose_graph
 from cdff_common.formats.tum import write_tum
+from cdff_common.formats.visual_map import write_visual_map
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.json_form import jsonable
 from cdff_common.output import make_folder, write_file
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import TransformWithCovariance, VisualMap
 from cdff_dev.compare.trajectory.compare import Comparison, compare
 from cdff_dev.logs import LogWriter
 from cdff_dev.slam.elevation import ELEVATION_DFPC, Elevation
@@ -46,6 +47,8 @@ def write_files(estimation: Estimation, folder: Path, elevation: Elevation | Non
     if (cloud := estimation.values.get("cloud")) is not None:
         write_file(folder / "map.ply", write_ply(CloudArrays.of(cloud.points_m)))
         write_file(folder / "map.png", map_picture(np.asarray(cloud.points_m), track.positions_m))
+    if isinstance(visual_map := estimation.values.get("map"), VisualMap):
+        write_file(folder / "map.npz", write_visual_map(visual_map))
     if (graph := estimation.values.get("graph")) is not None:
         write_file(folder / "graph.g2o", write_pose_graph(graph))
     if elevation is not None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compounds of the one-command estimations, by the name of the command."""
+"""Compounds of the one-command estimations, by command and sensor."""
 
 from __future__ import annotations
 
@@ -37,19 +37,30 @@ class Method:
     hint: str
 
 
-METHODS = {
-    method.name: method
-    for method in (
-        Method("slam", "lidar_slam", "scan", "LidarScan", "sweeps", "for stereo pairs use cdff vo"),
-        Method(
-            "vo", "visual_odometry_sparse", "stereo", "FramePair", "pairs", "for lidar scans use cdff slam"
-        ),
-    )
-}
+LIDAR_SLAM = Method(
+    "slam", "lidar_slam", "scan", "LidarScan", "sweeps", "expected lidar scans, stereo pairs or RGB-D images"
+)
+STEREO_SLAM = Method("slam", "visual_slam", "pair", "FramePair", "pairs", LIDAR_SLAM.hint)
+RGBD_SLAM = Method("slam", "visual_slam", "image", "Frame", "images", LIDAR_SLAM.hint)
+STEREO_ODOMETRY = Method(
+    "vo", "visual_odometry_sparse", "stereo", "FramePair", "pairs", "for other sensors use cdff slam"
+)
 
 
-def method_for(log: LogSource) -> Method:
-    """Return the method of the sensor that a log has: the lidar if it has one, otherwise stereo."""
+def method_for(name: str, log: LogSource, stream: str | None = None) -> Method:
+    """Return the method of a command for a log.
+
+    ``cdff slam`` uses the lidar if there is one, else stereo pairs, else images with depth images; ``cdff
+    dem`` the lidar or else stereo pairs. If ``stream`` is given, its type decides.
+    """
     types = {info.type_name for info in log.streams.values()}
-    slam, vo = METHODS["slam"], METHODS["vo"]
-    return vo if vo.type_name in types and slam.type_name not in types else slam
+    if stream in log.streams:
+        types &= {log.streams[stream].type_name, "DistanceImage"}
+    if name == STEREO_ODOMETRY.name:
+        return STEREO_ODOMETRY
+    if LIDAR_SLAM.type_name in types:
+        return LIDAR_SLAM
+    if STEREO_SLAM.type_name in types:
+        return STEREO_SLAM if name == "slam" else STEREO_ODOMETRY
+    is_rgbd = name == "slam" and {RGBD_SLAM.type_name, "DistanceImage"} <= types
+    return RGBD_SLAM if is_rgbd else LIDAR_SLAM

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from cdff_common.geometry import se3
-from cdff_common.types import FramePair, PoseGraph, VisualMap
+from cdff_common.types import DistanceImage, FramePair, PoseGraph, VisualMap
 from cdff_core.visual_map.keyframe_points import points_of_pair
 from cdff_dev.map_building.build import localisation_features
 
@@ -44,6 +44,29 @@ def view(T_world_camera: np.ndarray, seed: int = 0) -> np.ndarray:
         covers = cv2.warpPerspective(np.full_like(picture, 255), H, SIZE, flags=cv2.INTER_NEAREST)
         image[covers > 0] = drawn[covers > 0]
     return image
+
+
+def depth(T_world_camera: np.ndarray) -> DistanceImage:
+    """Return the depth image of the walls, registered with the image; 0 beyond their edges."""
+    columns, rows = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
+    scale = 1.0 / K[0, 0]
+    rays = np.stack([(columns - K[0, 2]) * scale, (rows - K[1, 2]) * scale, np.ones(columns.shape)], axis=-1)
+    directions, origin = rays @ T_world_camera[:3, :3].T, T_world_camera[:3, 3]
+    image = np.zeros(columns.shape, np.float32)
+    for z, x, width in _WALLS:
+        depths = (z - origin[2]) / directions[..., 2]
+        hit = origin + depths[..., None] * directions
+        is_on_wall = (hit[..., 0] >= x) & (hit[..., 0] < x + width) & (np.abs(hit[..., 1]) < 1.5)
+        image[is_on_wall] = depths[is_on_wall]
+    return DistanceImage(
+        width=SIZE[0],
+        height=SIZE[1],
+        scale_x=scale,
+        scale_y=scale,
+        center_x=-K[0, 2] * scale,
+        center_y=-K[1, 2] * scale,
+        data=image.ravel(),
+    )
 
 
 def pair(T_world_left: np.ndarray, seed: int = 0) -> FramePair:

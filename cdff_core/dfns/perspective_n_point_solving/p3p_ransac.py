@@ -4,15 +4,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 from pydantic import Field
 
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import RefusedError
-from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.perspective_n_point_solving.interface import Inputs, Interface, Outputs
+
+#: Number of samples that are compared with the points at once.
+_FIRST_BATCH, _LARGEST_BATCH = 8, 64
 
 
 class P3pRansacConfig(DfnConfig):
@@ -54,18 +58,16 @@ class P3pRansac(Interface[P3pRansacConfig]):
         if inputs.guess is not None:
             best = np.array(inputs.guess, np.float64)
             inliers = self._inliers(best, points, pixels, K)
-        generator, samples = np.random.default_rng(c.seed), 0
+        generator, samples, size = np.random.default_rng(c.seed), 0, _FIRST_BATCH
         while samples < self._required_samples(inliers):
-            samples += 1
-            sample = generator.choice(len(points), 3, replace=False)
-            _, rotations, translations = cv2.solveP3P(
-                points[sample], pixels[sample], K, None, flags=cv2.SOLVEPNP_AP3P
-            )
-            for rvec, t in zip(rotations, translations, strict=True):
-                candidate = se3.transform(se3.exp_so3(rvec[:, 0]), t[:, 0])
-                candidate_inliers = self._inliers(candidate, points, pixels, K)
-                if candidate_inliers.sum() > inliers.sum():
-                    best, inliers = candidate, candidate_inliers
+            for candidates, near in self._hypotheses(generator, size, points, pixels, K):
+                if samples >= self._required_samples(inliers):
+                    break
+                samples += 1
+                for candidate, candidate_inliers in zip(candidates, near, strict=True):
+                    if candidate_inliers.sum() > inliers.sum():
+                        best, inliers = candidate, candidate_inliers
+            size = min(2 * size, _LARGEST_BATCH)
         if inliers.sum() < c.min_inliers:
             raise RefusedError(
                 f"{inliers.sum()} of {len(points)} points agree on a pose, expected at least {c.min_inliers}",
@@ -85,10 +87,31 @@ class P3pRansac(Interface[P3pRansacConfig]):
             int(np.ceil(np.log(1.0 - self.config.confidence) / np.log(1.0 - p_without_outliers))),
         )
 
+    def _hypotheses(
+        self, generator: np.random.Generator, size: int, points: FloatArray, pixels: FloatArray, K: FloatArray
+    ) -> Iterator[tuple[FloatArray, BoolArray]]:
+        """Yield for each of some samples the poses ``(k, 4, 4)`` and their inliers ``(k, n)``."""
+        counts, poses = [], []
+        for _ in range(size):
+            sample = generator.choice(len(points), 3, replace=False)
+            _, rotations, translations = cv2.solveP3P(
+                points[sample], pixels[sample], K, None, flags=cv2.SOLVEPNP_AP3P
+            )
+            counts.append(len(rotations))
+            for rvec, t in zip(rotations, translations, strict=True):
+                T = np.eye(4)
+                T[:3, :3], T[:3, 3] = cv2.Rodrigues(rvec)[0], t[:, 0]
+                poses.append(T)
+        stacked = np.array(poses).reshape(-1, 4, 4)
+        ends = np.cumsum(counts)[:-1]
+        near = self._inliers(stacked, points, pixels, K)
+        yield from zip(np.split(stacked, ends), np.split(near, ends), strict=True)
+
     def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> BoolArray:
-        """Return which points are in front of the camera and project near their pixels, shape (n,)."""
-        points_camera = se3.transform_points(T, points)
-        depth = points_camera[:, 2]
-        projected = (points_camera / np.where(depth > 1e-6, depth, np.inf)[:, None]) @ K.T
-        near: BoolArray = np.hypot(*(projected[:, :2] - pixels).T) < self.config.threshold_px
+        """Return which points are in front of the camera and project near their pixels, shape (..., n)."""
+        points_camera = points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+        depth = points_camera[..., 2]
+        projected = (points_camera / np.where(depth > 1e-6, depth, np.inf)[..., None]) @ K.T
+        offsets = projected[..., :2] - pixels
+        near: BoolArray = (offsets**2).sum(axis=-1) < self.config.threshold_px**2
         return near & (depth > 1e-6)

@@ -24,8 +24,8 @@ from cdff_core.visual_map.features import FeatureExtractor
 class VisualSlam(VisualSlamInterface):
     """Poses relative to keyframes, which a pose graph and bundle adjustment keep consistent.
 
-    In the frame ``{robot}/visual_odom`` poses drift but never jump; in ``{robot}/visual_slam``, the map frame,
-    loop closures correct them. Both frames start at the first image.
+    In the frame ``{robot}/visual_odom`` poses drift but never jump; in ``{robot}/visual_slam``, the map
+    frame, loop closures correct them. Both frames start at the first image.
     """
 
     Config = VisualSlamConfig

@@ -150,18 +150,22 @@ class VisualKeyframeMap(KeyframeGraph[VisualKeyframe]):
             for stamp_ns, points in zip(stamps_ns, message.keyframes, strict=True)
         ]
         new_ids = self.insert_graph(message.graph, keyframes)
-        self._connect_by_priors(message.graph, new_ids)
+        self._connect_by_frame(message.graph, new_ids)
         return new_ids
 
-    def _connect_by_priors(self, graph: PoseGraph, new_ids: dict[int, int]) -> None:
-        """Add edges from the first vertex to those that only their priors connect with it."""
-        edges, priors = graph.edges, dict[int, FloatArray]()
+    def _connect_by_frame(self, graph: PoseGraph, new_ids: dict[int, int]) -> None:
+        """Add edges from the first vertex to those that only the frame of the map connects with it.
+
+        The covariance of each is that of the priors of both vertices, exact without one.
+        """
+        edges = graph.edges
+        priors = dict.fromkeys(new_ids.values(), np.diag(_MIN_SIGMAS**2))
         for (a, b), information in zip(edges.ends.tolist(), edges.information_matrices, strict=True):
             if a == b:
                 priors[new_ids[a]] = np.linalg.inv(information)
-        if not priors:
+        if not new_ids:
             return
-        first = next(iter(priors))
+        first = next(iter(new_ids.values()))
         connected = self.component(first)
         origin = UncertainTransform(self.poses[first], priors[first]).inverse()
         for key, covariance in priors.items():

@@ -8,6 +8,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,10 @@ from cdff_common.cli import EXIT_ERROR, EXIT_REFUSED, main
 from cdff_common.formats.geotiff import read_map
 from cdff_common.formats.ply import read_ply
 from cdff_common.formats.tum import read_tum
+from cdff_common.formats.visual_map import read_visual_map
 from cdff_dev.logs import open_log
 from cdff_dev.slam.estimation import too_many_failed
+from cdff_dev.slam.methods import method_for
 
 PNG = b"\x89PNG"
 PAIRS = 8
@@ -78,6 +81,30 @@ def test_slam_writes_map_graph_and_pictures(
     # The car moves forward by about 0.9 m between these sweeps.
     _, T = read_tum(out / "trajectory.tum")
     assert 0.5 < np.linalg.norm(T[-1, :3, 3]) < 1.5
+
+
+def test_slam_uses_the_stereo_camera_of_a_log_without_a_lidar(drive: Path, tmp_path: Path) -> None:
+    for side in ("image_l_kitti", "image_r_kitti"):
+        for image in sorted((drive / side).iterdir())[4:]:
+            image.unlink()
+    out = tmp_path / "out"
+    assert main(["slam", str(drive), "--out", str(out)]) == 0
+    run = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    assert (run["dfpc"], run["statuses"]) == ("visual_slam", {"OK": 4})
+    assert run["truth"]["ate"]["translation_m"]["rmse"] < 0.02 * run["path_length_m"]
+    assert len(read_ply(out / "map.ply").points_m) > 1000
+    assert read_visual_map((out / "map.npz").read_bytes()).keyframes
+    assert "VERTEX_SE" in (out / "graph.g2o").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("command", "stream", "dfpc"),
+    [("slam", None, "lidar_slam"), ("slam", "pair", "visual_slam"), ("slam", "image", "visual_slam")],
+)
+def test_slam_prefers_the_lidar_unless_a_stream_is_named(command: str, stream: str | None, dfpc: str) -> None:
+    types = {"scan": "LidarScan", "pair": "FramePair", "image": "Frame", "depth": "DistanceImage"}
+    log = SimpleNamespace(streams={n: SimpleNamespace(type_name=t) for n, t in types.items()})
+    assert method_for(command, log, stream).dfpc == dfpc  # type: ignore[arg-type]
 
 
 @pytest.mark.slow
