@@ -82,15 +82,21 @@ def match_keyframe(
         FeaturesMatching2DInputs(source=features.descriptors, sink=keyframe.descriptors)
     ).matches
     points, sigmas = keyframe.positions_m[pairs[:, 1]], keyframe.depth_sigmas_m[pairs[:, 1]]
-    depths = points[:, 2]
-    rays = points / depths[:, None]
-    covariances = (depths * direction_sigma)[:, None, None] ** 2 * np.eye(3)
-    covariances += sigmas[:, None, None] ** 2 * rays[:, :, None] * rays[:, None, :]
-    R = T_map_keyframe[:3, :3]
     return MapMatches(
         se3.transform_points(T_map_keyframe, points),
-        R @ covariances @ R.T,
+        point_covariances(points, sigmas, direction_sigma, T_map_keyframe[:3, :3]),
         pairs[:, 0],
         np.full(len(pairs), vertex, np.int64),
         pairs[:, 1],
     )
+
+
+def point_covariances(
+    points: FloatArray, depth_sigmas: FloatArray, direction_sigma: float, R: FloatArray
+) -> FloatArray:
+    """Return the covariances (n, 3, 3) of points (n, 3) of a camera, rotated by ``R`` (3, 3)."""
+    depths = points[:, 2]
+    rays = points / depths[:, None]
+    covariances = (depths * direction_sigma)[:, None, None] ** 2 * np.eye(3)
+    covariances += depth_sigmas[:, None, None] ** 2 * rays[:, :, None] * rays[:, None, :]
+    return np.asarray(R @ covariances @ R.T)

@@ -18,6 +18,7 @@ from cdff_common.types import VisualMap
 from cdff_core.dfpcs.visual_slam.bundle import adjust, relative_motion, window
 from cdff_core.dfpcs.visual_slam.keyframe_map import VisualKeyframe, VisualKeyframeMap
 from cdff_core.dfpcs.visual_slam.loop_search import LoopSearch, VerifiedLoop
+from cdff_core.dfpcs.visual_slam.point_tracker import PointTracker
 from cdff_core.dfpcs.visual_slam.view import CameraView
 from cdff_core.dfpcs.visual_slam.view_locator import LocatedView, ViewLocator
 from cdff_core.keyframe_graph.trajectory import Trajectory
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 _NEIGHBOURS = 2
 #: Similar keyframes that are compared with an image that does not fit the current keyframe.
 _SEARCHED = 4
+#: Largest interval over which the motion is predicted, seconds.
+_MAX_PREDICTION_S = 0.5
 #: Correction of a pose by a loop above which the graph is optimised: in median depths, and radians.
 _LARGE_CORRECTION, _LARGE_ROTATION = 0.01, 0.005
 
@@ -78,6 +81,7 @@ class KeyframeMapper:
         self._config = config
         solve = dfpc.dfn("solve", seed=dfpc.context.seed)
         self._locator = ViewLocator(dfpc.dfn("match"), solve, config.poses)
+        self._tracker = PointTracker(dfpc.dfn("track"), solve, config.poses)
         self._index = GrowingPlaceIndex(config.clusters, dfpc.context.seed)
         self.loops = LoopSearch(self._locator, self._index, config.loops)
         self._adjust, self._adjust_map = dfpc.dfn("adjust"), dfpc.dfn("adjust_map")
@@ -93,6 +97,9 @@ class KeyframeMapper:
         self.T_keyframe_camera = UncertainTransform.identity()
         self.path_length_m = 0.0
         self._is_lost = False
+        self._tracker.clear()
+        self._velocity = np.zeros(6)  # of the camera in its frame, per second
+        self._last_ns = 0
 
     @property
     def linked(self) -> set[int]:
@@ -119,13 +126,15 @@ class KeyframeMapper:
 
     def add_view(self, view: CameraView) -> Tracking:
         """Locate an image; make a keyframe of it and close its loops if it shows enough that is new."""
+        tracked = self._track(view)
         try:
-            located = self._locate(view)
+            is_due = tracked is None or self._is_keyframe_due(tracked)
+            located = self._locate(view, tracked) if tracked is None or is_due else tracked
         except RefusedError as error:
             return self._start_part(view, tuple(error.reasons))
-        increment = self._move_to(located)
+        increment = self._move_to(view, located)
         is_changed = False
-        if self._is_keyframe_due(located):
+        if located is not tracked and self._is_keyframe_due(located):
             is_changed = self._make_keyframe(view, located)
         assert self.current is not None  # the image is located
         self.trajectory.append(view.stamp_ns, self.current, self.T_keyframe_camera)
@@ -168,12 +177,22 @@ class KeyframeMapper:
             clouds.append(se3.transform_points(self.keyframes.poses[key], points.positions_m[is_certain]))
         return np.concatenate(clouds)
 
-    def _locate(self, view: CameraView) -> LocatedView:
+    def _track(self, view: CameraView) -> LocatedView | None:
+        """Return the pose relative to the current keyframe without descriptors; None if it is unusable."""
+        if self.current is None or self._is_lost:
+            return None
+        interval_s = min(1e-9 * (view.stamp_ns - self._last_ns), _MAX_PREDICTION_S)
+        T = self.T_keyframe_camera.matrix @ se3.exp_se3(interval_s * self._velocity)
+        keyframe = self.keyframes.keyframes[self.current]
+        return self._tracker.locate(view, self.current, keyframe, se3.normalise_transform(T))
+
+    def _locate(self, view: CameraView, tracked: LocatedView | None) -> LocatedView:
         """Return the pose relative to the current keyframe, or else to a similar one."""
         reasons: list[str] = []
         if self.current is not None:
             keys = [self.current, *self.keyframes.neighbours(self.current, _NEIGHBOURS)]
-            guess = None if self._is_lost else self.T_keyframe_camera.matrix
+            T_guess = self.T_keyframe_camera if tracked is None else tracked.T_reference_camera
+            guess = None if self._is_lost else T_guess.matrix
             try:
                 return self._locator.locate(view.features, view.focal_px, self.keyframes, keys, guess)
             except RefusedError as error:
@@ -187,7 +206,7 @@ class KeyframeMapper:
                 )
         raise RefusedError("the image fits no keyframe", reasons)
 
-    def _move_to(self, located: LocatedView) -> UncertainTransform | None:
+    def _move_to(self, view: CameraView, located: LocatedView) -> UncertainTransform | None:
         """Set the pose of the camera; return the motion since the previous image if it is known."""
         keyframes, previous = self.keyframes, self.current
         increment = None
@@ -201,6 +220,8 @@ class KeyframeMapper:
             rotation = np.block([[R, np.zeros((3, 3))], [np.zeros((3, 3)), R]])
             increment = UncertainTransform(T, rotation @ covariance @ rotation.T)
             self.path_length_m += float(np.linalg.norm(T[:3, 3]))
+            self._velocity = se3.log_se3(T) / max(1e-9 * (view.stamp_ns - self._last_ns), 1e-3)
+        self._last_ns = view.stamp_ns
         best = max(located.shared, key=lambda k: (len(located.shared[k][0]), -k))
         T_best_reference = se3.normalise_transform(
             se3.inverse(keyframes.poses[best]) @ keyframes.poses[located.reference]
@@ -215,15 +236,15 @@ class KeyframeMapper:
         keyframe, limits = self.keyframes.keyframes[self.current], self._config.keyframes
         T = self.T_keyframe_camera.matrix
         return (
-            located.inliers < limits.overlap * len(keyframe.points)
+            located.overlap(len(keyframe.points)) < limits.overlap
             or float(np.linalg.norm(T[:3, 3])) > limits.translation_ratio * keyframe.median_depth_m
             or float(se3.rotation_angle(T[:3, :3])) > np.radians(limits.rotation_deg)
         )
 
     def _measured(self, view: CameraView) -> MeasuredPoints | None:
         """Return the points of an image; None if there are too few for a keyframe."""
-        measured = view.measure()
-        return measured if len(measured.points) >= self._config.keyframes.min_points else None
+        is_usable = len(view.measured.points) >= self._config.keyframes.min_points
+        return view.measured if is_usable else None
 
     def _start_part(self, view: CameraView, reasons: tuple[str, ...]) -> Tracking:
         """Start a separate part of the map, or the map, with an image; too few points are refused."""
@@ -233,7 +254,7 @@ class KeyframeMapper:
             if is_first:
                 raise RefusedError(
                     "too few features with a depth to start a map",
-                    [f"few_points:{len(view.measure().points)}<{self._config.keyframes.min_points}"],
+                    [f"few_points:{len(view.measured.points)}<{self._config.keyframes.min_points}"],
                 )
             self._is_lost = True
             return Tracking(None, None, is_lost=True, reasons=reasons)
@@ -245,6 +266,8 @@ class KeyframeMapper:
         self.T_keyframe_camera = UncertainTransform.identity()
         self._is_lost = False
         self._index.insert(self.current, keyframe.points.descriptors)
+        self._tracker.start(self.current, view, measured.features)
+        self._velocity, self._last_ns = np.zeros(6), view.stamp_ns
         self.trajectory.append(view.stamp_ns, self.current, self.T_keyframe_camera)
         return Tracking(None, None, is_lost=not is_first, reasons=reasons)
 
@@ -265,6 +288,7 @@ class KeyframeMapper:
         is_changed = self._close_loops(key)
         if self.current == key:
             self._index.insert(key, keyframe.points.descriptors)
+            self._tracker.start(key, view, measured.features)
             self._adjust_around(key)
         self._limit_count()
         return is_changed

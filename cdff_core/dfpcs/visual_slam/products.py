@@ -52,7 +52,6 @@ class ProductBuilder(GraphProducts):
         self._camera_frame = view.frame or self._camera_frame
         metrics = {} if tracking.located is None else tracking.located.metrics()
         metrics |= {
-            "features": float(len(view.features)),
             "keyframes": float(len(self._mapper.keyframes)),
             "path_length_m": self._mapper.path_length_m,
         }

@@ -5,12 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
-from cdff_common.arrays import FloatArray
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
@@ -31,9 +29,8 @@ from cdff_core.visual_map.keyframe_points import (
 _MAX_GAP_NS = 20_000_000
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class CameraView:
-    """Features of an image.
+    """Image of a camera; its features are made when they are needed.
 
     Attributes
     ----------
@@ -42,18 +39,35 @@ class CameraView:
         Ids of the samples.
     frame : str
         Frame of the camera; empty if the image has none.
-    features : ImageFeatures
+    image : ndarray of uint8, shape (rows, columns)
+        Grey values.
+    camera : CameraModel
     focal_px : float
-    measure : callable
-        Returns the points of the features with a measured depth.
     """
 
-    stamp_ns: int
-    inputs: tuple[str, ...]
-    frame: str
-    features: ImageFeatures
-    focal_px: float
-    measure: Callable[[], MeasuredPoints]
+    def __init__(
+        self,
+        stamp_ns: int,
+        inputs: tuple[str, ...],
+        frame: Frame,
+        extractor: FeatureExtractor,
+        measure: Callable[[ImageFeatures], MeasuredPoints],
+    ) -> None:
+        self.stamp_ns, self.inputs, self.frame = stamp_ns, inputs, frame.frame
+        self.camera = CameraModel.of_frame(frame)
+        self.image = checked_image(grey_image(frame))
+        self.focal_px = float(np.sqrt(self.camera.fx * self.camera.fy))
+        self._extractor, self._measure = extractor, measure
+
+    @cached_property
+    def features(self) -> ImageFeatures:
+        """Described features."""
+        return self._extractor.extract(self.image, self.camera)
+
+    @cached_property
+    def measured(self) -> MeasuredPoints:
+        """Points of the features with a measured depth."""
+        return self._measure(self.features)
 
 
 class ViewBuilder:
@@ -78,9 +92,8 @@ class ViewBuilder:
         left, right = grey_image(pair.left), grey_image(pair.right)
         if left.shape != right.shape:
             raise InputError(f"images of {left.shape} and {right.shape} pixels, expected equal sizes")
-        features, camera = self._features(pair.left)
-        measure = partial(measured_by_pair, pair, features, self._match)
-        return CameraView(sample.stamp_ns, (sample.id,), pair.left.frame, features, camera.fx, measure)
+        measure = partial(measured_by_pair, pair, match=self._match)
+        return CameraView(sample.stamp_ns, (sample.id,), pair.left, self._extractor, measure)
 
     def of_rgbd(self, sample: Sample) -> CameraView | None:
         """Return the view of an image and its depth image; None while the other one is missing.
@@ -98,17 +111,10 @@ class ViewBuilder:
         image, depth = (other, sample) if sample.port == "depth" else (sample, other)
         frame: Frame = image.value
         distances: DistanceImage = depth.value
-        features, camera = self._features(frame)
-        measure = partial(measured_by_depth, distances, features, camera.fx, self._T_camera_depth)
-        return CameraView(
-            image.stamp_ns, (image.id, depth.id), frame.frame, features, _focal_px(camera), measure
+        measure = partial(
+            measured_by_depth,
+            distances,
+            focal_px=CameraModel.of_frame(frame).fx,
+            T_camera_depth=self._T_camera_depth,
         )
-
-    def _features(self, frame: Frame) -> tuple[ImageFeatures, CameraModel]:
-        camera = CameraModel.of_frame(frame)
-        return self._extractor.extract(checked_image(grey_image(frame)), camera), camera
-
-
-def _focal_px(camera: CameraModel) -> float:
-    focal: FloatArray = np.sqrt(camera.fx * camera.fy)
-    return float(focal)
+        return CameraView(image.stamp_ns, (image.id, depth.id), frame, self._extractor, measure)

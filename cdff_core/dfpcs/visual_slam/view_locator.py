@@ -33,6 +33,8 @@ class LocatedView:
     inliers : int
         Number of different features that agree with the pose.
     inlier_ratio, variance_factor : float
+    tracked : int
+        Number of points that were tracked without descriptors; 0 for matches.
     """
 
     reference: int
@@ -41,6 +43,11 @@ class LocatedView:
     inliers: int
     inlier_ratio: float
     variance_factor: float
+    tracked: int = 0
+
+    def overlap(self, points: int) -> float:
+        """Return the ratio of the points of the keyframe, or of those tracked, that the image shows."""
+        return self.inliers / max(self.tracked or points, 1)
 
     def metrics(self) -> dict[str, float]:
         """Return the metrics of a pose."""
@@ -48,6 +55,7 @@ class LocatedView:
             "inliers": float(self.inliers),
             "inlier_ratio": self.inlier_ratio,
             "variance_factor": self.variance_factor,
+            "tracked": float(self.tracked),
         }
 
 

@@ -25,7 +25,7 @@ def at(x_m: float, angle_rad: float = 0.0) -> np.ndarray:
     return se3.transform(se3.exp_so3([0.0, angle_rad, 0.02]), [x_m, 0.02, 0.1 * x_m])
 
 
-PATH = [at(0.08 * i, -0.02 * i) for i in range(6)]
+PATH = [at(0.12 * i, -0.03 * i) for i in range(6)]
 
 
 @cache
@@ -128,9 +128,9 @@ def test_a_map_of_an_earlier_run_is_continued_in_its_frame() -> None:
     stored = decode("VisualMap", encode(outputs["map"].value, "uper"), "uper")
     dfpc = node()
     assert not list(dfpc.step(Sample("map", 0, 0, stored)))
-    (output,) = run(dfpc, [walls.pair(at(0.13, -0.05))])
+    (output,) = run(dfpc, [walls.pair(at(0.18, -0.05))])
     assert output.quality.status is Status.OK
-    e = pose_error(se3.inverse(PATH[0]) @ at(0.13, -0.05), output.value.transform.matrix)
+    e = pose_error(se3.inverse(PATH[0]) @ at(0.18, -0.05), output.value.transform.matrix)
     assert np.linalg.norm(e[:3]) < 0.02
 
 

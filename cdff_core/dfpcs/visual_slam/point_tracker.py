@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pose of an image from the points of the newest keyframe, tracked without descriptors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import ByteArray, FloatArray, IntArray
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs, FeaturesTracking2DOutputs
+from cdff_core.dfpcs.visual_slam.configuration import PoseGates
+from cdff_core.dfpcs.visual_slam.keyframe_map import VisualKeyframe
+from cdff_core.dfpcs.visual_slam.view import CameraView
+from cdff_core.dfpcs.visual_slam.view_locator import LocatedView
+from cdff_core.visual_map.camera_pose import CameraPoseSolver, SolvingDfn
+from cdff_core.visual_map.features import ImageFeatures
+from cdff_core.visual_map.matches import MapMatches, point_covariances
+
+#: Points that are tracked, inliers below which the descriptors are used, and ratio of inliers.
+_MAX_POINTS, _MIN_INLIERS, _MIN_RATIO = 400, 60, 0.5
+#: Images in a row that could not be tracked, after which only one of several is tried.
+_MAX_FAILURES, _RETRY = 3, 8
+_TrackingDfn = Dfn[Any, FeaturesTracking2DInputs, FeaturesTracking2DOutputs]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reference:
+    key: int
+    image: ByteArray
+    pixels: FloatArray  # (n, 2)
+    rows: IntArray  # (n,), of the points in the keyframe
+    focal_px: float
+
+
+class PointTracker:
+    """Tracks the points of the newest keyframe in the following images."""
+
+    def __init__(self, track: _TrackingDfn, solve: SolvingDfn, gates: PoseGates) -> None:
+        self._track, self._gates = track, gates
+        self._solver = CameraPoseSolver(solve, gates.sigma_px, gates.gate)
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove the keyframe."""
+        self._reference: _Reference | None = None
+        self._failures = 0
+
+    def start(self, key: int, view: CameraView, features: IntArray) -> None:
+        """Set the keyframe: the image, and the features of its points in their order."""
+        step = -(-len(features) // _MAX_POINTS) or 1
+        rows = np.arange(0, len(features), step)
+        pixels = view.features.pixels[features[rows]]
+        self._reference = _Reference(key, view.image, pixels, rows, view.focal_px)
+
+    def locate(
+        self, view: CameraView, key: int, keyframe: VisualKeyframe, T_keyframe_camera: FloatArray
+    ) -> LocatedView | None:
+        """Return the pose relative to a keyframe, searched near a prediction; None if it is unusable.
+
+        None is also returned if the keyframe is not the newest one, or the camera has changed.
+        """
+        reference = self._reference
+        if (
+            reference is None
+            or reference.key != key
+            or reference.image.shape != view.image.shape
+            or reference.focal_px != view.focal_px
+        ):
+            return None
+        self._failures += 1  # reset after a success
+        if self._failures > _MAX_FAILURES and self._failures % _RETRY:
+            return None
+        points = keyframe.points.positions_m[reference.rows]
+        guess = view.camera.project(se3.transform_points(se3.inverse(T_keyframe_camera), points))
+        guess = np.where(np.isfinite(guess), guess, reference.pixels)
+        tracked = self._track.process(
+            FeaturesTracking2DInputs(
+                reference=reference.image, image=view.image, features=reference.pixels, guess=guess
+            )
+        )
+        valid = np.flatnonzero(tracked.valid)
+        if len(valid) < _MIN_INLIERS:
+            return None
+        rays = view.camera.rays(tracked.matches[valid])
+        features = ImageFeatures(
+            tracked.matches[valid], rays[:, :2] / rays[:, 2:], np.zeros((len(valid), 0), np.uint8)
+        )
+        rows = reference.rows[valid]
+        matches = MapMatches(
+            points[valid],
+            point_covariances(
+                points[valid],
+                keyframe.points.depth_sigmas_m[rows],
+                self._gates.sigma_px / keyframe.focal_px,
+                np.eye(3),
+            ),
+            np.arange(len(valid)),
+            np.full(len(valid), key),
+            rows,
+        )
+        try:
+            located = self._solver.solve(features, matches, view.focal_px, T_keyframe_camera)
+        except RefusedError:
+            return None
+        if located.inliers < _MIN_INLIERS or located.inliers < _MIN_RATIO * len(reference.rows):
+            return None
+        self._failures = 0
+        inliers = np.flatnonzero(located.fit.inliers)
+        return LocatedView(
+            key,
+            located.transform(self._gates.correlation),
+            {key: (inliers, rows[inliers])},
+            located.inliers,
+            located.inliers / len(reference.rows),
+            located.fit.variance_factor,
+            len(reference.rows),
+        )
