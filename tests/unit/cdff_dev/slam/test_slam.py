@@ -157,12 +157,13 @@ def test_a_folder_that_cannot_be_written_is_reported_before_the_work(
 
 
 def test_a_log_without_the_sensor_is_refused_with_what_it_has(
-    drive: Path, capsys: pytest.CaptureFixture[str]
+    real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["slam", str(drive)]) == EXIT_ERROR
+    shutil.copy(real_data("kitti_velodyne/000000.bin"), tmp_path)
+    assert main(["vo", str(tmp_path), "--out", str(tmp_path / "out")]) == EXIT_ERROR
     message = capsys.readouterr().err
-    assert "/kitti/navcam.pair (FramePair)" in message
-    assert "use cdff vo" in message
+    assert "(LidarScan)" in message
+    assert "use cdff slam" in message
 
 
 @pytest.mark.slow
