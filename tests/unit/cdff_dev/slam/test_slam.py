@@ -159,8 +159,10 @@ def test_a_folder_that_cannot_be_written_is_reported_before_the_work(
 def test_a_log_without_the_sensor_is_refused_with_what_it_has(
     real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copy(real_data("kitti_velodyne/000000.bin"), tmp_path)
-    assert main(["vo", str(tmp_path), "--out", str(tmp_path / "out")]) == EXIT_ERROR
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    shutil.copy(real_data("kitti_velodyne/000000.bin"), scans)
+    assert main(["vo", str(scans), "--out", str(tmp_path / "out")]) == EXIT_ERROR
     message = capsys.readouterr().err
     assert "(LidarScan)" in message
     assert "use cdff slam" in message
