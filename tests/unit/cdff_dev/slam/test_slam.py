@@ -161,7 +161,8 @@ def test_a_log_without_the_sensor_is_refused_with_what_it_has(
 ) -> None:
     scans = tmp_path / "scans"
     scans.mkdir()
-    shutil.copy(real_data("kitti_velodyne/000000.bin"), scans)
+    for n in range(2):
+        shutil.copy(real_data(f"kitti_velodyne/{n:06d}.bin"), scans)
     assert main(["vo", str(scans), "--out", str(tmp_path / "out")]) == EXIT_ERROR
     message = capsys.readouterr().err
     assert "(LidarScan)" in message
