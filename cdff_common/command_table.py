@@ -5,7 +5,7 @@
 GROUPS: dict[str, dict[str, str]] = {
     "results from files": {
         "slam": "trajectory and map from the lidar or camera of a log, in one command",
-        "vo": "trajectory from the stereo camera of a log, in one command",
+        "vo": "trajectory and map from the stereo camera of a log, in one command",
         "dem": "elevation map from the lidar or stereo camera of a log, in one command",
         "run": "run one DFN or DFPC once, on files",
         "replay": "replay a log through a DFPC or a mission, without middleware, repeatably",

@@ -14,7 +14,13 @@ from typing import Any
 def register(nouns: Any) -> None:
     """Add ``cdff slam``, ``cdff vo`` and ``cdff dem``."""
     _add(nouns, "slam", "trajectory and map from the lidar or camera of a log, in one command")
-    _add(nouns, "vo", "trajectory from the stereo camera of a log, in one command")
+    vo = _add(nouns, "vo", "trajectory and map from the stereo camera of a log, in one command")
+    vo.add_argument(
+        "--map",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="compute map.ply from the disparities of some of the pairs (default)",
+    )
     dem = _add(nouns, "dem", "elevation map from the lidar or stereo camera of a log, in one command")
     dem.add_argument(
         "--resolution-m", metavar="M", type=float, default=0.1, help="edge of a cell (default: 0.1 m)"
@@ -26,9 +32,9 @@ def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
         name,
         help=summary,
         description=f"{summary.capitalize()}. Writes trajectory.tum, trajectory_kitti.txt, run.json, "
-        "report.html, outputs.msg and pictures; with true poses in the log also their comparison. cdff slam "
-        "also map.ply and graph.g2o, from a camera map.npz; cdff dem also dem.tif and dem.png. Without a "
-        "profile, cdff dem assumes that the sensor is level at the start.",
+        "graph.g2o, report.html, outputs.msg and pictures; with true poses in the log also their comparison. "
+        "cdff slam and cdff vo also map.ply, cdff slam from a camera map.npz; cdff dem also dem.tif and "
+        "dem.png. Without a profile, cdff dem assumes that the sensor is level at the start.",
     )
     parser.add_argument(
         "log", metavar="PATH", help="log file, folder or pattern of files of any known format"
@@ -58,6 +64,7 @@ def _run(name: str, args: argparse.Namespace) -> int:
     from cdff_dev.slam.files import write_files
     from cdff_dev.slam.methods import method_for
     from cdff_dev.slam.report import summary_text
+    from cdff_dev.slam.stereo_map import map_stereo
 
     if args.view:
         import_extra("rerun")  # a missing viewer is reported before the work
@@ -66,14 +73,17 @@ def _run(name: str, args: argparse.Namespace) -> int:
     try:
         with opened(args.log, args.calibration) as log:
             method = method_for(name, log, args.stream)
-            estimation, elevation = estimate(method, log, args.log, args.profile, args.stream), None
+            estimation = estimate(method, log, args.log, args.profile, args.stream)
+            elevation = stereo_map = None
             if name == "dem":
                 elevation = map_elevation(estimation, log, args.resolution_m, args.profile)
+            elif name == "vo" and args.map:
+                stereo_map = map_stereo(estimation, log, args.profile)
     except BaseException:
         with suppress(OSError):  # a folder with earlier results stays
             out.rmdir()
         raise
-    summary = write_files(estimation, out, elevation)
+    summary = write_files(estimation, out, elevation, stereo_map)
     print(json.dumps(summary, sort_keys=True) if args.json else summary_text(summary, out))
     if args.view:
         _view(args, out)

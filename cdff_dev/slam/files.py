@@ -21,17 +21,25 @@ from cdff_common.formats.visual_map import write_visual_map
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.json_form import jsonable
 from cdff_common.output import make_folder, write_file
-from cdff_common.types import TransformWithCovariance, VisualMap
+from cdff_common.types import Pointcloud, TransformWithCovariance, VisualMap
 from cdff_dev.compare.trajectory.compare import Comparison, compare
 from cdff_dev.logs import LogWriter
+from cdff_dev.logs.source import recorded_header
 from cdff_dev.slam.elevation import ELEVATION_DFPC, Elevation
 from cdff_dev.slam.estimation import Estimation
 from cdff_dev.slam.html_report import run_report
-from cdff_dev.slam.pictures import elevation_picture, map_picture, trajectory_picture
+from cdff_dev.slam.odometry_graph import odometry_graph
+from cdff_dev.slam.pictures import elevation_picture, map_picture, map_plane, trajectory_picture
+from cdff_dev.slam.stereo_map import StereoMap
 
 
-def write_files(estimation: Estimation, folder: Path, elevation: Elevation | None = None) -> dict[str, Any]:
-    """Write all files of an estimation and its elevation map; return the content of ``run.json``.
+def write_files(
+    estimation: Estimation,
+    folder: Path,
+    elevation: Elevation | None = None,
+    stereo_map: StereoMap | None = None,
+) -> dict[str, Any]:
+    """Write all files of an estimation and its maps; return the content of ``run.json``.
 
     Raises
     ------
@@ -47,16 +55,23 @@ def write_files(estimation: Estimation, folder: Path, elevation: Elevation | Non
     if (cloud := estimation.values.get("cloud")) is not None:
         write_file(folder / "map.ply", write_ply(CloudArrays.of(cloud.points_m)))
         write_file(folder / "map.png", map_picture(np.asarray(cloud.points_m), track.positions_m))
+    if stereo_map is not None:
+        colors = np.repeat(stereo_map.grey[:, None], 3, axis=1)
+        write_file(folder / "map.ply", write_ply(CloudArrays.of(stereo_map.points_m, colors=colors)))
+        write_file(folder / "map.png", map_picture(stereo_map.points_m, T[:, :3, 3]))
     if isinstance(visual_map := estimation.values.get("map"), VisualMap):
         write_file(folder / "map.npz", write_visual_map(visual_map))
-    if (graph := estimation.values.get("graph")) is not None:
-        write_file(folder / "graph.g2o", write_pose_graph(graph))
+    graph = estimation.values.get("graph")
+    if graph is None:
+        graph = odometry_graph(track, _origin_frame(estimation))
+    write_file(folder / "graph.g2o", write_pose_graph(graph))
     if elevation is not None:
         write_file(folder / "dem.tif", write_map(elevation.map))
         write_file(folder / "dem.png", elevation_picture(elevation.map))
-    _write_outputs(estimation, elevation, folder / "outputs.msg")
+    _write_outputs(estimation, elevation, stereo_map, folder / "outputs.msg")
     comparison, reason = _comparison(estimation)
-    write_file(folder / "trajectory.png", trajectory_picture(track, comparison))
+    plane = None if stereo_map is None else map_plane(stereo_map.points_m, T[:, :3, 3])
+    write_file(folder / "trajectory.png", trajectory_picture(track, comparison, plane))
     summary = {
         "cdff": distribution_version(),
         **estimation.run,
@@ -66,20 +81,40 @@ def write_files(estimation: Estimation, folder: Path, elevation: Elevation | Non
     }
     if elevation is not None:
         summary["dem"] = elevation.run
+    if stereo_map is not None:
+        summary["map"] = stereo_map.run
     document: dict[str, Any] = jsonable(summary)
     write_file(folder / "report.html", run_report(document, estimation, comparison, folder))
     write_file(folder / "run.json", (json.dumps(document, indent=1, sort_keys=True) + "\n").encode())
     return document
 
 
-def _write_outputs(estimation: Estimation, elevation: Elevation | None, path: Path) -> None:
-    """Write the poses with their quality, the last products of the other ports, and the map, as a log."""
+def _write_outputs(
+    estimation: Estimation, elevation: Elevation | None, stereo_map: StereoMap | None, path: Path
+) -> None:
+    """Write the poses with their quality, the last products of the other ports, and the maps, as a log."""
     with LogWriter(path) as writer:
         for product in sorted(estimation.products, key=lambda item: item.header.t1_ns):
             name = f"/{product.robot}/{product.dfpc}.{product.port}"
             writer.write(name, product.value, product.header.t1_ns, product.header)
         if elevation is not None:
             _write_elevation(estimation, elevation, writer)
+        if stereo_map is not None:
+            _write_stereo_map(estimation, stereo_map, writer)
+
+
+def _write_stereo_map(estimation: Estimation, stereo_map: StereoMap, writer: LogWriter) -> None:
+    """Write the points of a stereo map as a cloud in the frame of the trajectory."""
+    pose, frame = estimation.products[0], _origin_frame(estimation)
+    stream, stamp_ns = f"/{pose.robot}/{pose.dfpc}.cloud", int(estimation.track.stamps_ns[-1])
+    points_m = se3.transform_points(estimation.track.matrices[0], stereo_map.points_m)
+    cloud = Pointcloud.from_points(points_m, frame=frame, stamp_ns=stamp_ns, intensity=stereo_map.grey)
+    writer.write(stream, cloud, stamp_ns, recorded_header(stream, 0, stamp_ns, frame=frame))
+
+
+def _origin_frame(estimation: Estimation) -> str:
+    """Return the frame of the poses."""
+    return next((p.header.frame for p in estimation.products if p.header.child), "")
 
 
 def _write_elevation(estimation: Estimation, elevation: Elevation, writer: LogWriter) -> None:

@@ -14,20 +14,44 @@ from cdff_common.types import ElevationMap
 from cdff_dev.compare.trajectory.compare import Comparison
 from cdff_dev.compare.trajectory.track import Track
 
+#: Share of the longest extent of a path below which another extent does not determine the plane of a picture.
+_LEAST_EXTENT = 0.1
+#: Quantiles of the coordinates of a map between which its extents are measured.
+_INNER = (0.05, 0.95)
 
-def trajectory_picture(track: Track, comparison: Comparison | None) -> bytes:
-    """Return a PNG: the path from its longest side, and height or, with true poses, the error along it."""
+
+def map_plane(points_m: FloatArray, path_m: FloatArray) -> tuple[int, int]:
+    """Return the two axes of a picture of a map: those of the path or, if it is straight, of the points."""
+    path = np.ptp(path_m, axis=0)
+    longest, second = np.sort(path)[::-1][:2]
+    if longest > 1.0 and second > _LEAST_EXTENT * longest:
+        return widest_plane(path_m)
+    low, high = np.quantile(points_m, _INNER, axis=0)
+    extents = high - low
+    first = int(np.argmax(path if longest > 1.0 else extents))
+    extents[first] = 0.0
+    x, y = sorted((first, int(np.argmax(extents))))
+    return x, y
+
+
+def trajectory_picture(
+    track: Track, comparison: Comparison | None, plane: tuple[int, int] | None = None
+) -> bytes:
+    """Return a PNG: the path in a plane, and height or, with true poses, the error along it.
+
+    By default the plane is that of the two axes of its largest extents.
+    """
     figure = new_figure(10.4, 4.2)
     above, along = figure.subplots(1, 2)
     if comparison is None:
-        draw_path(above, track.positions_m, widest_plane(track.positions_m), "C3", "estimate")
+        draw_path(above, track.positions_m, plane or widest_plane(track.positions_m), "C3", "estimate")
         for axis in range(3):
             along.plot(track.distances_m, track.positions_m[:, axis], lw=1.2, label="xyz"[axis])
         along.set(xlabel="path length, m", ylabel="position, m")
         along.legend(fontsize=8)
     else:
         truth_m = comparison.reference.positions_m
-        plane = widest_plane(truth_m)
+        plane = plane or widest_plane(truth_m)
         draw_path(above, truth_m, plane, "gray", "truth")
         draw_path(above, comparison.estimate.positions_m, plane, "C3", "estimate, aligned")
         along.plot(comparison.reference.distances_m, comparison.position_errors_m, color="C3", lw=1.2)
@@ -74,11 +98,11 @@ def timing_picture(step_s: FloatArray) -> bytes:
 
 
 def map_picture(points_m: FloatArray, path_m: FloatArray) -> bytes:
-    """Return a PNG of the points (n, 3) of a map seen along the axis across the path, with the path (m, 3).
+    """Return a PNG of the points (n, 3) of a map in the plane of ``map_plane``, with the path (m, 3).
 
-    The colours are the coordinates along this axis.
+    The colours are the coordinates along the third axis.
     """
-    plane = widest_plane(path_m if np.ptp(path_m, axis=0).max() > 1.0 else points_m)
+    plane = map_plane(points_m, path_m)
     figure = new_figure()
     axes = figure.subplots()
     draw_cloud(figure, axes, points_m, plane)

@@ -26,6 +26,12 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
         lines.append(f"no comparison: {truth}")
     if (dem := summary.get("dem")) is not None:
         lines.append(_elevation_line(dem))
+    if (points := summary.get("map")) is not None:
+        refused = f", {points['refused_pairs']} refused" if points["refused_pairs"] else ""
+        lines.append(
+            f"map: {points['points']} points in voxels of {points['voxel_m']:.2g} m, from "
+            f"{points['pairs']} pairs{refused}"
+        )
     lines.append(f"written to {out}: {', '.join(sorted(path.name for path in out.iterdir()))}")
     return "\n".join(lines)
 

@@ -16,6 +16,7 @@ import pytest
 from cdff_common.cli import EXIT_ERROR, EXIT_REFUSED, main
 from cdff_common.formats.geotiff import read_map
 from cdff_common.formats.ply import read_ply
+from cdff_common.formats.pose_graph import read_pose_graph
 from cdff_common.formats.tum import read_tum
 from cdff_common.formats.visual_map import read_visual_map
 from cdff_dev.logs import open_log
@@ -40,7 +41,7 @@ def drive(real_data: Callable[[str], Path], tmp_path: Path) -> Path:
     return folder
 
 
-def test_vo_writes_trajectory_picture_and_errors(drive: Path, tmp_path: Path) -> None:
+def test_vo_writes_trajectory_map_graph_pictures_and_errors(drive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["vo", str(drive), "--out", str(out)]) == 0
     stamps_ns, T = read_tum(out / "trajectory.tum")
@@ -52,15 +53,23 @@ def test_vo_writes_trajectory_picture_and_errors(drive: Path, tmp_path: Path) ->
     run = json.loads((out / "run.json").read_text(encoding="utf-8"))
     assert run["statuses"] == {"OK": PAIRS}
     assert run["truth"]["ate"]["translation_m"]["rmse"] < 0.01 * run["path_length_m"]
-    assert not (out / "map.ply").exists()
+    points_m = read_ply(out / "map.ply").points_m
+    assert len(points_m) == run["map"]["points"] > 10_000
+    ahead = (np.abs(points_m[:, 0]) < 2.0) & (np.abs(points_m[:, 2] - 9.0) < 2.0)
+    assert np.median(points_m[ahead, 1]) == pytest.approx(1.65, abs=0.2)  # the road, y is down
+    assert (out / "map.png").read_bytes().startswith(PNG)
+    graph = read_pose_graph(out / "graph.g2o", frame="kitti/vo")
+    np.testing.assert_allclose(graph.vertices.matrices, T, atol=1e-6)
+    assert len(graph.edges.ends) == PAIRS - 1
     report = (out / "report.html").read_text(encoding="utf-8")
-    assert report.count("data:image/png;base64,") == 3  # trajectory, errors, timing
+    assert report.count("data:image/png;base64,") == 4  # trajectory, map, errors, timing
     for text in ("Errors after alignment", "aligned by rotation and translation", "Drift over 5 to"):
         assert text in report
     assert "http" not in report  # no external resources
     with open_log(out) as outputs:
         info = outputs.streams["/kitti/visual_odometry_sparse.pose"]
         assert (info.type_name, info.count) == ("TransformWithCovariance", PAIRS)
+        assert outputs.streams["/kitti/visual_odometry_sparse.cloud"].type_name == "Pointcloud"
 
 
 def test_slam_writes_map_graph_and_pictures(
