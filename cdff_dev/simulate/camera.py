@@ -75,6 +75,16 @@ class StereoCamera:
         self._vignette = (1.0 - model.vignetting * off_axis).astype(np.float32)
 
     @property
+    def model(self) -> Navcam:
+        """Model of the camera."""
+        return self._model
+
+    @property
+    def rays(self) -> FloatArray:
+        """Directions of the pixels in the camera frame, shape (rows * columns, 3)."""
+        return self._rays
+
+    @property
     def sky(self) -> float:
         """Radiance of the sky."""
         return self._appearance.sky

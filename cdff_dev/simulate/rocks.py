@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from cdff_common.geometry.se3 import FloatArray, exp_so3
 from cdff_dev.simulate.relief import Relief, power_law_sizes
-from cdff_dev.simulate.scenario import Plain, Rocks
+from cdff_dev.simulate.scenario import Boulder, Plain, Rocks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,4 +144,23 @@ def make_rocks(
         vertex_count += len(points)
     if not vertices:
         return RockMesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32), np.zeros(0, np.float32))
+    return RockMesh(np.concatenate(vertices), np.concatenate(triangles), np.concatenate(albedo))
+
+
+def with_boulders(
+    rocks: RockMesh, boulders: Sequence[Boulder], relief: Relief, rng: np.random.Generator
+) -> RockMesh:
+    """Return rocks and, in addition, those at given places, partly in the ground."""
+    directions, faces = icosphere(3)
+    vertices, triangles, albedo = [rocks.vertices], [rocks.triangles], [rocks.albedo]
+    count = len(rocks.vertices)
+    for boulder in boulders:
+        points = _one_rock(rng, directions, boulder.diameter_m)
+        xy = np.array([boulder.centre_xy_m])
+        points += np.array([*xy[0], relief.height(xy)[0] + 0.25 * boulder.diameter_m])
+        vertices.append(points.astype(np.float32))
+        triangles.append(faces + np.uint32(count))
+        spots = rng.normal(0, 0.05, len(points))
+        albedo.append((boulder.albedo + spots).astype(np.float32))
+        count += len(points)
     return RockMesh(np.concatenate(vertices), np.concatenate(triangles), np.concatenate(albedo))

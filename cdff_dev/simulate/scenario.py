@@ -19,6 +19,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel, validated
 from cdff_dev.simulate.faults.model import Faults
 from cdff_dev.simulate.fields import Mount, NotNegative, Positive
+from cdff_dev.simulate.rovers_in_view_model import RoversInView
 from cdff_dev.simulate.scenario_files import SCENARIO_FOLDER, read_scenario
 
 __all__ = ["SCENARIO_FOLDER", "Scenario", "load_scenario"]
@@ -58,6 +59,14 @@ class Rocks(StrictModel):
     track_clearance_m: NotNegative
 
 
+class Boulder(StrictModel):
+    """A rock at a given place."""
+
+    centre_xy_m: tuple[float, float]
+    diameter_m: Positive
+    albedo: Annotated[float, Field(gt=0, le=2, description="relative to the mean of the ground")] = 0.9
+
+
 class Plain(StrictModel):
     """A circular area with reduced relief, without craters and rocks."""
 
@@ -94,6 +103,7 @@ class TerrainModel(StrictModel):
     craters: Craters
     rocks: Rocks
     plains: tuple[Plain, ...] | None = None
+    boulders: tuple[Boulder, ...] | None = Field(None, description="rocks at given places, in addition")
     surface: Surface | None = Field(None, description="required if there are cameras")
 
 
@@ -228,12 +238,17 @@ class Scenario(StrictModel):
     truth_rate_hz: Positive
     truth_map_m: Positive | None = Field(None, description="cell size of the true map; default 0.05 m")
     robots: Annotated[dict[str, RoverPath], Field(min_length=1)]
+    rovers_in_view: RoversInView | None = Field(
+        None, description="bodies of the rovers in the images of the others; without it they are not visible"
+    )
     faults: Faults | None = Field(None, description="faults of the sensors; without it the sensors have none")
 
     @model_validator(mode="after")
     def _check_surface_for_cameras(self) -> Scenario:
         if self.navcam is not None and self.terrain.surface is None:
             raise ValueError("terrain.surface is missing: navcam needs the appearance of the terrain")
+        if self.rovers_in_view is not None and (self.navcam is None or self.faults is not None):
+            raise ValueError("rovers_in_view: expected with navcam and without faults")
         return self
 
     @property

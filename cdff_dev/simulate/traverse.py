@@ -23,8 +23,10 @@ from cdff_dev.simulate.faults.timing import Timing, stamps
 from cdff_dev.simulate.lidar import scan
 from cdff_dev.simulate.proprioception import faulty_imu_readings, imu_readings, wheel_odometry
 from cdff_dev.simulate.render_pool import RenderPool, Task
+from cdff_dev.simulate.rovers_in_view import RoverView
 from cdff_dev.simulate.samples import Entry, header, pose, sample_times_us
 from cdff_dev.simulate.scenario import Scenario
+from cdff_dev.simulate.surface import sun_direction
 from cdff_dev.simulate.world import World, cast_scene, generator, make_world, true_heights
 
 Progress = Callable[[int, int], None]
@@ -54,6 +56,22 @@ class _Renderer:
                 world.scenario.navcam, self._scene, world.appearance, len(vertices), meshes
             )
 
+            self._rover_view = self._make_rover_view(world)
+
+    def _make_rover_view(self, world: World) -> RoverView | None:
+        scenario, surface = world.scenario, world.scenario.terrain.surface
+        if scenario.rovers_in_view is None or surface is None:
+            return None
+        return RoverView(
+            scenario.rovers_in_view,
+            self._camera,
+            self._scene,
+            world.motions,
+            sun_direction(surface),
+            surface.ambient,
+            surface.haze_distance_m,
+        )
+
     def render(self, task: Task) -> Any:
         kind, robot, index = task
         scenario, faults = self._world.scenario, self._world.scenario.faults
@@ -65,7 +83,10 @@ class _Renderer:
             if faults is not None:
                 fault_rng = generator(scenario, "fault_navcam", robot_index, index)
                 return self._faulty_camera(robot).pair(t_s, rng, fault_rng)
-            return self._camera.pair(motion.poses(np.array([t_s]))[0], rng)
+            T_site_base = motion.poses(np.array([t_s]))[0]
+            if self._rover_view is not None:
+                return self._rover_view.pair(T_site_base, robot, t_s, rng)
+            return self._camera.pair(T_site_base, rng)
         t0_s = sample_times_us(scenario.lidar.rate_hz, scenario.duration_s)[index] * 1e-6
         if faults is not None:
             fault_rng = generator(scenario, "fault_lidar", robot_index, index)

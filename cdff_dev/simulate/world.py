@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_dev.simulate.relief import Relief, make_relief
-from cdff_dev.simulate.rocks import RockMesh, make_rocks
+from cdff_dev.simulate.rocks import RockMesh, make_rocks, with_boulders
 from cdff_dev.simulate.rover_motion import Motion, make_motion, track
 from cdff_dev.simulate.scenario import Scenario
 from cdff_dev.simulate.surface import Appearance, make_appearance
@@ -35,6 +35,7 @@ STREAMS = {
     "clock_lidar": 14,
     "clock_imu": 15,
     "clock_wheels": 16,
+    "boulders": 17,
 }
 
 
@@ -83,6 +84,8 @@ def make_world(scenario: Scenario) -> World:
     rocks = make_rocks(
         scenario.terrain.rocks, relief, np.concatenate(paths), generator(scenario, "rocks"), plains
     )
+    if scenario.terrain.boulders:
+        rocks = with_boulders(rocks, scenario.terrain.boulders, relief, generator(scenario, "boulders"))
     appearance = None
     if scenario.navcam is not None:
         scene = cast_scene(relief, rocks)

@@ -19,9 +19,9 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
+from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
-from cdff_core.dfpcs.far_range_object_tracking.star_attitude import CameraAttitude
 from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRanging
 from cdff_dev.simulate.orbit.body_scene import BodyLight, BodyScene
 from cdff_dev.simulate.orbit.camera_view import CameraRays

@@ -22,8 +22,10 @@ from cdff_common.types import (
     ObjectTrackStatusT,
     Time,
 )
+from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.bearing_tracking.local_orbital import LocalOrbitalAxes
 from cdff_core.bearing_tracking.motion import BearingStates, across
+from cdff_core.bearing_tracking.track_output import INERTIAL, LVLH, TrackState, object_track
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.multi_target_association.interface import (
     MultiTargetAssociationInputs,
@@ -36,9 +38,8 @@ from cdff_core.dfpcs.far_range_object_tracking.image_sources import (
     source_detection,
 )
 from cdff_core.dfpcs.far_range_object_tracking.interface import FarRangeObjectTrackingInterface
-from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator, CameraAttitude
+from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator
 from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
-from cdff_core.dfpcs.far_range_object_tracking.track_output import INERTIAL, LVLH, TrackState, object_track
 
 #: Status of an object by the state of the association.
 _STATUS = (

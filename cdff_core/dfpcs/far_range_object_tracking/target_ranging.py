@@ -19,6 +19,7 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.stars import sun_position_m
 from cdff_common.types import Mesh
+from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.bearing_tracking.lens import distorted
 from cdff_core.dfns.apparent_size_ranging.interface import (
     ApparentSizeRangingInputs,
@@ -26,7 +27,6 @@ from cdff_core.dfns.apparent_size_ranging.interface import (
 )
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
-from cdff_core.dfpcs.far_range_object_tracking.star_attitude import CameraAttitude
 
 #: Largest extent of the target in the window, pixels; larger ones are reduced. Margin on each side.
 _WINDOW_EXTENT_PX, _MARGIN = 110.0, 0.45

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from cdff_core.bearing_tracking.local_orbital import LocalOrbitalAxes
 INERTIAL = "inertial"
 #: End of the name of a frame with LVLH axes.
 LVLH = "/lvlh"
+#: Axes of a frame: z up (north in the inertial frame), z down (LVLH), or x right, y down, z forward.
+Axes = Literal["z_up", "z_down", "camera"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,9 @@ class TrackState:
         Size of the body; 0 if unknown.
     label : str
         Name of the body; that of its number if empty.
+    origin_m : ndarray (3,)
+        Position of the camera in the frame of the track.
+    origin_covariance : ndarray (3, 3)
     """
 
     number: int
@@ -54,6 +60,8 @@ class TrackState:
     range_sigma_m: float = float("nan")
     size_m: FloatArray | None = None
     label: str = ""
+    origin_m: FloatArray | None = None
+    origin_covariance: FloatArray | None = None
 
     def in_axes(self, axes: LocalOrbitalAxes) -> TrackState:
         """Return the inertial state in LVLH axes."""
@@ -63,9 +71,16 @@ class TrackState:
         )
 
 
-def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) -> ObjectTrack:
-    """Return the message of a state."""
-    azimuth, elevation, tangents = angles(state.direction, frame)
+def axes_of(frame: str) -> Axes:
+    """Return the axes of the frames in orbit; other names are those of cameras."""
+    return "z_up" if frame == INERTIAL else "z_down" if frame.endswith(LVLH) else "camera"
+
+
+def object_track(
+    state: TrackState, stamp_ns: int, frame: str, producer: str, axes: Axes | None = None
+) -> ObjectTrack:
+    """Return the message of a state; without ``axes``, the name of the frame determines them."""
+    azimuth, elevation, tangents = angles(state.direction, axes or axes_of(frame))
     turn = np.cross(state.direction, tangents)
     across = turn @ state.covariance[:3, :3] @ turn.T
     u = state.direction
@@ -73,12 +88,17 @@ def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) ->
         state.range_m** 2 * tangents.T @ across @ tangents + state.range_sigma_m** 2 * np.outer(u, u)
     )
     sigmas = np.sqrt(np.maximum(np.diag(across), 0.0))
+    position_m = state.range_m * u
+    if state.origin_m is not None:
+        position_m = position_m + state.origin_m
+    if state.origin_covariance is not None:
+        position_covariance = position_covariance + state.origin_covariance
     return ObjectTrack.from_bearing(
         state.number,
         stamp_ns,
         frame=frame,
         bearing=[azimuth, elevation, sigmas[0], sigmas[1], state.range_m, state.range_sigma_m],
-        position_m=state.range_m * u,
+        position_m=position_m,
         position_covariance=position_covariance,
         velocity=state.rate,
         pixel=state.pixel,
@@ -91,18 +111,19 @@ def object_track(state: TrackState, stamp_ns: int, frame: str, producer: str) ->
     )
 
 
-def angles(direction: FloatArray, frame: str) -> tuple[float, float, FloatArray]:
+def angles(direction: FloatArray, axes: Axes) -> tuple[float, float, FloatArray]:
     """Return azimuth, elevation and the unit vectors (2, 3) in which they grow.
 
-    In the inertial frame these are right ascension and declination; in a camera frame the azimuth grows
-    to the right from the optical axis, the elevation upwards; in LVLH axes from the direction of motion.
+    With z up the azimuth grows from x to y: in the inertial frame these are right ascension and declination.
+    In a camera frame the azimuth grows to the right from the optical axis, the elevation upwards; in LVLH
+    axes the azimuth is that from the direction of motion.
     """
     x, y, z = direction
-    if frame == INERTIAL:
+    if axes == "z_up":
         azimuth, elevation = np.arctan2(y, x) % (2.0 * np.pi), np.arctan2(z, np.hypot(x, y))
         east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         north = np.cross(direction, east)
-    elif frame.endswith(LVLH):
+    elif axes == "z_down":
         azimuth, elevation = np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))
         east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         north = np.cross(east, direction)

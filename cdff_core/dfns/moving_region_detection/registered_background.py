@@ -1,0 +1,438 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Difference from a background that moves with the scene, in units of its uncertainty.
+
+References
+----------
+.. [1] Piccardi, M. (2004). Background subtraction techniques: a review. IEEE SMC.
+   doi:10.1109/ICSMC.2004.1400815
+.. [2] Canny, J. (1986). A computational approach to edge detection, §VI (hysteresis). IEEE TPAMI 8(6).
+   doi:10.1109/TPAMI.1986.4767851
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from pydantic import Field
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from cdff_common.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.interfaces.dfn import DfnConfig
+from cdff_core.dfns.moving_region_detection.interface import Inputs, Interface, Outputs
+
+#: Standard deviation of a place without registration, pixels.
+_SIGMA_PX = 0.05
+#: Fraction of saturated or black pixels from which an image is refused.
+_MAX_LOST = 0.5
+#: Fraction of differing pixels from which the scene is another one.
+_MAX_CHANGED = 0.3
+#: Distance between the pixels from which noise and gain are estimated.
+_STRIDE = 3
+#: Part of an image in the model of the noise, images until it is known, and the largest ratio to it.
+_NOISE_GAIN, _NOISE_IMAGES, _MAX_NOISE = 0.3, 3, 4.0
+#: Part of the largest difference of a region that a pixel of it has: dust and shadows have less.
+_PART = 0.2
+#: Height of a thin structure above its surroundings, standard deviations of a pixel.
+_THIN = 6.0
+#: Brightness relative to the background below which a pixel may be in shadow; height of a column of shadow
+#: relative to the object, and fraction of its pixels that are dark.
+_DARK, _SHADOW_HEIGHT, _SHADOW_PART = 0.8, 0.45, 0.5
+#: Ratio of the edges of the background and of the image from which an object has left the place, and side of
+#: the square in which they are compared, pixels.
+_VACATED, _VACATED_PX = 2.0, 5
+
+
+class RegisteredBackgroundConfig(DfnConfig):
+    """Parameters of RegisteredBackground."""
+
+    threshold: float = Field(5.0, gt=1.0, le=50.0, description="Difference of a region, standard deviations")
+    low_threshold: float = Field(
+        2.5,
+        gt=0.5,
+        le=50.0,
+        description="Difference of the pixels that belong to a region, standard deviations",
+    )
+    min_area_px: float = Field(6.0, ge=1.0, le=1e4, description="Least area of a region, square pixels")
+    merge_gap: float = Field(
+        0.35, ge=0.0, le=5.0, description="Gap between parts of one object, sides of the larger one"
+    )
+    memory: int = Field(12, ge=1, le=1000, description="Number of images that the background is the mean of")
+    moving_memory: int = Field(
+        4, ge=1, le=1000, description="The same while the camera moves: interpolation blurs the background"
+    )
+
+
+class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
+    """Running mean of the images [1]_, and regions by hysteresis [2]_.
+
+    A pixel differs if its difference exceeds the noise, the error of the background, and the product of
+    gradient and registration error.
+    """
+
+    def setup(self) -> None:
+        """Clear the background."""
+        self._mean: Float32Array | None = None
+        self._count: Float32Array | None = None
+        # Variance of a pixel of one image: constant and proportional to the brightness.
+        self._noise_model = np.array([1.0, 0.01])
+        self._images = 0
+
+    def process(self, inputs: Inputs) -> Outputs:
+        """Return the regions of one image.
+
+        Raises
+        ------
+        InputError
+            If the size of the image differs.
+        RefusedError
+            If the image is saturated or dark, or shows another scene.
+        """
+        raw = inputs.image
+        if self._mean is not None and raw.shape != self._mean.shape:
+            raise InputError(f"image {raw.shape}: expected the size of the previous ones, {self._mean.shape}")
+        for reason, lost in (("saturated", raw == 255), ("dark", raw <= 1)):
+            if (fraction := float(lost.mean())) > _MAX_LOST:
+                raise RefusedError(
+                    f"image: {fraction:.2f} of the pixels {reason}, expected at most {_MAX_LOST}",
+                    reasons=[reason],
+                )
+        image = raw.astype(np.float32)
+        if self._mean is None or self._count is None or inputs.places is None:
+            self._mean, self._count = image, np.ones_like(image)
+            return self._none(image)
+        mean, count = self._moved(self._mean, self._count, inputs)
+        gain = self._gain(image, mean)
+        difference = image / np.float32(gain) - mean
+        gradient = _gradient(mean)
+        self._learn_noise(mean, difference, gradient, count)
+        shift = np.float32(_SIGMA_PX) if inputs.sigma is None else inputs.sigma
+        usable = count > 0.0
+        single = self._noise_model[0] + self._noise_model[1] * mean
+        variance = single * (1.0 + 1.0 / np.maximum(count, 1.0)) + (gradient * shift) ** 2
+        z = np.where(usable, difference / np.sqrt(variance), 0.0).astype(np.float32)
+        found, vacated = self._regions(z, difference, image / np.float32(gain), mean)
+        learn = np.ones(image.shape, bool) if inputs.excluded is None else ~inputs.excluded
+        learn &= found.labels == 0
+        fresh = count <= 0.0
+        if inputs.replaced is not None:
+            fresh |= inputs.replaced
+        fresh |= vacated
+        self._learn(image / np.float32(gain), mean, count, learn, fresh, inputs.is_at_rest)
+        return found
+
+    def _moved(
+        self, mean: Float32Array, count: Float32Array, inputs: Inputs
+    ) -> tuple[Float32Array, Float32Array]:
+        """Return background and number of images of each pixel, in the current image."""
+        if inputs.is_at_rest:
+            return mean, count
+        assert inputs.places is not None  # the caller has checked it
+        u, v = inputs.places[..., 0].copy(), inputs.places[..., 1].copy()
+        moved = cv2.remap(mean, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        left = cv2.remap(count, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+        return np.asarray(moved, np.float32), np.minimum(left, self.config.moving_memory).astype(np.float32)
+
+    @staticmethod
+    def _gain(image: Float32Array, mean: Float32Array) -> float:
+        a, b = image[::_STRIDE, ::_STRIDE], mean[::_STRIDE, ::_STRIDE]
+        good = (a > 4.0) & (a < 250.0) & (b > 4.0)
+        return float(np.median(a[good] / b[good])) if good.sum() > 100 else 1.0
+
+    def _learn_noise(
+        self, mean: Float32Array, difference: Float32Array, gradient: Float32Array, count: Float32Array
+    ) -> None:
+        """Fit constant and slope of the variance to the flat pixels in classes of brightness."""
+        m, d, g, n = (x[::_STRIDE, ::_STRIDE].ravel() for x in (mean, difference, gradient, count))
+        flat = (g <= np.median(g)) & (n > 0.0)
+        m, d, n = m[flat], d[flat], n[flat]
+        if len(m) < 200:
+            return
+        edges = np.quantile(m, np.linspace(0.0, 1.0, 7))
+        part = np.clip(np.searchsorted(edges, m, side="right") - 1, 0, 5)
+        scaled = np.abs(d) / np.sqrt(1.0 + 1.0 / n)
+        used = [k for k in range(6) if (part == k).sum() >= 30]
+        brightness = np.array([m[part == k].mean() for k in used])
+        variance = np.array([(1.4826 * np.median(scaled[part == k])) ** 2 for k in used])
+        slope = 0.0
+        if len(used) >= 2 and np.ptp(brightness) > 10.0:
+            slope = max(float(np.polyfit(brightness, variance, 1)[0]), 0.0)
+        constant = max(float(np.median(variance - slope * brightness)), 0.1)
+        before = float(np.sqrt(self._noise_model @ np.array([1.0, brightness.mean()])))
+        ratio = float(np.sqrt(variance.mean())) / before
+        self._images += 1
+        if self._images > _NOISE_IMAGES and ratio > _MAX_NOISE:
+            self._mean = None
+            raise RefusedError(
+                f"image: difference from the background {ratio:.1f} times the noise, expected at most {_MAX_NOISE}",
+                reasons=["scene_changed"],
+            )
+        self._noise_model = self._noise_model + _NOISE_GAIN * (
+            np.array([constant, slope]) - self._noise_model
+        )
+
+    def _noise_at(self, mean: Float32Array) -> float:
+        brightness = float(mean[::_STRIDE, ::_STRIDE].mean())
+        return float(np.sqrt(self._noise_model @ np.array([1.0, brightness])))
+
+    def _regions(
+        self, z: Float32Array, difference: Float32Array, image: Float32Array, mean: Float32Array
+    ) -> tuple[Outputs, BoolArray]:
+        """Return the connected regions above the low threshold that reach the high one, and vacated pixels."""
+        c = self.config
+        # The mean of 3 x 3 pixels of noise has a third of its standard deviation.
+        strength = np.abs(cv2.blur(z, (3, 3))) * np.float32(1.7)
+        low = ((np.abs(z) > c.low_threshold) | (strength > c.low_threshold)).astype(np.uint8)
+        if float(low.mean()) > _MAX_CHANGED:
+            self._mean = None
+            raise RefusedError(
+                f"image: {float(low.mean()):.2f} of the pixels differ from the background,"
+                f" expected at most {_MAX_CHANGED}",
+                reasons=["scene_changed"],
+            )
+        low = np.asarray(cv2.morphologyEx(low, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.uint8)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(low, connectivity=8)
+        peak = np.zeros(count, np.float32)
+        np.maximum.at(
+            peak,
+            np.asarray(labels, np.int64)[low > 0],
+            np.maximum(strength, np.abs(z) * np.float32(0.6))[low > 0],
+        )
+        chosen = np.flatnonzero((peak > c.threshold) & (stats[:, cv2.CC_STAT_AREA] >= c.min_area_px))
+        chosen = chosen[chosen > 0]
+        vacated = _vacated(low > 0, image, mean, self._noise_at(mean))
+        parts = np.zeros(image.shape, np.int64)
+        peaks: list[float] = []
+        for k in chosen:
+            u, v, w, h, _ = stats[k]
+            # Morphology at the border of a window would extend the region to it.
+            window = (slice(max(v - 3, 0), v + h + 3), slice(max(u - 3, 0), u + w + 3))
+            inside = (labels[window] == k) & ~vacated[window]
+            if not inside.any():
+                continue
+            for mask in _parts(inside, difference[window], z[window]):
+                peaks.append(float(peak[k]))
+                parts[window][mask] = len(peaks)
+        kept, groups = _merged(parts, len(peaks), self.config.merge_gap)
+        shapes, sharp, significances = [], [], []
+        for number, members in enumerate(groups, 1):
+            rows, cols = np.nonzero(kept == number)
+            if len(rows) < c.min_area_px:
+                kept[kept == number] = 0
+                continue
+            window = (
+                slice(max(rows.min() - 2, 0), rows.max() + 3),
+                slice(max(cols.min() - 2, 0), cols.max() + 3),
+            )
+            mask = kept[window] == number
+            lit = _without_shadow(mask, image[window] < _DARK * mean[window])
+            kept[window][mask & ~lit] = 0
+            mask = lit
+            offset = np.array([window[1].start, window[0].start], float)
+            shapes.append(_shape(mask, difference[window], offset))
+            sharp.append(_sharpness(mask, difference[window]))
+            significances.append(max(peaks[m] for m in members))
+            kept[window][mask] = -len(shapes)
+        found = Outputs(
+            boxes=np.array([s.box for s in shapes]).reshape(-1, 4),
+            centroids=np.array([s.centroid for s in shapes]).reshape(-1, 2),
+            covariances=np.array([s.covariance for s in shapes]).reshape(-1, 2, 2),
+            areas=np.array([s.area for s in shapes], float),
+            significances=np.array(significances, float),
+            sharpness=np.array(sharp, float),
+            labels=-np.minimum(kept, 0).astype(np.int32),
+            noise=self._noise_at(mean),
+        )
+        return found, vacated
+
+    def _learn(
+        self,
+        image: Float32Array,
+        mean: Float32Array,
+        count: Float32Array,
+        learn: BoolArray,
+        fresh: BoolArray,
+        is_at_rest: bool,
+    ) -> None:
+        """Add the image to the background, which adopts the ``fresh`` pixels."""
+        memory = self.config.memory if is_at_rest else self.config.moving_memory
+        n = np.minimum(count + 1.0, memory)
+        updated = np.where(learn, mean + (image - mean) / n, mean)
+        new_count = np.where(learn, n, count)
+        self._mean = np.where(fresh, image, updated).astype(np.float32)
+        self._count = np.where(fresh, 1.0, new_count).astype(np.float32)
+
+    def _none(self, image: Float32Array) -> Outputs:
+        return Outputs(
+            boxes=np.zeros((0, 4)),
+            centroids=np.zeros((0, 2)),
+            covariances=np.zeros((0, 2, 2)),
+            areas=np.zeros(0),
+            significances=np.zeros(0),
+            sharpness=np.zeros(0),
+            labels=np.zeros(image.shape, np.int32),
+            noise=self._noise_at(image),
+        )
+
+
+def _gradient(image: Float32Array) -> Float32Array:
+    """Return the magnitude of the gradient, grey levels per pixel."""
+    u, v = (cv2.Sobel(image, cv2.CV_32F, *axis) for axis in ((1, 0), (0, 1)))
+    return np.asarray(cv2.magnitude(u, v) / 8, np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """Shape of a region in the image: centroid (2,), its covariance (2, 2), area and box (4,)."""
+
+    centroid: FloatArray
+    covariance: FloatArray
+    area: float
+    box: FloatArray
+
+
+def _parts(inside: BoolArray, difference: Float32Array, z: Float32Array) -> list[BoolArray]:
+    """Return the masks of the parts of a region that differ most; weaker pixels are dust or penumbra."""
+    d = np.where(inside, difference, np.float32(0.0))
+    strength = np.abs(cv2.blur(d, (3, 3)))
+    # The level of the largest differences, without single pixels.
+    level = float(np.percentile(strength[inside], 98.0))
+    # Thin parts, such as a mast, have less contrast than dust, which is smooth.
+    kernel = np.ones((5, 5), np.uint8)
+    thin = np.maximum(*(cv2.morphologyEx(x, cv2.MORPH_TOPHAT, kernel) for x in (z, -z))) > _THIN
+    strong = (inside & (np.abs(d) > _PART * level)).astype(np.uint8)
+    strong |= (inside & thin & (cv2.dilate(strong, np.ones((3, 3), np.uint8)) == 0)).astype(np.uint8)
+    strong = np.asarray(cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.uint8)
+    count, labels = cv2.connectedComponents(strong, connectivity=8)
+    return [labels == k for k in range(1, count)]
+
+
+def _merged(parts: IntArray, count: int, gap: float) -> tuple[IntArray, list[list[int]]]:
+    """Return the number of the group of each pixel, and the parts of each group.
+
+    Parts belong together if the gap between their boxes is below ``gap`` times the side of the larger one:
+    the head of a mast and the body below it.
+    """
+    boxes = np.zeros((count, 4))
+    for k in range(count):
+        rows, cols = np.nonzero(parts == k + 1)
+        boxes[k] = cols.min(), cols.max() + 1, rows.min(), rows.max() + 1
+    side = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
+    between = np.zeros((count, count))
+    for low, high in ((0, 1), (2, 3)):
+        apart = np.maximum(boxes[:, None, low] - boxes[:, high], boxes[:, low] - boxes[:, None, high])
+        between = np.maximum(between, apart)
+    near = between <= np.maximum(gap * np.maximum(side[:, None], side), 1.5)
+    _, group = connected_components(csr_matrix(near), directed=False)
+    number = np.concatenate([[0], group + 1]).astype(np.int64)
+    members: list[list[int]] = [[] for _ in range(int(group.max(initial=-1)) + 1)]
+    for k, g in enumerate(group):
+        members[g].append(k)
+    return number[parts], members
+
+
+def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
+    """Return a region without the low dark columns at its left and right: the shadow on the ground.
+
+    Seen from a low camera, the shadow of an object is a low strip next to it.
+    """
+    count = mask.sum(axis=0)
+    height = np.where(count > 0, mask.shape[0] - np.argmax(mask[::-1], axis=0) - np.argmax(mask, axis=0), 0)
+    # A mast is higher than the body.
+    is_shadow = height <= _SHADOW_HEIGHT * float(np.percentile(height[count > 0], 75.0))
+    is_shadow &= (mask & dark).sum(axis=0) >= _SHADOW_PART * count
+    keep = np.flatnonzero(~is_shadow & (count > 0))
+    if len(keep) == 0:
+        return mask
+    result = mask.copy()
+    result[:, : keep[0]] = False
+    result[:, keep[-1] + 1 :] = False
+    return result
+
+
+def _vacated(differs: BoolArray, image: Float32Array, mean: Float32Array, noise: float) -> BoolArray:
+    """Return the differing pixels that an object of the background has left.
+
+    The border of its old place is an edge of the background, that of its new place an edge of the image. A
+    pixel belongs to the nearest pixel of the border.
+    """
+    mask = differs.astype(np.uint8)
+    border = differs & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
+    gained, lost = _gradient(image), _gradient(mean)
+    size = (_VACATED_PX, _VACATED_PX)
+    new = cv2.blur(np.maximum(gained - lost, 0.0), size)
+    old = cv2.blur(np.maximum(lost - gained, 0.0), size)
+    is_old: BoolArray = border & (old > _VACATED * new + 0.5 * noise)
+    if not is_old.any():
+        return is_old
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~border).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    of_old = np.zeros(int(nearest.max()) + 1, bool)
+    of_old[nearest[is_old]] = True
+    return np.asarray(differs & of_old[nearest])
+
+
+def _sharpness(mask: BoolArray, difference: Float32Array) -> float:
+    """Return the largest gradient of the difference in and around a region over its largest value."""
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    d = cv2.GaussianBlur(difference, (3, 3), 0)
+    gradient = cv2.magnitude(cv2.Sobel(d, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(d, cv2.CV_32F, 0, 1) / 8)
+    return float(np.percentile(gradient[near], 95.0) / max(float(np.abs(d[mask]).max()), 1e-6))
+
+
+def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Shape:
+    """Return the shape of a region in its window, whose first column and row are ``offset`` (2,).
+
+    A pixel at the edge has the weight of its difference relative to that of its neighbours: the part of it
+    that the object covers.
+    """
+    strength = np.abs(difference)
+    filled = _filled(mask)
+    inner = cv2.erode(filled.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    local = cv2.dilate(np.where(filled, strength, np.float32(0.0)), np.ones((3, 3), np.uint8))
+    part = np.clip(strength / np.maximum(local, 1e-3), 0.0, 1.0)
+    weight = np.where(inner, 1.0, np.where(filled, part, 0.0))
+    area = float(weight.sum())
+    v, u = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]]
+    centroid = np.array([float((weight * u).sum()), float((weight * v).sum())]) / area
+    # Each pixel of the edge is uncertain by a part of a pixel: 1/12 if it is in or out.
+    edge = filled & ~inner
+    du, dv = u[edge] - centroid[0], v[edge] - centroid[1]
+    moments = np.array([[float(du @ du), float(du @ dv)], [float(du @ dv), float(dv @ dv)]])
+    covariance = moments / 12.0 / area**2 + 0.02**2 * np.eye(2)
+    rows, cols = strength.shape
+    box = np.array(
+        [
+            cols - 1 - _last_edge(filled[:, ::-1].T, strength[:, ::-1].T),
+            _last_edge(filled.T, strength.T),
+            rows - 1 - _last_edge(filled[::-1], strength[::-1]),
+            _last_edge(filled, strength),
+        ]
+    )
+    return _Shape(centroid + offset, covariance, area, box + np.repeat(offset, 2))
+
+
+def _last_edge(mask: BoolArray, strength: Float32Array) -> float:
+    """Return the row at which the last rows of a region end: half of the difference of its last full rows."""
+    last = int(np.flatnonzero(mask.any(axis=1))[-1])
+    first = max(last - 3, 0)
+    near = mask[max(last - 1, 0) : last + 1].any(axis=0)
+    profile = strength[first : last + 2, near].mean(axis=1)
+    level = 0.5 * float(profile.max())
+    above = int(np.flatnonzero(profile >= level)[-1])
+    if above + 1 >= len(profile):
+        return first + above + 0.5
+    step = float(profile[above] - profile[above + 1])
+    return first + above + float((profile[above] - level) / max(step, 1e-6))
+
+
+def _filled(mask: BoolArray) -> BoolArray:
+    """Return a mask without holes: each row between its first and last pixel, where columns agree."""
+    across = np.logical_or.accumulate(mask, axis=1) & np.logical_or.accumulate(mask[:, ::-1], axis=1)[:, ::-1]
+    along = np.logical_or.accumulate(mask, axis=0) & np.logical_or.accumulate(mask[::-1], axis=0)[::-1]
+    return np.asarray(mask | (across & along))

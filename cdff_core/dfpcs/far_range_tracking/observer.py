@@ -1,0 +1,202 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Attitude and position of the camera at each image: given, or continued by the registration of images."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.camera import CameraModel
+from cdff_common.errors import FrameNotFoundError
+from cdff_common.geometry import FrameGraph, OdometryBuffer, UncertainTransform
+from cdff_common.interfaces.dfpc import Sample
+from cdff_core.bearing_tracking import wahba
+from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
+from cdff_core.bearing_tracking.track_output import Axes
+from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
+
+#: Memory of poses, and the time over which the newest one is extrapolated, nanoseconds.
+_MEMORY_NS, _AHEAD_NS = 10_000_000_000, 300_000_000
+#: Growth of the variance of an attitude that registration continues, rad² per image.
+_DRIFT_RAD2 = (2.0e-4) ** 2
+#: Rays along each axis of an image from which a rotation is computed.
+_GRID = 5
+_NO_STARS = np.zeros(0, bool)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observer:
+    """Camera at an image.
+
+    Attributes
+    ----------
+    attitude : CameraAttitude
+        Rotation from the camera to the frame; ``bias_rad`` is its error that is the same in many images.
+    frame : str
+        Frame of directions and positions; that of the camera without an attitude.
+    axes : str
+        Axes of the frame.
+    position_m : ndarray (3,) or None
+    position_covariance : ndarray (3, 3)
+    is_given : bool
+        False if the rotation is that of the registration.
+    reasons : tuple of str
+    inputs : tuple of str
+        Ids of the samples.
+    """
+
+    attitude: CameraAttitude
+    frame: str
+    axes: Axes
+    position_m: FloatArray | None
+    position_covariance: FloatArray
+    is_given: bool
+    reasons: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation from the camera to axes that do not rotate, shape (3, 3)."""
+        assert self.attitude.rotation is not None  # every observer has one
+        return self.attitude.rotation
+
+    @property
+    def is_camera(self) -> bool:
+        """True if directions are published in the camera frame."""
+        return self.axes == "camera"
+
+
+class ObserverTrack:
+    """Attitude and position of the camera.
+
+    Parameters
+    ----------
+    frames : FrameGraph
+        Mounts of the sensors, and the place of the site.
+    """
+
+    def __init__(self, config: FarRangeTrackingConfig, frames: FrameGraph) -> None:
+        self._config, self._frames = config, frames
+        self._poses = OdometryBuffer(_MEMORY_NS, _AHEAD_NS)
+        self._pose_names: tuple[str, str] | None = None
+        self._attitude: Sample | None = None
+        self._pose_id = ""
+
+    def give_attitude(self, sample: Sample) -> None:
+        """Store an attitude for the image of its time."""
+        self._attitude = sample
+
+    def give_pose(self, sample: Sample) -> None:
+        """Store a pose; another pair of frames removes the earlier ones."""
+        names = (
+            sample.value.parent_frame or sample.frame,
+            sample.value.child_frame or sample.child,
+        )
+        if names != self._pose_names:
+            self._poses.clear()
+            self._pose_names = names
+        self._poses.insert(sample.stamp_ns, sample.value.transform)
+        self._pose_id = sample.id
+
+    def at(self, stamp_ns: int, camera_frame: str) -> Observer | None:
+        """Return the camera by pose or attitude; None without both at this time."""
+        return self._by_pose(stamp_ns, camera_frame) or self._by_attitude(stamp_ns, camera_frame)
+
+    def _by_pose(self, stamp_ns: int, camera_frame: str) -> Observer | None:
+        pose = self._poses.pose(stamp_ns)
+        if pose is None or self._pose_names is None:
+            return None
+        frame, child = self._pose_names
+        try:
+            if child != camera_frame:
+                pose = pose @ self._frames.lookup(child, camera_frame, stamp_ns)
+        except FrameNotFoundError:
+            return None
+        if frame != "site":
+            with suppress(FrameNotFoundError):
+                pose, frame = self._frames.lookup("site", frame, stamp_ns) @ pose, "site"
+        return self._observer(pose, frame, has_position=True, inputs=(self._pose_id,))
+
+    def _by_attitude(self, stamp_ns: int, camera_frame: str) -> Observer | None:
+        given = self._attitude
+        if given is None or abs(stamp_ns - given.stamp_ns) > self._config.attitude_age_s * 1e9:
+            return None
+        frame = given.value.parent_frame or given.frame or "inertial"
+        child = given.value.child_frame or given.child or camera_frame
+        pose = given.value.transform
+        try:
+            if child != camera_frame:
+                pose = pose @ self._frames.lookup(child, camera_frame, stamp_ns)
+        except FrameNotFoundError:
+            return None
+        return self._observer(pose, frame, has_position=False, inputs=(given.id,))
+
+    def _observer(
+        self, pose: UncertainTransform, frame: str, *, has_position: bool, inputs: tuple[str, ...]
+    ) -> Observer:
+        noise = np.eye(3) * self._config.attitude_noise_rad**2
+        reasons: tuple[str, ...] = ()
+        position_covariance = np.zeros((3, 3))
+        if pose.covariance is None:
+            bias = np.radians(self._config.attitude_sigma_deg)
+            reasons = ("attitude_covariance_unknown",)
+        else:
+            bias = float(np.sqrt(np.trace(pose.covariance[3:, 3:]) / 3.0))
+            position_covariance = pose.covariance[:3, :3]
+        attitude = CameraAttitude(pose.matrix[:3, :3], noise, _NO_STARS, inputs=inputs, bias_rad=bias)
+        position = np.array(pose.matrix[:3, 3]) if has_position else None
+        return Observer(attitude, frame, "z_up", position, position_covariance, True, reasons, inputs)
+
+    def start(self, camera_frame: str) -> Observer:
+        """Return a camera whose attitude at the first image is the identity."""
+        attitude = CameraAttitude(np.eye(3), np.zeros((3, 3)), _NO_STARS)
+        return Observer(attitude, camera_frame, "camera", None, np.zeros((3, 3)), False)
+
+
+def continued(previous: Observer, homography: FloatArray | None, camera: CameraModel) -> Observer:
+    """Return the camera after the rotation that a homography from the previous image contains.
+
+    ``None`` is a rotation of unknown size, taken as none.
+    """
+    R_current_previous = np.eye(3)
+    if homography is not None:
+        R_current_previous = _rotation_of(homography, camera)
+    old = previous.attitude
+    drift = np.eye(3) * _DRIFT_RAD2 if homography is None or not np.allclose(homography, np.eye(3)) else 0.0
+    attitude = replace(
+        old,
+        rotation=previous.rotation @ R_current_previous.T,
+        covariance=np.eye(3) * _DRIFT_RAD2,
+        bias_rad=float(np.sqrt(old.bias_rad**2 + np.trace(np.zeros((3, 3)) + drift) / 3.0)),
+        inputs=(),
+    )
+    reasons = () if previous.is_camera else ("attitude_from_images",)
+    return replace(
+        previous,
+        attitude=attitude,
+        is_given=False,
+        reasons=reasons,
+        inputs=(),
+        position_m=previous.position_m,
+    )
+
+
+def _rotation_of(homography: FloatArray, camera: CameraModel) -> FloatArray:
+    """Return the rotation that maps the rays of pixels to those of their places by a homography."""
+    u, v = np.meshgrid(np.linspace(0.0, camera.cols - 1.0, _GRID), np.linspace(0.0, camera.rows - 1.0, _GRID))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    moved = np.column_stack([pixels, np.ones(len(pixels))]) @ homography.T
+    before, after = camera.rays(pixels), camera.rays(moved[:, :2] / moved[:, 2:])
+    known = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    return wahba.rotation(before[known], after[known], np.ones(int(known.sum())))
+
+
+def rotation_homography(previous: Observer, current: Observer, camera: CameraModel) -> FloatArray:
+    """Return the homography of pixels of a camera that rotates."""
+    K = camera.matrix
+    R = current.rotation.T @ previous.rotation
+    return np.asarray(K @ R @ np.linalg.inv(K))

@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Range of one object over time: a filter of its logarithm with constant rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Spectral density of the change of the rate, 1/s³, and the standard deviation of the first rate, 1/s.
+_NOISE, _RATE_SIGMA = 1e-7, 0.01
+#: Relative standard deviation from which a range is not observable.
+_UNOBSERVABLE = 0.5
+
+
+class RangeFilter:
+    """Kalman filter of the logarithm of a range."""
+
+    def __init__(self) -> None:
+        self._x = np.zeros(2)
+        self._P: np.ndarray | None = None
+        self._stamp_ns = 0
+        self._systematic = 0.0
+
+    def predict(self, stamp_ns: int) -> None:
+        """Continue to a time."""
+        if self._P is None:
+            return
+        dt = (stamp_ns - self._stamp_ns) * 1e-9
+        F = np.array([[1.0, dt], [0.0, 1.0]])
+        self._x = F @ self._x
+        self._P = F @ self._P @ F.T + _NOISE * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        self._stamp_ns = stamp_ns
+
+    def update(self, stamp_ns: int, range_m: float, sigma_m: float, systematic: float) -> None:
+        """Add a measurement whose standard deviation is below half of it.
+
+        ``systematic`` is a relative error that is the same in all measurements.
+        """
+        self._systematic = systematic
+        z, variance = float(np.log(range_m)), (sigma_m / range_m) ** 2
+        if self._P is None:
+            self._x, self._P = np.array([z, 0.0]), np.diag([variance, _RATE_SIGMA**2])
+            self._stamp_ns = stamp_ns
+            return
+        self.predict(stamp_ns)
+        S = self._P[0, 0] + variance
+        gain = self._P[:, 0] / S
+        self._x = self._x + gain * (z - self._x[0])
+        # Joseph's form for the measurement [1, 0].
+        A = np.eye(2) - np.outer(gain, [1.0, 0.0])
+        self._P = A @ self._P @ A.T + np.outer(gain, gain) * variance
+
+    @property
+    def value(self) -> tuple[float, float]:
+        """Range and standard deviation, metres; NaN while not observable."""
+        if self._P is None or not self._P[0, 0] < _UNOBSERVABLE**2:
+            return float("nan"), float("nan")
+        range_m = float(np.exp(self._x[0]))
+        return range_m, range_m * float(np.sqrt(self._P[0, 0] + self._systematic**2))

@@ -1,0 +1,179 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""One tracked object: motion, size and appearance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from cdff_common.arrays import Float32Array, FloatArray
+from cdff_common.types import ObjectTrackStatusT
+from cdff_core.bearing_tracking.motion import BearingStates
+from cdff_core.dfpcs.far_range_tracking.range_filter import RangeFilter
+
+#: Pixels around an object that belong to its appearance: its edge.
+_EDGE_PX = 2
+#: Parts of a new size and of a new appearance in the stored ones.
+_SIZE_GAIN, _APPEARANCE_GAIN = 0.2, 0.2
+#: Part of the place of a region in that of the appearance.
+_ANCHOR_GAIN = 0.15
+#: Change of scale from which the stored appearance is replaced.
+_NEW_SCALE = 1.15
+
+
+@dataclass(slots=True, eq=False)
+class Appearance:
+    """Grey levels of an object.
+
+    Attributes
+    ----------
+    template, weights : ndarray (h, w)
+    offset : ndarray (2,)
+        Place of the object relative to the middle of the template, pixels.
+    size_px : ndarray (2,)
+        Width and height of the object in the template.
+    """
+
+    template: Float32Array
+    weights: Float32Array
+    offset: FloatArray
+    size_px: FloatArray
+
+    @classmethod
+    def cut(
+        cls, image: np.ndarray, mask: np.ndarray, box: FloatArray, place: FloatArray
+    ) -> Appearance | None:
+        """Return the appearance of the pixels of a mask (r, c) in a box; None at the border of the image."""
+        rows, cols = image.shape
+        u0, u1 = int(np.floor(box[0])) - _EDGE_PX, int(np.ceil(box[1])) + _EDGE_PX + 1
+        v0, v1 = int(np.floor(box[2])) - _EDGE_PX, int(np.ceil(box[3])) + _EDGE_PX + 1
+        if u0 < 0 or v0 < 0 or u1 > cols or v1 > rows:
+            return None
+        window = (slice(v0, v1), slice(u0, u1))
+        weights = cv2.dilate(mask[window].astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+        if not weights.any():
+            return None
+        middle = np.array([0.5 * (u0 + u1 - 1), 0.5 * (v0 + v1 - 1)])
+        size = np.array([box[1] - box[0], box[3] - box[2]])
+        return cls(image[window].astype(np.float32), weights, place - middle, np.maximum(size, 1.0))
+
+    def blended(self, newer: Appearance, shift: FloatArray) -> Appearance:
+        """Return the appearance with a part of a newer one, which is ``shift`` (2,) pixels to the right and
+        below.
+        """
+        h, w = self.template.shape
+        M = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        moved = cv2.warpAffine(newer.template, M, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.warpAffine(newer.weights, M, (w, h), flags=flags)
+        part = np.float32(_APPEARANCE_GAIN) * np.minimum(seen, 1.0)
+        template = self.template + part * (moved - self.template)
+        weights = self.weights + np.float32(_APPEARANCE_GAIN) * (seen - self.weights)
+        return Appearance(
+            np.asarray(template, np.float32), np.asarray(weights, np.float32), self.offset, self.size_px
+        )
+
+
+@dataclass(slots=True, eq=False)
+class TrackedObject:
+    """State of one object.
+
+    Attributes
+    ----------
+    number : int
+        0 until the object is confirmed.
+    states : BearingStates
+        One state.
+    size_px : ndarray (2,)
+        Width and height.
+    start : ndarray (3,)
+        First direction.
+    parallax_rad : float
+        Path relative to the scene that the parallax of an object at rest can explain.
+    pixel, pixel_covariance : ndarray (2,), (2, 2)
+        In the last image; NaN without a measurement.
+    region : int
+        Region of the last image; -1 for none.
+    is_whole : bool
+        True if the region of the last image shows the whole object.
+    """
+
+    number: int
+    states: BearingStates
+    size_px: FloatArray
+    start: FloatArray
+    appearance: Appearance | None
+    first_ns: int
+    seen_ns: int
+    label: str = ""
+    is_designated: bool = False
+    hits: int = 1
+    misses: int = 0
+    unlike: int = 0
+    anchors: int = 0
+    parallax_rad: float = 0.0
+    score: float = 1.0
+    pixel: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
+    pixel_covariance: FloatArray = field(default_factory=lambda: np.full((2, 2), np.nan))
+    box: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
+    region: int = -1
+    is_whole: bool = False
+    range: RangeFilter = field(default_factory=RangeFilter)
+    range_reasons: tuple[str, ...] = ()
+    status: ObjectTrackStatusT = ObjectTrackStatusT.TRACK_TENTATIVE
+
+    @property
+    def is_confirmed(self) -> bool:
+        """True if the object has a number."""
+        return self.number > 0
+
+    @property
+    def direction(self) -> FloatArray:
+        """Unit vector (3,)."""
+        return np.asarray(self.states.directions[0])
+
+    def adopt(self, appearance: Appearance | None, middle: FloatArray | None, place: FloatArray) -> None:
+        """Add the appearance of the object at a place (2,) in an image.
+
+        ``middle`` is the place at which the middle of the stored template was matched, None without a match.
+        """
+        if appearance is None:
+            return
+        old = self.appearance
+        ratio = 1.0 if old is None else float(np.max(appearance.size_px / old.size_px))
+        if old is None or middle is None or not 1.0 / _NEW_SCALE < ratio < _NEW_SCALE:
+            self.appearance, self.anchors = appearance, min(self.anchors, 2)
+            return
+        newer_middle = place - appearance.offset
+        first_old = middle - 0.5 * (np.array(old.template.shape[::-1]) - 1.0)
+        first_new = newer_middle - 0.5 * (np.array(appearance.template.shape[::-1]) - 1.0)
+        self.appearance = old.blended(appearance, first_old - first_new)
+
+    def anchored(
+        self, matched: FloatArray, match_covariance: FloatArray, place: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the place (2,) of the object and its covariance (2, 2) by appearance and region.
+
+        The appearance measures the motion well and drifts; the region measures the place with the noise of
+        its edges. Its offset from the place of the appearance is averaged.
+        """
+        gain = max(_ANCHOR_GAIN, 1.0 / (1.0 + self.anchors))
+        self.anchors += 1
+        shift = gain * (place - matched)
+        if self.appearance is not None:
+            a = self.appearance
+            self.appearance = Appearance(a.template, a.weights, a.offset + shift, a.size_px)
+        return matched + shift, match_covariance + gain * covariance
+
+    def resize(self, size_px: FloatArray) -> None:
+        """Move the stored size towards a new one."""
+        gain = max(_SIZE_GAIN, 1.0 / (1.0 + self.hits))
+        self.size_px = self.size_px * np.exp(gain * np.log(np.maximum(size_px, 1.0) / self.size_px))
+
+    def is_similar_size(self, size_px: FloatArray) -> bool:
+        """Return True if a size is that of the whole object, within 15 % and a pixel."""
+        change = np.abs(np.log(np.maximum(size_px, 0.5) / self.size_px))
+        return bool((change < 0.15 + 1.2 / self.size_px).all())
