@@ -9,7 +9,7 @@ export PYTHON
 # Imports are kept as bytecode in .venv and __pycache__: every process of the system starts in half the time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup shell demo test ci lint format generate docs site peers evaluate soak bench warm lock wheel clean
+.PHONY: help setup shell demo test ci lint format generate docs pictures site peers evaluate soak bench warm lock wheel clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -53,7 +53,10 @@ generate: setup  ## write what is made from descriptions
 docs: setup  ## the documentation at http://127.0.0.1:8000
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs serve --quiet
 
-site: setup  ## build the documentation into build/site; fails on a broken link
+pictures: setup  ## draw the pictures of the viewer in the documentation again; fails if one differs from docs/images
+	@$(PY) scripts/documentation_pictures.py $(ARGS)
+
+site: setup pictures  ## build the documentation into build/site; fails on a broken link
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --strict --quiet
 
 peers:  ## install the foreign programs that some slow tests use
