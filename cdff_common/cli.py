@@ -123,6 +123,8 @@ def run_safely(command: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         return 130
     except Exception as error:  # noqa: BLE001  the outermost frame: a bug is reported with its traceback
+        if _is_interruption(error):
+            return 130
         if hint := missing_extra(error):
             return _report(CdffError(hint))
         if isinstance(error, OSError) and error.errno in _FAULTS_OF_THE_MACHINE:
@@ -136,6 +138,13 @@ def run_safely(command: Callable[[], int]) -> int:
         )
         return EXIT_BUG
     return code
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C caused an error: a compiled kernel reports it as a SystemError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def add_connect_option(parser: argparse.ArgumentParser) -> None:

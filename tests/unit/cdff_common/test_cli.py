@@ -148,3 +148,14 @@ def test_a_file_without_permission_is_a_known_error(capsys: pytest.CaptureFixtur
 
     assert cli.run_safely(read) == cli.EXIT_ERROR
     assert capsys.readouterr().err == "cdff: /data/scans: Permission denied\n"
+
+
+def test_an_interrupted_kernel_is_no_bug(capsys: pytest.CaptureFixture[str]) -> None:
+    def compute() -> int:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interruption:
+            raise SystemError("returned a result with an exception set") from interruption
+
+    assert cli.run_safely(compute) == 130
+    assert capsys.readouterr().err == ""

@@ -104,10 +104,18 @@ class Bag2Storage(MessageStorage):
         self.types = RosTypes(2)
         self._path = path
         self._writer = Writer2(path, version=9, storage_plugin=StoragePlugin.SQLITE3)
-        with _database_errors():
-            self._writer.open()
-        assert isinstance(self._writer.storage, Sqlite3Writer)
-        self._database = self._writer.storage.conn
+        try:
+            with _database_errors():
+                self._writer.open()
+                storage = self._writer.storage
+                assert isinstance(storage, Sqlite3Writer)
+                # The connection of rosbags is bound to this thread; a recorder writes from those of the bus.
+                storage.conn.close()
+                storage.conn = self._database = sqlite3.connect(storage.path, check_same_thread=False)
+                storage.cursor = self._database.cursor()
+        except BaseException:  # such as Ctrl-C
+            shutil.rmtree(path, ignore_errors=True)
+            raise
         self._uncommitted_bytes, self._committed_s = 0, monotonic_s()
 
     def add_topic(self, topic: str, type_name: str) -> Any:

@@ -51,6 +51,16 @@ def test_each_part_of_a_split_recording_opens_and_none_is_lost(
     assert read == [list(range(10)), list(range(10, 20)), list(range(20, 25))]
 
 
+@pytest.mark.parametrize("name", ["run.msg", "run.mcap", "run.bag", "run"])
+def test_a_log_is_written_by_another_thread_than_that_which_made_it(tmp_path: Path, name: str) -> None:
+    files = RecordingFiles(tmp_path / name)
+    thread = threading.Thread(target=record, args=(files, 5))
+    thread.start()
+    thread.join()
+    with open_log(tmp_path / name) as log:
+        assert log.streams[STREAM].count == 5
+
+
 @pytest.mark.parametrize("limit", [{"max_bytes": 0}, {"max_s": 0.0}, {"max_s": float("nan")}])
 def test_limits_that_are_not_above_zero_are_refused(tmp_path: Path, limit: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="expected above 0"):
