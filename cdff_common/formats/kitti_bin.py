@@ -12,7 +12,8 @@ import numpy as np
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.file_source import Readable, load
 
-_ROW_BYTES = 16
+#: Size of a point.
+ROW_BYTES = 16
 _FARTHEST_M = 1e5
 
 
@@ -21,9 +22,9 @@ def read_kitti_bin(source: Readable) -> CloudArrays:
     implausible.
     """
     s = load(source)
-    if not s.data or len(s.data) % _ROW_BYTES:
+    if not s.data or len(s.data) % ROW_BYTES:
         raise s.error(
-            f"{len(s.data)} bytes, expected a multiple of {_ROW_BYTES} above 0 (float32 x, y, z, reflectance)"
+            f"{len(s.data)} bytes, expected a multiple of {ROW_BYTES} above 0 (float32 x, y, z, reflectance)"
         )
     rows = np.frombuffer(s.data, "<f4").reshape(-1, 4)
     if not looks_like_scan(s.data):
@@ -33,7 +34,7 @@ def read_kitti_bin(source: Readable) -> CloudArrays:
 
 def looks_like_scan(data: bytes) -> bool:
     """Return whether the rows contain plausible finite coordinates and reflectances."""
-    if not data or len(data) % _ROW_BYTES:
+    if not data or len(data) % ROW_BYTES:
         return False
     rows = np.frombuffer(data, "<f4").reshape(-1, 4)
     with np.errstate(invalid="ignore"):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.errors import CodecError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs.source import (
     LogSample,
@@ -20,6 +22,11 @@ from cdff_dev.logs.source import (
     chosen_streams,
     recorded_header,
 )
+
+logger = logging.getLogger(__name__)
+
+#: Damaged samples of a log that are logged; all are listed in ``unconverted``.
+_MAX_LOGGED = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,18 +59,32 @@ class IndexedStream:
 
 
 class IndexedLog(LogSource):
-    """A log as a ``LogSource``, made of streams whose samples are read when they are yielded."""
+    """A log as a ``LogSource``, made of streams whose samples are read when they are yielded.
+
+    Attributes
+    ----------
+    skips_damaged : bool
+        Whether a sample that cannot be read is left out, logged and listed in ``unconverted``, as in folders
+        with a file for each sample. If none can be read, the first error is raised.
+    """
+
+    skips_damaged = True
 
     def __init__(
         self, streams: Mapping[str, IndexedStream], unconverted: Mapping[str, Unconverted] | None = None
     ) -> None:
         self._indexed = dict(sorted(streams.items()))
         self._unconverted = dict(unconverted or {})
+        self._damaged: dict[tuple[str, int], str] = {}
 
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
-        """Content without a stream, by its name in the log."""
-        return self._unconverted
+        """Content without a stream, by its name in the log; with the damaged samples found so far."""
+        found: dict[str, Unconverted] = {}
+        for (name, _), reason in self._damaged.items():
+            count = found[name].count if name in found else 0
+            found[name] = Unconverted("damaged sample", count + 1, found[name].reason if count else reason)
+        return self._unconverted | {f"{name}: damaged samples": item for name, item in found.items()}
 
     @property
     def streams(self) -> dict[str, StreamInfo]:
@@ -78,7 +99,7 @@ class IndexedLog(LogSource):
         InputError
             If a stream is not in the log.
         CodecError
-            If a sample cannot be read.
+            If a sample cannot be read; with ``skips_damaged`` if none can be.
         """
         return self.samples_from(np.iinfo(np.int64).min, streams)
 
@@ -91,16 +112,27 @@ class IndexedLog(LogSource):
         seq = np.concatenate([np.arange(0), *(np.arange(n) for n in counts)])
         stamps_ns = np.concatenate([np.arange(0), *(stream.stamps_ns for stream in chosen)])
         order = np.lexsort((seq, rank, stamps_ns))
+        fault, has_sample = None, False
         for i in order[np.searchsorted(stamps_ns[order], stamp_ns) :]:
-            stream, number = chosen[rank[i]], int(seq[i])
-            yield LogSample(
-                names[rank[i]],
-                stream.type_name,
-                int(stamps_ns[i]),
-                number,
-                stream.read(number),
-                stream.header(number),
-            )
+            name, stream, number = names[rank[i]], chosen[rank[i]], int(seq[i])
+            try:
+                value = stream.read(number)
+            except CodecError as error:
+                if not self.skips_damaged or len(order) == 1:
+                    raise
+                fault = fault or error
+                self._report_damaged(name, number, str(error))
+                continue
+            has_sample = True
+            yield LogSample(name, stream.type_name, int(stamps_ns[i]), number, value, stream.header(number))
+        if fault is not None and not has_sample:
+            raise fault
+
+    def _report_damaged(self, name: str, number: int, reason: str) -> None:
+        if (name, number) not in self._damaged:
+            self._damaged[name, number] = reason
+            if len(self._damaged) <= _MAX_LOGGED:
+                logger.warning("%s; sample %d of %s is left out", reason, number, name)
 
     def stamps_ns(self, stream: str) -> NDArray[np.int64]:
         """Return the stamps of a stream in the order of writing."""

@@ -15,6 +15,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.source import LogSource, split_stream
+from cdff_dev.logs.timing import timing
 from cdff_dev.new.mounts import CameraMounts, edge_line
 
 #: Kind of the sensor of a stream, by its ASN.1 type.
@@ -150,8 +151,8 @@ def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
     for (robot, sensor), items in streams.items():
         first = next(iter(items))
         info = log.streams[first]
-        duration_s = (info.t1_ns - info.t0_ns) * 1e-9
-        rate_hz = (info.count - 1) / duration_s if duration_s > 0 else 0.0
+        times = timing(log.stamps_ns(first))
+        rate_hz = times.mean_rate_hz if times.has_bursts else times.rate_hz
         types = {item: log.streams[stream].type_name for stream, item in items.items()}
         kind = "other" if is_fix(first) else _KINDS.get(info.type_name, "other")
         if is_fix(first):

@@ -56,6 +56,8 @@ class LogReader(IndexedLog):
         Accepted deviations from the format, and their numbers.
     """
 
+    skips_damaged = False
+
     def __init__(self, files: list[Path]) -> None:
         self.files = files
         self.quirks = quirk.Quirks()

@@ -62,6 +62,8 @@ class PocologLog(IndexedLog):
         If a file is not a pocolog file of version 2.
     """
 
+    skips_damaged = False
+
     def __init__(self, files: list[Path]) -> None:
         self.files = sorted(files, key=_recording)
         self._reader = LogFiles(self.files)

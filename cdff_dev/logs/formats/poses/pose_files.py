@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from cdff_dev.logs.indexed import IndexedLog
 
 _NAME = "/robot/truth.pose"
 _Poses = tuple[NDArray[np.int64], NDArray[np.float64]]
+logger = logging.getLogger(__name__)
+
 #: Columns of a table of poses whose times are those of images.
 _IMAGE_COLUMNS = ("image", "frame")
 
@@ -101,9 +104,7 @@ def _of_images(source: Source) -> _Poses:
 
 def _kitti(source: Source) -> _Poses:
     try:
-        table = np.loadtxt(source.data.decode().splitlines(), ndmin=2)
-        if table.shape[1] != 12:
-            raise ValueError(f"{table.shape[1]} numbers per line")
+        table = np.array(_kitti_rows(source), dtype=np.float64).reshape(-1, 12)
         if not np.isfinite(table).all():
             raise ValueError("numbers that are not finite")
     except ValueError as error:
@@ -113,6 +114,18 @@ def _kitti(source: Source) -> _Poses:
     if np.abs(R - rows[:, :, :3]).max() > 1e-2:
         raise source.error("a 3x3 block differs by more than 0.01 from a rotation")
     return np.arange(len(rows), dtype=np.int64) * PERIOD_NS, se3.transform(R, rows[:, :, 3])
+
+
+def _kitti_rows(source: Source) -> list[list[float]]:
+    """Return the numbers of each line; the line in which a file was cut is left out with a warning."""
+    lines = [line.split("#")[0].split() for line in source.data.decode().splitlines()]
+    rows = [(number, words) for number, words in enumerate(lines, start=1) if words]
+    if len(rows) > 1 and len(rows[-1][1]) < 12 and not source.data.endswith(b"\n"):
+        number, words = rows.pop()
+        logger.warning("%s: ends in line %d with %d of 12 numbers", source.name, number, len(words))
+    if wrong := next(((number, words) for number, words in rows if len(words) != 12), None):
+        raise ValueError(f"line {wrong[0]}: {len(wrong[1])} numbers")
+    return [[float(word) for word in words] for _, words in rows]
 
 
 def _is_rotation(R: NDArray[np.float64]) -> bool:

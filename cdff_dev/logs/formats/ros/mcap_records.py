@@ -81,15 +81,20 @@ class McapRecords:
                     return
                 opcode, body, after = found
                 try:
-                    yield from self._records(at, opcode, body)
+                    yield from self._records(at, opcode, body, is_complete=after <= size)
                 except _ERRORS as error:
                     self._report(at, f"damaged record of type {opcode}: {error}")
+                if after > size:
+                    return
                 at = after
 
     def _next(
         self, file: BinaryIO, at: int, size: int, is_needed: bool
     ) -> tuple[int, memoryview, int] | None:
-        """Return type, content if it is needed, and end of a record; None at the end of the data."""
+        """Return type, content if it is needed, and end of a record; None at the end of the data.
+
+        The end of a chunk that the file does not contain completely is after that of the file.
+        """
         file.seek(at)
         prefix = file.read(_PREFIX.size)
         if len(prefix) < _PREFIX.size:
@@ -100,8 +105,14 @@ class McapRecords:
         if opcode == Opcode.FOOTER:
             return None
         if after > size:
-            self._report(at, f"a record of {length} bytes, of which the file has {size - at - _PREFIX.size}")
-            return None
+            has, read = (
+                size - at - _PREFIX.size,
+                "; it is read up to the end" if opcode == Opcode.CHUNK else "",
+            )
+            self._report(at, f"a record of {length} bytes, of which the file has {has}{read}")
+            if opcode != Opcode.CHUNK or has > _MAX_BYTES:
+                return None
+            return opcode, memoryview(file.read(has) if is_needed else b""), after
         if opcode == Opcode.ATTACHMENT:
             self.attachments += 1
         if not is_needed or opcode not in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK):
@@ -111,26 +122,32 @@ class McapRecords:
             return opcode, memoryview(b""), after
         return opcode, memoryview(file.read(length)), after
 
-    def _records(self, at: int, opcode: int, body: memoryview) -> Iterator[Record]:
+    def _records(self, at: int, opcode: int, body: memoryview, *, is_complete: bool) -> Iterator[Record]:
         if not body:
             return
         if opcode != Opcode.CHUNK:
             yield from _record(opcode, body)
             return
         channels: set[int] = set()
-        for record in _chunk_records(_decompressed(body, is_verified=at in self._channels_of)):
+        data = _decompressed(body, is_verified=at in self._channels_of) if is_complete else _beginning(body)
+        for record in _chunk_records(data, is_complete=is_complete):
             if isinstance(record, tuple):
                 channels.add(record[0])
             yield record
         self._channels_of[at] = frozenset(channels)
 
 
-def _chunk_records(data: memoryview) -> Iterator[Record]:
+def _chunk_records(data: memoryview, *, is_complete: bool) -> Iterator[Record]:
+    """Yield the records of a chunk; an incomplete one is only accepted at the end of an incomplete chunk."""
     at = 0
     while at < len(data):
+        if not is_complete and len(data) - at < _PREFIX.size:
+            return
         opcode, length = _PREFIX.unpack_from(data, at)
         at += _PREFIX.size
         if length > len(data) - at:
+            if not is_complete:
+                return
             raise ValueError(f"a record of {length} bytes at byte {at} of a chunk of {len(data)}")
         yield from _record(opcode, data[at : at + length])
         at += length
@@ -148,16 +165,10 @@ def _record(opcode: int, body: memoryview) -> Iterator[Record]:
 
 def _decompressed(body: memoryview, is_verified: bool) -> memoryview:
     """Return the records of a chunk; raises ValueError if size or checksum differ."""
-    _, _, size, checksum, name_size = _CHUNK.unpack_from(body)
-    at = _CHUNK.size + name_size
-    compression = bytes(body[_CHUNK.size : at]).decode("utf-8")
-    (data_size,) = _SIZE.unpack_from(body, at)
-    at += _SIZE.size
+    size, checksum, compression, data_size, at = _chunk_header(body)
     if data_size > len(body) - at:
         raise ValueError(f"{data_size} bytes of records in a chunk that has {len(body) - at}")
     chunk = body[at : at + data_size]
-    if size > _MAX_BYTES:
-        raise ValueError(f"a chunk of {size} bytes, expected at most {_MAX_BYTES}")
     data: bytes | memoryview
     if compression == "zstd":
         data = zstandard.ZstdDecompressor().stream_reader(chunk).read(size)
@@ -172,3 +183,25 @@ def _decompressed(body: memoryview, is_verified: bool) -> memoryview:
     if checksum and not is_verified and zlib.crc32(data) != checksum:
         raise ValueError("checksum of a chunk differs")
     return memoryview(data)
+
+
+def _beginning(body: memoryview) -> memoryview:
+    """Return the records at the start of a chunk whose end is missing, without a check."""
+    size, _, compression, _, at = _chunk_header(body)
+    data: bytes | memoryview = body[at:]
+    if compression == "zstd":
+        data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    elif compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+    return memoryview(data)[:size]
+
+
+def _chunk_header(body: memoryview) -> tuple[int, int, str, int, int]:
+    """Return size and checksum of the records of a chunk, their compression, compressed size and offset."""
+    _, _, size, checksum, name_size = _CHUNK.unpack_from(body)
+    at = _CHUNK.size + name_size
+    compression = bytes(body[_CHUNK.size : at]).decode("utf-8")
+    (data_size,) = _SIZE.unpack_from(body, at)
+    if size > _MAX_BYTES:
+        raise ValueError(f"a chunk of {size} bytes, expected at most {_MAX_BYTES}")
+    return size, checksum, compression, data_size, at + _SIZE.size

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,17 @@ import numpy as np
 from cdff_common.errors import CodecError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.clouds import CLOUD_FORMATS, read_cloud
-from cdff_common.formats.file_source import load
+from cdff_common.formats.file_source import Source, load
 from cdff_common.formats.format_detection import detect
+from cdff_common.formats.kitti_bin import ROW_BYTES, looks_like_scan
 from cdff_common.formats.xyz import read_xyz
 from cdff_common.types import LidarScan
 from cdff_dev.logs.file_stamps import file_stamps
 from cdff_dev.logs.formats.scans.e57 import MAGIC, read_e57
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream, headers
 from cdff_dev.logs.other_files import other_files
+
+logger = logging.getLogger(__name__)
 
 ROBOT = "robot"
 SCAN = f"/{ROBOT}/lidar.scan"
@@ -72,8 +76,23 @@ def _read(path: Path) -> tuple[CloudArrays, str]:
         if file.read(len(MAGIC)) == MAGIC:
             return read_e57(path), "e57"
     source = load(path)
+    if path.suffix.lower() == ".bin":
+        source = _whole_points(source)
     found = detect(source)
     if found not in CLOUD_FORMATS:
         expected = ", ".join((*CLOUD_FORMATS, "e57"))
         raise CodecError(f"{path}: format {found}, expected a point cloud: {expected}")
     return read_cloud(source, found), found
+
+
+def _whole_points(source: Source) -> Source:
+    """Return a file of KITTI without the point in which it ends, with a warning."""
+    excess = len(source.data) % ROW_BYTES
+    whole = Source(source.data[: len(source.data) - excess], source.name)
+    if not excess or not looks_like_scan(whole.data):
+        return source
+    points = len(whole.data) // ROW_BYTES
+    logger.warning(
+        "%s: ends at byte %d within a point; %d points are read", source.name, len(source.data), points
+    )
+    return whole

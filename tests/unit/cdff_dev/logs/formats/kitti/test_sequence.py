@@ -199,13 +199,24 @@ def test_malformed_calibration_time_and_pose_files_are_refused(
         kitti_log(folder)
 
 
-def test_a_corrupt_image_is_reported_when_it_is_read(tmp_path: Path) -> None:
+def test_a_corrupt_image_is_left_out_and_listed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = sequence(tmp_path / "06")
     (folder / "image_0" / "000001.png").write_bytes(b"not a png")
-    samples = kitti_log(folder).samples()
-    assert next(samples).seq == 0
-    with pytest.raises(CodecError, match=r"000001\.png"):
-        next(samples)
+    log = kitti_log(folder)
+    numbers = [sample.seq for sample in log.samples([PAIR])]
+    assert numbers == [n for n in range(log.streams[PAIR].count) if n != 1]
+    assert "000001.png" in caplog.text
+    (item,) = (item for name, item in log.unconverted.items() if "damaged" in name)
+    assert item.count == 1
+    assert "000001.png" in item.reason
+
+
+def test_a_sequence_without_a_readable_image_is_refused(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    for image in (folder / "image_0").iterdir():
+        image.write_bytes(b"not a png")
+    with pytest.raises(CodecError, match=r"000000\.png"):
+        list(kitti_log(folder).samples([PAIR]))
 
 
 def test_the_recorded_sequence_has_its_length_baseline_and_path_length(

@@ -114,3 +114,12 @@ def test_a_malformed_line_of_a_file_of_poses_is_refused(tmp_path: Path, text: st
     (tmp_path / "poses.txt").write_text(text)
     with pytest.raises(CodecError, match=message):
         open_log(tmp_path / "poses.txt")
+
+
+def test_a_file_of_poses_that_was_cut_has_the_poses_before(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "poses.txt").write_text(KITTI * 3 + KITTI[:9])
+    with open_log(tmp_path / "poses.txt") as log:
+        assert len(list(log.samples())) == 3
+    assert "ends in line 4" in caplog.text

@@ -61,3 +61,20 @@ def test_a_chunk_with_a_damaged_size_of_its_records_is_left_out(
     assert 0 < count < _COUNT
     assert len(reasons) == 1
     assert "damaged record of type 6" in reasons[0]
+
+
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_the_messages_at_the_start_of_an_incomplete_chunk_are_read(
+    compression: CompressionType, tmp_path: Path
+) -> None:
+    content, path = _file(compression), tmp_path / "log.mcap"
+    counts = []
+    for length in range(9, len(content), 7):
+        path.write_bytes(content[:length])
+        records = McapRecords(path, lambda *_: None)
+        numbers = [record[2][0] for record in records if isinstance(record, tuple)]
+        assert numbers == list(range(len(numbers)))
+        counts.append(len(numbers))
+    assert counts == sorted(counts)
+    if compression is CompressionType.NONE:  # blocks of compression have several messages
+        assert set(counts) == set(range(_COUNT + 1))

@@ -81,11 +81,27 @@ def test_times_of_a_file_precede_names(tmp_path: Path) -> None:
         open_log(tmp_path)
 
 
-def test_a_file_that_is_not_a_cloud_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_cloud_is_left_out_and_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     bin_scan(tmp_path / "000000.bin")
     (tmp_path / "000001.bin").write_bytes(b"text")
+    with open_log(tmp_path) as log:
+        assert [sample.seq for sample in log.samples()] == [0]
+    assert "000001.bin" in caplog.text
     with pytest.raises(CodecError, match=r"000001\.bin"):
-        list(open_log(tmp_path).samples())
+        list(open_log(tmp_path / "000001.bin").samples())
+
+
+def test_a_scan_that_was_cut_within_a_point_has_the_others(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    bin_scan(tmp_path / "000000.bin")
+    content = (tmp_path / "000000.bin").read_bytes()
+    (tmp_path / "000000.bin").write_bytes(content[:-7])
+    (sample,) = open_log(tmp_path / "000000.bin").samples()
+    assert len(sample.value.points_m) == len(content) // 16 - 1
+    assert "within a point" in caplog.text
 
 
 def test_the_shared_folder_of_scans_opens_by_its_path(real_data: Callable[[str], Path]) -> None:
