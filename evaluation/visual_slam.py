@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,16 +16,18 @@ from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.camera import CameraModel
 from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
-from cdff_common.interfaces.dfpc import Dfpc, Sample
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import DistanceImage, Frame, VisualMap
+from cdff_common.types import DistanceImage, Frame
+from cdff_common.types.pose_graph_ext import LOOP_CLOSURE
 from cdff_core.imaging.grey import grey_image
 from cdff_core.visual_map.keyframe_points import registered_depth
 from cdff_dev.logs import open_log
 from cdff_dev.logs.source import LogSource
 from evaluation.data_sets import euroc, kitti
 from evaluation.peers.opencv_chain import Chain, chain, disparity_depth, image_depth
+from evaluation.scenes.textured_corridor import Corridor, drive
 from evaluation.visual_localisation import (
     EUROC_SIGMAS,
     KITCHEN,
@@ -33,17 +35,19 @@ from evaluation.visual_localisation import (
     KITCHEN_SIGMAS,
 )
 
-PARTS = ("kitchen", "euroc", "kitti", "loops")
+PARTS = ("kitchen", "euroc", "kitti", "loops", "corridor")
 #: Accuracy of the reference poses of KITTI, metres and degrees.
 KITTI_SIGMAS = (0.05, 0.2)
 #: Time between two frames of the kitchen's sequence.
 _FRAME_NS = 100_000_000
-#: First frame of the log, frames of the map and of the revisit.
-_FIRST, _MAPPED, _REVISIT = 220, (220, 240), (480, 580)
+#: Frames of the map and of the revisit.
+_MAPPED, _REVISIT = (220, 240), (260, 580)
 #: Ratio of the points of a frame that are seen again, and tolerance of their depth: the same place.
 _COMMON, _DEPTH_TOLERANCE = 0.3, 0.1
 _FALSE_M, _FALSE_DEG = 0.25, 10.0
 _CHAIN = "OpenCV chain"
+#: Distance between two pairs of the simulated drives.
+_STEP_M = 0.3
 _PORTS = {"FramePair": "pair", "Frame": "image", "DistanceImage": "depth"}
 
 
@@ -52,6 +56,7 @@ def evaluate(
 ) -> dict[str, dict[str, Any]]:
     """Return the figures of each part."""
     methods = {"kitchen": _kitchen, "euroc": _euroc, "kitti": _kitti, "loops": _loops}
+    methods["corridor"] = _corridor
     figures = {}
     for part in parts:
         progress(f"visual slam: {part}")
@@ -80,6 +85,19 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
             f"| other frames | {loops['other_place']} | {loops['recognised_elsewhere']} "
             f"| {loops['false_elsewhere']} |",
         ]
+    corridor = figures.get("corridor", {})
+    if corridor:
+        lines += [
+            "",
+            "| simulated corridor | pairs, path | ATE of odometry | online | final | loops | false loops "
+            "| CPU s |",
+            "|---" * 8 + "|",
+        ]
+    lines += [
+        f"| {name} | {f['images']}, {f['path_m']} m | {f['odometry_mm']} mm | {f['online_mm']} mm "
+        f"| {f['final_mm']} mm | {f['loops']} | {f['false_loops']} | {f['cpu_s']} |"
+        for name, f in corridor.items()
+    ]
     return "\n".join(lines)
 
 
@@ -92,6 +110,30 @@ def _row(method: str, f: dict[str, Any]) -> str:
     )
 
 
+def _corridor(data: Path) -> dict[str, Any]:
+    """Return the figures of drives around a corridor, also with four sides that look the same."""
+    figures = {}
+    for name, laps, twins in (("four different sides", 1.5, False), ("four equal sides", 1.2, True)):
+        world, run, dfpc = Corridor(seed=1, twins=twins), _Run(), _new({})
+        truth, odometry = {}, {}
+        for i, T in enumerate(drive(laps, _STEP_M)):
+            stamp = (i + 1) * _FRAME_NS
+            truth[stamp] = T
+            pair = world.pair(T)
+            for output in _add(run, dfpc, [Sample("pair", stamp, i, pair)]):
+                if output.port == "odometry" and output.value is not None:
+                    odometry[stamp] = np.array(output.value.transform.matrix)
+        false = _finish(run, dfpc, truth)
+        path = np.array([T[:3, 3] for T in truth.values()])
+        figures[name] = {
+            **_figures(run, truth, (1e-6, 1e-4)),
+            "path_m": round(float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()), 1),
+            "odometry_mm": _accuracy(odometry, truth)["final_mm"],
+            "false_loops": false,
+        }
+    return figures
+
+
 @dataclass(slots=True)
 class _Run:
     """Result of a run: poses with covariance by stamp, trajectory and map at the end, cost."""
@@ -101,7 +143,6 @@ class _Run:
     images: int = 0
     cpu_s: float = 0.0
     metrics: dict[str, float] = field(default_factory=dict)
-    map: VisualMap | None = None
 
 
 def _kitchen(data: Path) -> dict[str, Any]:
@@ -167,7 +208,7 @@ def _loops(data: Path) -> dict[str, Any]:
     log = open_log(data / KITCHEN)
     T_depth_colour = se3.inverse(se3.transform(np.eye(3), KITCHEN_OFFSET_M))
     truth = {stamp: T @ T_depth_colour for stamp, T in _truth(log).items()}
-    frames = {_FIRST + stamp // _FRAME_NS: (stamp, *f) for stamp, f in _rgbd_frames(log).items()}
+    frames = {stamp // _FRAME_NS: (stamp, *f) for stamp, f in _rgbd_frames(log).items()}
     log.close()
     mapped = {n: f for n, f in frames.items() if _MAPPED[0] <= n <= _MAPPED[1]}
     revisit = {n: f for n, f in frames.items() if _REVISIT[0] <= n <= _REVISIT[1]}
@@ -235,11 +276,26 @@ def _run(log: LogSource, parameters: dict[str, Any]) -> _Run:
     """Return the result of the samples of a log."""
     ports = {name: _PORTS[info.type_name] for name, info in log.streams.items() if info.type_name in _PORTS}
     dfpc, run = _new(parameters), _Run()
-    for seq, item in enumerate(log.samples(list(ports))):
-        sample = Sample(ports[item.stream], item.stamp_ns, seq, item.value)
+    _add(
+        run,
+        dfpc,
+        (
+            Sample(ports[item.stream], item.stamp_ns, seq, item.value)
+            for seq, item in enumerate(log.samples(list(ports)))
+        ),
+    )
+    _finish(run, dfpc, {})
+    return run
+
+
+def _add(run: _Run, dfpc: Dfpc, samples: Iterable[Sample]) -> list[Output]:
+    """Pass samples to the compound, add the poses to a run, and return all outputs."""
+    collected = []
+    for sample in samples:
         started = time.process_time()
         outputs = list(dfpc.step(sample))
         run.cpu_s += time.process_time() - started
+        collected += outputs
         for output in outputs:
             if output.port != "pose":
                 continue
@@ -247,14 +303,26 @@ def _run(log: LogSource, parameters: dict[str, Any]) -> _Run:
             if output.quality.status is not Status.FAILED:
                 T = output.value.transform
                 run.online[output.t1_ns] = (np.array(T.matrix), np.array(T.covariance))
+    return collected
+
+
+def _finish(run: _Run, dfpc: Dfpc, truth: dict[int, FloatArray]) -> int:
+    """Add the outputs at the end to a run; return the number of loops that contradict the true poses."""
     started = time.process_time()
-    for output in dfpc.finish():
-        run.metrics = dict(output.quality.metrics)
-        if output.port == "trajectory":
-            stamps = output.value.stamps_ns.tolist()
-            run.final = dict(zip(stamps, np.array(output.value.matrices), strict=True))
+    outputs = {output.port: output for output in dfpc.finish()}
     run.cpu_s += time.process_time() - started
-    return run
+    run.metrics = dict(outputs["map"].quality.metrics)
+    trajectory, graph = outputs["trajectory"].value, outputs["graph"].value
+    run.final = dict(zip(trajectory.stamps_ns.tolist(), np.array(trajectory.matrices), strict=True))
+    stamps = dict(zip(graph.vertices.ids.tolist(), graph.vertices.stamps_ns.tolist(), strict=True))
+    false = 0
+    for (a, b), T, kind in zip(
+        graph.edges.ends.tolist(), graph.edges.matrices, graph.edges.kinds, strict=True
+    ):
+        if truth and kind == LOOP_CLOSURE:
+            e = pose_error(se3.inverse(truth[stamps[a]]) @ truth[stamps[b]], T)
+            false += bool(np.linalg.norm(e[:3]) > _FALSE_M or np.linalg.norm(e[3:]) > np.radians(_FALSE_DEG))
+    return false
 
 
 def _truth(log: LogSource) -> dict[int, FloatArray]:
@@ -303,7 +371,10 @@ def _accuracy(poses: dict[int, FloatArray], truth: dict[int, FloatArray]) -> dic
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ V))])
     R = U * signs @ V
     errors = np.linalg.norm(b - a @ R.T, axis=1)
-    turned = np.swapaxes(true[:, :3, :3], 1, 2) @ (R @ estimated[:, :3, :3])
+    # The positions of a straight path leave a rotation open: orientations are aligned by their mean.
+    to_true = true[:, :3, :3] @ np.swapaxes(estimated[:, :3, :3], 1, 2)
+    R_mean = se3.normalise_rotation(to_true.mean(axis=0))
+    turned = np.swapaxes(true[:, :3, :3], 1, 2) @ (R_mean @ estimated[:, :3, :3])
     return {
         "final_mm": round(1e3 * float(np.sqrt(np.mean(errors**2))), 1),
         "max_mm": round(1e3 * float(errors.max()), 1),

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,17 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.types import DistanceImage, Frame, FramePair
 from cdff_common.types.visual_map_ext import KeyframePoints
+from cdff_core.dfns.rectification_refinement.interface import (
+    RectificationRefinementInputs,
+    RectificationRefinementOutputs,
+)
 from cdff_core.dfns.stereo_matching_2d.interface import StereoMatching2DInputs, StereoMatching2DOutputs
 from cdff_core.imaging.grey import grey_image
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
 
 MatchingDfn = Dfn[Any, StereoMatching2DInputs, StereoMatching2DOutputs]
+RefinementDfn = Dfn[Any, RectificationRefinementInputs, RectificationRefinementOutputs]
 #: Standard deviation of a disparity of a feature, pixels.
 _DISPARITY_SIGMA_PX = 0.3
 #: Largest depth in baselines: 1 px of disparity at a focal length of 450 px.
@@ -35,6 +40,49 @@ _MAX_OFFSET_PX, _MAX_DEPTH_RATIO = 1.5, 1.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StereoMeasurement:
+    """Pixels and disparities of points, from which their positions follow for any error of the rectification.
+
+    Attributes
+    ----------
+    measurements : ndarray, shape (n, 3)
+        Column, row and disparity, corrected as far as row offsets determine the errors, pixels.
+    basis : ndarray, shape (n, 2)
+        Derivatives of the disparities by the two errors that the row offsets do not determine.
+    camera_matrix : ndarray, shape (3, 3)
+    baseline_m : float
+    open_covariance : ndarray, shape (2, 2)
+        Prior covariance of these errors, square pixels.
+    """
+
+    measurements: FloatArray
+    basis: FloatArray
+    camera_matrix: FloatArray
+    baseline_m: float
+    open_covariance: FloatArray
+
+    def positions(self, errors_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the positions (n, 3) and the standard deviations of the depths (n,) for errors (2,)."""
+        K = self.camera_matrix
+        least = K[0, 0] / _MAX_BASELINES
+        disparities = np.maximum(self.measurements[:, 2] + self.basis @ errors_px, least)
+        depths = K[0, 0] * self.baseline_m / disparities
+        rays = np.column_stack(
+            [
+                (self.measurements[:, 0] - K[0, 2]) / K[0, 0],
+                (self.measurements[:, 1] - K[1, 2]) / K[1, 1],
+                np.ones(len(depths)),
+            ]
+        )
+        return rays * depths[:, None], depths * _DISPARITY_SIGMA_PX / disparities
+
+    def has_same_camera(self, other: StereoMeasurement) -> bool:
+        """Return whether camera matrix and baseline are equal."""
+        same_lens = np.array_equal(self.camera_matrix, other.camera_matrix)
+        return same_lens and self.baseline_m == other.baseline_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MeasuredPoints:
     """Points of the features whose depth was measured.
 
@@ -43,10 +91,13 @@ class MeasuredPoints:
     points : KeyframePoints
     features : ndarray of int, shape (n,)
         Row of the feature of each point.
+    stereo : StereoMeasurement or None
+        Of the points of a stereo pair, if the errors of the rectification are estimated.
     """
 
     points: KeyframePoints
     features: IntArray
+    stereo: StereoMeasurement | None = None
 
 
 def points_of_pair(pair: FramePair, extractor: FeatureExtractor, match: MatchingDfn) -> KeyframePoints:
@@ -80,8 +131,12 @@ def points_of_depth(
     return measured_by_depth(depth, features, camera.fx, T_camera_depth).points
 
 
-def measured_by_pair(pair: FramePair, features: ImageFeatures, match: MatchingDfn) -> MeasuredPoints:
+def measured_by_pair(
+    pair: FramePair, features: ImageFeatures, match: MatchingDfn, refine: RefinementDfn | None = None
+) -> MeasuredPoints:
     """Return the points of the features of the left image that have a unique disparity.
+
+    With ``refine``, errors of the rectification are corrected as far as row offsets determine them.
 
     Raises
     ------
@@ -93,9 +148,26 @@ def measured_by_pair(pair: FramePair, features: ImageFeatures, match: MatchingDf
     matched = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
     least = camera.fx / _MAX_BASELINES
     usable = matched.valid & (np.where(matched.valid, matched.disparities, 0.0) > least)
-    depths = camera.fx * camera.baseline_m / matched.disparities[usable]
-    sigmas = depths * _DISPARITY_SIGMA_PX / matched.disparities[usable]
-    return _points(features, usable, depths, sigmas)
+    disparities, stereo = matched.disparities[usable], None
+    if refine is not None:
+        K = np.array(pair.left.camera_matrix, np.float64)
+        pixels = features.pixels[usable]
+        field = refine.process(
+            RectificationRefinementInputs(
+                features=pixels,
+                disparities=disparities,
+                camera_matrix=K,
+                row_offsets=matched.row_offsets[usable],
+            )
+        )
+        disparities = np.maximum(disparities + field.corrections, least)
+        stereo = StereoMeasurement(
+            np.column_stack([pixels, disparities]), field.basis, K, camera.baseline_m, field.open_covariance
+        )
+    depths = camera.fx * camera.baseline_m / disparities
+    sigmas = depths * _DISPARITY_SIGMA_PX / disparities
+    measured = _points(features, usable, depths, sigmas)
+    return replace(measured, stereo=stereo)
 
 
 def measured_by_depth(

@@ -89,13 +89,13 @@ class Corridor:
             )
             image[hit], nearest[hit] = grey[hit], depth[hit]
         noisy = image + self._rng.normal(0.0, _NOISE, image.shape)
-        return np.clip(noisy, 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(noisy, 0, 255), np.uint8)
 
     def _texture(self, width_m: float, height_m: float) -> Image:
         shape = (int(height_m * _PIXELS_PER_M), int(width_m * _PIXELS_PER_M))
         layers = [cv2.GaussianBlur(self._rng.normal(size=shape), (0, 0), s) * s for s in (1.0, 2.5, 6.0)]
         total = np.asarray(sum(layers))
-        return np.clip(128.0 + 55.0 * total / total.std(), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(128.0 + 55.0 * total / total.std(), 0, 255), np.uint8)
 
 
 def drive(laps: float, step_m: float) -> Iterator[FloatArray]:

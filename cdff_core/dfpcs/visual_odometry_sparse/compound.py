@@ -17,7 +17,6 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.types import FramePair, PoseTrajectory
-from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
 from cdff_core.dfpcs.visual_odometry_sparse.camera_path import CameraPath
 from cdff_core.dfpcs.visual_odometry_sparse.configuration import VisualOdometrySparseConfig
 from cdff_core.dfpcs.visual_odometry_sparse.consider_state import ConsiderState
@@ -34,6 +33,7 @@ from cdff_core.dfpcs.visual_odometry_sparse.quality import (
 )
 from cdff_core.dfpcs.visual_odometry_sparse.robot_masks import RobotMasks
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
+from cdff_core.imaging.disparity_calibration import DisparityCalibration
 
 
 class VisualOdometrySparse(VisualOdometrySparseInterface):

@@ -36,13 +36,13 @@ from cdff_core.dfns.stereo_motion_estimation.interface import (
     StereoMotionEstimationOutputs,
 )
 from cdff_core.dfpcs.visual_odometry_sparse import quality
-from cdff_core.dfpcs.visual_odometry_sparse.calibration import DisparityCalibration
 from cdff_core.dfpcs.visual_odometry_sparse.competing_motions import CompetingMotions
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MotionHypotheses, SelectedMotion
 from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import MotionBounds
 from cdff_core.dfpcs.visual_odometry_sparse.stereo_view import StereoView
 from cdff_core.dfpcs.visual_odometry_sparse.tracked_points import LostPoints, TrackedPoints
+from cdff_core.imaging.disparity_calibration import DisparityCalibration
 
 #: Area of lost points relative to that of the found points above which another motion is searched for.
 _SEARCH_LOST_RATIO = 0.3

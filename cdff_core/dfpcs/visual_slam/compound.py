@@ -34,8 +34,9 @@ class VisualSlam(VisualSlamInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the map, offer the store items."""
         extractor = FeatureExtractor(self.dfn("detect"), self.dfn("describe"))
-        disparity = self.dfn("disparity")
-        self._views = ViewBuilder(extractor, disparity, self.config.depth_offset_m)
+        self._views = ViewBuilder(
+            extractor, self.dfn("disparity"), self.dfn("refine"), self.config.depth_offset_m
+        )
         self._mapper = KeyframeMapper(self, self.config)
         self._products = ProductBuilder(self.name, self.context.robot, self._mapper)
         self.forget()

@@ -18,6 +18,7 @@ from cdff_common.types.pose_graph_ext import LOOP_CLOSURE, ODOMETRY, PRIOR
 from cdff_common.types.visual_map_ext import KeyframePoints
 from cdff_core.keyframe_graph.graph import KeyframeGraph
 from cdff_core.visual_map.features import ImageFeatures
+from cdff_core.visual_map.keyframe_points import StereoMeasurement
 from cdff_core.visual_map.matches import MAP_FOCAL_PX
 
 #: Smallest standard deviations of a pose in an exported map, metres and radians.
@@ -32,12 +33,19 @@ class VisualKeyframe:
     points: KeyframePoints
     focal_px: float
     median_depth_m: float
+    stereo: StereoMeasurement | None = None
 
     @classmethod
-    def of_points(cls, stamp_ns: int, points: KeyframePoints, focal_px: float) -> VisualKeyframe:
+    def of_points(
+        cls,
+        stamp_ns: int,
+        points: KeyframePoints,
+        focal_px: float,
+        stereo: StereoMeasurement | None = None,
+    ) -> VisualKeyframe:
         """Return the keyframe of measured points."""
         median_depth_m = float(np.median(points.positions_m[:, 2])) if len(points) else 1.0
-        return cls(stamp_ns, points, focal_px, median_depth_m)
+        return cls(stamp_ns, points, focal_px, median_depth_m, stereo)
 
     def features(self) -> ImageFeatures:
         """Return the points as features of an image."""
@@ -98,6 +106,18 @@ class VisualKeyframeMap(KeyframeGraph[VisualKeyframe]):
         for other in list(self._linked.get(key, ())):
             self.unlink(key, other)
         super().replace_by(key, older, T_older_key)
+
+    def edge_covariance(self, a: int, b: int) -> FloatArray:
+        """Return the covariance of ``T_a_b`` of the best edge between two keyframes, or of ``T_map_b``."""
+        edges = [
+            T if ends == (a, b) else T.inverse()
+            for (*ends_list, _), T in self.edges.items()
+            if (ends := tuple(ends_list)) in ((a, b), (b, a))
+        ]
+        covariances = [T.covariance for T in edges if T.covariance is not None]
+        if not covariances:
+            return self.covariances[b]
+        return min(covariances, key=lambda c: float(np.trace(c[:3, :3])))
 
     def adjust(self, poses: dict[int, FloatArray], fixed: Collection[int]) -> None:
         """Set adjusted poses, and the edges between adjusted keyframes and with fixed ones."""

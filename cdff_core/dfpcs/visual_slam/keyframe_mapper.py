@@ -15,10 +15,12 @@ from cdff_common.arrays import FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import VisualMap
+from cdff_common.types.pose_graph_ext import ODOMETRY
 from cdff_core.dfpcs.visual_slam.bundle import adjust, relative_motion, window
 from cdff_core.dfpcs.visual_slam.keyframe_map import VisualKeyframe, VisualKeyframeMap
 from cdff_core.dfpcs.visual_slam.loop_search import LoopSearch, VerifiedLoop
 from cdff_core.dfpcs.visual_slam.point_tracker import PointTracker
+from cdff_core.dfpcs.visual_slam.stereo_calibration import StereoCalibration
 from cdff_core.dfpcs.visual_slam.view import CameraView
 from cdff_core.dfpcs.visual_slam.view_locator import LocatedView, ViewLocator
 from cdff_core.keyframe_graph.trajectory import Trajectory
@@ -82,6 +84,7 @@ class KeyframeMapper:
         solve = dfpc.dfn("solve", seed=dfpc.context.seed)
         self._locator = ViewLocator(dfpc.dfn("match"), solve, config.poses)
         self._tracker = PointTracker(dfpc.dfn("track"), solve, config.poses)
+        self._calibration = StereoCalibration(dfpc.dfn("motion"))
         self._index = GrowingPlaceIndex(config.clusters, dfpc.context.seed)
         self.loops = LoopSearch(self._locator, self._index, config.loops)
         self._adjust, self._adjust_map = dfpc.dfn("adjust"), dfpc.dfn("adjust_map")
@@ -98,6 +101,7 @@ class KeyframeMapper:
         self.path_length_m = 0.0
         self._is_lost = False
         self._tracker.clear()
+        self._calibration.clear()
         self._velocity = np.zeros(6)  # of the camera in its frame, per second
         self._last_ns = 0
 
@@ -261,7 +265,7 @@ class KeyframeMapper:
         pose = np.eye(4)
         if self.current is not None:
             pose = self.keyframes.poses[self.current] @ self.T_keyframe_camera.matrix
-        keyframe = VisualKeyframe.of_points(view.stamp_ns, measured.points, view.focal_px)
+        keyframe = self._keyframe(view, measured)
         self.current = self.keyframes.insert_component(keyframe, pose)
         self.T_keyframe_camera = UncertainTransform.identity()
         self._is_lost = False
@@ -277,13 +281,14 @@ class KeyframeMapper:
         measured = self._measured(view)
         if measured is None:
             return False
-        keyframe = VisualKeyframe.of_points(view.stamp_ns, measured.points, view.focal_px)
+        keyframe = self._keyframe(view, measured)
         key = self.keyframes.insert_successor(self.current, keyframe, self.T_keyframe_camera)
         row_of_feature = np.full(len(view.features), -1)
         row_of_feature[measured.features] = np.arange(len(measured.features))
         for other, (features, rows) in located.shared.items():
             mine = row_of_feature[features]
             self.keyframes.link(other, key, rows[mine >= 0], mine[mine >= 0])
+        self._refine_motion(self.current, key)
         self.current, self.T_keyframe_camera = key, UncertainTransform.identity()
         is_changed = self._close_loops(key)
         if self.current == key:
@@ -292,6 +297,20 @@ class KeyframeMapper:
             self._adjust_around(key)
         self._limit_count()
         return is_changed
+
+    def _keyframe(self, view: CameraView, measured: MeasuredPoints) -> VisualKeyframe:
+        """Return the keyframe of an image, with the estimated errors of the rectification corrected."""
+        keyframe = VisualKeyframe.of_points(view.stamp_ns, measured.points, view.focal_px, measured.stereo)
+        return self._calibration.keyframe(keyframe, self.keyframes)
+
+    def _refine_motion(self, reference: int, key: int) -> None:
+        """Refine the pose of a new keyframe by the disparities of both."""
+        T = self._calibration.motion(self.keyframes, reference, key)
+        if T is not None:
+            self.keyframes.edges[reference, key, ODOMETRY] = T
+            pose = self.keyframes.pose(reference) @ T
+            assert pose.covariance is not None  # both factors have one
+            self.keyframes.poses[key], self.keyframes.covariances[key] = pose.matrix, pose.covariance
 
     def _adjust_around(self, key: int) -> None:
         free, fixed = window(self.keyframes, key, self._config.window)
@@ -306,8 +325,7 @@ class KeyframeMapper:
             self.keyframes.optimise(self._optimiser)
         older = self._older_copy(key)
         if older is not None:
-            T = se3.inverse(self.keyframes.poses[older]) @ self.keyframes.poses[key]
-            self._replace(key, older, se3.normalise_transform(T))
+            self._replace(key, older)
         return is_changed
 
     def _add_loop(self, loop: VerifiedLoop) -> bool:
@@ -331,15 +349,17 @@ class KeyframeMapper:
                 return other
         return None
 
-    def _replace(self, key: int, older: int, T_older_key: FloatArray) -> None:
-        """Replace a keyframe by an older one in graph, index and trajectory."""
+    def _replace(self, key: int, older: int) -> None:
+        """Replace a keyframe by an older, linked one in graph, index and trajectory."""
+        keyframes = self.keyframes
+        T = se3.normalise_transform(se3.inverse(keyframes.poses[older]) @ keyframes.poses[key])
+        T_older_key = UncertainTransform(T, keyframes.edge_covariance(older, key))
         if key in self._index:
             self._index.remove(key)
-        self.keyframes.replace_by(key, older, UncertainTransform.exact(T_older_key))
-        self.trajectory.move(key, older, T_older_key)
+        keyframes.replace_by(key, older, T_older_key)
+        self.trajectory.move(key, older, T)
         if self.current == key:
-            self.current = older
-            self.T_keyframe_camera = UncertainTransform.exact(T_older_key) @ self.T_keyframe_camera
+            self.current, self.T_keyframe_camera = older, T_older_key @ self.T_keyframe_camera
 
     def _limit_count(self) -> None:
         """Merge the two nearest linked keyframes if there are too many."""
@@ -357,5 +377,4 @@ class KeyframeMapper:
             return distance_m / keyframes.keyframes[pair[0]].median_depth_m + angle
 
         older, newer = min(candidates, key=size)
-        T = se3.inverse(keyframes.poses[older]) @ keyframes.poses[newer]
-        self._replace(newer, older, se3.normalise_transform(T))
+        self._replace(newer, older)

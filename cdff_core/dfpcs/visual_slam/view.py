@@ -21,6 +21,7 @@ from cdff_core.visual_map.features import FeatureExtractor, ImageFeatures
 from cdff_core.visual_map.keyframe_points import (
     MatchingDfn,
     MeasuredPoints,
+    RefinementDfn,
     measured_by_depth,
     measured_by_pair,
 )
@@ -74,9 +75,13 @@ class ViewBuilder:
     """Makes views of stereo pairs, and of colour images with their depth images."""
 
     def __init__(
-        self, extractor: FeatureExtractor, match: MatchingDfn, depth_offset_m: tuple[float, float, float]
+        self,
+        extractor: FeatureExtractor,
+        match: MatchingDfn,
+        refine: RefinementDfn,
+        depth_offset_m: tuple[float, float, float],
     ) -> None:
-        self._extractor, self._match = extractor, match
+        self._extractor, self._match, self._refine = extractor, match, refine
         self._T_camera_depth = se3.transform(np.eye(3), depth_offset_m)
         self.clear()
 
@@ -92,7 +97,7 @@ class ViewBuilder:
         left, right = grey_image(pair.left), grey_image(pair.right)
         if left.shape != right.shape:
             raise InputError(f"images of {left.shape} and {right.shape} pixels, expected equal sizes")
-        measure = partial(measured_by_pair, pair, match=self._match)
+        measure = partial(measured_by_pair, pair, match=self._match, refine=self._refine)
         return CameraView(sample.stamp_ns, (sample.id,), pair.left, self._extractor, measure)
 
     def of_rgbd(self, sample: Sample) -> CameraView | None:

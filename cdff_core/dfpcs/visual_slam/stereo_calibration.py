@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Errors of a rectification, estimated from row offsets and from the motion between keyframes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.errors import CdffError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.stereo_motion_estimation.interface import (
+    StereoMotionEstimationInputs,
+    StereoMotionEstimationOutputs,
+)
+from cdff_core.dfpcs.visual_slam.keyframe_map import VisualKeyframe, VisualKeyframeMap
+from cdff_core.imaging.disparity_calibration import DisparityCalibration
+from cdff_core.visual_map.keyframe_points import StereoMeasurement
+
+MotionDfn = Dfn[Any, StereoMotionEstimationInputs, StereoMotionEstimationOutputs]
+#: Number of points that a motion must agree with.
+_MIN_INLIERS = 40
+#: Change of a disparity above which the points of all keyframes are computed again, pixels.
+_CHANGE_PX = 0.01
+#: Derivatives of a disparity far from the centre of the image.
+_BASIS = np.array([1.0, 0.3])
+
+
+class StereoCalibration:
+    """Correction of the disparities of a stereo camera."""
+
+    def __init__(self, motion: MotionDfn) -> None:
+        self._motion, self._estimate = motion, DisparityCalibration()
+        self.clear()
+
+    def clear(self) -> None:
+        """Reset the estimate."""
+        self._estimate.reset()
+        self._applied_px: FloatArray = np.zeros(2)
+
+    def keyframe(self, keyframe: VisualKeyframe, keyframes: VisualKeyframeMap) -> VisualKeyframe:
+        """Return a new keyframe with corrected points; after a change also correct the existing ones."""
+        stereo = keyframe.stereo
+        if stereo is None:
+            return keyframe
+        self._estimate.update(stereo.open_covariance)
+        mean_px = self._estimate.mean_px
+        if np.abs((mean_px - self._applied_px) * _BASIS).max() > _CHANGE_PX:
+            self._applied_px = mean_px
+            for key, existing in keyframes.keyframes.items():
+                keyframes.keyframes[key] = _corrected(existing, mean_px)
+        return _corrected(keyframe, self._applied_px)
+
+    def motion(self, keyframes: VisualKeyframeMap, reference: int, key: int) -> UncertainTransform | None:
+        """Return the motion between two linked keyframes and estimate the errors; None if it is unusable."""
+        a, b = keyframes.keyframes[reference].stereo, keyframes.keyframes[key].stereo
+        if a is None or b is None or not a.has_same_camera(b) or not keyframes.has_link(reference, key):
+            return None
+        rows = keyframes.links[min(reference, key), max(reference, key)]
+        rows_a, rows_b = rows.T if reference < key else rows[:, ::-1].T
+        if len(rows_a) < _MIN_INLIERS:
+            return None
+        guess = se3.inverse(keyframes.poses[reference]) @ keyframes.poses[key]
+        try:
+            refined = self._motion.process(
+                StereoMotionEstimationInputs(
+                    reference=a.measurements[rows_a],
+                    current=b.measurements[rows_b],
+                    camera_matrix=a.camera_matrix,
+                    baseline=a.baseline_m,
+                    guess=se3.normalise_transform(guess),
+                    reference_basis=a.basis[rows_a],
+                    current_basis=b.basis[rows_b],
+                    calibration=self._estimate.mean_px,
+                    calibration_covariance=self._estimate.covariance_px2,
+                )
+            )
+        except CdffError:
+            return None
+        if int(refined.inliers.sum()) < _MIN_INLIERS:
+            return None
+        self._estimate.store(refined.calibration, refined.calibration_covariance)
+        return UncertainTransform(refined.motion, refined.covariance)
+
+    def metrics(self) -> dict[str, float]:
+        """Return the estimate by name."""
+        return self._estimate.metrics()
+
+
+def _corrected(keyframe: VisualKeyframe, mean_px: FloatArray) -> VisualKeyframe:
+    stereo: StereoMeasurement | None = keyframe.stereo
+    if stereo is None:
+        return keyframe
+    positions, sigmas = stereo.positions(mean_px)
+    return replace(keyframe, points=replace(keyframe.points, positions_m=positions, depth_sigmas_m=sigmas))
