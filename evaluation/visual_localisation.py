@@ -81,6 +81,13 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
                 f"| {f['refused']} | {f['false_fixes']} | {f.get('nees_per_freedom', '–')} | {f['cpu_s']} |"
             )
         lines.append("")
+    lines += [
+        f"{name}: ratio of the estimated focal length to the stated one {f['focal_ratio'][1]} "
+        f"(10 % to 90 %: {f['focal_ratio'][0]} to {f['focal_ratio'][2]}), reported for "
+        f"{f['focal_reported']} of {f['queries']} queries.\n"
+        for part, name in (("euroc", "EuRoC"), ("kitchen", "7-Scenes"))
+        if "focal_ratio" in (f := figures.get(part, {}).get("cdff", {}))
+    ]
     lines += ["| another scene | images | refused |", "|---|---|---|"]
     other = figures.get("other_scene", {})
     lines += [f"| {name} | {f['images']} | {f['refused']} |" for name, f in other.items()]
@@ -91,7 +98,9 @@ def _euroc(data: Path) -> dict[str, Any]:
     folder = data / euroc.FOLDER
     queries, truth = _euroc_queries(folder)
     dfpc = _localiser(_euroc_map(folder))
-    result = {"cdff": _figures("euroc", _run(dfpc, queries), truth, EUROC_SIGMAS)}
+    focal: list[tuple[float, bool]] = []
+    answers = _run(dfpc, queries, focal)
+    result = {"cdff": _figures("euroc", answers, truth, EUROC_SIGMAS) | _focal_figures(focal)}
     if python := peer_python("poselib"):
         views = euroc.stereo_views(folder)
         views_by_stamp = {v.pair.stamp_ns: v for v in views}
@@ -116,7 +125,9 @@ def _kitchen(data: Path) -> dict[str, Any]:
     asked = [f for n, f in frames.items() if n >= KITCHEN_FIRST]
     truth = [f[2] for f in asked]
     dfpc = _localiser(_kitchen_map(data))
-    result = {"cdff": _figures("kitchen", _run(dfpc, [f[0] for f in asked]), truth, KITCHEN_SIGMAS)}
+    focal: list[tuple[float, bool]] = []
+    answers = _run(dfpc, [f[0] for f in asked], focal)
+    result = {"cdff": _figures("kitchen", answers, truth, KITCHEN_SIGMAS) | _focal_figures(focal)}
     if python := peer_python("poselib"):
         mapped = [f for n, f in frames.items() if n <= KITCHEN_LAST]
         offset = se3.transform(np.eye(3), KITCHEN_OFFSET_M)
@@ -214,16 +225,34 @@ def _localiser(value: VisualMap) -> Dfpc:
     return dfpc
 
 
-def _run(dfpc: Dfpc, images: list[Frame]) -> list[tuple[FloatArray | None, FloatArray | None, float]]:
-    """Return pose and covariance, None if refused, and CPU seconds of each image."""
+def _run(
+    dfpc: Dfpc, images: list[Frame], focal: list[tuple[float, bool]] | None = None
+) -> list[tuple[FloatArray | None, FloatArray | None, float]]:
+    """Return pose and covariance, None if refused, and CPU seconds of each image.
+
+    The ratio of the estimated focal length to the stated one, and whether it is reported, are added to
+    ``focal``.
+    """
     answers = []
     for image in images:
         started = time.process_time()
         (output,) = dfpc.step(Sample("image", 0, 0, image))
         cpu_s = time.process_time() - started
         T = None if output.value is None else output.value.transform
+        if focal is not None and "focal_length_ratio" in output.quality.metrics:
+            is_reported = any(r.startswith("focal_length") for r in output.quality.reasons)
+            focal.append((output.quality.metrics["focal_length_ratio"], is_reported))
         answers.append((None, None, cpu_s) if T is None else (T.matrix, T.covariance, cpu_s))
     return answers
+
+
+def _focal_figures(focal: list[tuple[float, bool]]) -> dict[str, Any]:
+    """Return the distribution of the ratio of the focal lengths, and the number of reported ones."""
+    low, median, high = np.percentile([ratio for ratio, _ in focal], [10, 50, 90])
+    return {
+        "focal_ratio": [round(float(v), 4) for v in (low, median, high)],
+        "focal_reported": sum(is_reported for _, is_reported in focal),
+    }
 
 
 def _figures(

@@ -21,7 +21,6 @@ _PIXELS_PER_M, _SIZE, _FOCAL_PX, BASELINE_M = 60, (376, 240), 216.0, 0.11
 _NOISE = 2.0
 #: Axes of a camera that looks along x of the world, whose z axis points up.
 _R_WORLD_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-K = np.array([[_FOCAL_PX, 0, _SIZE[0] / 2 - 0.5], [0, _FOCAL_PX, _SIZE[1] / 2 - 0.5], [0, 0, 1.0]])
 Image = NDArray[np.uint8]
 
 
@@ -38,11 +37,18 @@ class _Surface:
 class Corridor:
     """Corridor between two squares.
 
-    With ``twins`` all four sides have the same textures, so that four places look the same.
+    With ``twins`` all four sides have the same textures, so that four places look the same. The images have
+    376 x 240 pixels times ``magnification``.
     """
 
-    def __init__(self, seed: int, *, twins: bool = False) -> None:
+    def __init__(self, seed: int, *, twins: bool = False, magnification: int = 1) -> None:
         self._rng = np.random.default_rng(seed)
+        self._size = (magnification * _SIZE[0], magnification * _SIZE[1])
+        focal_px = magnification * _FOCAL_PX
+        columns, rows = self._size
+        self._K = np.array(
+            [[focal_px, 0, columns / 2 - 0.5], [0, focal_px, rows / 2 - 0.5], [0, 0, 1.0]], np.float64
+        )
         self._surfaces = []
         for half in (_OUTER_M, _INNER_M):
             shared = self._texture(2 * half, _HEIGHT_M)
@@ -64,13 +70,12 @@ class Corridor:
         """Return the rectified pair of a left camera."""
         T_right = T_world_left @ se3.transform(np.eye(3), [BASELINE_M, 0.0, 0.0])
         images = [self._view(T) for T in (T_world_left, T_right)]
-        return FramePair.from_images(*images, baseline_m=BASELINE_M, camera_matrix=K, stamp_ns=0)
+        return FramePair.from_images(*images, baseline_m=BASELINE_M, camera_matrix=self._K, stamp_ns=0)
 
     def _view(self, T_world_camera: FloatArray) -> Image:
-        columns, rows = np.meshgrid(np.arange(_SIZE[0]), np.arange(_SIZE[1]))
-        rays = np.stack(
-            [(columns - K[0, 2]) / _FOCAL_PX, (rows - K[1, 2]) / _FOCAL_PX, np.ones(columns.shape)], axis=-1
-        ) @ (T_world_camera[:3, :3].T)
+        columns, rows = np.meshgrid(np.arange(self._size[0]), np.arange(self._size[1]))
+        x, y = (columns - self._K[0, 2]) / self._K[0, 0], (rows - self._K[1, 2]) / self._K[1, 1]
+        rays = np.stack([x, y, np.ones(columns.shape)], axis=-1) @ T_world_camera[:3, :3].T
         origin = T_world_camera[:3, 3]
         nearest, image = np.full(columns.shape, np.inf), np.full(columns.shape, 90.0, np.float32)
         for surface in self._surfaces:

@@ -305,7 +305,8 @@ class KeyframeMapper:
 
     def _refine_motion(self, reference: int, key: int) -> None:
         """Refine the pose of a new keyframe by the disparities of both."""
-        T = self._calibration.motion(self.keyframes, reference, key)
+        guess = self.T_keyframe_camera.matrix
+        T = self._calibration.motion(self.keyframes, reference, key, guess, is_estimated=True)
         if T is not None:
             self.keyframes.edges[reference, key, ODOMETRY] = T
             pose = self.keyframes.pose(reference) @ T
@@ -334,8 +335,9 @@ class KeyframeMapper:
         is_connected = new in keyframes.component(old)
         T_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[new]
         distance_m, angle = relative_motion(T_graph, loop.T.matrix)
-        keyframes.add_loop(old, new, loop.T)
         keyframes.link(old, new, loop.rows_old, loop.rows_new)
+        refined = self._calibration.motion(keyframes, old, new, loop.T.matrix, is_estimated=False)
+        keyframes.add_loop(old, new, loop.T if refined is None else refined)
         depth_m = keyframes.keyframes[old].median_depth_m
         return not is_connected or distance_m > _LARGE_CORRECTION * depth_m or angle > _LARGE_ROTATION
 

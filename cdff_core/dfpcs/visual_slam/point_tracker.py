@@ -33,8 +33,8 @@ _TrackingDfn = Dfn[Any, FeaturesTracking2DInputs, FeaturesTracking2DOutputs]
 class _Reference:
     key: int
     image: ByteArray
-    pixels: FloatArray  # (n, 2)
-    rows: IntArray  # (n,), of the points in the keyframe
+    pixels: FloatArray  # (n, 2), of all points
+    rows: IntArray  # (k,), of the points that are tracked
     focal_px: float
 
 
@@ -55,7 +55,7 @@ class PointTracker:
         """Set the keyframe: the image, and the features of its points in their order."""
         step = -(-len(features) // _MAX_POINTS) or 1
         rows = np.arange(0, len(features), step)
-        pixels = view.features.pixels[features[rows]]
+        pixels = view.features.pixels[features]
         self._reference = _Reference(key, view.image, pixels, rows, view.focal_px)
 
     def locate(
@@ -77,11 +77,16 @@ class PointTracker:
         if self._failures > _MAX_FAILURES and self._failures % _RETRY:
             return None
         points = keyframe.points.positions_m[reference.rows]
-        guess = view.camera.project(se3.transform_points(se3.inverse(T_keyframe_camera), points))
-        guess = np.where(np.isfinite(guess), guess, reference.pixels)
+        in_camera = se3.transform_points(se3.inverse(T_keyframe_camera), points)
+        guess = view.camera.project(in_camera)
+        guess = np.where(np.isfinite(guess), guess, reference.pixels[reference.rows])
         tracked = self._track.process(
             FeaturesTracking2DInputs(
-                reference=reference.image, image=view.image, features=reference.pixels, guess=guess
+                reference=reference.image,
+                image=view.image,
+                features=reference.pixels[reference.rows],
+                guess=guess,
+                warps=_warps(points, in_camera),
             )
         )
         valid = np.flatnonzero(tracked.valid)
@@ -121,3 +126,12 @@ class PointTracker:
             located.fit.variance_factor,
             len(reference.rows),
         )
+
+
+def _warps(points: FloatArray, in_camera: FloatArray) -> FloatArray:
+    """Return the homographies (n, 3, 3) that magnify the patches of points as they come nearer."""
+    warps = np.zeros((len(points), 3, 3))
+    scales = np.clip(points[:, 2] / np.maximum(in_camera[:, 2], 1e-3), 0.25, 4.0)
+    warps[:, 0, 0] = warps[:, 1, 1] = scales
+    warps[:, 2, 2] = 1.0
+    return warps

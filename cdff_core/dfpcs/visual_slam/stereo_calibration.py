@@ -11,7 +11,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import CdffError
-from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.stereo_motion_estimation.interface import (
     StereoMotionEstimationInputs,
@@ -28,6 +28,8 @@ _MIN_INLIERS = 40
 _CHANGE_PX = 0.01
 #: Derivatives of a disparity far from the centre of the image.
 _BASIS = np.array([1.0, 0.3])
+#: Smallest error that is corrected: smaller ones are not distinguished from errors common to all features.
+_SIGNIFICANT_PX = 0.1
 
 
 class StereoCalibration:
@@ -49,14 +51,28 @@ class StereoCalibration:
             return keyframe
         self._estimate.update(stereo.open_covariance)
         mean_px = self._estimate.mean_px
+        if np.abs(mean_px * _BASIS).max() < _SIGNIFICANT_PX:
+            mean_px = np.zeros(2)
         if np.abs((mean_px - self._applied_px) * _BASIS).max() > _CHANGE_PX:
             self._applied_px = mean_px
             for key, existing in keyframes.keyframes.items():
                 keyframes.keyframes[key] = _corrected(existing, mean_px)
         return _corrected(keyframe, self._applied_px)
 
-    def motion(self, keyframes: VisualKeyframeMap, reference: int, key: int) -> UncertainTransform | None:
-        """Return the motion between two linked keyframes and estimate the errors; None if it is unusable."""
+    def motion(
+        self,
+        keyframes: VisualKeyframeMap,
+        reference: int,
+        key: int,
+        guess: FloatArray,
+        *,
+        is_estimated: bool,
+    ) -> UncertainTransform | None:
+        """Return the motion ``T_reference_key`` between two linked keyframes; None if it is unusable.
+
+        If ``is_estimated``, the errors of the rectification are estimated too; the result corrects the next
+        keyframe.
+        """
         a, b = keyframes.keyframes[reference].stereo, keyframes.keyframes[key].stereo
         if a is None or b is None or not a.has_same_camera(b) or not keyframes.has_link(reference, key):
             return None
@@ -64,7 +80,6 @@ class StereoCalibration:
         rows_a, rows_b = rows.T if reference < key else rows[:, ::-1].T
         if len(rows_a) < _MIN_INLIERS:
             return None
-        guess = se3.inverse(keyframes.poses[reference]) @ keyframes.poses[key]
         try:
             refined = self._motion.process(
                 StereoMotionEstimationInputs(
@@ -72,7 +87,7 @@ class StereoCalibration:
                     current=b.measurements[rows_b],
                     camera_matrix=a.camera_matrix,
                     baseline=a.baseline_m,
-                    guess=se3.normalise_transform(guess),
+                    guess=guess,
                     reference_basis=a.basis[rows_a],
                     current_basis=b.basis[rows_b],
                     calibration=self._estimate.mean_px,
@@ -83,7 +98,8 @@ class StereoCalibration:
             return None
         if int(refined.inliers.sum()) < _MIN_INLIERS:
             return None
-        self._estimate.store(refined.calibration, refined.calibration_covariance)
+        if is_estimated:
+            self._estimate.store(refined.calibration, refined.calibration_covariance)
         return UncertainTransform(refined.motion, refined.covariance)
 
     def metrics(self) -> dict[str, float]:
