@@ -83,11 +83,13 @@ class VisualSlam(VisualSlamInterface):
 
     def finish(self) -> Iterable[Output]:
         """Adjust the whole map; publish trajectory, graph, cloud and map."""
+        waiting = self._views.take_waiting()
+        outputs = [] if waiting is None else self._without_depth(waiting)
         if not len(self.keyframes):
-            return ()
+            return outputs
         self._mapper.finish()
         self.state_revision += 1
-        return self._products.final()
+        return [*outputs, *self._products.final()]
 
     def export_map(self) -> VisualMap:
         """Return the map; raises ProductNotFoundError without a map."""
@@ -110,10 +112,15 @@ class VisualSlam(VisualSlamInterface):
 
     def _on_rgbd(self, sample: Sample) -> Iterable[Output]:
         try:
-            view = self._views.of_rgbd(sample)
-            return () if view is None else self._process(view)
+            view, incomplete = self._views.of_rgbd(sample)
+            outputs = [] if incomplete is None else self._without_depth(incomplete)
+            return outputs if view is None else [*outputs, *self._process(view)]
         except (InputError, RefusedError) as error:
             return self._products.refused(sample.stamp_ns, (sample.id,), Quality.from_error(error))
+
+    def _without_depth(self, image: Sample) -> list[Output]:
+        quality = Quality.failed("no_depth_image")
+        return list(self._products.refused(image.stamp_ns, (image.id,), quality))
 
     def _process(self, view: CameraView) -> Iterable[Output]:
         """Run the control sequence for one view."""

@@ -84,7 +84,7 @@ class KeyframeMapper:
         solve = dfpc.dfn("solve", seed=dfpc.context.seed)
         self._locator = ViewLocator(dfpc.dfn("match"), solve, config.poses)
         self._tracker = PointTracker(dfpc.dfn("track"), solve, config.poses)
-        self._calibration = StereoCalibration(dfpc.dfn("motion"))
+        self.calibration = StereoCalibration(dfpc.dfn("motion"))
         self._index = GrowingPlaceIndex(config.clusters, dfpc.context.seed)
         self.loops = LoopSearch(self._locator, self._index, config.loops)
         self._adjust, self._adjust_map = dfpc.dfn("adjust"), dfpc.dfn("adjust_map")
@@ -101,7 +101,7 @@ class KeyframeMapper:
         self.path_length_m = 0.0
         self._is_lost = False
         self._tracker.clear()
-        self._calibration.clear()
+        self.calibration.clear()
         self._velocity = np.zeros(6)  # of the camera in its frame, per second
         self._last_ns = 0
 
@@ -301,12 +301,12 @@ class KeyframeMapper:
     def _keyframe(self, view: CameraView, measured: MeasuredPoints) -> VisualKeyframe:
         """Return the keyframe of an image, with the estimated errors of the rectification corrected."""
         keyframe = VisualKeyframe.of_points(view.stamp_ns, measured.points, view.focal_px, measured.stereo)
-        return self._calibration.keyframe(keyframe, self.keyframes)
+        return self.calibration.keyframe(keyframe, self.keyframes)
 
     def _refine_motion(self, reference: int, key: int) -> None:
         """Refine the pose of a new keyframe by the disparities of both."""
         guess = self.T_keyframe_camera.matrix
-        T = self._calibration.motion(self.keyframes, reference, key, guess, is_estimated=True)
+        T = self.calibration.motion(self.keyframes, reference, key, guess, is_estimated=True)
         if T is not None:
             self.keyframes.edges[reference, key, ODOMETRY] = T
             pose = self.keyframes.pose(reference) @ T
@@ -336,7 +336,7 @@ class KeyframeMapper:
         T_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[new]
         distance_m, angle = relative_motion(T_graph, loop.T.matrix)
         keyframes.link(old, new, loop.rows_old, loop.rows_new)
-        refined = self._calibration.motion(keyframes, old, new, loop.T.matrix, is_estimated=False)
+        refined = self.calibration.motion(keyframes, old, new, loop.T.matrix, is_estimated=False)
         keyframes.add_loop(old, new, loop.T if refined is None else refined)
         depth_m = keyframes.keyframes[old].median_depth_m
         return not is_connected or distance_m > _LARGE_CORRECTION * depth_m or angle > _LARGE_ROTATION

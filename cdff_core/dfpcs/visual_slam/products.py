@@ -115,6 +115,7 @@ class ProductBuilder(GraphProducts):
             "loops_rejected": float(keyframes.loops_rejected),
             "refused_loops": float(self._mapper.loops.refusals.total()),
             "path_length_m": self._mapper.path_length_m,
+            **self._mapper.calibration.metrics(),
         }
         return Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
 

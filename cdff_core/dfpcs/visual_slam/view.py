@@ -100,19 +100,20 @@ class ViewBuilder:
         measure = partial(measured_by_pair, pair, match=self._match, refine=self._refine)
         return CameraView(sample.stamp_ns, (sample.id,), pair.left, self._extractor, measure)
 
-    def of_rgbd(self, sample: Sample) -> CameraView | None:
-        """Return the view of an image and its depth image; None while the other one is missing.
+    def of_rgbd(self, sample: Sample) -> tuple[CameraView | None, Sample | None]:
+        """Return the view of an image and its depth image, and an image whose depth image is missing.
+
+        The view is None while the other sample of its time has not arrived.
 
         Raises
         ------
         InputError
             If the image or its camera is unusable.
         """
-        other = self._waiting
+        other, self._waiting = self._waiting, None
         if other is None or other.port == sample.port or abs(other.stamp_ns - sample.stamp_ns) > _MAX_GAP_NS:
             self._waiting = sample
-            return None
-        self._waiting = None
+            return None, other if other is not None and other.port == "image" else None
         image, depth = (other, sample) if sample.port == "depth" else (sample, other)
         frame: Frame = image.value
         distances: DistanceImage = depth.value
@@ -122,4 +123,9 @@ class ViewBuilder:
             focal_px=CameraModel.of_frame(frame).fx,
             T_camera_depth=self._T_camera_depth,
         )
-        return CameraView(image.stamp_ns, (image.id, depth.id), frame, self._extractor, measure)
+        return CameraView(image.stamp_ns, (image.id, depth.id), frame, self._extractor, measure), None
+
+    def take_waiting(self) -> Sample | None:
+        """Return the image that still waits for its depth image, and remove it."""
+        waiting, self._waiting = self._waiting, None
+        return waiting if waiting is not None and waiting.port == "image" else None

@@ -98,6 +98,18 @@ def test_an_rgbd_camera_is_located_whatever_image_arrives_first() -> None:
     assert outputs[1].child == "rover/camera"
 
 
+def test_an_image_without_its_depth_image_is_refused() -> None:
+    dfpc = node()
+    frame = Frame.from_image(walls.view(PATH[0]), stamp_ns=0, camera_matrix=walls.K, sensor="rover/camera")
+    assert not list(dfpc.step(Sample("image", STEP_NS, 0, frame, "a")))
+    outputs = list(dfpc.step(Sample("image", 2 * STEP_NS, 1, frame, "b")))
+    assert [(o.port, o.quality.reasons, o.inputs) for o in outputs] == [
+        ("odometry", ("no_depth_image",), ("a",)),
+        ("pose", ("no_depth_image",), ("a",)),
+    ]
+    assert [o.inputs for o in dfpc.finish()] == [("b",), ("b",)]
+
+
 def test_an_unknown_scene_starts_a_part_and_the_return_is_located_in_the_first_one() -> None:
     dfpc = node()
     pairs = [pair(0), pair(1), pair(0, 5), pair(1, 5), pair(2)]
