@@ -195,13 +195,13 @@ def _kitchen(data: Path) -> dict[str, Any]:
 def _euroc(data: Path) -> dict[str, Any]:
     folder = data / euroc.FOLDER
     log = open_log(folder / "map")
-    run = _run(log, {})
+    run, stamps = _run(log, {}), list(_truth(log))
     log.close()
-    views = {view.pair.stamp_ns: view for view in euroc.stereo_views(folder)}
-    stamps = {int(p.name.split("_")[0]) // 1000 * 1000 for p in (folder / "map").glob("*_0.jpg")}
-    mapped = {stamp: view for stamp, view in views.items() if stamp in stamps}
-    truth = {stamp: view.T_world_left for stamp, view in mapped.items()}
-    pairs = [view.pair for view in mapped.values()]
+    names = {int(p.name.split("_")[0]) // 1000 for p in (folder / "map").glob("*_0.jpg")}
+    views = [v for v in euroc.stereo_views(folder) if v.pair.stamp_ns // 1000 in names]
+    pairs = [view.pair for view in views]
+    # The log rounds the stamps of the file names, and the views cut them off.
+    truth = {min(stamps, key=lambda s: abs(s - v.pair.stamp_ns)): v.T_world_left for v in views}
     K = np.array(pairs[0].camera_matrix)
     peer = chain(
         [grey_image(p.left) for p in pairs],
@@ -210,7 +210,7 @@ def _euroc(data: Path) -> dict[str, Any]:
     )
     return {
         "cdff": _figures(run, truth, EUROC_SIGMAS),
-        _CHAIN: _chain_figures(peer, list(mapped), truth),
+        _CHAIN: _chain_figures(peer, list(truth), truth),
     }
 
 
