@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,10 @@ from cdff_common.geometry import se3
 from cdff_core.visual_map.pose_fit import linearised_directions
 
 _ITERATIONS = 8
+#: Images of a camera that are compared, number from which they are, and standard deviations of significance.
+_IMAGES, _MIN_IMAGES, _SIGNIFICANT = 40, 8, 4.0
+#: Relative error above which one image is reported: below it, errors of the map are not excluded.
+_MAX_ERROR_OF_ONE = 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,3 +61,40 @@ def fit_focal_ratio(
         if not 0.2 < ratio < 5.0:
             return None
     return FocalRatio(ratio, float(np.sqrt(np.linalg.inv(normal)[6, 6])))
+
+
+class FocalMonitor:
+    """Compares the focal length of a camera with the stated one, in single images and over many.
+
+    Parameters
+    ----------
+    max_error : float
+        Relative error of the median of many images that is reported.
+    """
+
+    def __init__(self, max_error: float) -> None:
+        self._max_error = max_error
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all images."""
+        self._focal_px = 0.0
+        self._ratios: deque[float] = deque(maxlen=_IMAGES)
+
+    def estimate_px(self, focal_px: float, ratio: FocalRatio) -> float | None:
+        """Add an image; return the estimated focal length if it contradicts the stated one, else None."""
+        if focal_px != self._focal_px:
+            self.clear()
+            self._focal_px = focal_px
+        self._ratios.append(ratio.value)
+        error = abs(ratio.value - 1.0)
+        if error > max(_MAX_ERROR_OF_ONE, self._max_error) and error > _SIGNIFICANT * ratio.sigma:
+            return ratio.value * focal_px
+        if len(self._ratios) < _MIN_IMAGES:
+            return None
+        ratios = np.array(self._ratios)
+        median = float(np.median(ratios))
+        # Standard deviation of the median of a normal distribution, from the median absolute deviation.
+        sigma = 1.2533 * 1.4826 * float(np.median(np.abs(ratios - median))) / np.sqrt(len(ratios))
+        is_wrong = abs(median - 1.0) > max(self._max_error, _SIGNIFICANT * sigma)
+        return median * focal_px if is_wrong else None

@@ -22,14 +22,12 @@ from cdff_core.dfpcs.visual_localisation.map_matcher import MapMatcher
 from cdff_core.imaging.grey import checked_image, grey_image
 from cdff_core.visual_map.camera_pose import CameraPose, CameraPoseSolver
 from cdff_core.visual_map.features import FeatureExtractor
-from cdff_core.visual_map.focal_length import fit_focal_ratio
+from cdff_core.visual_map.focal_length import FocalMonitor, FocalRatio, fit_focal_ratio
 from cdff_core.visual_map.matches import MAP_FOCAL_PX, MapMatches
 from cdff_core.visual_map.pose_fit import PoseFit
 
 #: Images that wait for a map, and points of the cloud in the store.
 _MAX_WAITING, _MAX_CLOUD = 16, 100_000
-#: Difference of the focal length in standard deviations from which it is significant.
-_SIGNIFICANT = 4.0
 
 
 class VisualLocalisation(VisualLocalisationInterface):
@@ -45,6 +43,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         self._pose_solver = CameraPoseSolver(
             self.dfn("solve", seed=self.context.seed), self.config.sigma_px, self.config.gate
         )
+        self._focal_monitor = FocalMonitor(self.config.max_focal_error)
         self._waiting: list[Sample] = []
         self._last: TransformWithCovariance | None = None
         self.forget_map()
@@ -54,11 +53,13 @@ class VisualLocalisation(VisualLocalisationInterface):
     def forget_map(self) -> None:
         """Clear the map."""
         self._map: MapMatcher | None = None
+        self._focal_monitor.clear()
         self._map_id = ""
 
     def on_map(self, sample: Sample) -> Iterable[Output]:
         """Replace the map; locate the images that waited for it."""
         cfg = self.config
+        self._focal_monitor.clear()
         self._map = MapMatcher(
             sample.value, self._match, cfg.clusters, cfg.sigma_px / MAP_FOCAL_PX, self.context.seed
         )
@@ -146,10 +147,8 @@ class VisualLocalisation(VisualLocalisationInterface):
             return []
         sigma = ratio.sigma * float(np.sqrt(cfg.correlation * max(fit.variance_factor, 1.0)))
         metrics |= {"focal_length_ratio": ratio.value, "focal_length_ratio_sigma": sigma}
-        error = abs(ratio.value - 1.0)
-        if error < cfg.max_focal_error or error < _SIGNIFICANT * sigma:
-            return []
-        return [f"focal_length:{ratio.value * focal_px:.4g}!={focal_px:.4g}"]
+        estimate_px = self._focal_monitor.estimate_px(focal_px, FocalRatio(ratio.value, sigma))
+        return [] if estimate_px is None else [f"focal_length:{estimate_px:.4g}!={focal_px:.4g}"]
 
     def _with_map_covariance(self, located: CameraPose, matches: MapMatches) -> UncertainTransform:
         """Return T_map_camera with the covariance of the fit and of the poses of the matched keyframes."""

@@ -42,5 +42,5 @@ class VisualLocalisationConfig(DfpcConfig):
         0.01,
         gt=0,
         le=1,
-        description="Relative error of the stated focal length above which a significant one is reported",
+        description="Relative error of the stated focal length above which that of many images is reported",
     )

@@ -81,6 +81,15 @@ def test_the_adjusted_trajectory_graph_cloud_and_map_are_published_at_the_end() 
     assert len(outputs["graph"].value.vertices.ids) == len(outputs["map"].value.keyframes) > 1
 
 
+def test_images_between_keyframes_are_tracked_without_descriptors() -> None:
+    dfpc = node()
+    poses = run(dfpc, [walls.pair(at(0.03 * i)) for i in range(5)])
+    assert [output.quality.metrics.get("tracked", 0.0) > 100.0 for output in poses] == [False] + 4 * [True]
+    assert len(dfpc.keyframes) == 1
+    e = pose_error(se3.inverse(at(0.0)) @ at(0.12), poses[-1].value.transform.matrix)
+    assert np.linalg.norm(e[:3]) < 0.01
+
+
 def test_an_rgbd_camera_is_located_whatever_image_arrives_first() -> None:
     dfpc = node()
     outputs: list[Output] = []
