@@ -6,7 +6,18 @@ package imports zenoh.
 
 from cdff_common.bus.bus import Bus
 from cdff_common.bus.message import Message, Reply, Request
+from cdff_common.bus.pause import Pause, Signal, without_pauses
 from cdff_common.bus.qos import Qos
 from cdff_common.bus.subscription import Subscription
 
-__all__ = ["Bus", "Message", "Qos", "Reply", "Request", "Subscription"]
+__all__ = [
+    "Bus",
+    "Message",
+    "Pause",
+    "Qos",
+    "Reply",
+    "Request",
+    "Signal",
+    "Subscription",
+    "without_pauses",
+]

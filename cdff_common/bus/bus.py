@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 from typing import Any, Self, Unpack
 
@@ -14,7 +15,6 @@ import zenoh
 
 from cdff_common.bus import keys, rpc
 from cdff_common.bus.identity import Identity
-from cdff_common.bus.inbox import Inbox
 from cdff_common.bus.message import Message, Reply, encoding_argument, key_argument, on_map, pack
 from cdff_common.bus.qos import Qos
 from cdff_common.bus.session import open_client, open_router
@@ -53,7 +53,7 @@ class Bus:
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session = session
         self.loops = Loops()
-        self._name, self._inbox = name, Inbox()
+        self._name, self._calls = name, rpc.CallResources()
         self._lock = threading.Lock()
         self._declarations: list[Any] = []
         self._latched: dict[str, Mapping[str, Any]] = {}
@@ -123,6 +123,7 @@ class Bus:
                 declaration.close() if hasattr(declaration, "close") else declaration.undeclare()
             except zenoh.ZError as error:
                 logger.debug("closing %r: %s", declaration, error)
+        self._calls.close()
         self._session.close()
 
     def _add_declaration(self, declaration: Any) -> Any:
@@ -194,16 +195,17 @@ class Bus:
         workers: int = 4,
         backlog: int = 64,
         busy_limit_s: float | None = None,
+        pool: ThreadPoolExecutor | None = None,
     ) -> rpc.CallServer:
-        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads.
+        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads, or in the given ``pool``.
 
-        A call that takes longer than ``busy_limit_s`` is a problem of ``loops``.
+        Further ``backlog`` calls wait for a thread, or are paused by their handlers (``pause.Pause``). A call that takes longer than ``busy_limit_s`` is a problem of ``loops``.
         """
         prefix, is_verb, verb = key.partition(RPC)
         session = None if is_verb else self._session
         work = None if busy_limit_s is None else self.loops.add_parallel(f"call {key}", busy_limit_s)
         server: rpc.CallServer = self._add_declaration(
-            rpc.CallServer(session, key, handler, workers, backlog, self._inbox, work)
+            rpc.CallServer(session, key, handler, workers, backlog, self._calls, work, pool)
         )
         if is_verb:
             self._verb_table(prefix).add(verb, server)
@@ -213,7 +215,7 @@ class Bus:
         with self._lock:
             table = self._verb_tables.get(prefix)
             if table is None:
-                table = VerbTable(self._session, prefix, lambda: self._announced)
+                table = VerbTable(self._session, self._calls, prefix, lambda: self._announced)
                 self._verb_tables[prefix] = table
                 self._declarations.append(table)
         return table

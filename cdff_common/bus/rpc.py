@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import TypedDict
 
 import zenoh
@@ -32,6 +32,7 @@ from cdff_common.bus.message import (
     parse_parameters,
     unpack,
 )
+from cdff_common.bus.pause import Pause, PausedCalls
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError, UnavailableError
 from cdff_common.loops import ParallelWork
@@ -43,7 +44,8 @@ STOPPING_RETRY_S = 1.0
 #: Time in which a session removes a router whose link is lost, and interval of the checks, seconds.
 _LINK_LOSS_S, _PAUSE_S = 0.2, 0.01
 
-Handler = Callable[[Request], Reply | Iterable[Reply]]
+#: A handler may yield pauses between its replies, see ``pause``.
+Handler = Callable[[Request], Reply | Iterable[Reply | Pause]]
 
 
 class CallOptions(TypedDict, total=False):
@@ -55,12 +57,45 @@ class CallOptions(TypedDict, total=False):
     timeout_s: float
 
 
+class CallResources:
+    """What all servers of one process share.
+
+    Attributes
+    ----------
+    inbox : Inbox
+        Payloads of the calls.
+    paused : PausedCalls
+    refusals : ThreadPoolExecutor
+        Answers calls that are refused: the threads of Zenoh, in which calls arrive, must not send.
+    """
+
+    def __init__(self) -> None:
+        self.inbox, self.paused = Inbox(), PausedCalls()
+        self.refusals = ThreadPoolExecutor(1, thread_name_prefix="refusals")
+
+    def refuse(self, query: zenoh.Query, error: BaseException) -> None:
+        """Answer a query with an error, in another thread."""
+
+        def send() -> None:
+            with query:
+                refuse(query, error)
+
+        with suppress(RuntimeError):  # the bus is closed
+            self.refusals.submit(send)
+
+    def close(self) -> None:
+        """End the threads."""
+        self.paused.close()
+        self.refusals.shutdown(wait=False)
+
+
 class CallServer:
     """Server that answers the calls of a key expression in its own thread pool.
 
-    At most ``workers`` handlers run and ``backlog`` calls wait, as far as ``inbox`` holds their payloads;
-    further calls are answered with OVERLOADED. Without a session it declares nothing; a ``VerbTable`` passes
-    queries to ``enqueue``. ``work`` encloses each call.
+    At most ``workers`` handlers run and ``backlog`` calls wait or pause, as far as the inbox holds their
+    payloads; further calls are answered with OVERLOADED. Without a session it declares nothing; a
+    ``VerbTable`` passes queries to ``enqueue``. ``work`` encloses each call. Several servers can share a
+    ``pool``.
     """
 
     def __init__(
@@ -70,19 +105,21 @@ class CallServer:
         handler: Handler,
         workers: int,
         backlog: int,
-        inbox: Inbox,
+        resources: CallResources,
         work: ParallelWork | None = None,
+        pool: ThreadPoolExecutor | None = None,
     ) -> None:
         self._key = key
-        self._inbox, self._work = inbox, work
+        self._resources, self._work = resources, work
         self._handler = handler
         self._slots = threading.BoundedSemaphore(workers + backlog)
         self._changed = threading.Condition()
         self._open: dict[int, zenoh.Query] = {}  # calls without a final answer, by ``id``
         self._stopping = False
-        self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
+        self._has_own_pool = pool is None
+        self._pool = pool or ThreadPoolExecutor(workers, thread_name_prefix=f"rpc {key}")
         self._queryable = (
-            None if session is None else session.declare_queryable(key, self.enqueue, complete=True)
+            None if session is None else session.declare_queryable(key, direct(self.enqueue), complete=True)
         )
 
     def stop(self) -> None:
@@ -104,7 +141,8 @@ class CallServer:
         """Stop answering."""
         if self._queryable is not None:
             self._queryable.undeclare()
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        if self._has_own_pool:
+            self._pool.shutdown(wait=False, cancel_futures=True)
 
     def enqueue(self, query: zenoh.Query) -> None:
         """Answer a query in the pool, or with an error if the pool is full or the server stops."""
@@ -112,39 +150,50 @@ class CallServer:
             error = self._stopping_error() if self._stopping else self._overload(query)
             if error is None:
                 self._open[id(query)] = query
-                self._pool.submit(self._answer, query)
+                self._pool.submit(self._advance, query, self._replies(query))
                 return
-        with query:
-            refuse(query, error)
+        self._resources.refuse(query, error)
 
     def _overload(self, query: zenoh.Query) -> OverloadedError | None:
         """Take a slot and space for the payload of a query; return the error if there is none."""
         if not self._slots.acquire(blocking=False):
             return OverloadedError(f"{self._key}: too many calls at once")
         size = _payload_bytes(query)
-        if self._inbox.take(size):
+        if self._resources.inbox.take(size):
             return None
         self._slots.release()
         return OverloadedError(f"{self._key}: {size >> 20} MB, and many others wait; repeat the call later")
 
-    def _answer(self, query: zenoh.Query) -> None:
-        size = _payload_bytes(query)
-        try:
-            with nullcontext() if self._work is None else self._work.piece():
-                self._handle(query)
-        finally:
-            self._inbox.release(size)
-            self._slots.release()
+    def _replies(self, query: zenoh.Query) -> Iterator[Reply | Pause]:
+        if self._stopping:
+            raise self._stopping_error()
+        replies = self._handler(_request_of(query))
+        yield from [replies] if isinstance(replies, Reply) else replies
 
-    def _handle(self, query: zenoh.Query) -> None:
+    def _advance(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> None:
+        """Send the replies up to the next pause, or to the end."""
+        size = _payload_bytes(query)  # unknown once the query has ended
+        with nullcontext() if self._work is None else self._work.piece():
+            pause = self._send(query, replies)
+        if pause is None:
+            self._resources.inbox.release(size)
+            self._slots.release()
+        else:
+            self._resources.paused.add(pause, lambda: self._proceed(query, replies))
+
+    def _proceed(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> None:
+        with suppress(RuntimeError):  # the pool is shut down: ``finish`` has ended the query
+            self._pool.submit(self._advance, query, replies)
+
+    def _send(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> Pause | None:
+        """Send replies; return the next pause, or end the query and return None."""
         error: Exception | None = None
         try:
-            if self._stopping:
-                raise self._stopping_error()
-            replies = self._handler(_request_of(query))
             # The key of the query: a queryable on a wildcard answers with the caller's concrete key.
             key = str(query.key_expr)
-            for reply in [replies] if isinstance(replies, Reply) else replies:
+            for reply in replies:
+                if isinstance(reply, Pause):
+                    return reply
                 query.reply(
                     reply.key or key,
                     reply.payload,
@@ -158,6 +207,7 @@ class CallServer:
                 logger.exception("handler of %s failed", self._key)
             error = raised
         self._end(query, error)
+        return None
 
     def _end(self, query: zenoh.Query, error: Exception | None) -> None:
         """End a query that ``finish`` has not ended, with an error if there is one."""
@@ -172,6 +222,11 @@ class CallServer:
 
     def _stopping_error(self) -> UnavailableError:
         return UnavailableError(f"{self._key}: the service is stopping; repeat the call", STOPPING_RETRY_S)
+
+
+def direct(callback: Callable[[zenoh.Query], None]) -> zenoh.handlers.Callback[zenoh.Query]:
+    """Return a handler that calls back in the thread of Zenoh; otherwise each queryable has a thread."""
+    return zenoh.handlers.Callback(callback, indirect=False)
 
 
 def refuse(query: zenoh.Query, error: BaseException) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import zenoh
 
-from cdff_common.bus.rpc import CallServer, refuse
+from cdff_common.bus.rpc import CallResources, CallServer, direct
 from cdff_common.errors import CdffError, InputError, UnavailableError
 
 RPC = "/@rpc/"
@@ -20,6 +20,7 @@ class VerbTable:
     Parameters
     ----------
     session : zenoh.Session
+    resources : CallResources
     prefix : str
         Key up to, but excluding, ``/@rpc/``.
     is_ready : callable
@@ -27,12 +28,18 @@ class VerbTable:
         UNAVAILABLE, since it may be added later; afterwards with INVALID_ARGUMENT.
     """
 
-    def __init__(self, session: zenoh.Session, prefix: str, is_ready: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        resources: CallResources,
+        prefix: str,
+        is_ready: Callable[[], bool],
+    ) -> None:
+        self._resources = resources
         self._prefix = prefix
         self._is_ready = is_ready
         self._verbs: dict[str, CallServer] = {}
-        handler = zenoh.handlers.Callback(self._take, indirect=True)
-        self._queryable = session.declare_queryable(f"{prefix}{RPC}**", handler, complete=True)
+        self._queryable = session.declare_queryable(f"{prefix}{RPC}**", direct(self._take), complete=True)
 
     def add(self, verb: str, server: CallServer) -> None:
         """Add a verb; ``call/*`` matches every one-chunk name below ``call``."""
@@ -55,5 +62,4 @@ class VerbTable:
             )
         else:
             error = UnavailableError(f"{self._prefix} is starting; {verb!r} is not served yet")
-        with query:
-            refuse(query, error)
+        self._resources.refuse(query, error)

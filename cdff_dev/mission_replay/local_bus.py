@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from cdff_common.bus import Message, Reply, Request, keys
+from cdff_common.bus import Message, Reply, Request, keys, without_pauses
 from cdff_common.bus.message import pack
 from cdff_common.clock import Clock
 from cdff_common.errors import NoAnswerError
@@ -86,7 +86,7 @@ class LocalBus:
             key, {n: str(v) for n, v in (parameters or {}).items()}, payload, encoding, attachment
         )
         replies = handler(request)
-        yield from [replies] if isinstance(replies, Reply) else replies
+        yield from [replies] if isinstance(replies, Reply) else without_pauses(replies)
 
     def call(self, key: str, parameters: Mapping[str, object] | None = None, **more: Any) -> Reply:
         """Return the final reply of a call."""

@@ -19,7 +19,7 @@ from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
 from services.alarm_reporter import AlarmReporter
 from services.memory_budget import memory_budget_mb, memory_check
 from services.orchestrator.leader import ProcessIdentity, claim
-from services.orchestrator.service import Orchestrator
+from services.orchestrator.service import CAPACITY, Orchestrator
 from services.robot_roster import RobotRoster
 from services.warming import load_formats
 
@@ -34,7 +34,10 @@ def main(argv: list[str] | None = None) -> int:
         "--data-dir", help="folder of the journal; default: CDFF_DATA_DIR, else ~/.local/share/cdff"
     )
     parser.add_argument(
-        "--capacity", type=int, default=64, help="largest number of open requests; default: 64"
+        "--capacity",
+        type=int,
+        default=CAPACITY,
+        help=f"largest number of open requests; default: {CAPACITY}",
     )
     args = parser.parse_args(argv)
 

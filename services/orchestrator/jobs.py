@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import threading
 import uuid
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cdff_common.bus import Signal
 from cdff_common.clock import wall_ns
 from cdff_common.errors import InputError, OverloadedError, ProductNotFoundError, UnavailableError
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState, next_job_state
@@ -45,9 +45,9 @@ class Job:
     is_stopped : bool
         Set when the orchestrator stops.
     timing : Timing
-    changed : Event
+    changed : Signal
         Set by each change that concerns the job.
-    cancelled : Event
+    cancelled : Signal
         Set when the job is cancelled, displaced or stopped.
     """
 
@@ -62,11 +62,11 @@ class Job:
     retry_after_s: float | None = None
     is_stopped: bool = False
     timing: Timing = REAL
-    changed: threading.Event = field(init=False)
-    cancelled: threading.Event = field(init=False)
+    changed: Signal = field(init=False)
+    cancelled: Signal = field(init=False)
 
     def __post_init__(self) -> None:
-        self.changed, self.cancelled = self.timing.event(), self.timing.event()
+        self.changed, self.cancelled = self.timing.signal(), self.timing.signal()
 
     def cancel(self) -> None:
         """Let the job end soon."""

@@ -34,7 +34,7 @@ _NEVER_NS = -1
 _DERIVED = ("dpm", DERIVED_DFPC)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class ProductMatch:
     """A possible reply, in the type and frame of the product, cropped to the region.
 

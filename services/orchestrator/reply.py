@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
@@ -60,16 +62,62 @@ class ConvertedProduct:
     box_m: tuple[float, float, float, float, float, float] | None = None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class DeliveredForm:
+    """A product as it is delivered, for all equal requests.
+
+    Attributes
+    ----------
+    product : ConvertedProduct
+    header : Header
+    inline : tuple of bytes and str, or None
+        Payload and encoding; None for a reply by reference.
+    sha256 : str
+        Hash of the payload.
+    """
+
+    product: ConvertedProduct
+    header: Header
+    inline: tuple[bytes, str] | None
+    sha256: str
+
+
 class TooOldError(UnavailableError):
     """The product has become too old for the request since the query."""
 
 
+class SharedForms:
+    """Delivered forms of the matches in use, each made once for all equal requests.
+
+    They are removed with their match.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._forms: WeakKeyDictionary[ProductMatch, dict[Hashable, DeliveredForm]] = WeakKeyDictionary()
+
+    def get(
+        self, request: ProductRequest, match: ProductMatch, make: Callable[[], DeliveredForm]
+    ) -> DeliveredForm:
+        """Return the form of a match for a request, by ``make`` if no equal request has made it."""
+        # Requests with the same match are equal except for what follows and what no form depends on.
+        key = request.type_name, request.frame, request.format, request.deliver
+        with self._lock:
+            form = self._forms.get(match, {}).get(key)
+        if form is None:
+            form = make()
+            with self._lock:
+                self._forms.setdefault(match, {})[key] = form
+        return form
+
+
 @dataclass(frozen=True, slots=True)
 class ReplyBuilder:
-    """Builder of the final reply of a job."""
+    """Builder of the final reply of a job; equal requests share the form of the last products."""
 
     dpm: DpmClient
     clock: Clock
+    _forms: SharedForms = field(default_factory=SharedForms)
 
     def reply(
         self,
@@ -91,21 +139,9 @@ class ReplyBuilder:
             Errors of the DPM, or if the product cannot be converted to the requested frame or type.
         """
         robot = match.candidate.robot
-
-        def lookup(parent: str, child: str, t_ns: int) -> UncertainTransform:
-            return self.dpm.pose(robot, parent, child, t_ns, until_s)
-
-        product = converted(request, match, lookup)
         native = product_type(request.product).types[0]
-        is_unconverted = product.type_name == native and product.frame == match.frame and not product.reasons
-        is_unmodified = match.is_unmodified and is_unconverted
-        if is_unmodified or (is_unconverted and request.product == "dem"):
-            header = match.sources[0]
-        else:
-            header = derived_header(request, match, product)
-        inline = _inline(request, product, match)
-        if inline is None and not is_unmodified:
-            header = self._store(request, match, product, header, until_s)
+        form = self._forms.get(request, match, lambda: self._form(request, match, until_s))
+        product, header, inline = form.product, form.header, form.inline
         # A reference is always to the native type of the product.
         delivered_type = native if inline is None else product.type_name
         now_ns = self.clock.now_ns()
@@ -140,9 +176,7 @@ class ReplyBuilder:
             "delivered": summary,
         }
         if inline is not None:
-            payload, encoding = inline
-            attachment["sha256"] = hashlib.sha256(payload).hexdigest()
-            return Reply(payload, encoding, attachment)
+            return Reply(*inline, {**attachment, "sha256": form.sha256})
         file_format = request.format if product.type_name != _TOO_LARGE else "tif"
         body = {
             "id": header.id,
@@ -154,6 +188,26 @@ class ReplyBuilder:
             "path": f"/api/v1/products/{header.id}/payload?format={file_format}",
         }
         return Reply.of(body, **attachment)
+
+    def _form(self, request: ProductRequest, match: ProductMatch, until_s: float) -> DeliveredForm:
+        """Convert and encode a match; store it if it is delivered by reference."""
+
+        def lookup(parent: str, child: str, t_ns: int) -> UncertainTransform:
+            return self.dpm.pose(match.candidate.robot, parent, child, t_ns, until_s)
+
+        product = converted(request, match, lookup)
+        native = product_type(request.product).types[0]
+        is_unconverted = product.type_name == native and product.frame == match.frame and not product.reasons
+        is_unmodified = match.is_unmodified and is_unconverted
+        if is_unmodified or (is_unconverted and request.product == "dem"):
+            header = match.sources[0]
+        else:
+            header = derived_header(request, match, product)
+        inline = _inline(request, product, match)
+        if inline is None and not is_unmodified:
+            header = self._store(request, match, product, header, until_s)
+        sha256 = "" if inline is None else hashlib.sha256(inline[0]).hexdigest()
+        return DeliveredForm(product, header, inline, sha256)
 
     def _store(
         self,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from cdff_common.bus import Reply
+from cdff_common.bus import Pause, Reply
 from cdff_common.clock import Clock
 from cdff_common.errors import CdffError, DeadlineError, UnavailableError
 from cdff_core.orchestration.acceptance import Assessment
@@ -111,7 +111,7 @@ class _RequestRun:
 
 @dataclass(slots=True, eq=False)
 class RequestFlow:
-    """Execution of requests; one call of ``run`` for each, in the thread that serves its query."""
+    """Execution of requests; one call of ``run`` for each. A request that waits occupies no thread."""
 
     state: SystemState
     finder: ProductFinder
@@ -126,8 +126,8 @@ class RequestFlow:
     def __post_init__(self) -> None:
         self._shared = SharedQueries(self.clock, self.timing)
 
-    def run(self, request: ProductRequest) -> Iterator[Reply]:
-        """Yield progress, then the final reply.
+    def run(self, request: ProductRequest) -> Iterator[Reply | Pause]:
+        """Yield progress and pauses, then the final reply.
 
         If the request fails, raise the error to be sent as the final reply.
         """
@@ -171,7 +171,7 @@ class RequestFlow:
         )
         return _RequestRun(job, robots, margin_s, plan)
 
-    def _serve(self, run: _RequestRun) -> Iterator[Reply]:
+    def _serve(self, run: _RequestRun) -> Iterator[Reply | Pause]:
         """Yield progress, then one product."""
         job = run.job
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
@@ -179,7 +179,7 @@ class RequestFlow:
             job.changed.clear()
             job.check_cancelled()
             cycle_start_s = self.timing.now_s()
-            self._query_if_changed(run)
+            yield from self._query_if_changed(run)
             if run.acceptable is not None:
                 run.plan.replace_if_degraded(run.acceptable)
             if run.is_deliverable:
@@ -196,9 +196,9 @@ class RequestFlow:
                 return
             if has_changed:
                 yield from self._progress_reply(job, run)
-            self._wait(job, cycle_start_s, _IDLE_S, run.margin_s)
+            yield from self._pauses(job, cycle_start_s, _IDLE_S, run.margin_s)
 
-    def _serve_standing(self, run: _RequestRun) -> Iterator[Reply]:
+    def _serve_standing(self, run: _RequestRun) -> Iterator[Reply | Pause]:
         """Yield each newer product, at most one per period, until the lease of the request expires."""
         job = run.job
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
@@ -207,7 +207,7 @@ class RequestFlow:
             job.changed.clear()
             job.check_cancelled()
             cycle_start_s = self.timing.now_s()
-            self._query_if_changed(run)
+            yield from self._query_if_changed(run)
             due_s, match = sent_s + period_s, run.acceptable
             if due_s <= cycle_start_s and match is not None and match.candidate.t1_ns > sent_t1_ns:
                 reply = self._reply(run)
@@ -220,7 +220,7 @@ class RequestFlow:
                 product = f"{job.request.product} of {job.request.robot}"
                 raise UnavailableError(f"no newer {product} can be made: {run.plan.impossible}")
             next_s = due_s if cycle_start_s < due_s else cycle_start_s + _IDLE_S
-            self._wait(job, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)
+            yield from self._pauses(job, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)
         if not sent:
             yield self._final_reply(run)
             return
@@ -232,29 +232,29 @@ class RequestFlow:
 
     # -- steps
 
-    def _wait(self, job: Job, cycle_start_s: float, max_wait_s: float, margin_s: float) -> None:
-        """Wait for a change since the start of the cycle, at most ``max_wait_s``, then until
+    def _pauses(self, job: Job, cycle_start_s: float, max_wait_s: float, margin_s: float) -> Iterator[Pause]:
+        """Pause until a change since the start of the cycle, at most ``max_wait_s``, then until
         ``_QUERY_PERIOD_S`` after ``cycle_start_s``; both end ``margin_s`` before the deadline.
         """
-        job.changed.wait(max(min(max_wait_s, job.remaining_s() - margin_s), 0.0))
+        yield Pause(job.changed, min(max_wait_s, job.remaining_s() - margin_s))
         pause_s = min(_QUERY_PERIOD_S - (self.timing.now_s() - cycle_start_s), job.remaining_s() - margin_s)
         if pause_s > 0:
-            job.cancelled.wait(pause_s)
+            yield Pause(job.cancelled, pause_s)
 
-    def _query_if_changed(self, run: _RequestRun) -> None:
+    def _query_if_changed(self, run: _RequestRun) -> Iterator[Pause]:
         """Query after a relevant insertion, otherwise periodically, since an event may be lost."""
         insertions, now_s = self.state.insertions(run.relevant), self.timing.now_s()
         is_first = run.queried_s is None
         if run.queried_s is not None and insertions == run.insertions and now_s - run.queried_s < _IDLE_S:
             return
         run.insertions, run.queried_s = insertions, now_s
-        self._query(run, _QUERY_PERIOD_S if is_first else _IDLE_S)
+        yield from self._query(run, _QUERY_PERIOD_S if is_first else _IDLE_S)
 
-    def _query(self, run: _RequestRun, max_age_s: float) -> None:
+    def _query(self, run: _RequestRun, max_age_s: float) -> Iterator[Pause]:
         """Query the DPM; an unreachable DPM may return before the deadline."""
         until_s = run.query_until_s
         try:
-            run.best, run.unmet = self._shared.find(
+            run.best, run.unmet = yield from self._shared.find(
                 run.job.request,
                 lambda: self.finder.find(run.job.request, run.robots, until_s),
                 run.insertions,

@@ -7,10 +7,11 @@ from __future__ import annotations
 import logging
 import uuid
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from cdff_common.bus import Bus, Reply, Request, keys
+from cdff_common.bus import Bus, Pause, Reply, Request, keys
 from cdff_common.contract.queries import (
     CatalogueParameters,
     JobParameters,
@@ -45,8 +46,12 @@ logger = logging.getLogger(__name__)
 
 #: Reason of failure of the jobs that were open when the last process ended.
 RESTARTED = "the orchestrator was restarted: ask again"
-#: Additional threads, for refusals, explanations and requests that displace a job.
-_EXTRA_WORKERS = 32
+#: Default of the largest number of open requests.
+CAPACITY = 2048
+#: Threads for requests of all scopes, which occupy none while they wait, and for the other calls.
+_REQUEST_THREADS, _CALL_THREADS = 16, 8
+#: Additional calls of requests: refusals, explanations and requests that displace a job.
+_EXTRA_CALLS = 32
 #: Longest wait for the end of the open requests when the process stops, seconds.
 _STOP_S = 1.0
 #: Size above which the journal is compacted at the start, bytes.
@@ -75,7 +80,7 @@ class Orchestrator:
     """
 
     def __init__(
-        self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = 64, timing: Timing = REAL
+        self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = CAPACITY, timing: Timing = REAL
     ) -> None:
         self._bus = bus
         self._ground_robots = profile.robot_ids
@@ -102,6 +107,8 @@ class Orchestrator:
         # Two orchestrators of a mission serve different robots: each has its own history.
         origin = "orchestrator/" + profile.robot_ids[0]
         self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)
+        self._request_pool = ThreadPoolExecutor(_REQUEST_THREADS, thread_name_prefix="request")
+        self._call_pool = ThreadPoolExecutor(_CALL_THREADS, thread_name_prefix="call")
 
     def start(self) -> None:
         """Start all parts; the liveliness tokens come last, when the service is ready."""
@@ -117,12 +124,13 @@ class Orchestrator:
 
     def _serve(self, scope: str) -> None:
         self._scopes.add(scope)
-        # No backlog: without a free thread the reply is OVERLOADED at once, not after the deadline.
+        # Further calls are answered with OVERLOADED at once, not after the deadline.
         self._bus.serve(
             keys.orchestrator_rpc(scope, "request"),
             self._on_request,
-            workers=self._capacity + _EXTRA_WORKERS,
-            backlog=0,
+            workers=_REQUEST_THREADS,
+            backlog=self._capacity + _EXTRA_CALLS,
+            pool=self._request_pool,
         )
         for verb, handler in {
             "jobs": self._on_jobs,
@@ -131,7 +139,7 @@ class Orchestrator:
             "catalogue": self._on_catalogue,
             "stat": self._on_stat,
         }.items():
-            self._bus.serve(keys.orchestrator_rpc(scope, verb), handler)
+            self._bus.serve(keys.orchestrator_rpc(scope, verb), handler, pool=self._call_pool)
 
     def set_robot(self, joined: RobotProfile) -> None:
         """Orchestrate a robot that has joined, or another revision of its profile.
@@ -183,7 +191,7 @@ class Orchestrator:
 
     # -- endpoints
 
-    def _on_request(self, call: Request) -> Reply | Iterator[Reply]:
+    def _on_request(self, call: Request) -> Reply | Iterator[Reply | Pause]:
         request_id = call.parameters.get("request") or str(uuid.uuid4())
         description: Mapping[str, Any] = {**call.parameters, "request": request_id}
         try:

@@ -8,11 +8,11 @@ insertion.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Generator, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
+from cdff_common.bus import Pause, Signal
 from cdff_common.clock import Clock
 from cdff_common.errors import DeadlineError, UnavailableError
 from cdff_core.orchestration.acceptance import Assessment, assess
@@ -28,14 +28,24 @@ Result = tuple[tuple[ProductMatch, Assessment] | None, str]
 class _SharedQuery:
     """Last query of equivalent requests.
 
-    ``insertions`` is the number of products inserted before it, ``start_s`` its start (monotonic seconds).
+    Attributes
+    ----------
+    users : int
+        Open requests.
+    insertions, start_s
+        Number of products inserted before it, and its start (monotonic seconds).
+    is_running : bool
+        True while a request executes the next one.
+    waiting : list of Signal
+        Set when it has ended.
     """
 
-    lock: threading.Lock
     users: int = 0
     insertions: int = -1
     start_s: float = float("-inf")
     result: Result | UnavailableError | None = None
+    is_running: bool = False
+    waiting: list[Signal] = field(default_factory=list)
 
 
 class SharedQueries:
@@ -52,7 +62,7 @@ class SharedQueries:
         """Share the queries of a request; the last request removes the entry."""
         key = query_key(request)
         with self._lock:
-            query = self._queries.setdefault(key, _SharedQuery(self._timing.lock()))
+            query = self._queries.setdefault(key, _SharedQuery())
             query.users += 1
         try:
             yield
@@ -69,8 +79,8 @@ class SharedQueries:
         insertions: int,
         max_age_s: float,
         until_s: float,
-    ) -> Result:
-        """Return a shared result since ``insertions`` and at most ``max_age_s`` old, else ``execute()``.
+    ) -> Generator[Pause, None, Result]:
+        """Yield pauses while another request queries; return a shared result since ``insertions`` and at most ``max_age_s`` old, else ``execute()``.
 
         Raises
         ------
@@ -81,8 +91,13 @@ class SharedQueries:
         """
         with self._lock:
             query = self._queries[query_key(request)]
-        if not query.lock.acquire(timeout=max(until_s - self._timing.now_s(), 0.0)):
-            raise DeadlineError("no reply to an equivalent request yet")
+        ended = self._begin(query)
+        while ended is not None:
+            remaining_s = until_s - self._timing.now_s()
+            if remaining_s <= 0.0:
+                raise DeadlineError("no reply to an equivalent request yet")
+            yield Pause(ended, remaining_s)
+            ended = self._begin(query)
         try:
             now_s = self._timing.now_s()
             if (
@@ -101,7 +116,24 @@ class SharedQueries:
             query.result, query.insertions, query.start_s = result, insertions, now_s
             return result
         finally:
-            query.lock.release()
+            self._end(query)
+
+    def _begin(self, query: _SharedQuery) -> Signal | None:
+        """Mark a query as running; if it is running already, return the signal of its end."""
+        with self._lock:
+            if not query.is_running:
+                query.is_running = True
+                return None
+            ended = self._timing.signal()
+            query.waiting.append(ended)
+            return ended
+
+    def _end(self, query: _SharedQuery) -> None:
+        with self._lock:
+            query.is_running = False
+            waiting, query.waiting = query.waiting, []
+        for ended in waiting:
+            ended.set()
 
     def _reassessed(self, request: ProductRequest, result: Result | UnavailableError) -> Result:
         """Return a result assessed at the current time."""

@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
 from typing import Any
 
+from cdff_common.bus import Signal
 from cdff_common.clock import monotonic_s
 
 
@@ -27,6 +28,10 @@ class Timing:
     def event(self) -> threading.Event:
         """Return an event."""
         return threading.Event()
+
+    def signal(self) -> Signal:
+        """Return a signal, for which a request can wait without a thread."""
+        return Signal(self.event())
 
     def condition(self) -> threading.Condition:
         """Return a condition."""

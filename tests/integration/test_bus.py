@@ -17,7 +17,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import zenoh
 
-from cdff_common.bus import Bus, Message, Qos, Reply, Request, keys
+from cdff_common.bus import Bus, Message, Pause, Qos, Reply, Request, Signal, keys
 from cdff_common.bus.inbox import Inbox
 from cdff_common.errors import DeadlineError, InputError, NoAnswerError, OverloadedError, UnavailableError
 from tests.integration.conftest import Eventually, Spawn
@@ -268,7 +268,7 @@ def test_the_payloads_of_waiting_calls_are_bounded(
     pair: tuple[Bus, Bus], eventually: Eventually, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client = pair
-    monkeypatch.setattr(server, "_inbox", Inbox(1_500_000))
+    monkeypatch.setattr(server._calls, "inbox", Inbox(1_500_000))
     entered, release = threading.Semaphore(0), threading.Event()
 
     def handler(request: Request) -> Reply:
@@ -504,3 +504,62 @@ def test_samples_are_not_dropped_while_the_router_gets_no_processor_time(
         publisher.publish(key, b"1", attachment=b"small %d" % i, qos=Qos.STREAM)
     expected = [name % i for i in range(8) for name in (b"%d", b"small %d")]
     eventually(lambda: received == expected)
+
+
+def test_calls_that_pause_occupy_no_thread(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+    started = threading.Semaphore(0)
+    signals = [Signal() for _ in range(40)]
+    threads: set[int] = set()
+
+    def handler(request: Request) -> Iterator[Reply | Pause]:
+        number = int(request.parameters["n"])
+        for pause in (Pause(signals[number], 20.0), Pause(Signal(), 0.01)):
+            started.release()
+            yield pause
+            threads.add(threading.get_ident())
+        yield Reply.of(number)
+
+    serve(server, client, handler, eventually, workers=2, backlog=60)
+    with ThreadPoolExecutor(40) as pool:
+        calls = [pool.submit(client.call, STAT, {"n": n}, timeout_s=20) for n in range(40)]
+        assert all(started.acquire(timeout=10) for _ in range(40))
+        for wakes in signals:
+            wakes.set()
+        assert [call.result().body() for call in calls] == list(range(40))
+    assert len(threads) <= 2
+
+
+def test_calls_are_answered_when_the_bus_closes_while_they_pause(
+    router: subprocess.Popen[bytes], endpoint: str, eventually: Eventually
+) -> None:
+    started = threading.Event()
+
+    def handler(_request: Request) -> Iterator[Reply | Pause]:
+        started.set()
+        yield Pause(Signal(), 60.0)
+        yield Reply.of(1)
+
+    with Bus.open(endpoint, name="client", wait_s=10) as client, ThreadPoolExecutor(1) as pool:
+        with Bus.open(endpoint, name="server", wait_s=10) as server:
+            serve(server, client, handler, eventually)
+            call = pool.submit(client.call, STAT, timeout_s=20)
+            assert started.wait(10)
+        with pytest.raises(UnavailableError, match="is stopping"):
+            call.result()
+
+
+def test_an_error_after_a_pause_reaches_the_caller(pair: tuple[Bus, Bus], eventually: Eventually) -> None:
+    server, client = pair
+
+    def handler(_request: Request) -> Iterator[Reply | Pause]:
+        yield Reply(b"", attachment={"final": False})
+        yield Pause(Signal(), 0.01)
+        raise InputError("after the pause")
+
+    serve(server, client, handler, eventually, workers=1, backlog=0)
+    for _ in range(3):  # its place is free again
+        replies = client.call_stream(STAT)
+        assert next(replies).final is False
+        with pytest.raises(InputError, match="after the pause"):
+            next(replies)

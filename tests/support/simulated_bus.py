@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.bus import Message, Reply, Request, keys
+from cdff_common.bus import Message, Reply, Request, keys, without_pauses
 from cdff_common.bus.message import pack, unpack
 from cdff_common.clock import NS_PER_S
 from cdff_common.codecs import encode, encoding_string
@@ -441,4 +441,4 @@ class SimulatedBus:
         if handler is None:
             raise NoAnswerError("no service answers")
         reply = handler(Request(key, dict(parameters), b"", "", b""))
-        yield from [reply] if isinstance(reply, Reply) else reply
+        yield from [reply] if isinstance(reply, Reply) else without_pauses(reply)

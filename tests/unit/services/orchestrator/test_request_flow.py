@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdff_common.bus import Reply
+from cdff_common.bus import Reply, without_pauses
 from cdff_common.clock import ManualClock, monotonic_s
 from cdff_common.errors import DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_common.geometry import UncertainTransform
@@ -91,7 +91,7 @@ def answer(journal: Journal, finder: ScriptedFinder, **parameters: str) -> list[
         state, finder, planning, ReplyBuilder(None, finder.clock), registry, journal, finder.clock
     )  # type: ignore[arg-type]
     request = parse_request({"type": "pose", "deadline_ms": "1500", **parameters}, "mana")
-    return list(flow.run(request))
+    return list(without_pauses(flow.run(request)))
 
 
 def test_a_product_too_old_at_delivery_is_replaced_by_the_next(journal: Journal) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -33,6 +34,17 @@ class CountingSearch:
         return self.result
 
 
+def find(queries: SharedQueries, *arguments: Any) -> Result:
+    """Return the result of a query; wait in this thread where it pauses."""
+    steps = queries.find(*arguments)
+    while True:
+        try:
+            next(steps).wait()
+        except StopIteration as end:
+            result: Result = end.value
+            return result
+
+
 def soon() -> float:
     """Return a deadline 10 s from now."""
     return monotonic_s() + 10.0
@@ -45,12 +57,12 @@ def test_equivalent_requests_share_one_query_until_an_insertion() -> None:
     with queries.share(A), queries.share(b):
         assert len(queries) == 1
         for request in (A, b, A):
-            assert queries.find(request, search, 3, 100.0, soon()) == (None, "nothing")
+            assert find(queries, request, search, 3, 100.0, soon()) == (None, "nothing")
         assert search.count == 1
-        queries.find(b, search, 4, 100.0, soon())
-        queries.find(A, search, 3, 100.0, soon())
+        find(queries, b, search, 4, 100.0, soon())
+        find(queries, A, search, 3, 100.0, soon())
         assert search.count == 2
-        queries.find(A, search, 4, -1.0, soon())
+        find(queries, A, search, 4, -1.0, soon())
         assert search.count == 3
     assert len(queries) == 0
 
@@ -60,9 +72,9 @@ def test_shared_query_results_are_evaluated_at_the_present_time() -> None:
     result = ProductMatch(ProductCandidate("id", "mana", 4 * S, 4 * S), (), None, "site")
     queries, search = SharedQueries(clock), CountingSearch(((result, Assessment()), ""))
     with queries.share(A):
-        assert queries.find(A, search, 0, 100.0, soon())[1] == ""
+        assert find(queries, A, search, 0, 100.0, soon())[1] == ""
         clock.set_ns(60 * S)
-        reevaluated, reason = queries.find(A, search, 0, 100.0, soon())
+        reevaluated, reason = find(queries, A, search, 0, 100.0, soon())
     assert search.count == 1
     assert reevaluated is not None
     assert not reevaluated[1].acceptable
@@ -74,7 +86,7 @@ def test_an_unavailable_dpm_is_queried_once_for_all_requests() -> None:
     with queries.share(A):
         for _ in range(3):
             with pytest.raises(UnavailableError, match="away"):
-                queries.find(A, search, 0, 100.0, soon())
+                find(queries, A, search, 0, 100.0, soon())
     assert search.count == 1
 
 
@@ -86,8 +98,8 @@ def test_a_query_that_missed_its_own_deadline_is_not_shared() -> None:
     )
     with queries.share(A):
         with pytest.raises(DeadlineError):
-            queries.find(A, late_search, 0, 100.0, soon())
-        assert queries.find(A, search, 0, 100.0, soon()) == (None, "nothing")
+            find(queries, A, late_search, 0, 100.0, soon())
+        assert find(queries, A, search, 0, 100.0, soon()) == (None, "nothing")
 
 
 def test_a_request_whose_deadline_ends_during_a_shared_query_is_refused() -> None:
@@ -99,13 +111,39 @@ def test_a_request_whose_deadline_ends_during_a_shared_query_is_refused() -> Non
         return None, "slow"
 
     with queries.share(A):
-        thread = threading.Thread(target=queries.find, args=(A, slow, 0, 100.0, soon()))
+        thread = threading.Thread(target=find, args=(queries, A, slow, 0, 100.0, soon()))
         thread.start()
         assert has_started.wait(10)
         with pytest.raises(DeadlineError, match="equivalent"):
-            queries.find(A, CountingSearch(), 0, 100.0, monotonic_s() + 0.05)
+            find(queries, A, CountingSearch(), 0, 100.0, monotonic_s() + 0.05)
         may_end.set()
         thread.join(10)
+
+
+def test_requests_that_wait_for_a_shared_query_receive_its_result() -> None:
+    queries, search = SharedQueries(ManualClock(0)), CountingSearch()
+    has_started, may_end = threading.Event(), threading.Event()
+
+    def slow() -> Result:
+        has_started.set()
+        may_end.wait(10)
+        return search()
+
+    with queries.share(A):
+        thread = threading.Thread(target=find, args=(queries, A, slow, 1, 100.0, soon()))
+        thread.start()
+        assert has_started.wait(10)
+        waiting = [queries.find(A, search, 1, 100.0, soon()) for _ in range(3)]
+        pauses = [next(steps) for steps in waiting]
+        may_end.set()
+        for pause in pauses:
+            assert pause.signal.wait(10)
+        for steps in waiting:
+            with pytest.raises(StopIteration) as end:
+                next(steps)
+            assert end.value.value == (None, "nothing")
+        thread.join(10)
+    assert search.count == 1
 
 
 def test_different_requests_do_not_share_a_query() -> None:
