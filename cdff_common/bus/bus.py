@@ -197,9 +197,10 @@ class Bus:
         busy_limit_s: float | None = None,
         pool: ThreadPoolExecutor | None = None,
     ) -> rpc.CallServer:
-        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads, or in the given ``pool``.
+        """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads, or in ``pool``.
 
-        Further ``backlog`` calls wait for a thread, or are paused by their handlers (``pause.Pause``). A call that takes longer than ``busy_limit_s`` is a problem of ``loops``.
+        Further ``backlog`` calls wait for a thread, or are paused by their handlers (``pause.Pause``). A call
+        that takes longer than ``busy_limit_s`` is a problem of ``loops``.
         """
         prefix, is_verb, verb = key.partition(RPC)
         session = None if is_verb else self._session

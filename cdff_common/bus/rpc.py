@@ -58,7 +58,7 @@ class CallOptions(TypedDict, total=False):
 
 
 class CallResources:
-    """What all servers of one process share.
+    """Resources of all servers of one process.
 
     Attributes
     ----------
