@@ -80,7 +80,9 @@ class SharedQueries:
         max_age_s: float,
         until_s: float,
     ) -> Generator[Pause, None, Result]:
-        """Yield pauses while another request queries; return a shared result since ``insertions`` and at most ``max_age_s`` old, else ``execute()``.
+        """Yield pauses while another request queries, then return a result.
+
+        It is the shared one since ``insertions`` and at most ``max_age_s`` old, else that of ``execute()``.
 
         Raises
         ------
