@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,9 @@ from cdff_dev.slam.html_report import run_report
 from cdff_dev.slam.odometry_graph import odometry_graph
 from cdff_dev.slam.pictures import elevation_picture, map_picture, map_plane, trajectory_picture
 from cdff_dev.slam.stereo_map import StereoMap
+
+#: Distributions whose versions are in ``run.json``.
+_LIBRARIES = ("numpy", "numba", "scipy", "opencv-python-headless")
 
 
 def write_files(
@@ -74,6 +79,7 @@ def write_files(
     write_file(folder / "trajectory.png", trajectory_picture(track, comparison, plane))
     summary = {
         "cdff": distribution_version(),
+        "versions": _versions(),
         **estimation.run,
         "path_length_m": float(track.distances_m[-1]),
         "duration_s": float(track.stamps_ns[-1] - track.stamps_ns[0]) * 1e-9,
@@ -129,6 +135,20 @@ def _write_elevation(estimation: Estimation, elevation: Elevation, writer: LogWr
     )
     writer.write(f"/{pose.robot}/{ELEVATION_DFPC}.origin", origin, t0_ns)
     writer.write(f"/{pose.robot}/{ELEVATION_DFPC}.map", elevation.map, t1_ns)
+
+
+def _versions() -> dict[str, str]:
+    """Return the versions of Python and of the libraries that the results depend on."""
+    installed = {name: version(name) for name in _LIBRARIES if _is_installed(name)}
+    return {"python": platform.python_version(), "machine": platform.machine(), **installed}
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        version(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:

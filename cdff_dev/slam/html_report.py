@@ -74,6 +74,7 @@ def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Computation", f"{run['cpu_s']:.1f} s CPU, {run['wall_s']:.1f} s elapsed"),
         ("Streams", ", ".join(f"{port}: {stream}" for port, stream in run["streams"].items())),
         ("Version", f"cdff {run['cdff']}, {run['implementation']}, configuration {run['config_hash']}"),
+        ("Libraries", ", ".join(f"{name} {version}" for name, version in run["versions"].items())),
     ]
 
 

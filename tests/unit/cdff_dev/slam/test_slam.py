@@ -52,6 +52,7 @@ def test_vo_writes_trajectory_map_graph_pictures_and_errors(drive: Path, tmp_pat
     assert (out / "trajectory.png").read_bytes().startswith(PNG)
     run = json.loads((out / "run.json").read_text(encoding="utf-8"))
     assert run["statuses"] == {"OK": PAIRS}
+    assert run["versions"]["numpy"] == np.__version__
     assert run["truth"]["ate"]["translation_m"]["rmse"] < 0.01 * run["path_length_m"]
     points_m = read_ply(out / "map.ply").points_m
     assert len(points_m) == run["map"]["points"] > 10_000
