@@ -73,6 +73,7 @@ class Estimation:
 class _Outputs:
     """Poses and last products of the outputs of a run.
 
+    ``reordered`` counts the samples of the sensor before which stamps go backwards in the recording.
     ``statuses`` and ``reasons`` count the poses with each status, and those with each reason that are not OK.
     """
 
@@ -81,6 +82,7 @@ class _Outputs:
     products: list[Product] = field(default_factory=list)
     last: dict[str, Product] = field(default_factory=dict)
     step_s: list[float] = field(default_factory=list)
+    reordered: int = 0
     statuses: dict[str, int] = field(default_factory=dict)
     reasons: dict[str, int] = field(default_factory=dict)
 
@@ -150,6 +152,7 @@ def estimate(
         "poses": n,
         "statuses": outputs.statuses,
         "reasons": outputs.reasons,
+        "stamps_backwards": outputs.reordered,
         **cost,
     }
     return Estimation(
@@ -199,6 +202,7 @@ def _run(
     count = log.streams[wired[method.port]].count
     progress = Progress(count, method.unit)
     start_s, cpu_start_s = time.monotonic(), time.process_time()
+    last_seq = -1
     for sample in samples_of(log, wired, robot):
         step_start_s = time.monotonic()
         runner.push(sample)
@@ -206,6 +210,8 @@ def _run(
             outputs.add(product)
         if sample.port == method.port:
             outputs.step_s.append(time.monotonic() - step_start_s)
+            outputs.reordered += sample.seq < last_seq
+            last_seq = sample.seq
             progress.advance()
         if outputs.statuses.get("FAILED", 0) > _MAX_FAILED * count:
             break
@@ -223,10 +229,11 @@ def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _O
     info = log.streams[sensor]
     period_s = (info.t1_ns - info.t0_ns) * 1e-9 / max(info.count - 1, 1)
     reasons = ", ".join(sorted(outputs.reasons, key=outputs.reasons.__getitem__, reverse=True)[:3])
+    jumps = f"; their stamps go backwards {outputs.reordered} times" if outputs.reordered else ""
     part = f"the first {n}" if n < info.count else str(n)
     return (
         f"{name}: {n_failed} of {part} {method.unit} were not located ({reasons or 'no output'}); they are "
-        f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next"
+        f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next{jumps}"
     )
 
 

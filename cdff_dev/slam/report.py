@@ -19,6 +19,11 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
     if summary["reasons"]:
         named = sorted(summary["reasons"].items(), key=lambda item: -item[1])
         lines.append("reasons: " + ", ".join(f"{name} ({count})" for name, count in named[:5]))
+    if summary["stamps_backwards"]:
+        lines.append(
+            f"the stamps go backwards {summary['stamps_backwards']} times: the samples are in the order of their "
+            "stamps; cdff log info shows the jumps of the clock"
+        )
     truth = summary["truth"]
     if isinstance(truth, Mapping):
         lines.append(_truth_line(truth))

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from cdff_common.formats.ply import read_ply
 from cdff_common.formats.pose_graph import read_pose_graph
 from cdff_common.formats.tum import read_tum
 from cdff_common.formats.visual_map import read_visual_map
-from cdff_dev.logs import open_log
+from cdff_dev.logs import LogWriter, open_log
 from cdff_dev.slam.estimation import too_many_failed
 from cdff_dev.slam.methods import method_for
 
@@ -71,6 +72,17 @@ def test_vo_writes_trajectory_map_graph_pictures_and_errors(drive: Path, tmp_pat
         info = outputs.streams["/kitti/visual_odometry_sparse.pose"]
         assert (info.type_name, info.count) == ("TransformWithCovariance", PAIRS)
         assert outputs.streams["/kitti/visual_odometry_sparse.cloud"].type_name == "Pointcloud"
+
+
+def test_stamps_that_go_backwards_are_named(
+    real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open_log(real_data("kitti_velodyne")) as log, LogWriter(tmp_path / "jump.msg") as writer:
+        for sample in islice(log.samples(), 3):
+            stamp_ns = 10**13 + sample.stamp_ns - (150_000_000 if sample.seq == 2 else 0)
+            writer.write(sample.stream, sample.value, stamp_ns)
+    assert main(["slam", str(tmp_path / "jump.msg"), "--out", str(tmp_path / "out")]) == 0
+    assert "the stamps go backwards 1 times" in capsys.readouterr().out
 
 
 def test_slam_writes_map_graph_and_pictures(
