@@ -17,7 +17,7 @@ _ITERATIONS = 8
 #: Images of a camera that are compared, number from which they are, and standard deviations of significance.
 _IMAGES, _MIN_IMAGES, _SIGNIFICANT = 40, 8, 4.0
 #: Relative error above which one image is reported: below it, errors of the map are not excluded.
-_MAX_ERROR_OF_ONE = 0.03
+_MAX_ERROR_OF_ONE = 0.05
 
 
 @dataclass(frozen=True, slots=True)

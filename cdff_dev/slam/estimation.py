@@ -29,6 +29,8 @@ from cdff_dev.slam.methods import Method
 
 #: Largest share of FAILED poses of a result: the path after each is continued by a prediction.
 _MAX_FAILED = 0.05
+#: Largest share of FAILED poses, and of images that are not in the trajectory, if parts are merged.
+_MAX_FAILED_PARTS, _MAX_MISSING = 0.5, 0.2
 #: The streams of a log with more of them are named by their types.
 _MAX_NAMED = 8
 
@@ -139,7 +141,7 @@ def estimate(
     wired = wire(dfpc.description, types, robot, {method.port: sensor})
     outputs, cost = _run(dfpc, method, log, wired, robot)
     n = sum(outputs.statuses.values())
-    if not outputs.poses or too_many_failed(outputs.statuses):
+    if not outputs.poses or _is_incomplete(method, outputs):
         raise RefusedError(_refusal(method, log, sensor, name, outputs))
     truth, truth_fault = _truth(log)
     run = {
@@ -213,7 +215,8 @@ def _run(
             outputs.reordered += sample.seq < last_seq
             last_seq = sample.seq
             progress.advance()
-        if outputs.statuses.get("FAILED", 0) > _MAX_FAILED * count:
+        limit = _MAX_FAILED_PARTS if method.merges_parts else _MAX_FAILED
+        if outputs.statuses.get("FAILED", 0) > limit * count:
             break
     for product in runner.finish():
         outputs.add(product)
@@ -221,6 +224,14 @@ def _run(
     if runner.counters.errors and not outputs.poses:
         raise InputError(f"{dfpc.name}: every sample was refused; the last: {runner.counters.last_error}")
     return outputs, {"wall_s": time.monotonic() - start_s, "cpu_s": time.process_time() - cpu_start_s}
+
+
+def _is_incomplete(method: Method, outputs: _Outputs) -> bool:
+    """Return whether too many poses are FAILED or, if parts are merged, not in the trajectory."""
+    trajectory = outputs.values.get("trajectory")
+    if not method.merges_parts or trajectory is None:
+        return too_many_failed(outputs.statuses)
+    return len(trajectory.stamps_ns) < (1.0 - _MAX_MISSING) * sum(outputs.statuses.values())
 
 
 def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _Outputs) -> str:

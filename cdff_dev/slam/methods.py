@@ -27,6 +27,8 @@ class Method:
         Name of the samples, for the progress.
     hint : str
         What to do with a log without this sensor.
+    merges_parts : bool
+        FAILED poses do not end the path: later images connect its parts, up to the end.
     """
 
     name: str
@@ -35,13 +37,14 @@ class Method:
     type_name: str
     unit: str
     hint: str
+    merges_parts: bool = False
 
 
 LIDAR_SLAM = Method(
     "slam", "lidar_slam", "scan", "LidarScan", "sweeps", "expected lidar scans, stereo pairs or RGB-D images"
 )
-STEREO_SLAM = Method("slam", "visual_slam", "pair", "FramePair", "pairs", LIDAR_SLAM.hint)
-RGBD_SLAM = Method("slam", "visual_slam", "image", "Frame", "images", LIDAR_SLAM.hint)
+STEREO_SLAM = Method("slam", "visual_slam", "pair", "FramePair", "pairs", LIDAR_SLAM.hint, True)
+RGBD_SLAM = Method("slam", "visual_slam", "image", "Frame", "images", LIDAR_SLAM.hint, True)
 STEREO_ODOMETRY = Method(
     "vo", "visual_odometry_sparse", "stereo", "FramePair", "pairs", "for other sensors use cdff slam"
 )

@@ -18,7 +18,7 @@ def test_a_plane_across_the_axis_does_not_determine_the_focal_length() -> None:
 
 def test_a_small_error_is_reported_by_many_images_and_a_large_one_by_one() -> None:
     monitor = FocalMonitor(0.01)
-    assert monitor.estimate_px(500.0, FocalRatio(1.05, 0.005)) == pytest.approx(525.0)
+    assert monitor.estimate_px(500.0, FocalRatio(1.08, 0.005)) == pytest.approx(540.0)
     monitor.clear()
     reports = [monitor.estimate_px(500.0, FocalRatio(1.016 + 0.002 * (i % 3), 0.01)) for i in range(10)]
     assert reports[:7] == 7 * [None]

@@ -164,6 +164,22 @@ def test_pairs_too_far_apart_are_refused_with_the_reason(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
+def test_pairs_seconds_apart_are_matched_as_keyframes(
+    real_data: Callable[[str], Path], tmp_path: Path
+) -> None:
+    source, pairs = real_data("euroc_v101_pairs"), tmp_path / "drive" / "map"
+    pairs.mkdir(parents=True)
+    for name in ("calibration.yaml", "truth_map.csv"):
+        shutil.copy(source / name, tmp_path / "drive")
+    for image in sorted((source / "map").iterdir())[:32]:
+        shutil.copy(image, pairs)
+    assert main(["slam", str(pairs), "--out", str(tmp_path / "out")]) == 0
+    run = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
+    assert run["statuses"] == {"OK": 15, "FAILED": 1}
+    assert len(read_tum(tmp_path / "out" / "trajectory.tum")[0]) >= 15
+
+
 def test_more_than_five_percent_of_failed_poses_are_too_many() -> None:
     assert not too_many_failed({"OK": 90, "DEGRADED": 5, "FAILED": 5})
     assert too_many_failed({"OK": 94, "FAILED": 6})
