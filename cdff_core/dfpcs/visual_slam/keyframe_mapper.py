@@ -213,8 +213,8 @@ class KeyframeMapper:
     def _move_to(self, view: CameraView, located: LocatedView) -> UncertainTransform | None:
         """Set the pose of the camera; return the motion since the previous image if it is known."""
         keyframes, previous = self.keyframes, self.current
-        increment = None
-        if previous is not None and located.reference in keyframes.component(previous) and not self._is_lost:
+        increment = UncertainTransform.identity() if previous is None else None
+        if previous is not None and located.reference in keyframes.component(previous):
             T_reference_previous = se3.inverse(keyframes.poses[located.reference]) @ keyframes.poses[previous]
             T_previous = se3.normalise_transform(T_reference_previous @ self.T_keyframe_camera.matrix)
             T = se3.normalise_transform(se3.inverse(T_previous) @ located.T_reference_camera.matrix)

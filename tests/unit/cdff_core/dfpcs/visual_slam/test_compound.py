@@ -149,8 +149,10 @@ def test_a_map_of_an_earlier_run_is_continued_in_its_frame() -> None:
     stored = decode("VisualMap", encode(outputs["map"].value, "uper"), "uper")
     dfpc = node()
     assert not list(dfpc.step(Sample("map", 0, 0, stored)))
-    (output,) = run(dfpc, [walls.pair(at(0.18, -0.05))])
-    assert output.quality.status is Status.OK
+    value = walls.pair(at(0.18, -0.05))
+    odometry, output = list(dfpc.step(Sample("pair", STEP_NS, 0, value)))[:2]
+    assert [odometry.quality.status, output.quality.status] == [Status.OK] * 2
+    np.testing.assert_allclose(odometry.value.transform.matrix, np.eye(4))
     e = pose_error(se3.inverse(PATH[0]) @ at(0.18, -0.05), output.value.transform.matrix)
     assert np.linalg.norm(e[:3]) < 0.02
 
@@ -196,7 +198,11 @@ def test_images_without_texture_are_refused(grey: int) -> None:
 def test_an_image_that_is_lost_does_not_end_the_run() -> None:
     flat = np.full((240, 320), 9, np.uint8)
     black = FramePair.from_images(flat, flat, baseline_m=0.1, camera_matrix=walls.K, stamp_ns=0)
-    poses = run(node(), [pair(0), black, pair(1)])
+    dfpc = node()
+    poses = run(dfpc, [pair(0), black])
+    odometry, pose = list(dfpc.step(Sample("pair", 9 * STEP_NS, 2, pair(1))))[:2]
+    assert error_m(odometry, 1) < 0.015, "the motion across the lost image is measured"
+    poses.append(pose)
     assert [o.quality.status for o in poses] == [Status.OK, Status.FAILED, Status.OK]
     assert poses[1].quality.reasons[0] == "lost"
     assert error_m(poses[2], 1) < 0.015
