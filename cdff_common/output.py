@@ -93,6 +93,22 @@ def write_output(path: Path, data: bytes) -> None:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file; raises StorageError."""
-    with storage_errors(path):
-        path.write_bytes(data)
+    """Write a file; raises StorageError and leaves no part of it."""
+    with storage_errors(path), path.open("wb") as file, removed_after_error(path):
+        file.write(data)
+        file.flush()
+
+
+@contextmanager
+def removed_after_error(path: Path) -> Iterator[None]:
+    """Remove a regular file that the block, which writes it, could not complete.
+
+    The file is open before the block: one that cannot be opened stays.
+    """
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if path.is_file():
+                path.unlink()
+        raise

@@ -18,7 +18,7 @@ from cdff_common.formats.image import write_png
 from cdff_common.formats.pcd import write_pcd
 from cdff_common.formats.ply import write_ply
 from cdff_common.formats.tum import write_tum
-from cdff_common.output import make_folder, storage_errors, write_file
+from cdff_common.output import make_folder, removed_after_error, storage_errors, write_file
 from cdff_common.types import DistanceImage, Frame, FramePair, LidarScan, Pointcloud
 from cdff_common.types.message import Message
 from cdff_dev.logs.source import LogSource
@@ -82,7 +82,11 @@ def _write_table(log: LogSource, stream: str, out: Path) -> int:
     """Write the numbers of each sample as a row; the columns are those of the first sample."""
     count = 0
     columns: list[str] = []
-    with storage_errors(out), out.open("w", encoding="utf-8", newline="") as file:
+    with (
+        storage_errors(out),
+        out.open("w", encoding="utf-8", newline="") as file,
+        removed_after_error(out),
+    ):
         writer = csv.writer(file)
         for sample in log.samples([stream]):
             row = dict(_numbers(sample.value, ""))
@@ -95,6 +99,7 @@ def _write_table(log: LogSource, stream: str, out: Path) -> int:
                 raise InputError(f"stream {stream}: sample {sample.seq} has other columns than the first one")
             writer.writerow([sample.stamp_ns, *row.values()])
             count += 1
+        file.flush()
     return count
 
 

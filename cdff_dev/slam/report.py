@@ -21,8 +21,8 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
         lines.append("reasons: " + ", ".join(f"{name} ({count})" for name, count in named[:5]))
     if summary["stamps_backwards"]:
         lines.append(
-            f"the stamps go backwards {summary['stamps_backwards']} times: the samples are in the order of their "
-            "stamps; cdff log info shows the jumps of the clock"
+            f"the stamps go backwards {summary['stamps_backwards']} times: the samples are in the order of "
+            "their stamps; cdff log info shows the jumps of the clock"
         )
     truth = summary["truth"]
     if isinstance(truth, Mapping):

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pyogrio
 import shapely
-from pyogrio.errors import DataSourceError
+from pyogrio.errors import DataLayerError, DataSourceError, FeatureError
 
 from cdff_common.errors import StorageError
 from cdff_common.formats.geotiff import engineering_crs
 from cdff_common.geometry import se3
+from cdff_common.output import removed_after_error
 from cdff_common.types.message import Message
 from cdff_common.world import World, WorldItem
 from cdff_dev.world.export import pose_in
@@ -32,6 +33,11 @@ def write_geopackage(world: World, root: str, path: Path) -> None:
         If the file cannot be written.
     """
     path.unlink(missing_ok=True)
+    with removed_after_error(path):
+        _write_layers(world, root, path)
+
+
+def _write_layers(world: World, root: str, path: Path) -> None:
     points, rows = [], []
     for frame in world.frames:
         if (T := pose_in(world, root, frame)) is not None:
@@ -77,5 +83,5 @@ def _write(
             driver="GPKG",
             append=path.exists(),
         )
-    except DataSourceError as error:
+    except (DataSourceError, DataLayerError, FeatureError) as error:
         raise StorageError(f"{path}: {error}") from error
