@@ -22,6 +22,7 @@ from cdff_core.orchestration.request import ProductRequest
 from services.orchestrator.job_plan import JobPlan
 from services.orchestrator.jobs import Job, JobRegistry
 from services.orchestrator.journal import Journal
+from services.orchestrator.pacing import Pacing
 from services.orchestrator.planning import RequestPlanner
 from services.orchestrator.product_finder import ProductFinder, ProductMatch
 from services.orchestrator.reply import ReplyBuilder, TooOldError
@@ -199,34 +200,37 @@ class RequestFlow:
             yield from self._pauses(job, cycle_start_s, _IDLE_S, run.margin_s)
 
     def _serve_standing(self, run: _RequestRun) -> Iterator[Reply | Pause]:
-        """Yield each newer product, at most one per period, until the lease of the request expires."""
+        """Yield newer products, see ``pacing``, until the lease of the request expires."""
         job = run.job
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
-        period_s, sent, sent_s, sent_t1_ns = job.request.every_s or 0.0, 0, float("-inf"), -1
+        pacing = Pacing(job.request.every_s or 0.0)
         while job.remaining_s() > 0.0:
             job.changed.clear()
             job.check_cancelled()
             cycle_start_s = self.timing.now_s()
             yield from self._query_if_changed(run)
-            due_s, match = sent_s + period_s, run.acceptable
-            if due_s <= cycle_start_s and match is not None and match.candidate.t1_ns > sent_t1_ns:
+            match = run.acceptable
+            if match is not None and pacing.is_due(match.candidate.t1_ns, cycle_start_s):
                 reply = self._reply(run)
                 if reply is not None:
                     yield replace(reply, attachment={**reply.attachment, "final": False})
-                    sent, sent_s, sent_t1_ns = sent + 1, cycle_start_s, match.candidate.t1_ns
+                    pacing.add(match.candidate.t1_ns, cycle_start_s)
             if self._follow_plan(run):
                 yield from self._progress_reply(job, run)
             if run.plan.impossible:
                 product = f"{job.request.product} of {job.request.robot}"
                 raise UnavailableError(f"no newer {product} can be made: {run.plan.impossible}")
-            next_s = due_s if cycle_start_s < due_s else cycle_start_s + _IDLE_S
+            early = cycle_start_s < pacing.earliest_s
+            next_s = pacing.earliest_s if early else cycle_start_s + _IDLE_S
             yield from self._pauses(job, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)
-        if not sent:
+        if not pacing.sent:
             yield self._final_reply(run)
             return
         self.jobs.move(job, JobState.DELIVERING)
-        self.jobs.move(job, JobState.DONE, "its lease was not renewed", result={"kind": "end", "sent": sent})
-        body = {"job": job.id, "request": job.request.id, "sent": sent, "reason": job.reason}
+        self.jobs.move(
+            job, JobState.DONE, "its lease was not renewed", result={"kind": "end", "sent": pacing.sent}
+        )
+        body = {"job": job.id, "request": job.request.id, "sent": pacing.sent, "reason": job.reason}
         body |= {"asked": job.request.describe()}
         yield Reply.of(body, kind="end", job=job.id, final=True)
 
