@@ -11,6 +11,7 @@ from cdff_common.clock import Clock
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.world import ProviderId
+from services.orchestrator.exclusions import Exclusions
 from services.orchestrator.jobs import Job, JobRegistry
 from services.orchestrator.journal import Journal
 from services.orchestrator.planning import RequestPlanner
@@ -19,6 +20,8 @@ from services.orchestrator.state import PlanProgress, SystemState
 
 #: Largest number of reasons for abandoned plans in the final reply.
 _MAX_ABANDONED_REASONS = 4
+#: Time between two attempts to plan a standing request for which no plan is possible, seconds.
+_ATTEMPT_S = 1.0
 #: Consecutive failures after which a DFPC is excluded.
 _FAILURES = 3
 
@@ -26,6 +29,9 @@ _FAILURES = 3
 @dataclass(slots=True, eq=False)
 class JobPlan:
     """The current plan of a job, and the providers excluded after failures.
+
+    A plan of a standing request that fails is replaced as soon as another one is possible. A provider that
+    failed is used again after a time.
 
     Attributes
     ----------
@@ -51,13 +57,20 @@ class JobPlan:
     held_fraction: float | None = None
     abandoned_plan_reasons: tuple[str, ...] = ()
     _started_ns: int = field(init=False)
-    _excluded: frozenset[ProviderId] = frozenset()
+    _excluded: Exclusions = field(init=False)
     _previous_failures: dict[str, int] = field(default_factory=dict)
     _alternative_tried: bool = False
+    _next_attempt_s: float = float("-inf")
     _alternative_since_ns: int | None = None
 
     def __post_init__(self) -> None:
         self._started_ns = self.clock.now_ns()
+        self._excluded = Exclusions(is_final=not self.is_standing)
+
+    @property
+    def is_standing(self) -> bool:
+        """True for a standing request, which outlasts failures of its providers."""
+        return self.job.request.every_s is not None
 
     @property
     def progress(self) -> PlanProgress | None:
@@ -82,10 +95,10 @@ class JobPlan:
             return
         self._alternative_tried = True
         provider = self.plan.provider
-        alternative = self._select(match, self._excluded | {provider})
+        alternative = self._select(match, self._excluded_now | {provider})
         if isinstance(alternative, Plan):
             self._alternative_since_ns = max(self.clock.now_ns(), match.candidate.t1_ns)
-            self._excluded |= {provider}
+            self._excluded.add({provider}, self.job.timing.now_s())
             self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} is DEGRADED")
             self._adopt(alternative)
 
@@ -101,22 +114,41 @@ class JobPlan:
             )
             self.jobs.move(self.job, JobState.PLANNING, "; ".join(reasons))
 
+    def return_to_better(self) -> None:
+        """Replace the plan if a provider whose exclusion has ended gives a better one."""
+        ended = self._excluded.take_ended(self.job.timing.now_s())
+        if self.plan is None or not ended:
+            return
+        selected = self._select(None, self._excluded_now)
+        if isinstance(selected, Plan) and selected.order != self.plan.order:
+            self.jobs.move(self.job, JobState.PLANNING, f"used again: {', '.join(map(str, sorted(ended)))}")
+            self._adopt(selected)
+
+    @property
+    def _excluded_now(self) -> frozenset[ProviderId]:
+        return self._excluded.at(self.job.timing.now_s())
+
     def make(self, match: ProductMatch | None, reason: str) -> bool:
         """Select and adopt a plan; return False, with ``impossible`` set, if there is none.
 
         ``reason`` states why the match is not sufficient.
         """
         request = self.job.request
+        if self.impossible and self.job.timing.now_s() < self._next_attempt_s:
+            return False
         if self.job.state is JobState.LOOKING:
             self.jobs.move(self.job, JobState.PLANNING, reason)
-        selected = self._select(match, self._excluded)
+        selected = self._select(match, self._excluded_now)
         if request.t_ns is not None and request.product != "pose" and request.t_ns < self._started_ns:
             text = f"{reason or 'there is none'}; t={request.t_ns} is past: no product can be made for it"
             selected = NoPlan((text,))
         if isinstance(selected, NoPlan):
+            if selected.text != self.impossible:
+                self.journal.append("decision", job=self.job.id, no_plan=selected.text)
             self.impossible = selected.text
-            self.journal.append("decision", job=self.job.id, no_plan=selected.text)
+            self._next_attempt_s = self.job.timing.now_s() + _ATTEMPT_S
             return False
+        self.impossible = ""
         self._adopt(selected)
         return True
 
@@ -132,7 +164,7 @@ class JobPlan:
             m for m, n in counts.items() if n >= _FAILURES and n > self._previous_failures.get(str(m), 0)
         }
         reasons = [*displaced, *progress.lost, *(progress.failures[str(m)][1] for m in sorted(failing))]
-        self._excluded |= failing
+        self._excluded.add(failing, self.job.timing.now_s())
         for sensor in map(str, plan.modes):
             count, reason = progress.failures.get(sensor, (0, ""))
             if count > self._previous_failures.get(sensor, 0) and self.job.state is JobState.PREPARING:
@@ -140,9 +172,9 @@ class JobPlan:
             self._previous_failures[sensor] = count
         if progress.problems and not reasons:
             # The problem may pass: the plan is replaced only if there is an alternative.
-            excluded = self._excluded | progress.problems.keys()
+            excluded = self._excluded_now | progress.problems.keys()
             if isinstance(self._select(match, excluded), Plan):
-                self._excluded = excluded
+                self._excluded.add(progress.problems, self.job.timing.now_s())
                 reasons += progress.problems.values()
         return list(dict.fromkeys(reasons))
 
@@ -164,8 +196,7 @@ class JobPlan:
 
     def _select(self, match: ProductMatch | None, excluded: frozenset[ProviderId]) -> Plan | NoPlan:
         """Return the best plan without ``excluded``; a standing request ignores the stored ``match``."""
-        standing = self.job.request.every_s is not None
-        stored = None if standing else match
+        stored = None if self.is_standing else match
         selected, is_covered = self.planner.best(
             self.job.request,
             self.robots,
@@ -177,5 +208,5 @@ class JobPlan:
         )
         if self.job.plan is None:  # products found later may be those of the plan
             coverage = 0.0 if stored is None else stored.candidate.coverage or 0.0
-            self.held_fraction = coverage if is_covered and not standing else None
+            self.held_fraction = coverage if is_covered and not self.is_standing else None
         return selected

@@ -200,7 +200,10 @@ class RequestFlow:
             yield from self._pauses(job, cycle_start_s, _IDLE_S, run.margin_s)
 
     def _serve_standing(self, run: _RequestRun) -> Iterator[Reply | Pause]:
-        """Yield newer products, see ``pacing``, until the lease of the request expires."""
+        """Yield newer products, see ``pacing``, until the lease of the request expires.
+
+        While no plan is possible, the request waits for one, if it has had one.
+        """
         job = run.job
         self.planner.check_frames(job.request, run.robots, run.query_until_s)
         pacing = Pacing(job.request.every_s or 0.0)
@@ -215,11 +218,17 @@ class RequestFlow:
                 if reply is not None:
                     yield replace(reply, attachment={**reply.attachment, "final": False})
                     pacing.add(match.candidate.t1_ns, cycle_start_s)
+            run.plan.return_to_better()
             if self._follow_plan(run):
                 yield from self._progress_reply(job, run)
             if run.plan.impossible:
                 product = f"{job.request.product} of {job.request.robot}"
-                raise UnavailableError(f"no newer {product} can be made: {run.plan.impossible}")
+                reason = f"no newer {product} can be made: {run.plan.impossible}"
+                if job.plan is None:  # it was never possible
+                    raise UnavailableError(reason)
+                if reason != job.reason:
+                    job.reason = reason
+                    yield from self._progress_reply(job, run)
             early = cycle_start_s < pacing.earliest_s
             next_s = pacing.earliest_s if early else cycle_start_s + _IDLE_S
             yield from self._pauses(job, cycle_start_s, min(_IDLE_S, next_s - self.timing.now_s()), 0.0)

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from cdff_common.bus import Reply
-from cdff_common.errors import DeadlineError, FrameNotFoundError, UnavailableError
+from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator import service
@@ -107,6 +107,56 @@ def test_a_request_of_lower_priority_loses_the_sensor_and_is_refused_with_the_re
     assert "is in mode fast for a request of higher priority" in stage.journal_text()
     stage.process("slam", "minnie").produces_nothing = False
     assert isinstance(stage.final_answer(high), Reply)
+
+
+def products_in(received: list[Any]) -> list[Reply]:
+    """Return the products among the replies to a request."""
+    return [r for r in received if isinstance(r, Reply) and r.attachment["kind"] == "product"]
+
+
+@pytest.mark.req("CDFF-SUP-027")
+def test_a_standing_request_resumes_when_its_lost_sensor_is_back(stage: Stage) -> None:
+    received = send_and_activate(stage, robot="minnie", every_s="1", deadline_ms="120000", progress="true")
+    assert stage.run_until(lambda: len(products_in(received)) >= 2, 20.0)
+    stage.mission.icu.lose("minnie", "lidar", "no power")
+    stage.run(15.0)
+    before = len(products_in(received))
+    reasons = [r.body()["reason"] for r in received if r.attachment["kind"] == "progress"]
+    assert "sensor minnie/lidar is lost: no power" in reasons[-1]
+    assert len(reasons) < 12, "the same reason is reported once"
+    stage.mission.icu.recover("minnie", "lidar")
+    assert stage.run_until(lambda: len(products_in(received)) >= before + 3, 20.0)
+    end = stage.final_answer(received, 120.0)
+    assert (end.attachment["kind"], end.body()["sent"]) == ("end", len(products_in(received)))
+
+
+@pytest.mark.req("CDFF-SUP-145")
+def test_a_standing_request_resumes_when_the_request_that_displaced_it_has_ended(stage: Stage) -> None:
+    position = stage.process("position", "minnie")
+    stage.process("slam", "minnie").produces_nothing = True
+    low = send_and_activate(stage, robot="minnie", priority="3", every_s="1", deadline_ms="120000")
+    assert stage.run_until(lambda: len(products_in(low)) >= 2, 20.0)
+    stage.mission.stop(position)
+    stage.run(1.0)
+    high = stage.send(type="pose", robot="minnie", max_age_s="0.1", priority="9", deadline_ms="15000")
+    assert isinstance(stage.final_answer(high), CdffError)
+    assert "is in mode fast for a request of higher priority" in stage.journal_text()
+    stage.mission.start(position)
+    before = len(products_in(low))
+    assert stage.run_until(lambda: len(products_in(low)) >= before + 3, 30.0)
+
+
+@pytest.mark.req("CDFF-SUP-027")
+def test_a_standing_request_returns_to_a_provider_that_works_again(stage: Stage) -> None:
+    dem = stage.process("dem")
+    received = send_and_activate(stage, every_s="1", deadline_ms="300000")
+    for _ in range(8):
+        stage.run_until(lambda: dem.state == "active", 3.0)
+        stage.mission.fail(dem)
+    assert stage.run_until(lambda: any(provider_of(r) == "stereo_dem" for r in products_in(received)), 30.0)
+    failed_s = stage.scheduler.now_s
+    assert stage.run_until(lambda: provider_of(products_in(received)[-1]) == "dem", 90.0)
+    assert stage.scheduler.now_s - failed_s > 15.0, "not at once"
 
 
 @pytest.mark.req("CDFF-SUP-142")
