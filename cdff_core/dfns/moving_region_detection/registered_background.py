@@ -12,7 +12,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -33,10 +33,16 @@ _MAX_LOST = 0.5
 _MAX_CHANGED = 0.3
 #: Distance between the pixels from which noise and gain are estimated.
 _STRIDE = 3
+#: Part of a region that no object has taken in the background, and number of images from which it is known.
+_REGION_PART, _KNOWN = 0.2, 4.0
+#: Reduction of the image in which slow changes of the brightness are measured.
+_SLOW = 16
 #: Part of an image in the model of the noise, images until it is known, and the largest ratio to it.
 _NOISE_GAIN, _NOISE_IMAGES, _MAX_NOISE = 0.3, 3, 4.0
 #: Part of the largest difference of a region that a pixel of it has: dust and shadows have less.
 _PART = 0.2
+#: Largest gap between parts of one object, pixels.
+_MAX_GAP_PX = 10.0
 #: Height of a thin structure above its surroundings, standard deviations of a pixel.
 _THIN = 6.0
 #: Brightness relative to the background below which a pixel may be in shadow; height of a column of shadow
@@ -58,6 +64,12 @@ class RegisteredBackgroundConfig(DfnConfig):
         description="Difference of the pixels that belong to a region, standard deviations",
     )
     min_area_px: float = Field(6.0, ge=1.0, le=1e4, description="Least area of a region, square pixels")
+    max_side_px: float = Field(
+        160.0,
+        ge=4.0,
+        le=1e4,
+        description="Largest side of a region: larger ones are errors of the registration, px",
+    )
     merge_gap: float = Field(
         0.35, ge=0.0, le=5.0, description="Gap between parts of one object, sides of the larger one"
     )
@@ -108,6 +120,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         mean, count = self._moved(self._mean, self._count, inputs)
         gain = self._gain(image, mean)
         difference = image / np.float32(gain) - mean
+        difference -= _slow_part(difference)
         gradient = _gradient(mean)
         self._learn_noise(mean, difference, gradient, count)
         shift = np.float32(_SIGMA_PX) if inputs.sigma is None else inputs.sigma
@@ -117,12 +130,14 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         z = np.where(usable, difference / np.sqrt(variance), 0.0).astype(np.float32)
         found, vacated = self._regions(z, difference, image / np.float32(gain), mean)
         learn = np.ones(image.shape, bool) if inputs.excluded is None else ~inputs.excluded
-        learn &= found.labels == 0
         fresh = count <= 0.0
         if inputs.replaced is not None:
             fresh |= inputs.replaced
         fresh |= vacated
-        self._learn(image / np.float32(gain), mean, count, learn, fresh, inputs.is_at_rest)
+        # A region of a known background is learnt slowly.
+        of_region = np.where(count >= _KNOWN, np.float32(_REGION_PART), np.float32(0.0))
+        part = np.where(found.labels > 0, of_region, np.float32(1.0)) * learn
+        self._learn(mean + difference, mean, count, part, fresh, inputs.is_at_rest)
         return found
 
     def _moved(
@@ -221,7 +236,8 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         shapes, sharp, significances = [], [], []
         for number, members in enumerate(groups, 1):
             rows, cols = np.nonzero(kept == number)
-            if len(rows) < c.min_area_px:
+            side = max(np.ptp(rows), np.ptp(cols)) + 1
+            if len(rows) < c.min_area_px or side > c.max_side_px:
                 kept[kept == number] = 0
                 continue
             window = (
@@ -233,7 +249,11 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             kept[window][mask & ~lit] = 0
             mask = lit
             offset = np.array([window[1].start, window[0].start], float)
-            shapes.append(_shape(mask, difference[window], offset))
+            shape = _shape(mask, difference[window], offset)
+            # Vacated pixels next to it make its border uncertain.
+            around = vacated[window] & ~mask
+            blur = float(around.sum()) / shape.area * np.ptp(shape.box.reshape(2, 2), axis=1)
+            shapes.append(replace(shape, covariance=shape.covariance + np.diag((0.3 * blur) ** 2)))
             sharp.append(_sharpness(mask, difference[window]))
             significances.append(max(peaks[m] for m in members))
             kept[window][mask] = -len(shapes)
@@ -254,15 +274,15 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         image: Float32Array,
         mean: Float32Array,
         count: Float32Array,
-        learn: BoolArray,
+        part: Float32Array,
         fresh: BoolArray,
         is_at_rest: bool,
     ) -> None:
-        """Add the image to the background, which adopts the ``fresh`` pixels."""
+        """Add a part of each pixel of the image to the background, which adopts the ``fresh`` pixels."""
         memory = self.config.memory if is_at_rest else self.config.moving_memory
         n = np.minimum(count + 1.0, memory)
-        updated = np.where(learn, mean + (image - mean) / n, mean)
-        new_count = np.where(learn, n, count)
+        updated = mean + part * (image - mean) / n
+        new_count = np.where(part > 0.0, n, count)
         self._mean = np.where(fresh, image, updated).astype(np.float32)
         self._count = np.where(fresh, 1.0, new_count).astype(np.float32)
 
@@ -283,6 +303,14 @@ def _gradient(image: Float32Array) -> Float32Array:
     """Return the magnitude of the gradient, grey levels per pixel."""
     u, v = (cv2.Sobel(image, cv2.CV_32F, *axis) for axis in ((1, 0), (0, 1)))
     return np.asarray(cv2.magnitude(u, v) / 8, np.float32)
+
+
+def _slow_part(difference: Float32Array) -> Float32Array:
+    """Return the part of a difference that changes over many pixels: light, vignetting, haze."""
+    rows, cols = difference.shape
+    size = (max(cols // _SLOW, 1), max(rows // _SLOW, 1))
+    small = cv2.medianBlur(cv2.resize(difference, size, interpolation=cv2.INTER_AREA), 5)
+    return np.asarray(cv2.resize(small, (cols, rows), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -326,7 +354,7 @@ def _merged(parts: IntArray, count: int, gap: float) -> tuple[IntArray, list[lis
     for low, high in ((0, 1), (2, 3)):
         apart = np.maximum(boxes[:, None, low] - boxes[:, high], boxes[:, low] - boxes[:, None, high])
         between = np.maximum(between, apart)
-    near = between <= np.maximum(gap * np.maximum(side[:, None], side), 1.5)
+    near = between <= np.clip(gap * np.maximum(side[:, None], side), 1.5, _MAX_GAP_PX)
     _, group = connected_components(csr_matrix(near), directed=False)
     number = np.concatenate([[0], group + 1]).astype(np.int64)
     members: list[list[int]] = [[] for _ in range(int(group.max(initial=-1)) + 1)]
@@ -341,9 +369,8 @@ def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
     Seen from a low camera, the shadow of an object is a low strip next to it.
     """
     count = mask.sum(axis=0)
-    height = np.where(count > 0, mask.shape[0] - np.argmax(mask[::-1], axis=0) - np.argmax(mask, axis=0), 0)
     # A mast is higher than the body.
-    is_shadow = height <= _SHADOW_HEIGHT * float(np.percentile(height[count > 0], 75.0))
+    is_shadow = count <= _SHADOW_HEIGHT * float(np.percentile(count[count > 0], 75.0))
     is_shadow &= (mask & dark).sum(axis=0) >= _SHADOW_PART * count
     keep = np.flatnonzero(~is_shadow & (count > 0))
     if len(keep) == 0:

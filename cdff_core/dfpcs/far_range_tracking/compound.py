@@ -153,7 +153,8 @@ class FarRangeTracking(FarRangeTrackingInterface):
             camera,
             observer,
             regions,
-            0.0 if registration is None else registration.parallax,
+            registration,
+            None if self._observer is None else rotation_homography(self._observer, observer, camera),
             self._noise,
         )
         lost = self._tracks.step(scene)

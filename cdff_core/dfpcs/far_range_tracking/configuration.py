@@ -47,7 +47,7 @@ class FarRangeTrackingConfig(DfpcConfig):
         60.0, gt=0.0, le=1e5, description="Time without a measurement after which an object is lost, s"
     )
     lost_rad: float = Field(
-        0.1, gt=0.0, le=3.0, description="Standard deviation from which an object is lost, rad"
+        0.06, gt=0.0, le=3.0, description="Standard deviation from which an object is lost, rad"
     )
     min_score: float = Field(
         0.6,

@@ -24,13 +24,14 @@ from cdff_core.bearing_tracking.motion import (
 from cdff_core.dfns.appearance_tracking.interface import AppearanceTrackingInputs, AppearanceTrackingOutputs
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
 from cdff_core.dfns.moving_region_detection.interface import MovingRegionDetectionOutputs
+from cdff_core.dfns.scene_registration.interface import SceneRegistrationOutputs
 from cdff_core.dfns.track_association.interface import TrackAssociationInputs
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
 from cdff_core.dfpcs.far_range_tracking.observer import Observer
 from cdff_core.dfpcs.far_range_tracking.tracked_object import Appearance, TrackedObject
 
 #: Reach of the search by appearance, standard deviations, and its bounds, pixels.
-_REACH_SIGMAS, _REACH_PX = 3.0, (3.0, 30.0)
+_REACH_SIGMAS, _REACH_PX = 3.0, (4.0, 30.0)
 #: Correlation from which the appearance alone is a measurement, and the distance of the next best one.
 _ALONE_SCORE, _DISTINCT = 0.8, 0.1
 #: Least size for a measurement by appearance alone, pixels.
@@ -40,15 +41,15 @@ _SHAPE_ERROR, _SHAPE_PX = 0.01, 0.15
 #: Distance of region and appearance that agree, in sizes.
 _AGREE = 0.3
 #: Images with another size after which it is the new size.
-_NEW_SIZE = 6
+_NEW_SIZE = 20
 #: Missed images after which an unconfirmed object is removed; images after which it is if it does not move.
 _MAX_MISSES, _MAX_AGE = 2, 40
 #: Squared normalised difference of motion, ratio of sizes and correlation of an object that continues another.
-_CONTINUES, _CONTINUES_SIZE, _CONTINUES_SCORE = 30.0, 1.6, 0.4
+_CONTINUES, _CONTINUES_SIZE, _CONTINUES_SCORE = 16.0, 1.6, 0.4
 #: Least sharpness of a new object, 1/pixel: dust has less.
 _SHARP = 0.12
-#: Size, distance and difference of motion of a part or shadow of another object, relative to that object.
-_COMPANION_SIZE, _COMPANION_DISTANCE, _COMPANION_MOTION = 0.6, 4.0, 0.5
+#: Area, distance and difference of motion of a part or shadow of another object, relative to that object.
+_COMPANION_AREA, _COMPANION_DISTANCE, _COMPANION_MOTION = 0.5, 4.0, 0.5
 #: Measurements below which an object is lost after as many misses, times two.
 _BRIEF = 10
 #: Distance of two objects that are the same, in sizes.
@@ -58,6 +59,10 @@ _CONTRADICTS = 30.0
 #: Least squared velocity of a new object in standard deviations, and largest difference of its path from a
 #: straight one, relative to the path: a start from rest is half as long.
 _SIGNIFICANCE, _STEADY = 16.0, 1.5
+#: Measurements between tests for rest.
+_REST_HITS = 20
+#: Path by depth of a place at rest in standard deviations of the motion of its surroundings.
+_PARALLAX_SIGMAS = 2.0
 #: Images in which a new object may continue another.
 _FRESH = 15
 
@@ -72,8 +77,10 @@ class Scene:
     observer : Observer
     regions : MovingRegionDetectionOutputs or None
         None if the image cannot be compared with the background.
-    parallax_px : float
-        Largest displacement of the scene around its homography.
+    registration : SceneRegistrationOutputs or None
+        Motion of the scene since the previous image; None without it.
+    turn : ndarray (3, 3) or None
+        Homography from the previous image by the rotation of the camera.
     noise : float
         Standard deviation of the noise of a pixel.
     """
@@ -83,8 +90,23 @@ class Scene:
     camera: CameraModel
     observer: Observer
     regions: MovingRegionDetectionOutputs | None
-    parallax_px: float
+    registration: SceneRegistrationOutputs | None
+    turn: FloatArray | None
     noise: float
+
+    def parallax_at(self, pixel: FloatArray) -> float:
+        """Return the path since the previous image that the depth of a place at rest can explain, pixels.
+
+        It is the motion of the scene around the place by the translation of the camera: an object at rest in
+        front of it moves less than twice as fast.
+        """
+        if self.registration is None or self.registration.is_at_rest or self.turn is None:
+            return 0.0
+        rows, cols = self.registration.sigma.shape
+        u, v = int(np.clip(pixel[0], 0, cols - 1)), int(np.clip(pixel[1], 0, rows - 1))
+        by_turn = np.linalg.solve(self.turn, np.array([u, v, 1.0]))
+        motion = self.registration.places[v, u] - by_turn[:2] / by_turn[2]
+        return float(np.linalg.norm(motion)) + _PARALLAX_SIGMAS * float(self.registration.sigma[v, u])
 
     @property
     def sizes(self) -> FloatArray:
@@ -140,6 +162,8 @@ class ObjectTracks:
         """Return the pixels of the unconfirmed objects that the last image removed because they are at rest."""
         mask = np.zeros(shape, bool)
         for box in self._resting:
+            if not np.isfinite(box).all():
+                continue
             u0, v0 = (max(int(x) - 2, 0) for x in (box[0], box[2]))
             mask[v0 : int(box[3]) + 4, u0 : int(box[1]) + 4] = True
         return mask
@@ -322,7 +346,7 @@ class ObjectTracks:
     ) -> None:
         """Correct an object with its region, its appearance, both or none."""
         config = self._config
-        o.region, o.is_whole = -1, False
+        o.region, o.is_whole, o.is_full_height = -1, False, False
         o.pixel, o.pixel_covariance, o.box = np.full(2, np.nan), np.full((2, 2), np.nan), np.full(4, np.nan)
         good = match is not None and match.score > config.min_score
         regions = scene.regions
@@ -338,6 +362,7 @@ class ObjectTracks:
             shape = (_SHAPE_ERROR * o.size_px) ** 2 + _SHAPE_PX**2
             by_region = (centroid, regions.covariances[region] + np.diag(shape))
             o.unlike = 0 if whole else o.unlike + 1
+            o.is_full_height, o.box = o.is_similar_height(float(size[1])), regions.boxes[region]
             if whole or o.unlike >= _NEW_SIZE or not o.is_confirmed:
                 z, middle = by_region, None
                 agree = max(_AGREE * float(o.size_px.max()), 1.0)
@@ -346,15 +371,19 @@ class ObjectTracks:
                     middle = match.place - match.scale * offset
                     z = o.anchored(match.place, match.covariance, *by_region)
                 o.region, o.is_whole = region, whole
-                o.box = regions.boxes[region]
+                o.learn_centre(centroid)
                 o.resize(size)
                 if not is_ambiguous:
                     mask = regions.labels == region + 1
                     appearance = Appearance.cut(scene.image, mask, o.box, z[0])
                     o.adopt(appearance, middle, z[0])
                 o.unlike = 0
+            elif (visible := o.by_edges(o.box, place)) is not None:
+                # Partly hidden: the edges in view give the place.
+                z = (visible, regions.covariances[region] + (0.03 * o.size_px.max()) ** 2 * np.eye(2))
+                o.region = region
             elif good and match is not None:
-                # Partly hidden, or merged with another region: the appearance gives the place.
+                # Merged with another region: the appearance gives the place.
                 z = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
         elif match is not None and self._is_distinct(o, match) and not self._is_taken(o, match.place):
@@ -369,7 +398,7 @@ class ObjectTracks:
             return
         o.score = match.score if good and match is not None else 0.8
         o.hits, o.misses, o.seen_ns = o.hits + 1, 0, scene.stamp_ns
-        o.parallax_rad += scene.parallax_px / scene.camera.fx
+        o.parallax_rad += scene.parallax_at(o.pixel) / scene.camera.fx
 
     @staticmethod
     def _miss(o: TrackedObject) -> None:
@@ -469,9 +498,9 @@ class ObjectTracks:
                 continue
             path = self._path_px(o, scene)
             least = max(config.confirm_path_px, 0.25 * float(o.size_px.min()))
-            if path < least + 2.0 * o.parallax_rad * scene.camera.fx:
+            if path < least + o.parallax_rad * scene.camera.fx:
                 continue
-            if self._is_companion(o) or not _moves_steadily(o, (scene.stamp_ns - o.first_ns) * 1e-9):
+            if self._is_companion(o, scene) or not _moves_steadily(o, (scene.stamp_ns - o.first_ns) * 1e-9):
                 continue
             old = self._continued(o, scene)
             if old is None:
@@ -482,12 +511,19 @@ class ObjectTracks:
                 self.objects.remove(old)
             o.status = ObjectTrackStatusT.TRACK_CONFIRMED
 
-    def _is_companion(self, new: TrackedObject) -> bool:
+    def _is_companion(self, new: TrackedObject, scene: Scene) -> bool:
         """Return True if an object is a small part, or the shadow, of another one with the same motion."""
         for other in self.confirmed:
-            if other.misses or new.size_px.max() > _COMPANION_SIZE * other.size_px.max():
+            if new.size_px.prod() > _COMPANION_AREA * other.size_px.prod():
                 continue
-            apart = float(np.linalg.norm(new.pixel - other.pixel))
+            apart = float(np.linalg.norm(new.direction - other.direction)) * scene.camera.fx
+            if other.misses:
+                # The first part of a hidden object that comes into view.
+                position, _ = across(other.states)
+                sigma = float(np.sqrt(np.linalg.eigvalsh(position[0])[-1])) * scene.camera.fx
+                if apart < float(other.size_px.max()) + 2.0 * sigma:
+                    return True
+                continue
             if apart > _COMPANION_DISTANCE * float(other.size_px.max()):
                 continue
             velocity = np.cross(other.states.rates[0], other.direction)
@@ -532,6 +568,15 @@ class ObjectTracks:
                 self.objects.remove(other)
                 break
 
+    def _came_to_rest(self, o: TrackedObject, scene: Scene) -> bool:
+        """Return True for an object at rest that has moved less than its size: a remainder of another one."""
+        if o.is_designated or o.hits % _REST_HITS or o.misses:
+            return False
+        moved = float(np.linalg.norm(o.direction - o.checked)) * scene.camera.fx
+        o.checked = o.direction.copy()
+        size = float(o.size_px.max())
+        return o.hits > _REST_HITS and moved < max(0.1 * size, 2.0) and self._path_px(o, scene) < size
+
     def _end(self, scene: Scene) -> list[TrackedObject]:
         """Remove unconfirmed objects that are missed or at rest, and lost ones; return the lost ones."""
         lost, kept = [], []
@@ -545,6 +590,9 @@ class ObjectTracks:
             position, _ = across(o.states)
             sigma = float(np.sqrt(np.linalg.eigvalsh(position[0])[-1]))
             coasting_s = (scene.stamp_ns - o.seen_ns) * 1e-9
+            if self._came_to_rest(o, scene):
+                self._resting.append(o.box)
+                continue
             is_brief = o.hits < _BRIEF and o.misses > 2 * o.hits and not o.is_designated
             if is_brief or coasting_s > self._config.lost_s or sigma > self._config.lost_rad:
                 o.status = ObjectTrackStatusT.TRACK_LOST

@@ -7,7 +7,9 @@ from __future__ import annotations
 import numpy as np
 
 #: Spectral density of the change of the rate, 1/s³, and the standard deviation of the first rate, 1/s.
-_NOISE, _RATE_SIGMA = 1e-7, 0.01
+_NOISE, _RATE_SIGMA = 1e-7, 0.005
+#: Time after which a rate is forgotten: objects turn.
+_RATE_MEMORY_S = 20.0
 #: Relative standard deviation from which a range is not observable.
 _UNOBSERVABLE = 0.5
 
@@ -26,7 +28,8 @@ class RangeFilter:
         if self._P is None:
             return
         dt = (stamp_ns - self._stamp_ns) * 1e-9
-        F = np.array([[1.0, dt], [0.0, 1.0]])
+        kept = np.exp(-dt / _RATE_MEMORY_S)
+        F = np.array([[1.0, _RATE_MEMORY_S * (1.0 - kept)], [0.0, kept]])
         self._x = F @ self._x
         self._P = F @ self._P @ F.T + _NOISE * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
         self._stamp_ns = stamp_ns

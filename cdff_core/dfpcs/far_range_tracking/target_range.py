@@ -120,7 +120,7 @@ class TargetRange:
         return tuple(self._ids[r.source] for r in ranges if self._ids.get(r.source))
 
     def _by_height(self, o: TrackedObject, camera: CameraModel) -> Ranging | None:
-        if self._height_m is None or not o.is_whole or not np.isfinite(o.box).all():
+        if self._height_m is None or not o.is_full_height or not np.isfinite(o.box).all():
             return None
         height_px = float(o.box[3] - o.box[2])
         if height_px < self._config.min_range_px:
@@ -176,7 +176,12 @@ class TargetRange:
         return Ranging("stereo", range_m, range_m * sigma / disparity, _DISPARITY_BIAS_PX / disparity)
 
     def _by_terrain(self, o: TrackedObject, camera: CameraModel, observer: Observer) -> Ranging | None:
-        if self._dem is None or observer.position_m is None or not np.isfinite(o.box).all() or not o.is_whole:
+        if (
+            self._dem is None
+            or observer.position_m is None
+            or not np.isfinite(o.box).all()
+            or not o.is_full_height
+        ):
             return None
         frame, grid = self._dem
         if frame != observer.frame:

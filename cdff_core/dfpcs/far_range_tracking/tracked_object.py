@@ -16,10 +16,11 @@ from cdff_core.dfpcs.far_range_tracking.range_filter import RangeFilter
 
 #: Pixels around an object that belong to its appearance: its edge.
 _EDGE_PX = 2
-#: Parts of a new size and of a new appearance in the stored ones.
-_SIZE_GAIN, _APPEARANCE_GAIN = 0.2, 0.2
-#: Part of the place of a region in that of the appearance.
-_ANCHOR_GAIN = 0.15
+#: Parts of a larger and of a smaller size, and of a new appearance, in the stored ones.
+_GROWTH_GAIN, _SHRINK_GAIN, _APPEARANCE_GAIN = 0.15, 0.07, 0.2
+#: Drift of the place of the appearance from image to image, and standard deviation of its offset when it is
+#: replaced, pixels.
+_ANCHOR_DRIFT_PX, _ANCHOR_NEW_PX = 0.03, 0.5
 #: Change of scale from which the stored appearance is replaced.
 _NEW_SCALE = 1.15
 
@@ -97,8 +98,12 @@ class TrackedObject:
         In the last image; NaN without a measurement.
     region : int
         Region of the last image; -1 for none.
-    is_whole : bool
-        True if the region of the last image shows the whole object.
+    is_whole, is_full_height : bool
+        True if the region of the last image shows the whole object, or its lowest and highest points.
+    centre : ndarray (2,)
+        Centroid relative to the middle of the box, in sizes.
+    checked : ndarray (3,)
+        Direction at the last test for rest.
     """
 
     number: int
@@ -113,7 +118,8 @@ class TrackedObject:
     hits: int = 1
     misses: int = 0
     unlike: int = 0
-    anchors: int = 0
+    anchor_variance: float = 25.0
+    centre: FloatArray = field(default_factory=lambda: np.zeros(2))
     parallax_rad: float = 0.0
     score: float = 1.0
     pixel: FloatArray = field(default_factory=lambda: np.full(2, np.nan))
@@ -121,6 +127,8 @@ class TrackedObject:
     box: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
     region: int = -1
     is_whole: bool = False
+    is_full_height: bool = False
+    checked: FloatArray = field(default_factory=lambda: np.zeros(3))
     range: RangeFilter = field(default_factory=RangeFilter)
     range_reasons: tuple[str, ...] = ()
     status: ObjectTrackStatusT = ObjectTrackStatusT.TRACK_TENTATIVE
@@ -145,7 +153,8 @@ class TrackedObject:
         old = self.appearance
         ratio = 1.0 if old is None else float(np.max(appearance.size_px / old.size_px))
         if old is None or middle is None or not 1.0 / _NEW_SCALE < ratio < _NEW_SCALE:
-            self.appearance, self.anchors = appearance, min(self.anchors, 2)
+            self.appearance = appearance
+            self.anchor_variance = max(self.anchor_variance, _ANCHOR_NEW_PX**2)
             return
         newer_middle = place - appearance.offset
         first_old = middle - 0.5 * (np.array(old.template.shape[::-1]) - 1.0)
@@ -160,20 +169,51 @@ class TrackedObject:
         The appearance measures the motion well and drifts; the region measures the place with the noise of
         its edges. Its offset from the place of the appearance is averaged.
         """
-        gain = max(_ANCHOR_GAIN, 1.0 / (1.0 + self.anchors))
-        self.anchors += 1
+        variance = self.anchor_variance + _ANCHOR_DRIFT_PX**2
+        gain = variance / (variance + 0.5 * float(np.trace(covariance)))
+        self.anchor_variance = (1.0 - gain) * variance
         shift = gain * (place - matched)
         if self.appearance is not None:
             a = self.appearance
             self.appearance = Appearance(a.template, a.weights, a.offset + shift, a.size_px)
-        return matched + shift, match_covariance + gain * covariance
+        return matched + shift, match_covariance + self.anchor_variance * np.eye(2)
 
     def resize(self, size_px: FloatArray) -> None:
-        """Move the stored size towards a new one."""
-        gain = max(_SIZE_GAIN, 1.0 / (1.0 + self.hits))
-        self.size_px = self.size_px * np.exp(gain * np.log(np.maximum(size_px, 1.0) / self.size_px))
+        """Move the stored size towards a new one; it decreases slowly, as a hidden part makes it smaller."""
+        ratio = np.log(np.maximum(size_px, 1.0) / self.size_px)
+        gain = np.maximum(np.where(ratio > 0.0, _GROWTH_GAIN, _SHRINK_GAIN), 1.0 / (1.0 + self.hits))
+        self.size_px = self.size_px * np.exp(gain * ratio)
+
+    def is_similar_height(self, height_px: float) -> bool:
+        """Return True if a height is that of the whole object, within 8 % and half a pixel."""
+        change = abs(float(np.log(max(height_px, 0.5) / self.size_px[1])))
+        return change < 0.08 + 0.6 / float(self.size_px[1])
+
+    def learn_centre(self, centroid: FloatArray) -> None:
+        """Add the place of the centroid relative to the middle of the box, in sizes."""
+        middle = np.array([self.box[0] + self.box[1], self.box[2] + self.box[3]]) / 2.0
+        self.centre += 0.1 * ((centroid - middle) / self.size_px - self.centre)
+
+    def by_edges(self, box: FloatArray, expected: FloatArray) -> FloatArray | None:
+        """Return the place (2,) of the object by the edges of a region that is smaller than the object.
+
+        Along each axis that the region is too small, the edge whose place is nearer to the expected one is an
+        edge of the object, the other one that of an occluder. None for a larger region.
+        """
+        size = np.array([box[1] - box[0], box[3] - box[2]])
+        if (size > 1.15 * self.size_px + 1.2).any():
+            return None
+        result = np.zeros(2)
+        for axis, (low, high) in enumerate(((box[0], box[1]), (box[2], box[3]))):
+            whole = float(self.size_px[axis])
+            middles = np.array([low + 0.5 * whole, high - 0.5 * whole]) + self.centre[axis] * whole
+            nearest = middles[np.argmin(np.abs(middles - expected[axis]))]
+            result[axis] = nearest if size[axis] < 0.95 * whole - 0.5 else middles.mean()
+        return result
 
     def is_similar_size(self, size_px: FloatArray) -> bool:
-        """Return True if a size is that of the whole object, within 15 % and a pixel."""
-        change = np.abs(np.log(np.maximum(size_px, 0.5) / self.size_px))
-        return bool((change < 0.15 + 1.2 / self.size_px).all())
+        """Return True if a size is that of the whole object: within 15 % larger, 8 % smaller, and a pixel."""
+        change = np.log(np.maximum(size_px, 0.5) / self.size_px)
+        return bool(
+            (change < 0.15 + 1.2 / self.size_px).all() and (change > -0.08 - 0.8 / self.size_px).all()
+        )

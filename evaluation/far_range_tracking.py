@@ -1,0 +1,262 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""far_range_tracking on simulated images of distant rovers: continuity, identity, place, range.
+
+The scenes have seeds of their own, with terrain, rocks, sun, paths and distances. The truth of a place is the
+centre of the visible area with enclosed gaps filled. Ranges are measured by each source alone and by all.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.geometry import UncertainTransform
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.raster.geometry import GridGeometry
+from cdff_common.types import (
+    ElevationMap,
+    Frame,
+    FramePair,
+    ObjectTrackStatusT,
+    TransformWithCovariance,
+)
+from cdff_dev.simulate.world import true_heights
+from evaluation.scenes.distant_rovers import Renderer, TrueImage, TrueObject, scene
+
+PARTS = ("crossing", "driving", "small")
+OPTIONS = {"seed": 1, "count": 3}
+_EPOCH_NS = 1_700_000_000_000_000_000
+#: Cell size of the elevation map, metres, and the errors of the pose of the observer.
+_CELL_M, _POSE_M, _POSE_RAD = 0.2, 0.02, 2e-4
+#: Sizes, pixels, from which tracking and range are assessed.
+_LEAST_PX, _RANGE_PX = 6.0, 20.0
+_CONFIRMED, _COASTING = ObjectTrackStatusT.TRACK_CONFIRMED, ObjectTrackStatusT.TRACK_COASTING
+#: Inputs of each run: image only; with height; pair and pose; image, pose and map; everything.
+RUNS = ("image", "height", "stereo", "terrain", "all")
+
+
+def evaluate(
+    data: Path,
+    progress: Callable[[str], None],
+    parts: tuple[str, ...] = PARTS,
+    seed: int = 1,
+    count: int = 3,
+) -> dict[str, Any]:
+    """Return the figures of the parts over ``count`` scenes each, with the seeds from ``100 * seed``."""
+    cv2.setNumThreads(1)
+    figures: dict[str, Any] = {}
+    for kind in parts:
+        runs = ("image", "all") if kind == "small" else RUNS if kind == "crossing" else ("all",)
+        results: dict[str, list[_Pass]] = {run: [] for run in runs}
+        for k in range(count):
+            progress(f"far_range_tracking: {kind}, scene {k + 1} of {count}")
+            renderer = Renderer(scene(kind, 100 * seed + k))
+            images = list(renderer.images())
+            for run in runs:
+                results[run].append(_Pass(renderer, images, run))
+        figures[kind] = {"scenes": count, "images": sum(len(p.images) for p in results[runs[0]])}
+        figures[kind] |= {run: _summary(results[run]) for run in runs}
+    return figures
+
+
+class _Pass:
+    """One scene tracked with some of the inputs."""
+
+    def __init__(self, renderer: Renderer, images: list[TrueImage], run: str) -> None:
+        self.images, self.run = images, run
+        self._renderer = renderer
+        self.rows: list[list[Any]] = []
+        self.cpu_s = 0.0
+        model = renderer.scenario.rovers_in_view
+        assert model is not None
+        dfpc = Registry.default().make_dfpc("far_range_tracking")
+        parameters = {"target_height_m": model.height_m} if run in ("height", "all") else {}
+        dfpc.configure(parameters, DfpcContext("mana"))
+        if run in ("terrain", "all"):
+            dfpc.step(self._dem())
+        for k, image in enumerate(images):
+            samples = self._samples(k, image)
+            start_s = time.process_time()
+            outputs = [o for s in samples for o in dfpc.step(s)]
+            self.cpu_s += time.process_time() - start_s
+            self.rows.append([o.value for o in outputs if o.port == "track"])
+
+    def _samples(self, k: int, image: TrueImage) -> list[Sample]:
+        stamp_ns = _EPOCH_NS + round(image.time_s * 1e6) * 1000
+        camera, frame = self._renderer.navcam.camera_matrix, "mana/camera"
+        samples = []
+        if self.run in ("stereo", "terrain", "all"):
+            covariance = np.diag([_POSE_M**2] * 3 + [_POSE_RAD**2] * 3)
+            pose = TransformWithCovariance.from_transform(
+                UncertainTransform(image.T_site_camera, covariance),
+                parent="site",
+                child=frame,
+                stamp_ns=stamp_ns,
+            )
+            samples.append(Sample("pose", stamp_ns, k, pose, frame="site", child=frame))
+        if self.run in ("stereo", "all"):
+            pair = FramePair.from_images(
+                image.left,
+                image.right,
+                baseline_m=self._renderer.navcam.baseline_m,
+                camera_matrix=camera,
+                stamp_ns=stamp_ns,
+                sensor=frame,
+            )
+            return [*samples, Sample("pair", stamp_ns, k, pair, frame=frame)]
+        value = Frame.from_image(image.left, stamp_ns=stamp_ns, sensor=frame, camera_matrix=camera)
+        return [*samples, Sample("image", stamp_ns, k, value, frame=frame)]
+
+    def _dem(self) -> Sample:
+        layers = true_heights(self._renderer.world, _CELL_M)
+        n = layers["mean"].shape[0]
+        half = self._renderer.scenario.terrain.fine_half_width_m
+        grid = GridGeometry("site", _CELL_M, -half, half, n, n)
+        layers["variance"] = np.maximum(layers["variance"], 0.02**2).astype(np.float32)
+        dem = ElevationMap.from_layers(
+            grid, {k: layers[k] for k in ("mean", "variance")}, t0_ns=_EPOCH_NS, t1_ns=_EPOCH_NS
+        )
+        return Sample("dem", _EPOCH_NS, 0, dem, frame="site")
+
+    def matched(self, k: int, truth: TrueObject) -> Any | None:
+        """Return the track at the place of an object in an image."""
+        near = []
+        for track in self.rows[k]:
+            pixel = track.data.pixels[0]
+            distance = float(np.linalg.norm(pixel - truth.place_px))
+            if np.isfinite(distance) and distance < max(3.0, 0.4 * float(truth.size_px.max())):
+                near.append((track.metadata.status is not _CONFIRMED, distance, track))
+        return min(near, key=lambda n: n[:2])[2] if near else None
+
+
+def _is_shown(truth: TrueObject) -> bool:
+    """Return True if an object is large and visible enough for tracking."""
+    return truth.visible >= 0.5 and bool((truth.size_px >= _LEAST_PX).all())
+
+
+def _summary(passes: list[_Pass]) -> dict[str, Any]:
+    """Return the figures of the passes of one run."""
+    expected = followed = changes = false = objects = 0
+    latency: list[float] = []
+    never = resumed = hidden_objects = 0
+    about_mean, absolute, ranges, squares, places = [], [], [], [], []
+    for p in passes:
+        claimed: dict[int, str] = {}
+        used: set[int] = set()
+        for name in p.images[0].objects:
+            objects += 1
+            number: int | None = None
+            started: float | None = None
+            hidden_s = 0.0
+            was_hidden = False
+            errors: list[FloatArray] = []
+            for k, image in enumerate(p.images):
+                truth = image.objects[name]
+                if truth.is_moving and _is_shown(truth) and started is None:
+                    started = image.time_s
+                hidden_s = hidden_s + 0.5 if number is not None and truth.visible < 0.5 else 0.0
+                was_hidden = was_hidden or hidden_s >= 10.0
+                if not _is_shown(truth):
+                    continue
+                track = p.matched(k, truth)
+                if track is None and number is None:
+                    continue
+                if number is not None:
+                    expected += 1
+                if track is None:
+                    continue
+                found = track.metadata.track_id
+                if number is None:
+                    number = found
+                    latency.append(image.time_s - (started if started is not None else image.time_s))
+                    continue
+                followed += found == number or claimed.get(found, name) == name
+                if found != number:
+                    changes += 1
+                    number = found
+                claimed[found] = name
+                used.add(found)
+                data = track.data
+                if truth.visible > 0.98 and track.metadata.status is _CONFIRMED:
+                    errors.append(data.pixels[0] - truth.place_px)
+                    if truth.size_px[1] >= _RANGE_PX and np.isfinite(data.bearings[0, 4]):
+                        difference = float(data.bearings[0, 4]) - truth.range_m
+                        ranges.append(difference / truth.range_m)
+                        squares.append((difference / float(data.bearings[0, 5])) ** 2)
+                    places.append(float(data.pixel_sigmas[0].mean()))
+            if number is None:
+                never += 1
+            if was_hidden and number is not None:
+                hidden_objects += 1
+                resumed += number in {t.metadata.track_id for rows in p.rows[-30:] for t in rows}
+            if len(errors) > 5:
+                e = np.array(errors)
+                absolute.append(e)
+                about_mean.append(e - e.mean(axis=0))
+        confirmed = {t.metadata.track_id for rows in p.rows for t in rows if t.metadata.status is _CONFIRMED}
+        false += len(confirmed - used)
+    summary: dict[str, Any] = {
+        "objects": objects,
+        "never_confirmed": never,
+        "confirmed_after_s": {
+            "median": round(float(np.median(latency)), 1) if latency else None,
+            "largest": round(float(np.max(latency)), 1) if latency else None,
+        },
+        "continuity": round(followed / max(expected, 1), 4),
+        "changes_of_number": changes,
+        "hidden_for_10_s": hidden_objects,
+        "false_tracks": false,
+        "rms_px": _rms(absolute),
+        "rms_about_mean_px": _rms(about_mean),
+        "stated_sigma_px": round(float(np.median(places)), 3) if places else None,
+        "cpu_ms_per_image": round(1e3 * sum(p.cpu_s for p in passes) / sum(len(p.images) for p in passes), 1),
+    }
+    if ranges:
+        r = 100.0 * np.abs(ranges)
+        summary["range_per_cent"] = {
+            "images": len(ranges),
+            "median": round(float(np.median(r)), 2),
+            "p95": round(float(np.percentile(r, 95)), 2),
+            "mean": round(100.0 * float(np.mean(ranges)), 2),
+            "squared_error": round(float(np.mean(squares)), 2),
+        }
+    return summary
+
+
+def _rms(errors: list[FloatArray]) -> list[float] | None:
+    """Return the root mean square of columns and rows."""
+    if not errors:
+        return None
+    rms = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    return [round(float(x), 3) for x in rms]
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of the page."""
+    lines = [
+        "| scenes | inputs | objects | confirmed after, s | continuity | changes of number | false tracks |"
+        " rms about mean, px (u, v) | range error, median / 95 %, % |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for kind, values in figures.items():
+        for run in RUNS:
+            if run not in values:
+                continue
+            v = values[run]
+            rms = v["rms_about_mean_px"]
+            r = v.get("range_per_cent")
+            lines.append(
+                f"| {kind} ({values['scenes']}) | {run} | {v['objects']} | {v['confirmed_after_s']['median']} |"
+                f" {100.0 * v['continuity']:.1f} % | {v['changes_of_number']} | {v['false_tracks']} |"
+                f" {'–' if rms is None else f'{rms[0]:.2f}, {rms[1]:.2f}'} |"
+                f" {'–' if r is None else '{} / {}'.format(r['median'], r['p95'])} |"
+            )
+    return "\n".join(lines)
