@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measure the DFNs of far_range_tracking and the compound on images of 640 x 360 pixels with two moving bodies.
+"""Measure far_range_tracking and its DFNs on images of 640 x 360 pixels with two moving bodies.
 
 python benchmarks/distant_rovers.py [--rounds N]
 """

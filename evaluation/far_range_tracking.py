@@ -254,7 +254,8 @@ def table(figures: dict[str, Any]) -> str:
             rms = v["rms_about_mean_px"]
             r = v.get("range_per_cent")
             lines.append(
-                f"| {kind} ({values['scenes']}) | {run} | {v['objects']} | {v['confirmed_after_s']['median']} |"
+                f"| {kind} ({values['scenes']}) | {run} | {v['objects']} |"
+                f" {v['confirmed_after_s']['median']} |"
                 f" {100.0 * v['continuity']:.1f} % | {v['changes_of_number']} | {v['false_tracks']} |"
                 f" {'–' if rms is None else f'{rms[0]:.2f}, {rms[1]:.2f}'} |"
                 f" {'–' if r is None else '{} / {}'.format(r['median'], r['p95'])} |"

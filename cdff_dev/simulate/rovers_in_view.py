@@ -90,7 +90,7 @@ class RoverView:
     def radiance(
         self, T_site_camera: FloatArray, robot: str, t_s: float
     ) -> tuple[Float32Array, dict[str, Silhouette]]:
-        """Return the radiance ``(rows, columns)`` of a camera of a robot, and the silhouettes of the others."""
+        """Return the radiance ``(rows, columns)`` of a camera, and the silhouettes of the other rovers."""
         m = self._camera.model
         view = self._camera.view(T_site_camera, self._camera.rays)
         image = view.radiance.reshape(m.rows, m.columns).copy()

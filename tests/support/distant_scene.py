@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Images of textured ground at rest with bodies that move in front of it, seen by a camera or a stereo pair."""
+"""Images of textured ground with bodies that move in front of it, for a camera or a stereo pair."""
 
 from __future__ import annotations
 

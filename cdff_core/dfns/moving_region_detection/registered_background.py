@@ -136,7 +136,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         fresh |= vacated
         # A region of a known background is learnt slowly.
         of_region = np.where(count >= _KNOWN, np.float32(_REGION_PART), np.float32(0.0))
-        part = np.where(found.labels > 0, of_region, np.float32(1.0)) * learn
+        part = np.asarray(np.where(found.labels > 0, of_region, 1.0) * learn, np.float32)
         self._learn(mean + difference, mean, count, part, fresh, inputs.is_at_rest)
         return found
 
@@ -183,7 +183,8 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         if self._images > _NOISE_IMAGES and ratio > _MAX_NOISE:
             self._mean = None
             raise RefusedError(
-                f"image: difference from the background {ratio:.1f} times the noise, expected at most {_MAX_NOISE}",
+                f"image: difference from the background {ratio:.1f} times the noise,"
+                f" expected at most {_MAX_NOISE}",
                 reasons=["scene_changed"],
             )
         self._noise_model = self._noise_model + _NOISE_GAIN * (
@@ -197,7 +198,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
     def _regions(
         self, z: Float32Array, difference: Float32Array, image: Float32Array, mean: Float32Array
     ) -> tuple[Outputs, BoolArray]:
-        """Return the connected regions above the low threshold that reach the high one, and vacated pixels."""
+        """Return the regions above the low threshold that reach the high one, and the vacated pixels."""
         c = self.config
         # The mean of 3 x 3 pixels of noise has a third of its standard deviation.
         strength = np.abs(cv2.blur(z, (3, 3))) * np.float32(1.7)

@@ -25,8 +25,8 @@ from cdff_core.dfns.scene_registration.interface import Inputs, Interface, Outpu
 _WINDOW_PX, _MAX_RETURN_PX = 15, 0.3
 #: Largest residual of a point that fits the homography, pixels.
 _PLANE_PX = 1.0
-#: Displacements of a camera at rest: of three quarters of the points, and of the median in each quarter of the
-#: image, pixels. They are noise of the flow.
+#: Displacements of a camera at rest: of three quarters of the points, and of the median in each quarter of
+#: the image, pixels. They are noise of the flow.
 _REST_PX, _REST_MEDIAN_PX = 0.5, 0.06
 #: Side of the cells from which at most two points are taken: an object is not better covered than the scene.
 _CELL_PX, _PER_CELL = 24, 2

@@ -44,7 +44,7 @@ _AGREE = 0.3
 _NEW_SIZE = 20
 #: Missed images after which an unconfirmed object is removed; images after which it is if it does not move.
 _MAX_MISSES, _MAX_AGE = 2, 40
-#: Squared normalised difference of motion, ratio of sizes and correlation of an object that continues another.
+#: Squared normalised difference of motion, ratio of sizes and correlation of an object that continues one.
 _CONTINUES, _CONTINUES_SIZE, _CONTINUES_SCORE = 16.0, 1.6, 0.4
 #: Least sharpness of a new object, 1/pixel: dust has less.
 _SHARP = 0.12
@@ -159,7 +159,7 @@ class ObjectTracks:
         return mask
 
     def resting(self, shape: tuple[int, ...]) -> BoolArray:
-        """Return the pixels of the unconfirmed objects that the last image removed because they are at rest."""
+        """Return the pixels of the objects that the last image removed because they are at rest."""
         mask = np.zeros(shape, bool)
         for box in self._resting:
             if not np.isfinite(box).all():
@@ -550,7 +550,7 @@ class ObjectTracks:
         return None if best is None else best[1]
 
     def _remove_repeated(self, scene: Scene) -> None:
-        """Remove the newer one of two objects at one place with one motion; the other keeps the lower number."""
+        """Remove the newer one of two objects with one place and motion; the lower number remains."""
         for new in sorted(self.confirmed, key=lambda o: -o.number):
             for old in self.confirmed:
                 if old.number >= new.number or (old.misses and new.misses):

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from cdff_common.codecs import encode
 from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.geometry.region import parse_region
 from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
@@ -20,6 +24,8 @@ from cdff_common.types import (
     ObjectTrackStatusT,
     TransformWithCovariance,
 )
+from cdff_core.runtime.runner import Runner
+from dpm_store import NewProduct, Query, open_store
 from tests.support.distant_scene import BASELINE_M, CAMERA, PERIOD_NS, T0_NS, Body, DistantScene
 
 CONFIRMED, COASTING = ObjectTrackStatusT.TRACK_CONFIRMED, ObjectTrackStatusT.TRACK_COASTING
@@ -249,3 +255,40 @@ def test_predict_continues_the_motion_of_an_object() -> None:
         dfpc.predict(7, -1)
     with pytest.raises(InputError, match="or later"):
         dfpc.predict(1, T0_NS)
+
+
+def test_the_dpm_finds_the_track_by_its_position_in_the_site(tmp_path: Path) -> None:
+    scene = DistantScene([Body((60.0, 95.0), (2.0, 0.0))])
+    runner = Runner(compound(target_height_m=1.4))
+    T = se3.transform(OPTICAL, [5.0, 3.0, 2.0])
+    products = []
+    for k in range(25):
+        for sample in (pose(k, T), scene.sample(k)):
+            runner.push(sample)
+            products += list(runner.drain())
+    track = [p for p in products if p.port == "track"][-1]
+    assert (track.product, track.header.frame) == ("track", "site")
+    assert {f"t{24}", "i24"} <= set(track.header.inputs)
+    x, y, _ = track.value.data.poses[0, :3]
+    with open_store(f"sqlite:///{tmp_path}") as store:
+        store.put_all(
+            [
+                NewProduct(
+                    track.header,
+                    encode(track.value, "uper"),
+                    robot="mana",
+                    dfpc=track.dfpc,
+                    port=track.port,
+                    product=track.product,
+                    type_name=track.type_name,
+                )
+            ]
+        )
+        near, far = (
+            store.search(
+                Query(types=("track",), frame="site", region=parse_region(f"circle:{x + dx:.2f},{y:.2f},2"))
+            )
+            for dx in (0.0, 30.0)
+        )
+    assert [p.header.id for p in near.items] == [track.header.id]
+    assert not far.items

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The position of a resolved object among the stars starts the tracking at close range."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import DfpcContext, Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
+from cdff_core.object_models.rendering import Window, camera_normals, render
+from tests.support.satellite import satellite
+from tests.support.star_scene import CAMERA, T0_NS, StarScene
+
+#: Direction of the Sun in the camera.
+SUN = np.array([0.5, -0.3, -0.81])
+
+
+def light_of(T_camera_body: np.ndarray) -> np.ndarray:
+    """Return the light of the satellite at a pose."""
+    vertices, triangles = satellite()
+    window = Window(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.rows, CAMERA.cols)
+    face = render(vertices, triangles, T_camera_body, window).face
+    cosine = camera_normals(vertices, triangles, T_camera_body, face) @ (SUN / np.linalg.norm(SUN))
+    light = np.where(face >= 0, 6000.0 * np.clip(np.nan_to_num(cosine), 0.0, 1.0), 0.0)
+    return np.asarray(cv2.GaussianBlur(light.astype(np.float32), (0, 0), 0.7))
+
+
+@pytest.mark.slow
+def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
+    scene = StarScene(rate=np.zeros(3))
+    far, close = (Registry.default().make_dfpc(n) for n in ("far_range_object_tracking", "target_tracking"))
+    far.configure({}, DfpcContext("robot"))
+    close.configure({})
+    vertices, triangles = satellite()
+    far.step(
+        Sample("model", T0_NS, 0, Mesh.from_arrays(vertices, triangles, frame="client/body", stamp_ns=T0_NS))
+    )
+    R = se3.exp_so3([0.3, -0.5, 0.2])
+    size = float(np.ptp(vertices, axis=0).max())
+    states, squares = [], []
+    for k in range(30):
+        stamp_ns = T0_NS + k * 10**9
+        range_m = CAMERA.fx * size / 50.0 - 0.2 * k
+        T = se3.transform(R, range_m * np.array([-0.02 + 0.0012 * k, 0.01, 1.0]))
+        far.step(Sample("sun", stamp_ns, k, Vector3d(scene.rotation(k) @ SUN)))
+        attitude = TransformWithCovariance.from_transform(
+            UncertainTransform(se3.transform(scene.rotation(k) @ R, np.zeros(3)), np.zeros((6, 6))),
+            parent="inertial",
+            child="client/body",
+            stamp_ns=stamp_ns,
+        )
+        far.step(Sample("body_attitude", stamp_ns, k, attitude))
+        for output in far.step(scene.sample(scene.light(k) + light_of(T), k)):
+            if output.port == "position":
+                single = output.value.transform
+                error = single.matrix[:3, 3] - T[:3, 3]
+                squares.append(float(error @ np.linalg.solve(single.covariance[:3, :3], error)))
+                states += [
+                    (T, state)
+                    for state in close.step(Sample("measurement", output.t1_ns, k, output.value, id=f"{k}"))
+                    if state.port == "pose"
+                ]
+    assert len(states) >= 8
+    T, state = states[-1]
+    assert (state.frame, state.child) == ("robot/camera", "client/body")
+    found = state.value.transform
+    assert found.matrix[:3, 3] == pytest.approx(T[:3, 3], rel=0.03, abs=0.02 * T[2, 3])
+    assert np.linalg.norm(se3.log_so3(found.matrix[:3, :3].T @ T[:3, :3])) < 0.03
+    # The errors of the images are alike: only a single position has the stated covariance.
+    assert np.median(squares) < 12.0
