@@ -46,6 +46,8 @@ class TrackState:
     origin_m : ndarray (3,)
         Position of the camera in the frame of the track.
     origin_covariance : ndarray (3, 3)
+    is_located : bool
+        False if the position of the camera in the frame is not known: the range is, the position is not.
     """
 
     number: int
@@ -62,6 +64,7 @@ class TrackState:
     label: str = ""
     origin_m: FloatArray | None = None
     origin_covariance: FloatArray | None = None
+    is_located: bool = True
 
     def in_axes(self, axes: LocalOrbitalAxes) -> TrackState:
         """Return the inertial state in LVLH axes."""
@@ -93,6 +96,8 @@ def object_track(
         position_m = position_m + state.origin_m
     if state.origin_covariance is not None:
         position_covariance = position_covariance + state.origin_covariance
+    if not state.is_located:
+        position_m, position_covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     return ObjectTrack.from_bearing(
         state.number,
         stamp_ns,

@@ -253,6 +253,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         ranges = self._ranges.measure(o, scene.camera, scene.observer, pair, images, scene.noise)
         if ranges:
             mean, o.range_reasons = fused(ranges)
+            o.range_inputs = self._ranges.inputs(ranges)
             o.range.update(scene.stamp_ns, mean.range_m, mean.sigma_m, mean.systematic)
 
     # -- outputs
@@ -321,6 +322,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
             label=o.label,
             origin_m=observer.position_m if has_position else None,
             origin_covariance=observer.position_covariance if has_position else None,
+            is_located=observer.position_m is not None or not observer.has_origin,
         )
         track = object_track(state, sample.stamp_ns, observer.frame, self.name, observer.axes)
         own = list(o.range_reasons)
@@ -341,7 +343,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         )
         self._newest = track
         stamp_ns = sample.stamp_ns
-        inputs = (sample.id, *observer.inputs)
+        inputs = (sample.id, *observer.inputs, *o.range_inputs)
         return Output("track", track, stamp_ns, stamp_ns, observer.frame, None, quality, inputs)
 
     @staticmethod

@@ -42,6 +42,8 @@ class Observer:
         Axes of the frame.
     position_m : ndarray (3,) or None
     position_covariance : ndarray (3, 3)
+    has_origin : bool
+        True if the frame has an origin of its own, in which the camera has a position.
     is_given : bool
         False if the rotation is that of the registration.
     reasons : tuple of str
@@ -55,6 +57,7 @@ class Observer:
     position_m: FloatArray | None
     position_covariance: FloatArray
     is_given: bool
+    has_origin: bool = False
     reasons: tuple[str, ...] = ()
     inputs: tuple[str, ...] = ()
 
@@ -149,7 +152,17 @@ class ObserverTrack:
             position_covariance = pose.covariance[:3, :3]
         attitude = CameraAttitude(pose.matrix[:3, :3], noise, _NO_STARS, inputs=inputs, bias_rad=bias)
         position = np.array(pose.matrix[:3, 3]) if has_position else None
-        return Observer(attitude, frame, "z_up", position, position_covariance, True, reasons, inputs)
+        return Observer(
+            attitude,
+            frame,
+            "z_up",
+            position,
+            position_covariance,
+            is_given=True,
+            has_origin=has_position,
+            reasons=reasons,
+            inputs=inputs,
+        )
 
     def start(self, camera_frame: str) -> Observer:
         """Return a camera whose attitude at the first image is the identity."""
@@ -166,23 +179,18 @@ def continued(previous: Observer, homography: FloatArray | None, camera: CameraM
     if homography is not None:
         R_current_previous = _rotation_of(homography, camera)
     old = previous.attitude
-    drift = np.eye(3) * _DRIFT_RAD2 if homography is None or not np.allclose(homography, np.eye(3)) else 0.0
+    has_turned = homography is None or not np.allclose(homography, np.eye(3))
+    drift = _DRIFT_RAD2 if has_turned else 0.0
     attitude = replace(
         old,
         rotation=previous.rotation @ R_current_previous.T,
         covariance=np.eye(3) * _DRIFT_RAD2,
-        bias_rad=float(np.sqrt(old.bias_rad**2 + np.trace(np.zeros((3, 3)) + drift) / 3.0)),
+        bias_rad=float(np.sqrt(old.bias_rad**2 + drift)),
         inputs=(),
     )
     reasons = () if previous.is_camera else ("attitude_from_images",)
-    return replace(
-        previous,
-        attitude=attitude,
-        is_given=False,
-        reasons=reasons,
-        inputs=(),
-        position_m=previous.position_m,
-    )
+    # The registration does not measure the translation: the position is not known any more.
+    return replace(previous, attitude=attitude, is_given=False, reasons=reasons, inputs=(), position_m=None)
 
 
 def _rotation_of(homography: FloatArray, camera: CameraModel) -> FloatArray:

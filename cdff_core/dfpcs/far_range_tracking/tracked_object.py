@@ -131,6 +131,7 @@ class TrackedObject:
     checked: FloatArray = field(default_factory=lambda: np.zeros(3))
     range: RangeFilter = field(default_factory=RangeFilter)
     range_reasons: tuple[str, ...] = ()
+    range_inputs: tuple[str, ...] = ()
     status: ObjectTrackStatusT = ObjectTrackStatusT.TRACK_TENTATIVE
 
     @property

@@ -186,6 +186,25 @@ def test_the_terrain_below_a_body_gives_its_range() -> None:
     assert output.value.data.bearings[0, 4] == pytest.approx(depth_m, rel=0.06)
 
 
+def test_without_the_pose_the_registration_continues_the_attitude_and_there_is_no_position() -> None:
+    scene, dfpc = DistantScene([Body((60.0, 95.0), (2.0, 0.0))]), compound(target_height_m=1.4)
+    T = se3.transform(OPTICAL, [5.0, 3.0, 2.0])
+    for k in range(20):
+        dfpc.step(pose(k, T))
+        list(dfpc.step(scene.sample(k)))
+    for k in range(20, 23):
+        (output,) = tracks(list(dfpc.step(scene.sample(k))))
+    assert (output.frame, output.quality.status) == ("site", Status.DEGRADED)
+    assert "attitude_from_images" in output.quality.reasons
+    assert output.value.metadata.track_id == 1
+    assert np.isfinite(output.value.data.bearings[0, 4])
+    assert np.isnan(output.value.data.poses[0, :3]).all()
+    u = T[:3, :3] @ CAMERA.rays(scene.bodies[0].place(22)[None])[0]
+    azimuth, elevation = output.value.data.bearings[0, :2]
+    assert azimuth == pytest.approx(np.arctan2(u[1], u[0]) % (2.0 * np.pi), abs=3e-3)
+    assert elevation == pytest.approx(np.arcsin(u[2]), abs=3e-3)
+
+
 def test_the_height_of_a_model_is_used_and_a_flat_one_is_refused() -> None:
     dfpc = compound()
     flat = Mesh.from_arrays(np.zeros((3, 3)), np.array([[0, 1, 2]]), frame="rover/body", stamp_ns=0)
