@@ -126,15 +126,31 @@ class _Pass:
         )
         return Sample("dem", _EPOCH_NS, 0, dem, frame="site")
 
-    def matched(self, k: int, truth: TrueObject) -> Any | None:
-        """Return the track at the place of an object in an image."""
+    def first_number(self, name: str) -> int | None:
+        """Return the number of the first track at the place of an object."""
+        for k, image in enumerate(self.images):
+            truth = image.objects[name]
+            if _is_shown(truth) and (track := self.matched(k, truth)) is not None:
+                return int(track.metadata.track_id)
+        return None
+
+    def matched(
+        self, k: int, truth: TrueObject, number: int | None = None, others: frozenset[int] = frozenset()
+    ) -> Any | None:
+        """Return the track at the place of an object in an image.
+
+        The track with the object's number is preferred, then those without the numbers of ``others``: where
+        two objects overlap, the track of the other one is near, too.
+        """
         near = []
         for track in self.rows[k]:
             pixel = track.data.pixels[0]
             distance = float(np.linalg.norm(pixel - truth.place_px))
             if np.isfinite(distance) and distance < max(3.0, 0.4 * float(truth.size_px.max())):
-                near.append((track.metadata.status is not _CONFIRMED, distance, track))
-        return min(near, key=lambda n: n[:2])[2] if near else None
+                found = track.metadata.track_id
+                rank = (found != number, found in others, track.metadata.status is not _CONFIRMED, distance)
+                near.append((rank, track))
+        return min(near, key=lambda n: n[0])[1] if near else None
 
 
 def _is_shown(truth: TrueObject) -> bool:
@@ -151,6 +167,7 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
     for p in passes:
         claimed: dict[int, str] = {}
         used: set[int] = set()
+        numbers = {name: p.first_number(name) for name in p.images[0].objects}
         for name in p.images[0].objects:
             objects += 1
             number: int | None = None
@@ -166,7 +183,8 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                 was_hidden = was_hidden or hidden_s >= 10.0
                 if not _is_shown(truth):
                     continue
-                track = p.matched(k, truth)
+                others = frozenset(n for other, n in numbers.items() if other != name and n is not None)
+                track = p.matched(k, truth, number, others)
                 if track is None and number is None:
                     continue
                 if number is not None:
@@ -175,13 +193,13 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                     continue
                 found = track.metadata.track_id
                 if number is None:
-                    number = found
+                    number = numbers[name] = found
                     latency.append(image.time_s - (started if started is not None else image.time_s))
                     continue
                 followed += found == number or claimed.get(found, name) == name
                 if found != number:
                     changes += 1
-                    number = found
+                    number = numbers[name] = found
                 claimed[found] = name
                 used.add(found)
                 data = track.data

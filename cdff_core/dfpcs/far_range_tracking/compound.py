@@ -30,13 +30,14 @@ from cdff_core.dfns.moving_region_detection.interface import (
 from cdff_core.dfns.scene_registration.interface import SceneRegistrationInputs, SceneRegistrationOutputs
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
 from cdff_core.dfpcs.far_range_tracking.interface import FarRangeTrackingInterface
-from cdff_core.dfpcs.far_range_tracking.object_tracks import ObjectTracks, Scene
+from cdff_core.dfpcs.far_range_tracking.object_tracks import ObjectTracks
 from cdff_core.dfpcs.far_range_tracking.observer import (
     Observer,
     ObserverTrack,
     continued,
     rotation_homography,
 )
+from cdff_core.dfpcs.far_range_tracking.scene import Scene
 from cdff_core.dfpcs.far_range_tracking.target_range import TargetRange, fused
 from cdff_core.dfpcs.far_range_tracking.tracked_object import TrackedObject
 from cdff_core.imaging.frames import check_undistorted

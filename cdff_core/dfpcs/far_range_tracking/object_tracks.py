@@ -4,13 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray
-from cdff_common.camera import CameraModel
 from cdff_common.interfaces.dfn import Dfn
 from cdff_common.types import ObjectTrackStatusT
 from cdff_core.bearing_tracking.motion import (
@@ -23,11 +21,10 @@ from cdff_core.bearing_tracking.motion import (
 )
 from cdff_core.dfns.appearance_tracking.interface import AppearanceTrackingInputs, AppearanceTrackingOutputs
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs
-from cdff_core.dfns.moving_region_detection.interface import MovingRegionDetectionOutputs
-from cdff_core.dfns.scene_registration.interface import SceneRegistrationOutputs
 from cdff_core.dfns.track_association.interface import TrackAssociationInputs
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
 from cdff_core.dfpcs.far_range_tracking.observer import Observer
+from cdff_core.dfpcs.far_range_tracking.scene import Scene
 from cdff_core.dfpcs.far_range_tracking.tracked_object import Appearance, TrackedObject
 
 #: Reach of the search by appearance, standard deviations, and its bounds, pixels.
@@ -61,60 +58,8 @@ _CONTRADICTS = 30.0
 _SIGNIFICANCE, _STEADY = 16.0, 1.5
 #: Measurements between tests for rest.
 _REST_HITS = 20
-#: Path by depth of a place at rest in standard deviations of the motion of its surroundings.
-_PARALLAX_SIGMAS = 2.0
 #: Images in which a new object may continue another.
 _FRESH = 15
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """One image and its analysis.
-
-    Attributes
-    ----------
-    image : ndarray (r, c)
-    observer : Observer
-    regions : MovingRegionDetectionOutputs or None
-        None if the image cannot be compared with the background.
-    registration : SceneRegistrationOutputs or None
-        Motion of the scene since the previous image; None without it.
-    turn : ndarray (3, 3) or None
-        Homography from the previous image by the rotation of the camera.
-    noise : float
-        Standard deviation of the noise of a pixel.
-    """
-
-    stamp_ns: int
-    image: np.ndarray
-    camera: CameraModel
-    observer: Observer
-    regions: MovingRegionDetectionOutputs | None
-    registration: SceneRegistrationOutputs | None
-    turn: FloatArray | None
-    noise: float
-
-    def parallax_at(self, pixel: FloatArray) -> float:
-        """Return the path since the previous image that the depth of a place at rest can explain, pixels.
-
-        It is the motion of the scene around the place by the translation of the camera: an object at rest in
-        front of it moves less than twice as fast.
-        """
-        if self.registration is None or self.registration.is_at_rest or self.turn is None:
-            return 0.0
-        rows, cols = self.registration.sigma.shape
-        u, v = int(np.clip(pixel[0], 0, cols - 1)), int(np.clip(pixel[1], 0, rows - 1))
-        by_turn = np.linalg.solve(self.turn, np.array([u, v, 1.0]))
-        motion = self.registration.places[v, u] - by_turn[:2] / by_turn[2]
-        return float(np.linalg.norm(motion)) + _PARALLAX_SIGMAS * float(self.registration.sigma[v, u])
-
-    @property
-    def sizes(self) -> FloatArray:
-        """Width and height of each region (n, 2)."""
-        if self.regions is None:
-            return np.zeros((0, 2))
-        b = self.regions.boxes
-        return np.maximum(np.column_stack([b[:, 1] - b[:, 0], b[:, 3] - b[:, 2]]), 1.0)
 
 
 class ObjectTracks:
