@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Providers are excluded after failures: for good, or for a time that doubles."""
+"""Providers are excluded after failures: permanently, or for a time that doubles."""
 
 from __future__ import annotations
 
