@@ -118,6 +118,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(PICTURES)}")
     parser.add_argument("--update", action="store_true", help="replace those in docs/images")
     args = parser.parse_args()
+    from cdff_common.errors import UnavailableError
     from scripts.viewer_picture import software_vulkan
 
     shutil.rmtree(DRAWN, ignore_errors=True)
@@ -136,7 +137,10 @@ def main() -> int:
         for name in args.names or PICTURES:
             try:
                 png = draw(name, driver)
-            except FileNotFoundError as error:
+            except (
+                FileNotFoundError,
+                UnavailableError,
+            ) as error:  # no data, or a viewer that is too slow here
                 print(f"pictures: {name} not drawn: {error}")
                 continue
             (DRAWN / name).write_bytes(png)
