@@ -137,10 +137,8 @@ def main() -> int:
         for name in args.names or PICTURES:
             try:
                 png = draw(name, driver)
-            except (
-                FileNotFoundError,
-                UnavailableError,
-            ) as error:  # no data, or a viewer that is too slow here
+            except (FileNotFoundError, UnavailableError) as error:
+                # Without the data, or with a viewer that is too slow here.
                 print(f"pictures: {name} not drawn: {error}")
                 continue
             (DRAWN / name).write_bytes(png)
