@@ -62,10 +62,11 @@ def run(arguments: Sequence[str] | None, stop: threading.Event) -> None:
         with HttpServer(Context(dpm, settings, bus, watch, profile)) as http:
             dpm.loops.add_check(http.problem)
             rules = rules_of(profile) + rules_of_history(profile)
+            # The recorder subscribes first: samples that follow the liveliness token of the DPM are recorded.
+            recorder = None if profile is None else Recorder(bus, dpm, profile)
             serve_scope = serve(bus, dpm, served_robots(profile, store), rules)
-            recorder = roster = None
-            if profile is not None:
-                recorder = Recorder(bus, dpm, profile)
+            roster = None
+            if profile is not None and recorder is not None:
                 joined = JoinedRobots(bus, dpm, profile, watch, recorder, serve_scope)
                 roster = RobotRoster(bus, profile, joined, dpm.loops, joined.refuse)
                 roster.start()

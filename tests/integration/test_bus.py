@@ -557,8 +557,8 @@ def test_an_error_after_a_pause_reaches_the_caller(pair: tuple[Bus, Bus], eventu
         yield Pause(Signal(), 0.01)
         raise InputError("after the pause")
 
-    serve(server, client, handler, eventually, workers=1, backlog=0)
-    for _ in range(3):  # its place is free again
+    serve(server, client, handler, eventually, workers=1, backlog=1)
+    for _ in range(5):  # their places are free again
         replies = client.call_stream(STAT)
         assert next(replies).final is False
         with pytest.raises(InputError, match="after the pause"):
