@@ -53,7 +53,8 @@ class Bus:
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self._session = session
         self.loops = Loops()
-        self._name, self._calls = name, rpc.CallResources()
+        self._calls = rpc.CallResources(self.loops)
+        self._name = name
         self._lock = threading.Lock()
         self._declarations: list[Any] = []
         self._latched: dict[str, Mapping[str, Any]] = {}

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from cdff_common.bus.message import Reply
 from cdff_common.clock import monotonic_s
+from cdff_common.loops import Loops
 
 
 @dataclass(slots=True, eq=False)
@@ -99,9 +100,16 @@ class _Paused:
 
 
 class PausedCalls:
-    """Paused calls of one process, and the thread that continues those whose time is over."""
+    """Paused calls of one process, and the thread that continues those whose time is over.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    loops : Loops
+        Checks the thread, which starts with the first pause.
+    """
+
+    def __init__(self, loops: Loops) -> None:
+        self._loops = loops
         self._changed = threading.Condition()
         self._calls: list[tuple[float, int, _Paused]] = []
         self._numbers = itertools.count()
@@ -114,8 +122,7 @@ class PausedCalls:
         if pause.timeout_s > 0.0:
             with self._changed:
                 if self._thread is None and not self._is_closed:
-                    self._thread = threading.Thread(target=self._run, name="paused calls", daemon=True)
-                    self._thread.start()
+                    self._start()
                 entry = (monotonic_s() + pause.timeout_s, next(self._numbers), paused)
                 heapq.heappush(self._calls, entry)
                 if self._calls[0] is entry:
@@ -130,13 +137,19 @@ class PausedCalls:
             self._is_closed = True
             self._changed.notify()
 
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                while not self._is_closed and (not self._calls or self._calls[0][0] > monotonic_s()):
-                    wait_s = self._calls[0][0] - monotonic_s() if self._calls else None
-                    self._changed.wait(wait_s)
-                if self._is_closed:
-                    return
-                paused = heapq.heappop(self._calls)[2]
-            paused()
+    def _start(self) -> None:
+        loop = self._loops.add("paused calls")
+
+        def run() -> None:
+            loop.run(self._next, lambda paused: paused())
+
+        self._thread = threading.Thread(target=run, name=loop.name, daemon=True)
+        self._thread.start()
+
+    def _next(self) -> _Paused | None:
+        """Return the next call whose time is over; None when closed."""
+        with self._changed:
+            while not self._is_closed and (not self._calls or self._calls[0][0] > monotonic_s()):
+                wait_s = self._calls[0][0] - monotonic_s() if self._calls else None
+                self._changed.wait(wait_s)
+            return None if self._is_closed else heapq.heappop(self._calls)[2]

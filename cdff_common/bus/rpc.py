@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from typing import TypedDict
 
 import zenoh
@@ -35,7 +35,7 @@ from cdff_common.bus.message import (
 from cdff_common.bus.pause import Pause, PausedCalls
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, OverloadedError, UnavailableError
-from cdff_common.loops import ParallelWork
+from cdff_common.loops import Loops, ParallelWork
 
 logger = logging.getLogger(__name__)
 
@@ -69,8 +69,8 @@ class CallResources:
         Answers calls that are refused: the threads of Zenoh, in which calls arrive, must not send.
     """
 
-    def __init__(self) -> None:
-        self.inbox, self.paused = Inbox(), PausedCalls()
+    def __init__(self, loops: Loops) -> None:
+        self.inbox, self.paused = Inbox(), PausedCalls(loops)
         self.refusals = ThreadPoolExecutor(1, thread_name_prefix="refusals")
 
     def refuse(self, query: zenoh.Query, error: BaseException) -> None:
@@ -80,8 +80,10 @@ class CallResources:
             with query:
                 refuse(query, error)
 
-        with suppress(RuntimeError):  # the bus is closed
+        try:
             self.refusals.submit(send)
+        except RuntimeError as failure:  # the bus is closed, or the process has too many threads
+            logger.warning("a call is not answered with %r: %s", str(error), failure)
 
     def close(self) -> None:
         """End the threads."""
@@ -182,8 +184,13 @@ class CallServer:
             self._resources.paused.add(pause, lambda: self._proceed(query, replies))
 
     def _proceed(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> None:
-        with suppress(RuntimeError):  # the pool is shut down: ``finish`` has ended the query
+        size = _payload_bytes(query)
+        try:
             self._pool.submit(self._advance, query, replies)
+        except RuntimeError as failure:  # the pool is shut down, or the process has too many threads
+            self._end(query, UnavailableError(f"{self._key} cannot be continued: {failure}"))
+            self._resources.inbox.release(size)
+            self._slots.release()
 
     def _send(self, query: zenoh.Query, replies: Iterator[Reply | Pause]) -> Pause | None:
         """Send replies; return the next pause, or end the query and return None."""

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import OverloadedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
@@ -157,9 +158,10 @@ class PooledBlocks:
         """Lock the blocks of ascending keys, so that no two windows wait for each other."""
         with self._lock:
             blocks = [self._block(key) for key in keys]
+        deadline_s = monotonic_s() + _WAIT_S
         with ExitStack() as stack:
             for block in blocks:
-                if not block.lock.acquire(timeout=_WAIT_S):
+                if not block.lock.acquire(timeout=max(deadline_s - monotonic_s(), 0.0)):
                     raise OverloadedError(
                         f"other windows have pooled the same maps for {_WAIT_S:g} s; try again", _WAIT_S
                     )

@@ -12,6 +12,7 @@ import pytest
 from cdff_common.bus import Pause, Reply, Signal, without_pauses
 from cdff_common.bus.pause import PausedCalls
 from cdff_common.clock import monotonic_s
+from cdff_common.loops import Loops
 
 LONG_S = 60.0
 
@@ -29,7 +30,7 @@ class Continued:
 
 @pytest.fixture
 def calls() -> Iterator[PausedCalls]:
-    paused = PausedCalls()
+    paused = PausedCalls(Loops())
     yield paused
     paused.close()
 
@@ -97,6 +98,20 @@ def test_a_closed_list_continues_calls_only_by_their_signals(calls: PausedCalls)
     calls.add(Pause(Signal(), 0.01), Continued())
     signal.set()
     assert continued.count == 1
+
+
+def test_a_call_that_cannot_be_continued_does_not_end_the_thread() -> None:
+    loops, continued = Loops(), Continued()
+    calls = PausedCalls(loops)
+
+    def fail() -> None:
+        raise OSError("no thread")
+
+    calls.add(Pause(Signal(), 0.01), fail)
+    calls.add(Pause(Signal(), 0.05), continued)
+    assert continued.event.wait(10.0)
+    assert loops.describe()["paused calls"]["errors"] == 1
+    calls.close()
 
 
 def test_replies_without_pauses_wait_in_the_calling_thread() -> None:
