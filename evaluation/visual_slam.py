@@ -147,7 +147,7 @@ def _corridor(data: Path) -> dict[str, Any]:
 
 
 def _speed(data: Path) -> dict[str, Any]:
-    """Return CPU seconds per pair of 752 x 480 pixels: a drive of 60 pairs, 0.15 m apart."""
+    """Return the CPU time for a stereo pair of a drive: 60 pairs of 752 x 480 pixels, one every 0.15 m."""
     world, run, dfpc = Corridor(seed=1, magnification=2), _Run(), _new({})
     for i, T in enumerate(islice(drive(1.0, 0.5 * _STEP_M), 60)):
         _add(run, dfpc, [Sample("pair", (i + 1) * _FRAME_NS, i, world.pair(T))])

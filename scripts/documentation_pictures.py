@@ -54,7 +54,7 @@ def slam(folder: Path) -> list[str]:
 
 
 def stereo(folder: Path) -> list[str]:
-    """Compute the elevation map of some stereo pairs of KITTI."""
+    """Make an elevation map of the first stereo pairs of KITTI, and return the arguments of the viewer."""
     source, pairs = _data("kitti_stereo/KITTI_sequence_1"), folder / "kitti"
     for side in ("image_l_kitti", "image_r_kitti"):
         (pairs / side).mkdir(parents=True)

@@ -60,6 +60,21 @@ class KeyframeGraph(Generic[K]):
         return len(self.keyframes)
 
     @property
+    def linked(self) -> set[int]:
+        """Keyframes connected with the root, whose poses in the map frame are known."""
+        return self.component(self.root)
+
+    @property
+    def first_ns(self) -> int:
+        """Stamp of the oldest keyframe."""
+        return min(keyframe.stamp_ns for keyframe in self.keyframes.values())
+
+    @property
+    def last_ns(self) -> int:
+        """Stamp of the newest keyframe."""
+        return max(keyframe.stamp_ns for keyframe in self.keyframes.values())
+
+    @property
     def loop_count(self) -> int:
         """Number of loop closures in the graph."""
         return sum(1 for _ in self.loop_closures())
@@ -155,7 +170,7 @@ class KeyframeGraph(Generic[K]):
     def to_graph(
         self, keys: Iterable[int] | None = None, *, frame: str = "map", producer: str = ""
     ) -> PoseGraph:
-        """Return the given keyframes (default: all) and the edges between them, with the root fixed."""
+        """Return a graph of some keyframes (default: all) and of the edges between them; the root is fixed."""
         keys = sorted(self.keyframes if keys is None else keys)
         inside = set(keys)
         edges = {e: T for e, T in self.edges.items() if e[0] in inside}

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from typing import Any, Protocol
 
@@ -24,29 +25,22 @@ class Mapper(Protocol):
     def keyframes(self) -> KeyframeGraph[Any]:
         """Keyframes and pose graph."""
 
-    @property
-    def linked(self) -> set[int]:
-        """Keyframes connected with the root."""
 
-    @property
-    def first_ns(self) -> int:
-        """Stamp of the oldest keyframe."""
-
-    @property
-    def newest_ns(self) -> int:
-        """Stamp of the newest keyframe or pose."""
-
-
-class GraphProducts:
+class GraphProducts(ABC):
     """Builds the products of trajectory and graph in the map frame."""
 
     def __init__(self, producer: str, map_frame: str, mapper: Mapper) -> None:
         self._producer, self._map_frame, self._graph_of = producer, map_frame, mapper
 
+    @property
+    def newest_ns(self) -> int:
+        """Stamp of the newest keyframe, or of the newest pose if that is later."""
+        return max(self._graph_of.keyframes.last_ns, self._graph_of.trajectory.last_ns)
+
     def graph(self) -> PoseGraph:
         """Return the pose graph of the linked keyframes; the poses of others in the map are unknown."""
         keyframes = self._graph_of.keyframes
-        return keyframes.to_graph(self._graph_of.linked, frame=self._map_frame, producer=self._producer)
+        return keyframes.to_graph(keyframes.linked, frame=self._map_frame, producer=self._producer)
 
     def trajectory(self, t0_ns: int, t1_ns: int) -> PoseTrajectory:
         """Return ``T_map_sensor`` between two times; raises ProductNotFoundError without a pose there."""
@@ -70,26 +64,25 @@ class GraphProducts:
 
     def reports(self, stamp_ns: int | None = None) -> Iterator[Output]:
         """Yield the current trajectory and graph."""
-        mapper, quality, frame = self._graph_of, self.map_quality(), self._map_frame
-        stamp_ns = mapper.newest_ns if stamp_ns is None else stamp_ns
-        span = (mapper.first_ns, stamp_ns)
+        quality, frame = self.map_quality(), self._map_frame
+        span = (self._graph_of.keyframes.first_ns, self.newest_ns if stamp_ns is None else stamp_ns)
         if (trajectory := self.stored_trajectory()) is not None:
             yield Output("trajectory", trajectory, *span, frame, self.sensor_frame, quality, self.inputs)
         yield Output("graph", self.graph(), *span, frame, None, quality, self.inputs)
 
     @property
+    @abstractmethod
     def sensor_frame(self) -> str:
         """Frame of the sensor."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def inputs(self) -> tuple[str, ...]:
         """Ids of the newest inputs."""
-        raise NotImplementedError
 
+    @abstractmethod
     def map_quality(self) -> Quality:
         """Return the quality of the map."""
-        raise NotImplementedError
 
     def require_map(self) -> None:
         """Raise ProductNotFoundError without a keyframe."""

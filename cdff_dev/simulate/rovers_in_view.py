@@ -90,7 +90,10 @@ class RoverView:
     def radiance(
         self, T_site_camera: FloatArray, robot: str, t_s: float
     ) -> tuple[Float32Array, dict[str, Silhouette]]:
-        """Return the radiance ``(rows, columns)`` of a camera, and the silhouettes of the other rovers."""
+        """Return an image of a camera and the silhouettes of the other rovers by name.
+
+        The image is the relative radiance ``(rows, columns)``; a sunlit plain has about 0.7.
+        """
         m = self._camera.model
         view = self._camera.view(T_site_camera, self._camera.rays)
         image = view.radiance.reshape(m.rows, m.columns).copy()

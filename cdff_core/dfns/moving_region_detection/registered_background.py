@@ -414,10 +414,10 @@ def _sharpness(mask: BoolArray, difference: Float32Array) -> float:
 
 
 def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Shape:
-    """Return the shape of a region in its window, whose first column and row are ``offset`` (2,).
+    """Return the shape of a region; ``offset`` (2,) is the first column and row of its window, pixels.
 
-    A pixel at the edge has the weight of its difference relative to that of its neighbours: the part of it
-    that the object covers.
+    The weight of a pixel of the edge is the part of it that the object covers: its difference divided by the
+    largest one of its neighbours.
     """
     strength = np.abs(difference)
     filled = _filled(mask)
@@ -428,7 +428,7 @@ def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Sh
     area = float(weight.sum())
     v, u = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]]
     centroid = np.array([float((weight * u).sum()), float((weight * v).sum())]) / area
-    # Each pixel of the edge is uncertain by a part of a pixel: 1/12 if it is in or out.
+    # The object covers an unknown part, from 0 to 1, of each pixel of the edge: its variance is 1/12.
     edge = filled & ~inner
     du, dv = u[edge] - centroid[0], v[edge] - centroid[1]
     moments = np.array([[float(du @ du), float(du @ dv)], [float(du @ dv), float(dv @ dv)]])

@@ -12,7 +12,7 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 
 
 class FarRangeTrackingConfig(DfpcConfig):
-    """Parameters of the compound, and those of the DFN slots."""
+    """Parameters of the compound and of its DFNs."""
 
     target_height_m: float | None = Field(
         None, gt=0.0, le=1e4, description="Height of the objects from their lowest to their highest point, m"

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Attitude and position of the camera at each image: given, or continued by the registration of images."""
+"""Attitude and position of the camera at each image.
+
+The attitude is given, or continued from the last one by the rotation between two registered images.
+"""
 
 from __future__ import annotations
 

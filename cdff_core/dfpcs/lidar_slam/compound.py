@@ -97,7 +97,7 @@ class LidarSlam(LidarSlamInterface):
         if self.keyframes.root in keys:
             return ()
         self._mapper.connect(keys)
-        return self._products.reports(max(sample.stamp_ns, self._mapper.newest_ns))
+        return self._products.reports(max(sample.stamp_ns, self._products.newest_ns))
 
     def finish(self) -> Iterable[Output]:
         """Complete the last keyframe; publish trajectory, graph and cloud of the whole map."""

@@ -59,19 +59,14 @@ class KeyframeMapper:
         self._new_points: list[Float] = []  # in the current keyframe, not yet merged into its cloud
 
     @property
-    def linked(self) -> set[int]:
-        """Keyframes connected with the root, whose poses in the map frame are known."""
-        return self.keyframes.component(self.keyframes.root)
-
-    @property
     def imported(self) -> set[int]:
         """Keyframes with a known pose that this run did not create."""
-        return self.linked - set(self._start_lengths_m)
+        return self.keyframes.linked - set(self._start_lengths_m)
 
     @property
     def T_map_lidar(self) -> UncertainTransform | None:
         """Pose of the lidar in the map; None without a connection with the root."""
-        if self.current is None or self.current not in self.linked:
+        if self.current is None or self.current not in self.keyframes.linked:
             return None
         return self.keyframes.pose(self.current) @ self.T_keyframe_lidar
 
@@ -80,17 +75,6 @@ class KeyframeMapper:
         """True if the lidar is farther from the current keyframe than ``keyframe_distance_m``."""
         distance_m = np.linalg.norm(self.T_keyframe_lidar.matrix[:3, 3])
         return float(distance_m) > self._config.keyframe_distance_m
-
-    @property
-    def first_ns(self) -> int:
-        """Stamp of the oldest keyframe."""
-        return min(keyframe.stamp_ns for keyframe in self.keyframes.keyframes.values())
-
-    @property
-    def newest_ns(self) -> int:
-        """Stamp of the newest keyframe or pose."""
-        newest_ns = max(keyframe.stamp_ns for keyframe in self.keyframes.keyframes.values())
-        return max(newest_ns, self.trajectory.last_ns)
 
     def add_sweep(self, stamp_ns: int, tracking: TrackingResult) -> int:
         """Add a sweep to the current keyframe, which the first sweep starts; return the keyframe's id."""
@@ -149,7 +133,7 @@ class KeyframeMapper:
             return False
         for loop in loops:
             self.keyframes.add_loop(loop.old, loop.new, loop.T)
-        if key in self.linked:
+        if key in self.keyframes.linked:
             self.keyframes.optimise(self._optimiser)
         nearest = min(loops, key=lambda loop: loop.distance_m)
         is_accepted = any({nearest.old, nearest.new} == set(e[:2]) for e in self.keyframes.edges)
@@ -179,7 +163,7 @@ class KeyframeMapper:
         """Search for loops of imported keyframes until one connects them with the root."""
         for key in keys:
             self.close_loops(key, excluded=keys)
-            if key in self.linked:
+            if key in self.keyframes.linked:
                 return
 
     def cloud(self, voxel_m: float) -> Float:
@@ -189,7 +173,7 @@ class KeyframeMapper:
                 self.keyframes.poses[key],
                 self._current_points() if key == self.current else self.keyframes.keyframes[key].points_m,
             )
-            for key in sorted(self.linked)
+            for key in sorted(self.keyframes.linked)
         ]
         edge_m = voxel_m if voxel_m > 0.0 else None
         inputs = PointCloudDownsamplingInputs(points=np.concatenate(clouds), edge_m=edge_m)
@@ -203,7 +187,7 @@ class KeyframeMapper:
         return np.concatenate(
             [
                 se3.transform_points(self.keyframes.poses[key], self.keyframes.keyframes[key].points_m)
-                for key in self.linked - {self.current}
+                for key in self.keyframes.linked - {self.current}
                 if self.keyframes.distance_m(key, position_m) < radius_m
             ]
         )

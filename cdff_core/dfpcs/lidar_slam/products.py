@@ -81,14 +81,20 @@ class ProductBuilder(GraphProducts):
         """Return the whole map as an output."""
         cloud = self.cloud(0.0)
         return Output(
-            "cloud", cloud, self._mapper.first_ns, cloud.stamp_ns, self._map_frame, None, self.map_quality()
+            "cloud",
+            cloud,
+            self._mapper.keyframes.first_ns,
+            cloud.stamp_ns,
+            self._map_frame,
+            None,
+            self.map_quality(),
         )
 
     def cloud(self, voxel_m: float) -> Pointcloud:
         """Return the whole map as a cloud; raises ProductNotFoundError without a map."""
         self.require_map()
         points_m = self._mapper.cloud(voxel_m)
-        return Pointcloud.from_points(points_m, frame=self._map_frame, stamp_ns=self._mapper.newest_ns)
+        return Pointcloud.from_points(points_m, frame=self._map_frame, stamp_ns=self.newest_ns)
 
     def lidar_map(self) -> LidarMap:
         """Return all keyframes and the position of the lidar; raises ProductNotFoundError without a map."""
@@ -104,7 +110,7 @@ class ProductBuilder(GraphProducts):
     def map_quality(self) -> Quality:
         """Return the quality of the map: degraded sweeps and keyframes that are not linked."""
         keyframes = self._mapper.keyframes
-        unlinked = len(keyframes) - len(self._mapper.linked)
+        unlinked = len(keyframes) - len(self._mapper.keyframes.linked)
         reasons = [f"degraded_sweeps:{self._degraded_sweeps}"] if self._degraded_sweeps else []
         reasons += [f"keyframes_not_linked:{unlinked}"] if unlinked else []
         metrics = {

@@ -56,7 +56,7 @@ class Relocaliser:
         self._sweeps += 1
         if not is_power_of_two(self._sweeps):
             return False
-        is_linked = mapper.current in mapper.linked
+        is_linked = mapper.current in mapper.keyframes.linked
         candidates = self._nearest_keyframes(mapper, is_linked=is_linked)
         mapper.update_cloud(describe=False)
         loops = mapper.closer.relocalise(mapper.keyframes, mapper.current, candidates)

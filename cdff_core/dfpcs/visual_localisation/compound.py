@@ -133,7 +133,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         focal_px: float,
         metrics: dict[str, float],
     ) -> list[str]:
-        """Return the reason if the matches contradict the stated focal length."""
+        """Return a reason if the matches contradict the stated focal length, else nothing."""
         cfg = self.config
         ratio = fit_focal_ratio(
             fit.T_camera_map,

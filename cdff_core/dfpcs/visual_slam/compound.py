@@ -79,7 +79,7 @@ class VisualSlam(VisualSlamInterface):
         if self.keyframes.root in keys:
             return ()
         self._mapper.connect(keys)
-        return self._products.reports(max(sample.stamp_ns, self._mapper.newest_ns))
+        return self._products.reports(max(sample.stamp_ns, self._products.newest_ns))
 
     def finish(self) -> Iterable[Output]:
         """Adjust the whole map; publish trajectory, graph, cloud and map."""

@@ -106,27 +106,11 @@ class KeyframeMapper:
         self._last_ns = 0
 
     @property
-    def linked(self) -> set[int]:
-        """Keyframes connected with the root, whose poses in the map frame are known."""
-        return self.keyframes.component(self.keyframes.root)
-
-    @property
     def T_map_camera(self) -> UncertainTransform | None:
         """Pose of the camera in the map; None without a connection with the root."""
-        if self.current is None or self.current not in self.linked:
+        if self.current is None or self.current not in self.keyframes.linked:
             return None
         return self.keyframes.pose(self.current) @ self.T_keyframe_camera
-
-    @property
-    def first_ns(self) -> int:
-        """Stamp of the oldest keyframe."""
-        return min(keyframe.stamp_ns for keyframe in self.keyframes.keyframes.values())
-
-    @property
-    def newest_ns(self) -> int:
-        """Stamp of the newest keyframe or pose."""
-        newest_ns = max(keyframe.stamp_ns for keyframe in self.keyframes.keyframes.values())
-        return max(newest_ns, self.trajectory.last_ns)
 
     def add_view(self, view: CameraView) -> Tracking:
         """Locate an image; make a keyframe of it and close its loops if it shows enough that is new."""
@@ -155,19 +139,19 @@ class KeyframeMapper:
         """Search loops of keyframes outside the root's part; return whether one connected them."""
         is_connected = False
         for key in keys:
-            if key in self.keyframes.keyframes and key not in self.linked:
+            if key in self.keyframes.keyframes and key not in self.keyframes.linked:
                 is_connected |= self._close_loops(key)
         return is_connected
 
     def finish(self) -> None:
         """Connect the parts of the map as far as possible, and adjust all keyframes of the root's part."""
-        self.connect(sorted(set(self.keyframes.keyframes) - self.linked))
+        self.connect(sorted(set(self.keyframes.keyframes) - self.keyframes.linked))
         root = self.keyframes.root
-        linked = self.linked
+        linked = self.keyframes.linked
         if root is None or len(linked) < 2:
             return
         self.keyframes.optimise(self._optimiser)
-        linked = self.linked
+        linked = self.keyframes.linked
         if len(linked) <= self._config.max_adjusted:
             free = sorted(linked - {root})
             adjust(self.keyframes, free, [root], self._adjust_map, self._config.poses.sigma_px)
@@ -175,7 +159,7 @@ class KeyframeMapper:
     def points_m(self, max_sigma_ratio: float) -> FloatArray:
         """Return the points (n, 3) of the linked keyframes whose depth is known to a ratio of it."""
         clouds = [np.zeros((0, 3))]
-        for key in sorted(self.linked):
+        for key in sorted(self.keyframes.linked):
             points = self.keyframes.keyframes[key].points
             is_certain = points.depth_sigmas_m < max_sigma_ratio * points.positions_m[:, 2]
             clouds.append(se3.transform_points(self.keyframes.poses[key], points.positions_m[is_certain]))
@@ -191,7 +175,7 @@ class KeyframeMapper:
         return self._tracker.locate(view, self.current, keyframe, se3.normalise_transform(T))
 
     def _locate(self, view: CameraView, tracked: LocatedView | None) -> LocatedView:
-        """Return the pose relative to the current keyframe, or else to a similar one."""
+        """Return the pose of the camera relative to the current keyframe; if that fails, to a similar one."""
         reasons: list[str] = []
         if self.current is not None:
             keys = [self.current, *self.keyframes.neighbours(self.current, _NEIGHBOURS)]
@@ -322,7 +306,7 @@ class KeyframeMapper:
         is_changed = False
         for loop in self.loops.of_keyframe(self.keyframes, key):
             is_changed |= self._add_loop(loop)
-        if is_changed and key in self.linked:
+        if is_changed and key in self.keyframes.linked:
             self.keyframes.optimise(self._optimiser)
         older = self._older_copy(key)
         if older is not None:

@@ -85,7 +85,9 @@ class ProductBuilder(GraphProducts):
         yield from self.reports()
         mapper, quality = self._mapper, self.map_quality()
         for port, value in (("cloud", self.cloud()), ("map", self.visual_map())):
-            yield Output(port, value, mapper.first_ns, mapper.newest_ns, self._map_frame, None, quality)
+            yield Output(
+                port, value, mapper.keyframes.first_ns, self.newest_ns, self._map_frame, None, quality
+            )
 
     def cloud(self) -> Pointcloud:
         """Return the points of the map; raises ProductNotFoundError without a map."""
@@ -93,20 +95,23 @@ class ProductBuilder(GraphProducts):
         points_m = self._mapper.points_m(_MAX_SIGMA_RATIO)
         step = -(-len(points_m) // _MAX_CLOUD) or 1
         return Pointcloud.from_points(
-            np.ascontiguousarray(points_m[::step]), frame=self._map_frame, stamp_ns=self._mapper.newest_ns
+            np.ascontiguousarray(points_m[::step]), frame=self._map_frame, stamp_ns=self.newest_ns
         )
 
     def visual_map(self) -> VisualMap:
         """Return the keyframes connected with the first one; raises ProductNotFoundError without a map."""
         self.require_map()
         return self._mapper.keyframes.to_message(
-            self._mapper.linked, frame=self._map_frame, sensor=self._camera_frame, producer=self._producer
+            self._mapper.keyframes.linked,
+            frame=self._map_frame,
+            sensor=self._camera_frame,
+            producer=self._producer,
         )
 
     def map_quality(self) -> Quality:
         """Return the quality of the map: lost images and keyframes that are not linked."""
         keyframes = self._mapper.keyframes
-        unlinked = len(keyframes) - len(self._mapper.linked)
+        unlinked = len(keyframes) - len(self._mapper.keyframes.linked)
         reasons = [f"lost_images:{self._lost_images}"] if self._lost_images else []
         reasons += [f"keyframes_not_linked:{unlinked}"] if unlinked else []
         metrics = {
