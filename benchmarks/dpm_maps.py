@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Measure maps of a store: windows of 1000 x 1000 and 400 x 400 cells from 200 patches, and rendered tiles.
 
-    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--auxiliary] [--out FILE]
+    python benchmarks/dpm_maps.py [--patches 200] [--side 128] [--trials 7] [--auxiliary] [--no-blocks]
+        [--out FILE]
 
 The patches (``--side`` cells of 5 cm along an edge, every cell observed) have random positions in the window;
 with ``--auxiliary`` they have the auxiliary layers of ``digital_elevation_mapping`` too. For ``cold`` the
@@ -34,6 +35,7 @@ from cdff_common.raster import ELEVATION_LAYERS, GridGeometry
 from cdff_common.raster.tiles import Tile, level_of, tiles_over
 from cdff_common.types import ElevationMap
 from dpm_store import NewProduct, Store, open_store
+from dpm_store.maps import pooled_blocks
 from dpm_store.maps.windows import WindowQuery
 from services.dpm.rendering.tiles import TileRequest, Tiles
 
@@ -216,9 +218,12 @@ def main() -> int:
     parser.add_argument("--patches", type=int, default=200)
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--trials", type=int, default=7)
+    parser.add_argument("--no-blocks", action="store_true", help="assemble every window from its patches")
     parser.add_argument("--auxiliary", action="store_true", help="patches with auxiliary layers")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
+    if args.no_blocks:
+        pooled_blocks.WINDOW_BYTES = 0
     with tempfile.TemporaryDirectory() as folder:
         url = f"sqlite:///{folder}/data"
         fill_store(url, args.patches, args.side, args.auxiliary)
