@@ -185,3 +185,15 @@ def test_windows_at_once_have_every_patch_once(
         if number % 4 < 3:  # at the edge of a circle, blocks have more neighbouring cells than its patches
             assert_equal(windows[number], without_blocks(store, queries[number % 4], monkeypatch))
     assert len({windows[n].header.id for n in range(8)}) == 4
+
+
+def test_a_window_waits_for_the_blocks_of_another_a_limited_time(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_patches(store, rng, 1, 3)
+    expected = store.maps.elevation_window(WindowQuery(REGION))
+    monkeypatch.setattr(pooled_blocks, "_WAIT_S", 0.05)
+    block = next(iter(store.maps._blocks._blocks.values()))
+    with block.lock, pytest.raises(OverloadedError, match="have pooled the same maps"):
+        store.maps.elevation_window(WindowQuery(REGION))
+    assert_equal(store.maps.elevation_window(WindowQuery(REGION)), expected)
