@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 #: Edge of a block, cells.
 EDGE_CELLS = 128
 #: Size of all blocks in memory, and of the blocks of one window, bytes.
-CACHE_BYTES, WINDOW_BYTES = 64 << 20, 48 << 20
+CACHE_BYTES, WINDOW_BYTES = 48 << 20, 40 << 20
 #: Windows with more patches than this are not pooled in blocks, which have more patches than the window.
 MAX_PATCHES = 4_000
 #: Bytes of a cell: height statistics, their auxiliary layers, and the same again if the newest are kept.

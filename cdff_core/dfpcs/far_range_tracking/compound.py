@@ -147,7 +147,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         registration, reasons = self._registered(image, given, camera)
         observer = self._observed(given, registration, camera, camera_frame)
         regions, refused = self._regions(image, registration)
-        reasons += refused
+        reasons = (*reasons, *refused, *self._observers.reasons)
         scene = Scene(
             sample.stamp_ns,
             image,

@@ -83,6 +83,11 @@ class ObserverTrack:
     ----------
     frames : FrameGraph
         Mounts of the sensors, and the place of the site.
+
+    Attributes
+    ----------
+    reasons : tuple of str
+        Inputs that the last call of ``at`` could not use.
     """
 
     def __init__(self, config: FarRangeTrackingConfig, frames: FrameGraph) -> None:
@@ -91,6 +96,7 @@ class ObserverTrack:
         self._pose_names: tuple[str, str] | None = None
         self._attitude: Sample | None = None
         self._pose_id = ""
+        self.reasons: tuple[str, ...] = ()
 
     def give_attitude(self, sample: Sample) -> None:
         """Store an attitude for the image of its time."""
@@ -110,6 +116,7 @@ class ObserverTrack:
 
     def at(self, stamp_ns: int, camera_frame: str) -> Observer | None:
         """Return the camera by pose or attitude; None without both at this time."""
+        self.reasons = ()
         return self._by_pose(stamp_ns, camera_frame) or self._by_attitude(stamp_ns, camera_frame)
 
     def _by_pose(self, stamp_ns: int, camera_frame: str) -> Observer | None:
@@ -121,6 +128,7 @@ class ObserverTrack:
             if child != camera_frame:
                 pose = pose @ self._frames.lookup(child, camera_frame, stamp_ns)
         except FrameNotFoundError:
+            self.reasons += ("mount_of_pose_unknown",)
             return None
         if frame != "site":
             with suppress(FrameNotFoundError):
@@ -138,6 +146,7 @@ class ObserverTrack:
             if child != camera_frame:
                 pose = pose @ self._frames.lookup(child, camera_frame, stamp_ns)
         except FrameNotFoundError:
+            self.reasons += ("mount_of_attitude_unknown",)
             return None
         return self._observer(pose, frame, has_position=False, inputs=(given.id,))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.arrays import FloatArray
-from cdff_common.errors import CdffError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.stereo_motion_estimation.interface import (
@@ -94,7 +94,7 @@ class StereoCalibration:
                     calibration_covariance=self._estimate.covariance_px2,
                 )
             )
-        except CdffError:
+        except RefusedError:  # the matches do not determine the motion: the one of the locator remains
             return None
         if int(refined.inliers.sum()) < _MIN_INLIERS:
             return None

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +44,14 @@ def tracks(outputs: list[Output]) -> list[Output]:
     return [o for o in outputs if o.port == "track"]
 
 
-def pose(k: int, T: np.ndarray, parent: str = "site", sigma_m: float = 0.01) -> Sample:
+def pose(
+    k: int, T: np.ndarray, parent: str = "site", sigma_m: float = 0.01, child: str = "robot/camera"
+) -> Sample:
     covariance = np.diag([sigma_m**2] * 3 + [1e-8] * 3)
     value = TransformWithCovariance.from_transform(
-        UncertainTransform(T, covariance), parent=parent, child="robot/camera", stamp_ns=T0_NS + k * PERIOD_NS
+        UncertainTransform(T, covariance), parent=parent, child=child, stamp_ns=T0_NS + k * PERIOD_NS
     )
-    return Sample("pose", T0_NS + k * PERIOD_NS, k, value, id=f"t{k}", frame=parent, child="robot/camera")
+    return Sample("pose", T0_NS + k * PERIOD_NS, k, value, id=f"t{k}", frame=parent, child=child)
 
 
 def run(dfpc, scene: DistantScene, count: int, first: int = 0) -> list[list[Output]]:
@@ -203,6 +206,18 @@ def test_without_the_pose_the_registration_continues_the_attitude_and_there_is_n
     azimuth, elevation = output.value.data.bearings[0, :2]
     assert azimuth == pytest.approx(np.arctan2(u[1], u[0]) % (2.0 * np.pi), abs=3e-3)
     assert elevation == pytest.approx(np.arcsin(u[2]), abs=3e-3)
+
+
+def test_a_pose_and_an_attitude_of_frames_without_a_known_mount_are_named() -> None:
+    scene, dfpc = DistantScene([Body((60.0, 95.0), (2.0, 0.0))]), compound()
+    for k in range(20):
+        unplaced = pose(k, se3.transform(OPTICAL, [5.0, 3.0, 2.0]), child="robot/mast")
+        dfpc.step(unplaced)
+        dfpc.step(replace(unplaced, port="attitude"))
+        outputs = list(dfpc.step(scene.sample(k)))
+    (output,) = tracks(outputs)
+    assert (output.frame, output.quality.status) == ("robot/camera", Status.DEGRADED)
+    assert {"mount_of_pose_unknown", "mount_of_attitude_unknown"} <= set(output.quality.reasons)
 
 
 def test_the_height_of_a_model_is_used_and_a_flat_one_is_refused() -> None:
