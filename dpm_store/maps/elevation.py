@@ -55,6 +55,10 @@ class Maps:
         self._blocks = PooledBlocks(patches)
         self.navigation = NavigationMaps(patches.of("navigation_map", "NavigationMap"))
 
+    def drop_idle_blocks(self) -> bool:
+        """Drop pooled cells that no window has used for some seconds; return whether there were any."""
+        return self._blocks.drop_idle()
+
     def plan(self, query: WindowQuery) -> WindowPlan:
         """Return the patches and cells of an elevation window; raises like ``windows.plan_window``."""
         return plan_window(self.patches, query)

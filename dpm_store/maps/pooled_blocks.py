@@ -40,6 +40,8 @@ CACHE_BYTES, WINDOW_BYTES = 48 << 20, 40 << 20
 MAX_PATCHES = 4_000
 #: Bytes of a cell: height statistics, their auxiliary layers, and the same again if the newest are kept.
 _CELL_BYTES, _NEWEST_CELL_BYTES = 96, 88
+#: Blocks that no window has used for longer than this are dropped, seconds.
+IDLE_S = 8.0
 #: Longest wait of a window for others that pool the same blocks, seconds.
 _WAIT_S = 8.0
 
@@ -86,13 +88,14 @@ class PooledPatch:
 
 @dataclass(slots=True, eq=False)
 class Block:
-    """Pooled cells, their patches by id, and ``T_window_frame`` of the frames of these."""
+    """Pooled cells, their patches by id, ``T_window_frame`` of the frames of these, and the time of last use."""
 
     key: BlockKey
     mosaic: Mosaic
     patches: dict[str, PooledPatch] = field(default_factory=dict)
     transforms: dict[str, UncertainTransform] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
+    used_s: float = 0.0
 
     @classmethod
     def empty(cls, key: BlockKey) -> Block:
@@ -115,7 +118,10 @@ class Block:
 
 
 class PooledBlocks:
-    """Blocks of pooled cells in memory; beyond ``CACHE_BYTES`` the least recently used are dropped."""
+    """Blocks of pooled cells in memory.
+
+    Beyond ``CACHE_BYTES`` the least recently used are dropped, and by ``drop_idle`` those that are not used.
+    """
 
     def __init__(self, patches: Patches) -> None:
         self._patches = patches
@@ -153,6 +159,14 @@ class PooledBlocks:
             usage = self._update(blocks, found)
             return self._assemble(query, geometry, blocks, usage, selection, found)
 
+    def drop_idle(self) -> bool:
+        """Drop the blocks that were not used for ``IDLE_S``; return whether there were any."""
+        with self._lock:
+            before, limit_s = len(self._blocks), monotonic_s() - IDLE_S
+            while self._blocks and next(iter(self._blocks.values())).used_s < limit_s:
+                self._drop_oldest()
+            return len(self._blocks) < before
+
     @contextmanager
     def _locked(self, keys: Sequence[BlockKey]) -> Iterator[list[Block]]:
         """Lock the blocks of ascending keys, so that no two windows wait for each other."""
@@ -173,11 +187,16 @@ class PooledBlocks:
         if block is None:
             block = self._blocks[key] = Block.empty(key)
             self._bytes += key.nbytes
+        block.used_s = monotonic_s()
         self._blocks.move_to_end(key)
         while self._bytes > CACHE_BYTES:
-            dropped, _ = self._blocks.popitem(last=False)
-            self._bytes -= dropped.nbytes
+            self._drop_oldest()
         return block
+
+    def _drop_oldest(self) -> None:
+        """Drop the block whose last use is longest ago; the lock is held."""
+        key, _ = self._blocks.popitem(last=False)
+        self._bytes -= key.nbytes
 
     def _update(self, blocks: Sequence[Block], found: PatchSelection) -> PatchUsage:
         """Add the missing patches to blocks; return the frames and patches that cannot be pooled."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import ssl
 import threading
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -81,14 +82,13 @@ def test_no_product_is_lost_when_an_identity_is_revoked_and_refusals_are_audited
     writer.join(60)
     stop.set()
     assert len(stored) == 60
-    found = mission.bus("alice").call(keys.dpm_rpc("ground", "search"), {"type": "pose", "limit": 100}).body()
+    found = _ask(mission, "search", {"type": "pose", "limit": 100})
     assert {item["id"] for item in found["items"]} == stored
 
     mission.bus("mana").publish(keys.product("minnie", "audit", "out"), b"forged")
 
     def is_audited() -> bool:
-        history = mission.bus("alice").call(keys.dpm_rpc("ground", "history"), {"kind": "refused"}).body()
-        return "minnie/product/audit" in json.dumps(history)
+        return "minnie/product/audit" in json.dumps(_ask(mission, "history", {"kind": "refused"}))
 
     wait_until(is_audited, 10, "the refusal in the history of the DPM")
 
@@ -106,6 +106,15 @@ def test_http_has_the_same_identities_and_roles(mission: Mission, store: str) ->
     assert _get(products, _client_context(mission, "dave"))[0] == 401
     with pytest.raises(OSError, match=r"HTTP|closed|reset|Remote end|BadStatusLine|status line"):
         urllib.request.urlopen(products.replace("https", "http"), timeout=5)
+
+
+def _ask(mission: Mission, operation: str, parameters: dict[str, object]) -> dict[str, Any]:
+    """Return the answer of the DPM; the call is repeated while the router restarts after a revocation."""
+    for _ in range(20):
+        with suppress(UnavailableError):
+            return dict(mission.bus("alice").call(keys.dpm_rpc("ground", operation), parameters).body())
+        time.sleep(0.5)
+    raise AssertionError(f"the DPM does not answer {operation}")
 
 
 def _client_context(mission: Mission, name: str | None) -> ssl.SSLContext:

@@ -84,6 +84,6 @@ class ConditionMonitor:
             self._dpm.alarm_board.drop_old_acknowledgements()
             for task in self._tasks:
                 task()
-            self._dpm.budget.return_freed_memory()
+            self._dpm.budget.return_freed_memory(is_freed=self._dpm.store.maps.drop_idle_blocks())
         except (CdffError, OSError) as error:
             logger.warning("conditions not checked: %s", error)

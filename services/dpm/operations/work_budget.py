@@ -105,11 +105,11 @@ class WorkBudget:
         if charge is not None:
             self._reduce(charge, nbytes)
 
-    def return_freed_memory(self) -> None:
-        """Return freed memory to the system if requests have used memory since the last call."""
+    def return_freed_memory(self, *, is_freed: bool = False) -> None:
+        """Return freed memory to the system if requests have used memory since the last call, or ``is_freed``."""
         with self._changed:
             was_used, self._was_used = self._was_used, False
-        if was_used:
+        if was_used or is_freed:
             release_memory()
 
     def _is_next(self, needed: int, is_insertion: bool, ticket: object | None = None) -> bool:

@@ -165,6 +165,27 @@ def test_dropped_blocks_are_pooled_again(
     assert_equal(windows[1], windows[0])
 
 
+def test_idle_blocks_are_dropped(
+    store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, read_counts: list[int]
+) -> None:
+    now_s = [100.0]
+    monkeypatch.setattr(pooled_blocks, "monotonic_s", lambda: now_s[0])
+    put_patches(store, rng, 1, 6)
+    expected = store.maps.elevation_window(WindowQuery(REGION))
+    now_s[0] += pooled_blocks.IDLE_S - 1.0
+    near = WindowQuery(parse_region("bbox:0,0,1,1"))
+    store.maps.elevation_window(near)
+    now_s[0] += 2.0
+    store.maps.drop_idle_blocks()
+    store.maps.elevation_window(near)
+    assert sum(read_counts) == 6  # the blocks of the second window are kept
+    now_s[0] += pooled_blocks.IDLE_S + 1.0
+    assert store.maps.drop_idle_blocks()
+    assert not store.maps.drop_idle_blocks()
+    assert_equal(store.maps.elevation_window(WindowQuery(REGION)), expected)
+    assert sum(read_counts) == 12
+
+
 def test_windows_at_once_have_every_patch_once(
     store: Store, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
