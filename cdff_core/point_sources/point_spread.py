@@ -14,8 +14,8 @@ _SAMPLES = 3
 
 
 @njit(cache=True)
-def pixel_light(du: float, dv: float, inverse: FloatArray) -> FloatArray:
-    """Return the part of the light in a pixel and its derivatives ``(6,)``, without the normalisation.
+def pixel_light(du: float, dv: float, inverse: FloatArray, out: FloatArray) -> None:
+    """Set ``out`` (6,) to the part of the light in a pixel and its derivatives, without the normalisation.
 
     Derivatives by the position u, v, and the sums of u u, u v, v v weighted with the light, for those by
     the shape.
@@ -28,19 +28,21 @@ def pixel_light(du: float, dv: float, inverse: FloatArray) -> FloatArray:
         Inverse covariance of the light.
     """
     a, b, c = inverse[0, 0], inverse[0, 1], inverse[1, 1]
-    out = np.zeros(6)
+    light, by_u, by_v, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(_SAMPLES):
         x = du + (i + 0.5) / _SAMPLES - 0.5
         for j in range(_SAMPLES):
             y = dv + (j + 0.5) / _SAMPLES - 0.5
             g = np.exp(-0.5 * (a * x * x + 2.0 * b * x * y + c * y * y))
-            out[0] += g
-            out[1] += g * (a * x + b * y)
-            out[2] += g * (b * x + c * y)
-            out[3] += g * x * x
-            out[4] += g * x * y
-            out[5] += g * y * y
-    return out / (_SAMPLES * _SAMPLES)
+            light += g
+            by_u += g * (a * x + b * y)
+            by_v += g * (b * x + c * y)
+            uu += g * x * x
+            uv += g * x * y
+            vv += g * y * y
+    share = 1.0 / (_SAMPLES * _SAMPLES)
+    out[0], out[1], out[2] = share * light, share * by_u, share * by_v
+    out[3], out[4], out[5] = share * uu, share * uv, share * vv
 
 
 @njit(cache=True)
@@ -54,6 +56,34 @@ def axis_light(first: int, count: int, centre: float, variance: float, out: Floa
             light += g
             slope += g * x / variance
         out[i, 0], out[i, 1] = light / _SAMPLES, slope / _SAMPLES
+
+
+@njit(cache=True)
+def _solve(A: FloatArray, g: FloatArray, damping: float, factor: FloatArray, x: FloatArray) -> None:
+    """Set ``x`` (n,) to the solution of the damped normal equations, by Cholesky's factorisation.
+
+    The diagonal of ``A`` (n, n) is multiplied with one plus the damping; ``factor`` is memory.
+    """
+    n = len(g)
+    for j in range(n):
+        for i in range(j, n):
+            total = A[i, j]
+            if i == j:
+                total += damping * A[j, j] + 1e-12
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            # Rounding may leave no positive pivot: that parameter takes a step of nearly zero.
+            factor[i, j] = np.sqrt(max(total, 1e-12)) if i == j else total / factor[j, j]
+    for i in range(n):
+        total = g[i]
+        for k in range(i):
+            total -= factor[i, k] * x[k]
+        x[i] = total / factor[i, i]
+    for i in range(n - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, n):
+            total -= factor[k, i] * x[k]
+        x[i] = total / factor[i, i]
 
 
 @njit(cache=True)
@@ -100,6 +130,7 @@ def fit(
     A = np.zeros((n, n))
     g = np.zeros(n)
     row = np.zeros(n)
+    step, factor = np.zeros(n), np.zeros((n, n))
     inverse = np.zeros((2, 2))
     light = np.zeros(6)
     across, down = np.zeros((2 * reach + 1, 2)), np.zeros((2 * reach + 1, 2))
@@ -130,7 +161,8 @@ def fit(
                     if is_separable:
                         p = across[c - first_c, 0] * down[r - first_r, 0] * normal
                     else:
-                        p = pixel_light(c - u, r - v, inverse)[0] * normal
+                        pixel_light(c - u, r - v, inverse, light)
+                        p = light[0] * normal
                     top += p * residual[r, c]
                     bottom += p * p
             flux = top / bottom
@@ -142,10 +174,11 @@ def fit(
         for r in range(first_r, last_r + 1):
             for c in range(first_c, last_c + 1):
                 if is_separable:
-                    a, b = across[c - first_c], down[r - first_r]
-                    light[0], light[1], light[2] = a[0] * b[0], a[1] * b[0], a[0] * b[1]
+                    light[0] = across[c - first_c, 0] * down[r - first_r, 0]
+                    light[1] = across[c - first_c, 1] * down[r - first_r, 0]
+                    light[2] = across[c - first_c, 0] * down[r - first_r, 1]
                 else:
-                    light = pixel_light(c - u, r - v, inverse)
+                    pixel_light(c - u, r - v, inverse, light)
                 d = residual[r, c] - flux * normal * light[0]
                 row[0] = flux * normal * light[1]
                 row[1] = flux * normal * light[2]
@@ -168,14 +201,14 @@ def fit(
                 count += 1
                 for i in range(n):
                     g[i] += row[i] * d
-                    for j in range(n):
+                    for j in range(i + 1):
                         A[i, j] += row[i] * row[j]
         damping = damping * 0.3 if chi2 <= previous else min(damping * 10.0, 1e3)
         previous = chi2
-        damped = A.copy()
         for i in range(n):
-            damped[i, i] = A[i, i] * (1.0 + damping) + 1e-12
-        step = np.linalg.solve(damped, g)
+            for j in range(i):
+                A[j, i] = A[i, j]
+        _solve(A, g, damping, factor, step)
         for i in range(2):
             step[i] = min(max(step[i], -0.7), 0.7)
         u, v, flux = u + step[0], v + step[1], flux + step[2]

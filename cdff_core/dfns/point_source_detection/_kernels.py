@@ -25,10 +25,11 @@ def local_maxima(
     rows, cols = filtered.shape
     pixels, snr = np.empty((limit, 2), np.int64), np.empty(limit)
     count = 0
+    limit_of_noise = np.float32(threshold * gain)
     for r in range(1, rows - 1):
         for c in range(1, cols - 1):
             value = filtered[r, c]
-            if value <= threshold * gain * noise[r, c]:
+            if value <= limit_of_noise * noise[r, c]:
                 continue
             # Of equal neighbours, only the first in reading order is a maximum.
             if (

@@ -51,8 +51,9 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
     """
 
     def setup(self) -> None:
-        """Compile the kernels."""
+        """Compile the kernels; allocate the memory that every image uses again."""
         image = np.zeros((8, 8), np.float32)
+        self._labels = np.zeros((0, 0), np.int32)
         pixels, snr, _ = local_maxima(image, image + 1, 4.0, 1.0, 10)
         measure_regions(
             image, image + 1, image.astype(np.uint8), pixels, snr, 5.0, 3.0, np.zeros((8, 8), np.int32)
@@ -81,7 +82,10 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
         order = np.argsort(-snr, kind="stable")
         pixels, snr = pixels[order], snr[order]
         points = _refined(filtered, pixels)
-        labels = np.zeros(residual.shape, np.int32)
+        if self._labels.shape == residual.shape:
+            self._labels.fill(0)
+        else:
+            self._labels = np.zeros(residual.shape, np.int32)
         regions, owner = measure_regions(
             residual,
             noise,
@@ -90,7 +94,7 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
             snr,
             self.config.bright_snr,
             self.config.region_sigmas,
-            labels,
+            self._labels,
         )
         is_extended = self._is_extended(regions, snr, inputs.point_spread)
         # A second source in the region of a point-like one is a source of its own, in that of an extended

@@ -6,12 +6,17 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from cdff_common.arrays import Float32Array, FloatArray
+from cdff_common.arrays import ByteArray, Float32Array, FloatArray
 from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.dfns.star_field_background._kernels import mark_trails, tile_statistics
+from cdff_core.dfns.star_field_background._kernels import (
+    mark_trails,
+    ordered_statistics,
+    subtract_background,
+)
 from cdff_core.dfns.star_field_background.interface import Inputs, Interface, Outputs
 
 #: Smallest image, pixels, and the fraction of saturated pixels from which the image is refused.
@@ -51,11 +56,14 @@ class TileMedian(Interface[TileMedianConfig]):
     """
 
     def setup(self) -> None:
-        """Compile the kernels."""
-        size = 2 * self.config.tile_px
-        image = np.zeros((size, size), np.float32)
-        tile_statistics(image, 2, 2, self.config.tile_px, self.config.tile_px, self.config.step_px)
-        mark_trails(image, image + 1, np.zeros(image.shape, np.uint8), 4.0, 64.0, _TRAIL)
+        """Compile the kernels; allocate the memory that every image uses again."""
+        self._smooth, self._labels = _memory((0, 0))
+        image = np.zeros((16, 16), np.float32)
+        ordered_statistics(image)
+        tiles = np.zeros((5, 5))
+        subtract_background(image, tiles, tiles, 8, 8, image.copy(), image + 1)
+        smooth, labels = _memory(image.shape)
+        mark_trails(smooth, image + 1, image.astype(np.uint8), labels, 4.0, 64.0, _TRAIL)
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the residual, its noise and the mask.
@@ -84,17 +92,58 @@ class TileMedian(Interface[TileMedianConfig]):
             )
         counts = (max(rows // self.config.tile_px, 1), max(cols // self.config.tile_px, 1))
         sides = (rows // counts[0], cols // counts[1])
-        levels, sigmas = tile_statistics(image, *counts, *sides, self.config.step_px)
-        background = _interpolated(_without_sources(levels, sigmas), sides, image.shape)
+        levels, sigmas = tile_statistics(image, counts, sides, self.config.step_px)
         smooth = np.asarray(cv2.medianBlur(sigmas.astype(np.float32), 3), dtype=np.float64)
-        noise = _interpolated(np.sqrt(smooth**2 + _ROUNDING_VARIANCE), sides, image.shape)
-        residual = image - background
-        # The mean of 3 x 3 pixels has a third of the noise: it connects the pixels of a faint trail.
-        smooth_residual = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
-        mark_trails(
-            smooth_residual, noise, mask, self.config.trail_sigmas / 3.0, self.config.trail_length_px, _TRAIL
+        residual, noise = np.empty_like(image), np.empty_like(image)
+        subtract_background(
+            image,
+            _with_border(_without_sources(levels, sigmas)),
+            _with_border(np.sqrt(smooth**2 + _ROUNDING_VARIANCE)),
+            *sides,
+            residual,
+            noise,
         )
+        self._mark_trails(residual, noise, mask)
         return Outputs(residual=residual, noise=noise, mask=mask, saturated=saturated)
+
+    def _mark_trails(self, residual: Float32Array, noise: Float32Array, mask: ByteArray) -> None:
+        """Set the pixels of trails in the mask."""
+        if self._labels.shape != residual.shape:
+            self._smooth, self._labels = _memory(residual.shape)
+        # The mean of 3 x 3 pixels has a third of the noise: it connects the pixels of a faint trail.
+        cv2.blur(residual, (3, 3), dst=self._smooth)
+        self._labels.fill(0)
+        threshold, length = self.config.trail_sigmas / 3.0, self.config.trail_length_px
+        mark_trails(self._smooth, noise, mask, self._labels, threshold, length, _TRAIL)
+
+
+def tile_statistics(
+    image: Float32Array, counts: tuple[int, int], sides: tuple[int, int], step: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return median and clipped standard deviation of tiles, from every ``step``-th pixel.
+
+    Parameters
+    ----------
+    image : ndarray (r, c)
+    counts, sides : tuple of int
+        Rows and columns of the tiles; height and width of a tile, pixels.
+
+    Returns
+    -------
+    medians, sigmas : ndarray of shape ``counts``
+    """
+    rows, cols = counts
+    height, width = sides
+    tiles = image[: rows * height, : cols * width].reshape(rows, height, cols, width)[:, ::step, :, ::step]
+    ordered = tiles.swapaxes(1, 2).reshape(rows * cols, -1)
+    ordered = np.sort(ordered, axis=1)
+    medians, sigmas = ordered_statistics(ordered)
+    return medians.reshape(counts), sigmas.reshape(counts)
+
+
+def _memory(shape: tuple[int, ...]) -> tuple[Float32Array, NDArray[np.int32]]:
+    """Return arrays for the smooth residual and for the labels of its regions."""
+    return np.zeros(shape, np.float32), np.zeros(shape, np.int32)
 
 
 def _without_sources(levels: FloatArray, sigmas: FloatArray) -> FloatArray:
@@ -103,23 +152,9 @@ def _without_sources(levels: FloatArray, sigmas: FloatArray) -> FloatArray:
     return np.where(levels - median > sigmas, median, levels)
 
 
-def _interpolated(tiles: FloatArray, sides: tuple[int, int], shape: tuple[int, ...]) -> Float32Array:
-    """Return the values of the tile centres, interpolated for each pixel, and continued linearly to the
-    borders.
-    """
+def _with_border(tiles: FloatArray) -> FloatArray:
+    """Return the values with one tile before and two after the image, continued linearly."""
     width = ((1, 2), (1, 2))
     if min(tiles.shape) > 2:
-        padded = np.pad(tiles, width, mode="reflect", reflect_type="odd")
-    else:
-        padded = np.pad(tiles, width, mode="edge")
-    # Pixel x lies at (x + 1/2) / side - 1/2 tiles, one more with the border.
-    maps = [[1.0 / sides[1], 0.0, 0.5 / sides[1] + 0.5], [0.0, 1.0 / sides[0], 0.5 / sides[0] + 0.5]]
-    return np.asarray(
-        cv2.warpAffine(
-            padded.astype(np.float32),
-            np.array(maps),
-            (shape[1], shape[0]),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        ),
-        np.float32,
-    )
+        return np.pad(tiles, width, mode="reflect", reflect_type="odd")
+    return np.pad(tiles, width, mode="edge")

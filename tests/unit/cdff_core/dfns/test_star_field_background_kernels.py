@@ -1,13 +1,15 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled loops of TileMedian against numpy: statistics of tiles, and the limits of a trail."""
+"""Compiled loops of TileMedian against numpy: statistics, interpolation, and the limits of a trail."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
-from cdff_core.dfns.star_field_background._kernels import mark_trails, tile_statistics
+from cdff_core.dfns.star_field_background._kernels import mark_trails, subtract_background
+from cdff_core.dfns.star_field_background.tile_median import tile_statistics
 
 
 def expected_statistics(values: np.ndarray) -> tuple[float, float]:
@@ -28,24 +30,45 @@ def test_statistics_of_each_tile_are_those_of_its_own_pixels(height: int, width:
     image = rng.normal(50.0, 4.0, (3 * height + 2, 2 * width + 1)).astype(np.float32)
     image[rng.random(image.shape) < 0.1] += 300.0
     image += 100.0 * np.arange(image.shape[1], dtype=np.float32)
-    result = tile_statistics(image, 3, 2, height, width, step)
+    medians, sigmas = tile_statistics(image, (3, 2), (height, width), step)
     for i in range(3):
         for j in range(2):
             tile = image[i * height : (i + 1) * height : step, j * width : (j + 1) * width : step]
-            np.testing.assert_allclose(
-                result[:, i, j], expected_statistics(tile.astype(np.float64)), rtol=1e-6
-            )
+            expected = expected_statistics(tile.astype(np.float64))
+            np.testing.assert_allclose((medians[i, j], sigmas[i, j]), expected, rtol=1e-6)
 
 
 def test_a_constant_tile_has_the_least_deviation() -> None:
-    result = tile_statistics(np.full((4, 4), 7.0, np.float32), 1, 1, 4, 4, 1)
-    assert result[:, 0, 0].tolist() == [7.0, 1e-6]
+    medians, sigmas = tile_statistics(np.full((4, 4), 7.0, np.float32), (1, 1), (4, 4), 1)
+    assert (medians.tolist(), sigmas.tolist()) == ([[7.0]], [[1e-6]])
+
+
+@pytest.mark.parametrize(("height", "width", "shape"), [(8, 6, (30, 23)), (9, 7, (27, 21)), (16, 5, (17, 6))])
+def test_background_and_noise_are_linear_between_the_centres_of_tiles(
+    height: int, width: int, shape: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(4)
+    tiles = rng.uniform(10.0, 90.0, (2, shape[0] // height + 3, shape[1] // width + 3))
+    image = rng.uniform(0.0, 200.0, shape).astype(np.float32)
+    residual, noise = np.empty_like(image), np.empty_like(image)
+    subtract_background(image, tiles[0], tiles[1], height, width, residual, noise)
+    # The first tile lies before the image.
+    places = [(np.arange(n) + 0.5) / side + 0.5 for n, side in zip(shape, (height, width), strict=True)]
+    levels, sigmas = (
+        RegularGridInterpolator([np.arange(n) for n in t.shape], t)(
+            tuple(np.meshgrid(*places, indexing="ij"))
+        )
+        for t in tiles
+    )
+    np.testing.assert_allclose(residual, image - levels, atol=1e-4)
+    np.testing.assert_allclose(noise, sigmas, atol=1e-4)
 
 
 def trails(residual: np.ndarray, length: float = 20.0, threshold: float = 3.0) -> tuple[int, np.ndarray]:
     mask = np.zeros(residual.shape, np.uint8)
     noise = np.full(residual.shape, 2.0, np.float32)
-    return mark_trails(residual.astype(np.float32), noise, mask, threshold, length, 9), mask
+    labels = np.zeros(residual.shape, np.int32)
+    return mark_trails(residual.astype(np.float32), noise, mask, labels, threshold, length, 9), mask
 
 
 def test_a_trail_is_masked_with_three_pixels_around_it_and_no_other_pixel() -> None:
