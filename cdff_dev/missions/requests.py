@@ -19,6 +19,7 @@ from cdff_common.codecs.warm import warm_wire
 from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.formats.geotiff import read_map
 from cdff_common.geometry.region import Region, parse_region
+from cdff_common.interfaces.product import Quality
 from cdff_common.mission_clock import MissionClock
 from cdff_common.types import ObjectTrack
 from cdff_dev.missions.answer_assessment import assess_answer
@@ -161,7 +162,7 @@ def _summary(answer: Answer, value: Any) -> str:
     if hasattr(value, "points_m"):
         parts.append(f"{len(value.points_m)} points")
     if isinstance(value, ObjectTrack):
-        parts.append(_bearing_text(value))
+        parts.append(_bearing_text(value, answer.header.quality))
     elif hasattr(value, "stamps_ns"):
         parts.append(f"{len(value.stamps_ns)} poses")
     if delivered.get("coverage") is not None:
@@ -173,15 +174,20 @@ def _summary(answer: Answer, value: Any) -> str:
     return ", ".join(parts)
 
 
-def _bearing_text(track: ObjectTrack) -> str:
-    """Return the newest direction of an object and, if known, its range, with standard deviations."""
+def _bearing_text(track: ObjectTrack, quality: Quality) -> str:
+    """Return the newest direction of an object and, if known, its range, with standard deviations.
+
+    A range that is not informative is given with its interval.
+    """
     azimuth, elevation, sigma_a, sigma_e, range_m, sigma_m = track.data.bearings[-1].tolist()
     text = (
         f"{track.metadata.label} at {math.degrees(azimuth):.4f}°, {math.degrees(elevation):.4f}° "
         f"± {math.degrees(max(sigma_a, sigma_e)) * 3600:.0f}″"
     )
-    return (
-        f"{text}, {range_m:.0f} ± {sigma_m:.0f} m"
-        if math.isfinite(range_m)
-        else f"{text}, range unobservable"
-    )
+    if not math.isfinite(range_m):
+        return f"{text}, range unobservable"
+    text = f"{text}, {range_m:.0f} ± {sigma_m:.0f} m"
+    if not any(reason.startswith("range_uninformative") for reason in quality.reasons):
+        return text
+    low, high = (quality.metrics.get(name, math.nan) for name in ("range_low_m", "range_high_m"))
+    return f"{text} (range between {low:.0f} and {high:.0f} m: not informative)"

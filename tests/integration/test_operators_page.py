@@ -28,7 +28,7 @@ from services.dpm.http.context import Context
 from services.dpm.http.server import HttpServer
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
-from tests.support.dpm_products import S, cloud, elevation, pose, put_arguments
+from tests.support.dpm_products import S, bearing_track, cloud, elevation, pose, put_arguments
 
 pytestmark = pytest.mark.integration
 
@@ -412,3 +412,33 @@ def test_with_access_keys_configured_the_page_asks_for_a_key_and_works_with_it(
         page.eventually("[...document.images].filter((i) => i.naturalWidth > 1).length >= 3")
         page.eventually("document.getElementById('live')?.dataset.state === 'live'")
         assert "sesame" not in page.value("document.documentElement.outerHTML")
+
+
+def test_tracked_objects_are_drawn_as_plots_and_the_range_from_when_it_is_known(tmp_path: Path) -> None:
+    with open_store(f"sqlite:///{tmp_path / 'store'}", ManualClock(100 * S)) as store:
+        dpm = Dpm(store)
+
+        def put(second: int, range_m: float) -> None:
+            track = bearing_track(second, 6.27 + 0.01 * second, range_m)
+            dpm.writer.put(*put_arguments(track, "track", second, frame="inertial"))
+
+        for second in range(4):
+            put(second, float("nan"))
+        context = Context(dpm, Settings(store.directory, port=0))
+        with HttpServer(context) as server, open_page(server.port, tmp_path / "browser") as browser:
+            browser.eventually("document.querySelectorAll('.plot svg').length === 2")
+            quantities = "[...document.querySelectorAll('.plot svg')].map((s) => s.dataset.quantity).join()"
+            assert browser.value(quantities) == "azimuth,elevation"
+            assert "target (1) of mana" in browser.value("document.getElementById('tracks').innerText")
+            for second in range(4, 8):
+                put(second, 300.0 - second)
+            browser.eventually(f"{quantities} === 'azimuth,elevation,range'")
+            label = "document.querySelector('[data-quantity=\"range\"]').getAttribute('aria-label')"
+            browser.eventually(f"{label} === 'range from 296 to 293 m'")
+            # A circle per state; the azimuth passes a full circle without a step.
+            circles = "document.querySelectorAll('[data-quantity=\"azimuth\"] circle').length"
+            assert browser.value(circles) == 8
+            azimuth = "document.querySelector('[data-quantity=\"azimuth\"]').getAttribute('aria-label')"
+            first, last = (float(word) for word in browser.value(azimuth).split() if word[0].isdigit())
+            assert 3.8 < last - first < 4.2
+            assert browser.value("document.documentElement.scrollWidth <= window.innerWidth")

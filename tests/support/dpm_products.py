@@ -12,7 +12,13 @@ from cdff_common.codecs import encode, encoding_string
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
 from cdff_common.raster import GridGeometry
-from cdff_common.types import ElevationMap, NavigationMap, Pointcloud, TransformWithCovariance
+from cdff_common.types import (
+    ElevationMap,
+    NavigationMap,
+    ObjectTrack,
+    Pointcloud,
+    TransformWithCovariance,
+)
 
 #: Nanoseconds in a second.
 S = 1_000_000_000
@@ -61,6 +67,24 @@ def pose(second: int, x: float) -> TransformWithCovariance:
     """Return the pose of ``mana/base`` at ``(x, 0, 0)`` m in ``site``."""
     T = UncertainTransform(se3.transform(np.eye(3), [x, 0, 0]), np.eye(6) * 0.01)
     return TransformWithCovariance.from_transform(T, parent="site", child="mana/base", stamp_ns=second * S)
+
+
+def bearing_track(
+    second: int, azimuth_rad: float, range_m: float = float("nan"), track_id: int = 1
+) -> ObjectTrack:
+    """Return the state of an object in the frame ``inertial``; the range has an error of a tenth of it."""
+    return ObjectTrack.from_bearing(
+        track_id,
+        second * S,
+        frame="inertial",
+        bearing=[azimuth_rad, 0.1, 1e-4, 1e-4, range_m, 0.1 * range_m],
+        position_m=np.full(3, np.nan),
+        position_covariance=np.full((3, 3), np.nan),
+        velocity=np.zeros(3),
+        pixel=[10.0, 20.0],
+        pixel_sigma=[0.1, 0.1],
+        label="target",
+    )
 
 
 def put_arguments(

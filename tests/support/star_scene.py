@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from cdff_common.camera import CameraModel
@@ -13,12 +14,27 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.stars import add_sources, earth_velocity_m_s, load_catalogue, visible_stars
 from cdff_common.types import Frame, TransformWithCovariance
+from cdff_core.object_models.rendering import Window, camera_normals, render
+from tests.support.satellite import satellite
 
 FloatArray = np.ndarray
 T0_NS = 1_564_358_400_000_000_000
 #: Camera of 512 x 384 pixels with a field of 11.4 degrees.
 CAMERA = CameraModel(384, 512, 2560.0, 2560.0, 255.5, 191.5)
 SPREAD_PX = 0.7
+#: Direction of the Sun in the camera for ``satellite_light``.
+SATELLITE_SUN = np.array([0.5, -0.3, -0.81])
+
+
+def satellite_light(T_camera_body: FloatArray) -> FloatArray:
+    """Return the light (r, c), float32, of the satellite at a pose."""
+    vertices, triangles = satellite()
+    window = Window(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.rows, CAMERA.cols)
+    face = render(vertices, triangles, T_camera_body, window).face
+    sun = SATELLITE_SUN / np.linalg.norm(SATELLITE_SUN)
+    cosine = camera_normals(vertices, triangles, T_camera_body, face) @ sun
+    light = np.where(face >= 0, 6000.0 * np.clip(np.nan_to_num(cosine), 0.0, 1.0), 0.0)
+    return np.asarray(cv2.GaussianBlur(light.astype(np.float32), (0, 0), SPREAD_PX))
 
 
 @dataclass

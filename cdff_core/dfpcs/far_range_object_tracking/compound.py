@@ -399,8 +399,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         )
         metrics = {"hypotheses": float(hypotheses), "sigma_rad": float(track.data.bearings[0, 2:4].max())}
         if ranging is not None:
-            low, high = ranging.interval_m.tolist()
-            metrics |= {"range_low_m": low, "range_high_m": high}
+            metrics |= ranging.metrics
         if attitude.is_from_stars:
             metrics |= {"stars": float(attitude.stars.sum()), "stars_rms_rad": attitude.residual_rad}
         quality = Quality(
@@ -448,9 +447,8 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
 
     def _position_output(self, sample: Sample, ranging: TargetRange) -> Output:
         """Return T_camera_body for the compounds of close range."""
-        quality = Quality(
-            Status.DEGRADED if ranging.reasons else Status.OK, ranging.reasons, CovarianceKind.FORMAL
-        )
+        status = Status.DEGRADED if ranging.reasons else Status.OK
+        quality = Quality(status, ranging.reasons, CovarianceKind.FORMAL, ranging.metrics)
         return Output.of_pose(
             "position",
             ranging.T_camera_body,

@@ -59,6 +59,12 @@ class FarRangeObjectTrackingConfig(DfpcConfig):
         None,
         description="Smallest and largest apparent size of the target of all views, m, without a model",
     )
+    informative_range: float = Field(
+        0.1,
+        gt=0.0,
+        le=10.0,
+        description="Relative standard deviation up to which a range is informative",
+    )
     model_unit: Literal["m", "mm", "km"] = Field("m", description="Unit of the vertices of the model")
     body_attitude_age_s: float = Field(
         0.5,

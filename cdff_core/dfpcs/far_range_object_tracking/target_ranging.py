@@ -60,7 +60,8 @@ class TargetRange:
     body : str
         Name of the target.
     reasons : tuple of str
-        Restrictions, for example ``range_interval``.
+        Restrictions: ``range_interval`` without the attitude of the target, ``range_uninformative`` above the
+        limit of the configuration.
     size_m : float
         Largest size of the target.
     inputs : tuple of str
@@ -75,6 +76,12 @@ class TargetRange:
     reasons: tuple[str, ...]
     size_m: float
     inputs: tuple[str, ...]
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Bounds of the range, metres, and its relative standard deviation."""
+        low, high = self.interval_m.tolist()
+        return {"range_low_m": low, "range_high_m": high, "range_relative_sigma": self.sigma_m / self.range_m}
 
 
 class TargetRanging:
@@ -169,6 +176,9 @@ class TargetRanging:
             R, reasons = None, tuple(dict.fromkeys([*refusal.reasons, "range_interval"]))
             found = self._measure.process(ApparentSizeRangingInputs(**values))
         size_m = float(values["sizes"][1])
+        relative, limit = found.range_sigma / found.range, self._config.informative_range
+        if relative > limit:
+            reasons += (f"range_uninformative:{relative:.2f}>{limit:g}",)
         T = window.transform(found, R)
         name = "target" if model is None else model.name
         return TargetRange(

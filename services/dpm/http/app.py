@@ -35,6 +35,7 @@ from services.dpm.http.routes import (
     stac,
     status,
     tiles,
+    tracks,
     transactions,
     wmts,
 )
@@ -44,6 +45,7 @@ from services.dpm.operations.refusals import RefusalLog
 MODULES = (
     products,
     product_types,
+    tracks,
     transactions,
     annotation_routes,
     robots,

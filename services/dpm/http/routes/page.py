@@ -12,7 +12,9 @@ from fastapi.responses import Response
 router = APIRouter(include_in_schema=False)
 
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_FILES = frozenset({"index.html", "docs.html", "style.css", "app.js", "map.js", "docs.js", "icon.svg"})
+_FILES = frozenset(
+    {"index.html", "docs.html", "style.css", "app.js", "map.js", "tracks.js", "docs.js", "icon.svg"}
+)
 
 
 @router.get("/")

@@ -6,7 +6,7 @@
 const PAGE = 24;
 /** File formats that a card links to; the details list all. */
 const CARD_FORMATS = 2;
-const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready"]);
+const GOOD = new Set(["OK", "ACTIVE", "DONE", "SERVED", "active", "done", "served", "ready", "confirmed"]);
 const BAD = new Set(["FAILED", "ERROR", "failed", "error", "faulted", "FAULTED", "EXPIRED", "expired", "CANCELLED", "cancelled", "dead", "critical"]);
 const IDLE = new Set(["INACTIVE", "inactive", "CONFIGURED", "configured", "UNCONFIGURED", "unconfigured", "idle", "IDLE"]);
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
@@ -12,22 +11,8 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
-from cdff_core.object_models.rendering import Window, camera_normals, render
 from tests.support.satellite import satellite
-from tests.support.star_scene import CAMERA, T0_NS, StarScene
-
-#: Direction of the Sun in the camera.
-SUN = np.array([0.5, -0.3, -0.81])
-
-
-def light_of(T_camera_body: np.ndarray) -> np.ndarray:
-    """Return the light of the satellite at a pose."""
-    vertices, triangles = satellite()
-    window = Window(CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy, CAMERA.rows, CAMERA.cols)
-    face = render(vertices, triangles, T_camera_body, window).face
-    cosine = camera_normals(vertices, triangles, T_camera_body, face) @ (SUN / np.linalg.norm(SUN))
-    light = np.where(face >= 0, 6000.0 * np.clip(np.nan_to_num(cosine), 0.0, 1.0), 0.0)
-    return np.asarray(cv2.GaussianBlur(light.astype(np.float32), (0, 0), 0.7))
+from tests.support.star_scene import CAMERA, SATELLITE_SUN, T0_NS, StarScene, satellite_light
 
 
 @pytest.mark.slow
@@ -47,7 +32,7 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
         stamp_ns = T0_NS + k * 10**9
         range_m = CAMERA.fx * size / 50.0 - 0.2 * k
         T = se3.transform(R, range_m * np.array([-0.02 + 0.0012 * k, 0.01, 1.0]))
-        far.step(Sample("sun", stamp_ns, k, Vector3d(scene.rotation(k) @ SUN)))
+        far.step(Sample("sun", stamp_ns, k, Vector3d(scene.rotation(k) @ SATELLITE_SUN)))
         attitude = TransformWithCovariance.from_transform(
             UncertainTransform(se3.transform(scene.rotation(k) @ R, np.zeros(3)), np.zeros((6, 6))),
             parent="inertial",
@@ -55,7 +40,7 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
             stamp_ns=stamp_ns,
         )
         far.step(Sample("body_attitude", stamp_ns, k, attitude))
-        for output in far.step(scene.sample(scene.light(k) + light_of(T), k)):
+        for output in far.step(scene.sample(scene.light(k) + satellite_light(T), k)):
             if output.port == "position":
                 single = output.value.transform
                 error = single.matrix[:3, 3] - T[:3, 3]

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Range of a resolved target: an interval without its attitude, and the statement whether it is informative."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Sample
+from cdff_common.interfaces.registry import Registry
+from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
+from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
+from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
+from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
+from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
+from tests.support.satellite import satellite
+from tests.support.star_scene import CAMERA, SATELLITE_SUN, satellite_light
+
+ATTITUDE = CameraAttitude(np.eye(3), np.zeros((3, 3)), np.zeros(0, bool))
+
+
+def measured(extent_px: float, *, is_attitude_known: bool, **config: object) -> tuple[TargetRange, float]:
+    """Return the range of the satellite with an extent in the image, and the true range."""
+    vertices, triangles = satellite()
+    range_m = CAMERA.fx * float(np.ptp(vertices, axis=0).max()) / extent_px
+    R = se3.exp_so3([0.3, -0.5, 0.2])
+    light = satellite_light(se3.transform(R, [0.0, 0.0, range_m]))
+    light += np.random.default_rng(1).normal(0.0, 20.0, light.shape).astype(np.float32)
+    ranging = TargetRanging(_configured(), FarRangeObjectTrackingConfig(**config))
+    if "target_sizes_m" not in config:
+        mesh = Mesh.from_arrays(vertices, triangles, frame="client/body", stamp_ns=0)
+        ranging.give_model(Sample("model", 0, 0, mesh))
+    ranging.give_sun(Sample("sun", 0, 0, Vector3d(SATELLITE_SUN)))
+    if is_attitude_known:
+        T = UncertainTransform(se3.transform(R, np.zeros(3)), np.zeros((6, 6)))
+        value = TransformWithCovariance.from_transform(T, parent="inertial", child="client/body", stamp_ns=0)
+        ranging.give_attitude(Sample("body_attitude", 0, 0, value))
+    rows, columns = np.nonzero(light > 200.0)
+    box = np.array([columns.min(), columns.max(), rows.min(), rows.max()], float)
+    noise, mask = np.full(light.shape, 20.0, np.float32), np.zeros(light.shape, np.uint8)
+    image = StarFieldBackgroundOutputs(residual=light, noise=noise, mask=mask, saturated=0.0)
+    return ranging.measure(0, CAMERA, ATTITUDE, image, box, 0.49 * np.eye(2)), range_m
+
+
+def _configured() -> object:
+    dfn = Registry.default().make_dfn("ApparentSizeRanging", "RenderedComparison")
+    dfn.configure()
+    return dfn
+
+
+@pytest.mark.parametrize("extent_px", [12.0, 30.0, 60.0])
+def test_without_the_attitude_the_interval_contains_the_range_and_is_not_informative(
+    extent_px: float,
+) -> None:
+    found, range_m = measured(extent_px, is_attitude_known=False)
+    low, high = found.interval_m
+    assert low < range_m < high
+    assert abs(found.range_m - range_m) < 2.0 * found.sigma_m
+    assert found.reasons[0] == "range_interval"
+    assert found.reasons[1].startswith("range_uninformative:0.")
+    assert found.metrics["range_relative_sigma"] == pytest.approx(found.sigma_m / found.range_m)
+    assert (found.metrics["range_low_m"], found.metrics["range_high_m"]) == (low, high)
+
+
+@pytest.mark.parametrize("extent_px", [20.0, 50.0])
+def test_with_the_attitude_the_range_is_informative(extent_px: float) -> None:
+    found, range_m = measured(extent_px, is_attitude_known=True)
+    assert found.reasons == ()
+    assert abs(found.range_m - range_m) < 3.0 * found.sigma_m
+    assert found.sigma_m < 0.1 * found.range_m
+
+
+def test_the_limit_of_an_informative_range_is_configured() -> None:
+    found, _ = measured(50.0, is_attitude_known=False, informative_range=0.6)
+    assert found.reasons == ("range_interval",)
+
+
+def test_a_target_below_five_pixels_has_no_range() -> None:
+    with pytest.raises(RefusedError) as refusal:
+        measured(4.0, is_attitude_known=True)
+    assert refusal.value.reasons[0].startswith("unresolved:")
