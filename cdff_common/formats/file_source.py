@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -22,14 +23,44 @@ _RATIO, _HARMLESS_BYTES, _MAX_BYTES = 200, 64 << 20, 1 << 30
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Source:
-    """Bytes of a file and its name in messages."""
+    """Bytes of a file and its name in messages.
+
+    Attributes
+    ----------
+    data : bytes
+    name : str
+    on_truncation : callable, optional
+        Takes the report of an early end of the file, whose complete elements are read; by default such a
+        file is refused.
+    """
 
     data: bytes
     name: str
+    on_truncation: Callable[[str], object] | None = None
 
     def error(self, expected: str) -> CodecError:
         """Return an error with the file name and the expectation."""
         return CodecError(f"{self.name}: {expected}")
+
+    def report_truncation(self, complete: int, expected: int, what: str) -> None:
+        """Report that the file ends early.
+
+        Parameters
+        ----------
+        complete, expected : int
+            Number of complete elements, and that of the header.
+        what : str
+            Elements, such as ``vertices``.
+
+        Raises
+        ------
+        CodecError
+            If such files are refused, or no element is complete.
+        """
+        end = f"ends at byte {len(self.data)} after {complete} of {expected} {what}"
+        if self.on_truncation is None or not complete:
+            raise self.error(end)
+        self.on_truncation(f"{self.name}: {end}; these are read")
 
     def check_claim(self, claimed_bytes: int, what: str) -> None:
         """Refuse a file whose header states an implausible or too large size, before any allocation.

@@ -112,10 +112,11 @@ def _header(s: Source) -> _Header:
 
 
 def _binary(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
-    size = header.start + header.points * header.dtype.itemsize
-    if size > len(s.data):
-        raise s.error(f"ends after {len(s.data)} bytes, expected {size} for {header.points} points")
-    table = np.frombuffer(s.data, header.dtype, header.points, header.start)
+    complete, points = max(len(s.data) - header.start, 0) // header.dtype.itemsize, header.points
+    if complete < points:
+        s.report_truncation(complete, points, "points")
+        points = complete
+    table = np.frombuffer(s.data, header.dtype, points, header.start)
     return {name: table[f"{name}@{i}"][:, 0] for i, (name, _, _) in enumerate(header.fields)}
 
 
@@ -151,14 +152,20 @@ def _decompressed(s: Source, packed: bytes, size: int) -> bytes:
 
 
 def _ascii(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
-    width = sum(count for _, _, count in header.fields)
+    width, points = sum(count for _, _, count in header.fields), header.points
+    words = s.data[header.start :].split()
+    if len(words) < points * width and not s.data.endswith(b"\n"):  # the last line is not complete
+        words = s.data[header.start : s.data.rfind(b"\n") + 1].split()
     try:
-        values = np.array(s.data[header.start :].split(), dtype=np.float64)
+        values = np.array(words, dtype=np.float64)
     except ValueError as error:
         raise s.error(f"a point contains something other than numbers: {error}") from error
-    if values.size != header.points * width:
-        raise s.error(f"{values.size} numbers, expected {header.points} points of {width}")
-    table = values.reshape(header.points, width)
+    if values.size < points * width and not values.size % width:
+        s.report_truncation(values.size // width, points, "points")
+        points = values.size // width
+    if values.size != points * width:
+        raise s.error(f"{values.size} numbers, expected {points} points of {width}")
+    table = values.reshape(points, width)
     columns: dict[str, NDArray[np.generic]] = {}
     position = 0
     for name, kind, count in header.fields:

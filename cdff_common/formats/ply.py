@@ -172,24 +172,27 @@ def _dtype(element: PlyElement, layout: str) -> np.dtype[np.void]:
 def _binary_columns(
     s: Source, offset: int, dtype: np.dtype[np.void], count: int
 ) -> dict[str, NDArray[np.generic]]:
-    if offset + count * dtype.itemsize > len(s.data):
-        raise s.error(
-            f"ends after {len(s.data)} bytes, expected {offset + count * dtype.itemsize} for {count} vertices"
-        )
+    complete = max(len(s.data) - offset, 0) // dtype.itemsize if dtype.itemsize else count
+    if complete < count:
+        s.report_truncation(complete, count, "vertices")
+        count = complete
     table = np.frombuffer(s.data, dtype, count, offset)
     return {name: table[name] for name in dtype.names or ()}
 
 
 def _ascii_columns(s: Source, start: int, skip: int, vertex: PlyElement) -> dict[str, NDArray[np.generic]]:
     lines = s.data[start:].split(b"\n", skip + vertex.count)[skip : skip + vertex.count]
-    if len(lines) < vertex.count:
-        raise s.error(f"ends after {len(lines)} of {vertex.count} vertices")
+    count = vertex.count
+    if len(lines) < count:
+        lines = lines[:-1]  # the last line is not complete
+        s.report_truncation(len(lines), count, "vertices")
+        count = len(lines)
     try:
         values = np.array(b" ".join(lines).split(), dtype=np.float64)
     except ValueError as error:
         raise s.error(f"a vertex contains something other than numbers: {error}") from error
     width = len(vertex.properties)
-    if values.size != vertex.count * width:
-        raise s.error(f"{values.size} numbers, expected {vertex.count} vertices of {width}")
-    table = values.reshape(vertex.count, width)
+    if values.size != count * width:
+        raise s.error(f"{values.size} numbers, expected {count} vertices of {width}")
+    table = values.reshape(count, width)
     return {name: table[:, i].astype(kind) for i, (name, kind) in enumerate(vertex.properties)}

@@ -10,6 +10,7 @@ import heapq
 import json
 import logging
 import math
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -20,6 +21,8 @@ from cdff_dev.logs.conversion_commands import register_conversions
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
 
+#: Largest number of elements of a list that are printed as text.
+_SHOWN_ITEMS = 4
 _LOG_HELP = (
     "file, folder or pattern of files: InFuse .msg, pocolog .log, ROS bag, MCAP, KITTI, images, scans …"
 )
@@ -38,7 +41,12 @@ def register(nouns: Any) -> None:
     info.add_argument("--deep", action="store_true", help="also decode every sample")
     info.set_defaults(run=_info)
 
-    cat = verbs.add_parser("cat", help="print samples, one per line, in the order of their stamps")
+    cat = verbs.add_parser(
+        "cat",
+        help="print samples, one per line, in the order of their stamps",
+        description="Prints samples, one per line, in the order of their stamps; also content that has no "
+        "type of CDFF but is decoded, with the names in cdff log info.",
+    )
     _add_log(cat)
     _add_selection(cat)
     cat.add_argument("--limit", type=int, metavar="N", help="stop after N samples")
@@ -71,18 +79,29 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--t1", metavar="TIME", help="latest stamp")
 
 
-def _selected_samples(log: LogSource, args: argparse.Namespace) -> Any:
+def _selected_samples(log: LogSource, args: argparse.Namespace, *, with_others: bool = False) -> Any:
     """Yield the samples of the streams and the time interval in the arguments."""
     from cdff_common.clock import parse_stamp
 
     t0 = None if args.t0 is None else parse_stamp(args.t0, "--t0")
     t1 = None if args.t1 is None else parse_stamp(args.t1, "--t1")
-    for sample in log.samples(args.stream):
+    for sample in _samples_and_others(log, args.stream) if with_others else log.samples(args.stream):
         if t0 is not None and sample.stamp_ns < t0:
             continue
         if t1 is not None and sample.stamp_ns > t1:
             break
         yield sample
+
+
+def _samples_and_others(log: LogSource, names: list[str] | None) -> Iterator[LogSample]:
+    """Yield the samples of streams and of content without a stream that is decoded, all without names."""
+    from cdff_dev.logs.source import chosen_streams
+
+    parts = [part for part in (log, log.others) if part is not None]
+    known = [name for part in parts for name in part.streams]
+    chosen = set(chosen_streams(known, names))
+    found = [part.samples(chosen & part.streams.keys()) for part in parts]
+    return heapq.merge(*found, key=lambda s: (s.stamp_ns, s.stream, s.seq))
 
 
 def _count(*logs: LogSource) -> int:
@@ -111,8 +130,10 @@ def _info(args: argparse.Namespace) -> int:
         if args.map:
             print(map_text(log.streams, topic_map(log.streams)))
             return 0
+        others = {} if log.others is None else log.others.streams
         if args.deep:
-            for _ in counted(log.samples(), _count(log), "samples"):
+            total = _count(log) + sum(info.count for info in others.values())
+            for _ in counted(_samples_and_others(log, None), total, "samples"):
                 pass
         with elapsed("reading the stamps"):
             reports = stream_reports(log)
@@ -120,7 +141,10 @@ def _info(args: argparse.Namespace) -> int:
             document = {
                 "streams": {name: report.to_json() for name, report in reports.items()},
                 "quirks": dict(log.quirks.counts) if isinstance(log, LogReader) else {},
-                "unconverted": {name: asdict(item) for name, item in log.unconverted.items()},
+                "unconverted": {
+                    name: {**asdict(item), "decoded": name in others}
+                    for name, item in log.unconverted.items()
+                },
                 "bytes": size_bytes(args.log),
             }
             print(json.dumps(document))
@@ -129,7 +153,8 @@ def _info(args: argparse.Namespace) -> int:
         for name, report in reports.items():
             print("\n".join(report.text(name.ljust(width))))
         for name, item in log.unconverted.items():
-            print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}")
+            shown = "; cdff log cat prints it" if name in others else ""
+            print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}{shown}")
         if not any(report.info.count for report in reports.values()):
             print("no samples: the recording is empty, or none of its content is converted")
         print(f"{size_bytes(args.log) / 1e6:.1f} MB")
@@ -141,26 +166,39 @@ def _cat(args: argparse.Namespace) -> int:
     from cdff_dev.logs.opened import opened
 
     with opened(args.log, args.calibration) as log:
-        for i, sample in enumerate(_selected_samples(log, args)):
+        for i, sample in enumerate(_selected_samples(log, args, with_others=True)):
             if args.limit is not None and i >= args.limit:
                 break
             if args.json:
                 print(json.dumps(_as_json(sample), allow_nan=False))
             else:
-                print(f"{format_stamp(sample.stamp_ns)} {sample.stream} #{sample.seq} {sample.value!r}")
+                print(f"{format_stamp(sample.stamp_ns)} {sample.stream} #{sample.seq} {_text(sample.value)}")
     return 0
+
+
+def _text(value: Any) -> str:
+    """Return a value in one line: a message, or decoded content without a type of CDFF."""
+    from cdff_common.types.summary import brief
+
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{name}: {_text(item)}" for name, item in value.items()) + "}"
+    if isinstance(value, list):
+        shown = ", ".join(map(_text, value[:_SHOWN_ITEMS]))
+        return f"[{shown}{f', … {len(value)} in all' if len(value) > _SHOWN_ITEMS else ''}]"
+    return brief(value)
 
 
 def _as_json(sample: LogSample) -> dict[str, Any]:
     """Return a sample for JSON: NaN as null, infinities as text, bytes in base 64."""
     from cdff_common.codecs.dict_form import to_dict_form
+    from cdff_common.types.message import Message
 
     line = {
         "stream": sample.stream,
         "type": sample.type_name,
         "stamp_ns": str(sample.stamp_ns),
         "seq": sample.seq,
-        "value": _jsonable(to_dict_form(sample.value)),
+        "value": _jsonable(to_dict_form(sample.value) if isinstance(sample.value, Message) else sample.value),
     }
     if sample.header is not None:
         line["header"] = _jsonable(sample.header.to_dict())
@@ -170,6 +208,8 @@ def _as_json(sample: LogSample) -> dict[str, Any]:
 def _jsonable(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _jsonable(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):  # an array
+        return _jsonable(value.tolist())
     if isinstance(value, list):
         return [_jsonable(v) for v in value]
     if isinstance(value, bytes):

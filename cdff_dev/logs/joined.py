@@ -57,6 +57,12 @@ class JoinedLog(LogSource):
         }
         return of_parts | self._unconverted
 
+    @property
+    def others(self) -> LogSource | None:
+        """Content without a stream that is decoded, of all logs."""
+        found = {part: others for part, log in self._parts.items() if (others := log.others) is not None}
+        return JoinedLog(found) if found else None
+
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
 

@@ -170,6 +170,14 @@ class LogSource(Protocol):
         """Content without a stream, by its name in the log."""
         return {}
 
+    @property
+    def others(self) -> LogSource | None:
+        """Content without a stream that is decoded: its samples are dictionaries, lists, arrays and numbers.
+
+        The names are those in ``unconverted``, the types those of the log.
+        """
+        return None
+
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq)."""
 

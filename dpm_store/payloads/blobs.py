@@ -156,7 +156,7 @@ class BlobFiles:
         )
 
     def _read_chunks(self, sha256: str, size: int, first: int, last: int, what: str) -> bytes:
-        """Return the chunks ``first`` to ``last`` (exclusive); checksums are not compared. Raises StorageError."""
+        """Return the chunks ``first`` to ``last`` (exclusive) without a checksum; raises StorageError."""
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
             with self.path(sha256).open("rb") as file:

@@ -83,7 +83,7 @@ def _equivalent_poses(name: str, T: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def absent_objects(data: Path, every: int) -> Iterator[View]:
-    """Yield dragon and cube with every so many frames of ``seven_scenes_redkitchen``, without these objects."""
+    """Yield dragon and cube with some frames of ``seven_scenes_redkitchen``, without these objects."""
     folder = data / "visp_rbt_rgbd"
     for path in sorted((data / "seven_scenes_redkitchen" / "frames").glob("*.depth.png"))[::every]:
         scene = depth_points(path, 585.0, 585.0, 320.0, 240.0)

@@ -120,8 +120,9 @@ def _read(files: Files, folder: Path) -> str:
     samples = 0
     try:
         with open_log(target) as log:
-            for _ in log.samples():
-                samples += 1
+            for part in (log, log.others):
+                for _ in part.samples() if part is not None else ():
+                    samples += 1
             is_whole = not any(item.type_name.startswith("damaged") for item in log.unconverted.values())
     except CdffError as error:
         if folder.name not in str(error):

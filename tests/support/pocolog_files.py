@@ -218,8 +218,20 @@ def matrix(rows: int, cols: int) -> Compound:
     return Compound(f"/wrappers/Matrix</double,{rows},{cols}>", {"data": Array(DOUBLE, rows * cols)})
 
 
-VECTOR3, MATRIX3 = matrix(3, 1), matrix(3, 3)
+VECTOR3, MATRIX3, MATRIX6 = matrix(3, 1), matrix(3, 3), matrix(6, 6)
 QUATERNION = Compound("/wrappers/Quaternion</double>", {"im": Array(DOUBLE, 3), "re": DOUBLE})
+ANGLE_AXIS = Compound("/wrappers/AngleAxis</double>", {"angle": DOUBLE, "axis": Array(DOUBLE, 3)})
+TRANSFORM = Compound(
+    "/base/TransformWithCovariance_m", {"translation": VECTOR3, "orientation": QUATERNION, "cov": MATRIX6}
+)
+BODY = Compound(
+    "/base/samples/BodyState_m",
+    {
+        "time": TIME,
+        "pose": TRANSFORM,
+        "velocity": Compound("/base/TwistWithCovariance_m", {"vel": VECTOR3, "rot": VECTOR3, "cov": MATRIX6}),
+    },
+)
 JOINT_STATE = Compound(
     "/base/JointState",
     {"position": DOUBLE, "speed": FLOAT, "effort": FLOAT, "raw": FLOAT, "acceleration": FLOAT},
@@ -320,6 +332,65 @@ FRAME_PAIR = Compound(
     "/base/samples/frame/FramePair", {"time": TIME, "first": FRAME, "second": FRAME, "id": UINT}
 )
 
+ANGLE, BOOL = Compound("/base/Angle", {"rad": DOUBLE}), Number("/bool", "B")
+SONAR = Compound(
+    "/base/samples/Sonar",
+    {
+        "time": TIME,
+        "timestamps": Vector(TIME),
+        "bin_duration": TIME,
+        "beam_width": ANGLE,
+        "beam_height": ANGLE,
+        "bearings": Vector(ANGLE),
+        "speed_of_sound": FLOAT,
+        "bin_count": UINT,
+        "beam_count": UINT,
+        "bins": Vector(FLOAT),
+    },
+)
+SONAR_BEAM = Compound(
+    "/base/samples/SonarBeam",
+    {
+        "time": TIME,
+        "bearing": ANGLE,
+        "sampling_interval": DOUBLE,
+        "speed_of_sound": FLOAT,
+        "beamwidth_horizontal": FLOAT,
+        "beamwidth_vertical": FLOAT,
+        "beam": Vector(BYTE),
+    },
+)
+SONAR_SCAN = Compound(
+    "/base/samples/SonarScan",
+    {
+        "time": TIME,
+        "data": Vector(BYTE),
+        "time_beams": Vector(TIME),
+        "number_of_beams": USHORT,
+        "number_of_bins": USHORT,
+        "start_bearing": ANGLE,
+        "angular_resolution": ANGLE,
+        "sampling_interval": DOUBLE,
+        "speed_of_sound": FLOAT,
+        "beamwidth_horizontal": ANGLE,
+        "beamwidth_vertical": ANGLE,
+        "memory_layout_column": BOOL,
+        "polar_coordinates": BOOL,
+    },
+)
+SPLINE = Compound(
+    "/wrappers/geometry/Spline",
+    {
+        "geometric_resolution": DOUBLE,
+        "dimension": INT,
+        "curve_order": INT,
+        "kind": Enum("/wrappers/geometry/SplineType", {"POLYNOMIAL_BSPLINE": 1, "DEGENERATE": 5}),
+        "knots": Vector(DOUBLE),
+        "vertices": Vector(DOUBLE),
+    },
+)
+TRAJECTORY = Compound("/base/Trajectory_m", {"speed": DOUBLE, "spline": SPLINE})
+
 
 def time(microseconds: int) -> dict[str, int]:
     """Return a time."""
@@ -342,3 +413,37 @@ def frame_value(
         "frame_mode": mode,
         "frame_status": "STATUS_VALID",
     }
+
+
+_HALF = {"rad": 0.5}
+SONAR_VALUE = {
+    "time": time(1_600_000_000_000_000),
+    "timestamps": [time(1_600_000_000_000_001)],
+    "bin_duration": time(20),
+    "beam_width": _HALF,
+    "beam_height": _HALF,
+    "bearings": [_HALF, _HALF],
+    "speed_of_sound": 1500.0,
+    "bin_count": 50,
+    "beam_count": 2,
+    "bins": [0.5] * 99 + [float("nan")],
+}
+SONAR_BEAM_VALUE = {
+    "time": time(1_600_000_000_000_000),
+    "bearing": _HALF,
+    "sampling_interval": 0.25,
+    "speed_of_sound": 1500.0,
+}
+SONAR_BEAM_VALUE |= {"beamwidth_horizontal": 0.5, "beamwidth_vertical": 0.5, "beam": list(range(100))}
+SONAR_SCAN_VALUE = {
+    "time": time(1_600_000_000_000_000),
+    "data": [7] * 100,
+    "time_beams": [],
+    "number_of_beams": 2,
+}
+SONAR_SCAN_VALUE |= {"number_of_bins": 50, "start_bearing": _HALF, "angular_resolution": _HALF}
+SONAR_SCAN_VALUE |= {"sampling_interval": 0.25, "speed_of_sound": 1500.0, "beamwidth_horizontal": _HALF}
+SONAR_SCAN_VALUE |= {"beamwidth_vertical": _HALF, "memory_layout_column": 1, "polar_coordinates": 0}
+SPLINE_VALUE = {"geometric_resolution": 0.125, "dimension": 3, "curve_order": 4, "kind": "POLYNOMIAL_BSPLINE"}
+SPLINE_VALUE |= {"knots": [0.0] * 4 + [1.0] * 4, "vertices": [float(v) for v in range(12)]}
+TRAJECTORY_VALUE = {"speed": 0.5, "spline": SPLINE_VALUE}

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,9 @@ from cdff_common.errors import CodecError, InputError
 from cdff_common.interfaces.product import Header
 from cdff_dev.logs.byte_files import LogFiles, MappedFile, mapped_file
 from cdff_dev.logs.formats.infuse import quirks as quirk
+from cdff_dev.logs.formats.infuse.without_meta import own_stamps_ns, type_by_fields
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
+from cdff_dev.logs.source import Unconverted
 
 #: Number of samples that are skipped by one call of the compiled function.
 _STRIDE = 64
@@ -64,13 +66,15 @@ class LogReader(IndexedLog):
         self._files = LogFiles(files)
         self._parts: dict[str, list[_Part]] = {}
         self._types: dict[str, str] = {}
+        self._lost: dict[str, Unconverted] = {}
         try:
             for file, path in enumerate(files):
                 self._index(file, path)
         except BaseException:
             self.close()
             raise
-        super().__init__({name: self._stream(name, parts) for name, parts in self._parts.items()})
+        streams = {name: self._stream(name, parts) for name, parts in self._parts.items()}
+        super().__init__(streams, self._lost)
 
     def close(self) -> None:
         """Close the files."""
@@ -121,11 +125,39 @@ class LogReader(IndexedLog):
             self.quirks.record("empty file")
             return
         with mapped_file(path) as mapped:
-            metas, extents = _read_index(mapped, path, self.quirks)
+            index = _read_index(mapped, path, self.quirks)
+        metas, extents = index.metas, index.extents
         for name, (starts, ends) in extents.items():
-            self._add_part(path, file, name, metas.get(name), starts, ends)
+            if name in metas or not index.is_truncated:
+                self._add_part(path, file, name, metas.get(name), starts, ends)
+            elif len(starts):
+                self._add_without_meta(path, file, name, starts, ends)
         for name in metas.keys() - extents.keys():
             self.quirks.record(f"{name}.meta without {name}")
+
+    def _add_without_meta(
+        self, path: Path, file: int, name: str, starts: NDArray[np.int64], ends: NDArray[np.int64]
+    ) -> None:
+        """Add a stream whose ``.meta`` is beyond the end of the file, or list it as not converted."""
+
+        def read(number: int) -> bytes:
+            return self._files.read(file, int(starts[number]), int(ends[number]))
+
+        def value(number: int) -> Any:
+            dict_form = quirk.with_microseconds(unpack_message(read(number), type_name), name, self.quirks)
+            return from_dict_form(type_name, dict_form)
+
+        missing = f"{name}.meta is beyond the end of the file"
+        try:
+            type_name = self._types.get(name) or type_by_fields(unpack(read(0)))
+            stamps_ns = np.array(own_stamps_ns(map(value, range(len(starts)))), np.int64)
+        except (InputError, OverflowError) as error:
+            self.quirks.record(f"{missing}; {len(starts)} samples are not read: {error}")
+            self._lost[name] = Unconverted("unknown", len(starts), f"{path.name}: {missing}: {error}")
+            return
+        self.quirks.record(f"{missing}; read as {type_name} with the times of its samples")
+        self._types[name] = type_name
+        self._parts.setdefault(name, []).append(_Part(file, starts, ends, stamps_ns, []))
 
     def _add_part(
         self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
@@ -161,21 +193,35 @@ class LogReader(IndexedLog):
         self._parts.setdefault(name, []).append(_Part(file, starts[:n], ends[:n], stamps, headers))
 
 
-#: Start and end offsets of the samples of each stream.
-_Extents = dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
+@dataclass(slots=True)
+class _Index:
+    """Index of a file.
+
+    Attributes
+    ----------
+    metas : dict
+        The ``.meta`` entry of each stream.
+    extents : dict
+        Start and end offsets of the samples of each stream.
+    is_truncated : bool
+    """
+
+    metas: dict[str, Any] = field(default_factory=dict)
+    extents: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = field(default_factory=dict)
+    is_truncated: bool = True
 
 
-def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dict[str, Any], _Extents]:
-    """Return the ``.meta`` entry of each stream of a file, and the extents of its samples."""
+def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> _Index:
+    """Return the index of a file."""
     buffer = file.data
-    metas: dict[str, Any] = {}
-    extents: _Extents = {}
+    index = _Index()
+    metas, extents, end = index.metas, index.extents, f"ends at byte {file.data.size}"
     pairs, at = _container(buffer, 0, path, "map")
     for _ in range(pairs):
         after = skip(buffer, at)
         if after < 0:
-            quirks.record("truncated; the remainder is lost")
-            return metas, extents
+            quirks.record(f"truncated: {end}; the remainder is lost")
+            return index
         key = _unpacked(buffer, at, int(after), path)
         at = int(after)
         if not isinstance(key, str):
@@ -183,14 +229,14 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         if key.endswith(".meta"):
             after = skip(buffer, at)
             if after < 0:
-                quirks.record(f"truncated in {key}; the remainder is lost")
-                return metas, extents
+                quirks.record(f"truncated in {key}: {end}; the remainder is lost")
+                return index
             metas[key.removesuffix(".meta")] = _unpacked(buffer, at, int(after), path)
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")
         if count > buffer.size - at:
-            quirks.record(f"truncated in {key}; the remainder is lost")
+            quirks.record(f"truncated in {key}: {end}; the remainder is lost")
             count = buffer.size - at
         ends = np.zeros(count, dtype=np.int64)
         complete = _skip_samples(file, at, ends)
@@ -200,11 +246,13 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> tuple[dic
         )
         if complete < count:
             quirks.record(
-                f"truncated in {key}: {complete} of {count} samples are complete; the remainder is lost"
+                f"truncated in {key}: {end}; {complete} of {count} samples are complete; "
+                "the remainder is lost"
             )
-            return metas, extents
+            return index
         at = int(ends[-1]) if count else at
-    return metas, extents
+    index.is_truncated = False
+    return index
 
 
 def _skip_samples(file: MappedFile, at: int, ends: NDArray[np.int64]) -> int:

@@ -63,6 +63,4 @@ def _fitting(known: Sequence[Conversion], kinds: Sequence[Type], *, is_split: bo
         return Choice(reason=f"without the expected fields {missing}")
     used = {name for conversion in chosen.values() for name in (*conversion.fields, *conversion.optional)}
     lost = dict.fromkeys(sorted(names - used), "the CDFF type has no such field")
-    for conversion in chosen.values():
-        lost.update(conversion.lost)
     return Choice(tuple(chosen.values()), is_split, lost)

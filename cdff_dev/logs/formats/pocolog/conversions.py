@@ -190,7 +190,8 @@ CONVERSIONS: dict[str, tuple[Conversion, ...]] = {
 #: Reasons why known types have no stream.
 NO_CONVERSION = {
     "/base/Timeout": "no CDFF type has a duration of waiting",
-    "/base/Trajectory": "the encoding of its spline is that of a library",
+    "/base/Trajectory": "no CDFF type has a spline",
+    "/wrappers/geometry/Spline": "no CDFF type has a spline",
     "/base/samples/Sonar": "the CDFF type holds at most 60 values",
     "/base/samples/SonarBeam": "the CDFF type holds at most 60 values",
     "/base/samples/SonarScan": "the CDFF type holds at most 60 values",

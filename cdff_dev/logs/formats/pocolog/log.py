@@ -8,7 +8,9 @@ import logging
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 from cdff_common.contract.foreign_names import name_of
 from cdff_common.errors import CodecError
@@ -41,6 +43,17 @@ class _PortFiles:
         return name_of(task or port, "task"), name_of(port if task else "data", "port")
 
 
+class _ChosenPort(NamedTuple):
+    """A port, its conversions, and the fields without one by their names in ``unconverted``.
+
+    A port without a conversion has its own name there, and an empty name of a field.
+    """
+
+    port: _PortFiles
+    choice: Choice
+    lost: dict[str, str]
+
+
 class PocologLog(IndexedLog):
     """Log files of ROCK as a ``LogSource``.
 
@@ -50,7 +63,7 @@ class PocologLog(IndexedLog):
 
     Opening a log reads the headers of all blocks and the times of the samples that are converted, which needs
     about 70 bytes of memory per sample. The content of damaged files before the damage is read; the damage is
-    listed in ``unconverted`` and logged.
+    listed in ``unconverted`` and logged. Ports and fields without a conversion are decoded in ``others``.
 
     Parameters
     ----------
@@ -69,14 +82,27 @@ class PocologLog(IndexedLog):
         self._reader = LogFiles(self.files)
         unconverted: dict[str, Unconverted] = {}
         ports = _ports([read_blocks(path) for path in self.files], unconverted)
-        streams = self._converted_streams(_converted_ports(ports, unconverted))
-        super().__init__(streams, unconverted)
+        chosen = _chosen_ports(ports, unconverted)
+        super().__init__(self._converted_streams(chosen), unconverted)
+        self._ports = chosen
 
-    def _converted_streams(self, ports: list[tuple[_PortFiles, Choice]]) -> dict[str, IndexedStream]:
+    @cached_property
+    def others(self) -> IndexedLog:
+        """Ports and fields without a conversion, decoded; they are indexed at the first access."""
+        streams: dict[str, IndexedStream] = {}
+        for port, choice, lost in self._ports:
+            if lost:
+                samples = Port(self.files, self._reader, port.parts, is_split=choice.is_split)
+                streams |= {name: samples.plain_stream(port.type_name, key) for name, key in lost.items()}
+        return _OtherPorts(streams)
+
+    def _converted_streams(self, ports: list[_ChosenPort]) -> dict[str, IndexedStream]:
         """Return the streams of the ports that are converted, by name."""
         streams: dict[str, IndexedStream] = {}
-        tasks = Counter(port.task_and_port for port, _ in ports)
-        for port, choice in ports:
+        tasks = Counter(port.task_and_port for port, choice, _ in ports if choice.conversions)
+        for port, choice, _ in ports:
+            if not choice.conversions:
+                continue
             samples = Port(self.files, self._reader, port.parts, is_split=choice.is_split)
             task, name = port.task_and_port
             if tasks[task, name] > 1:
@@ -89,6 +115,12 @@ class PocologLog(IndexedLog):
     def close(self) -> None:
         """Close the files."""
         self._reader.close()
+
+
+class _OtherPorts(IndexedLog):
+    """Ports and fields without a conversion; a damaged sample ends the reading, as in ``PocologLog``."""
+
+    skips_damaged = False
 
 
 def _recording(path: Path) -> tuple[Path, int]:
@@ -127,24 +159,24 @@ def _ports(files: list[FileBlocks], unconverted: dict[str, Unconverted]) -> list
     return list(ports.values())
 
 
-def _converted_ports(
-    ports: list[_PortFiles], unconverted: dict[str, Unconverted]
-) -> list[tuple[_PortFiles, Choice]]:
-    """Return the ports with a conversion, and list others and fields without one in ``unconverted``."""
+def _chosen_ports(ports: list[_PortFiles], unconverted: dict[str, Unconverted]) -> list[_ChosenPort]:
+    """Return the ports with their conversions, and list those and fields without one in ``unconverted``."""
     names = Counter(port.name for port in ports)
-    converted = []
+    chosen = []
     for port in ports:
         label = port.name if names[port.name] == 1 else f"{port.recording.name}: {port.name}"
         count = sum(len(part.blocks.starts) for part in port.parts)
         choice = choose(port.type_name, [part.kind for part in port.parts])
+        reasons = {f"{label}: field {name}": (name, reason) for name, reason in choice.lost.items()}
         if not choice.conversions:
-            unconverted[_free(label, unconverted)] = Unconverted(port.type_name, count, choice.reason)
-            continue
-        converted.append((port, choice))
-        for name, reason in choice.lost.items():
-            lost = Unconverted(port.type_name, count, reason)
-            unconverted[_free(f"{label}: field {name}", unconverted)] = lost
-    return converted
+            reasons = {label: ("", choice.reason)}
+        lost: dict[str, str] = {}
+        for wanted, (field_name, reason) in reasons.items():
+            name = _free(wanted, unconverted)
+            unconverted[name] = Unconverted(port.type_name, count, reason)
+            lost[name] = field_name
+        chosen.append(_ChosenPort(port, choice, lost))
+    return chosen
 
 
 def _list_remainder(found: FileBlocks, unconverted: dict[str, Unconverted]) -> None:

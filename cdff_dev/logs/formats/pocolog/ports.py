@@ -7,6 +7,8 @@ from __future__ import annotations
 import zlib
 from array import array
 from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -26,7 +28,7 @@ from cdff_dev.logs.formats.pocolog.decoding import (
     decode_field,
     decode_sample,
 )
-from cdff_dev.logs.formats.pocolog.values import Conversion, Converted, Source, stamp_ns
+from cdff_dev.logs.formats.pocolog.values import Conversion, Converted, Source, plain, stamp_ns
 from cdff_dev.logs.indexed import IndexedStream
 from cdff_dev.logs.source import recorded_header
 
@@ -102,6 +104,15 @@ class Port:
             conversion.type_name, self.stamps_ns, lambda number: converted(number)[0], header
         )
 
+    def plain_stream(self, type_name: str, field: str = "") -> IndexedStream:
+        """Return the samples, or a field of them, without conversion as a stream of a type of ROCK."""
+
+        def read(number: int) -> Any:
+            with self._located(number) as (value, _):
+                return plain(value[field] if field else value)
+
+        return IndexedStream(type_name, self.stamps_ns, read)
+
     def _index(self, part: PortPart, first: int, stamps: array[int]) -> None:
         """Add the samples of a file: their blocks, elements and stamps."""
         blocks = part.blocks
@@ -135,13 +146,16 @@ class Port:
             return [logical_ns]
 
     def _converted(self, number: int, task: str, conversion: Conversion) -> Converted:
+        with self._located(number) as (value, order):
+            return conversion.convert(value, Source(task, int(self.stamps_ns[number]), order))
+
+    @contextmanager
+    def _located(self, number: int) -> Iterator[tuple[Any, str]]:
+        """Yield the value of a sample and its byte order; errors name the file and the sample."""
         part, i = self._block(number)
-        source = Source(task, int(self.stamps_ns[number]), part.order)
         try:
             value = self._value(self._blocks[number], part, i)
-            if self._is_split:
-                value = value[self._elements[number]]
-            return conversion.convert(value, source)
+            yield (value[self._elements[number]] if self._is_split else value), part.order
         except (InputError, ValueError, TypeError, KeyError, IndexError, OverflowError) as error:
             where = f"{part.blocks.name} sample at byte {part.blocks.starts[i]}"
             raise CodecError(f"{self._paths[part.file]}: {where}: {error}") from error

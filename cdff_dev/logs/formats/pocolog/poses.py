@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of poses, velocities and states of bodies.
 
-ROCK states the pose of a source frame in a target frame: ``p_target = R p_source + t``. The covariance of its
-orientation is that of a rotation vector in the body, that is the source frame; CDFF's is in the parent frame.
-NaN means unknown in both; ROCK also has infinite covariances of unknown values.
+ROCK states the pose of a source frame in a target frame: ``p_target = R p_source + t``. The covariance of the
+orientation of a ``RigidBodyState`` is that of a rotation vector in the body, that is the source frame; of a
+``TransformWithCovariance`` it is that of the coordinates of its rotation vector; CDFF's is in the parent
+frame. NaN means unknown in all; ROCK also has infinite covariances of unknown values.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.types import (
     BodyState,
@@ -31,11 +33,13 @@ from cdff_dev.logs.formats.pocolog.values import (
     FloatArray,
     Source,
     matrix,
+    names_of,
     quaternion_xyzw,
     vector,
 )
 
-_NO_COVARIANCE = "versions of base-types differ in the order and meaning of its elements"
+#: Field of the orientation of a transform, which old versions of base-types call a rotation.
+_ORIENTATIONS = ("orientation", "rotation")
 _STATE_FIELDS = (
     "sourceFrame",
     "targetFrame",
@@ -121,14 +125,52 @@ def _pose(value: Any, source: Source) -> Converted:
 
 
 def _unnamed_transform(value: Any, source: Source) -> tuple[TransformWithCovariance, str, str]:
-    """Return a transform whose frames have no names, without covariance.
+    """Return a transform whose frames have no names.
 
-    Versions of base-types differ in the order and meaning of its elements, which the log does not state.
+    Versions of base-types differ: the orientation is an angle with an axis and comes first, or it is a
+    quaternion after the translation. The covariance has the order of the fields.
     """
+    names = [name for name in names_of(value) if name in ("translation", *_ORIENTATIONS)]
+    vector_rad, q_xyzw = _orientation(value[next(name for name in names if name in _ORIENTATIONS)])
+    translation_first = names[0] == "translation"
     parent, child = source.frame("unnamed"), source.sensor_frame
-    cov = np.full((6, 6), np.nan)
-    q_xyzw = quaternion_xyzw(value["orientation"])
+    cov = covariance_of_vector(matrix(value["cov"]), vector_rad, translation_first=translation_first)
     return _transform(vector(value["translation"]), q_xyzw, cov, source, parent, child), parent, child
+
+
+def _orientation(value: Any) -> tuple[FloatArray, FloatArray]:
+    """Return an orientation as rotation vector ``(3,)`` and as quaternion ``(4,)``, x, y, z, w."""
+    names = names_of(value)
+    if "re" in names:
+        q_xyzw = quaternion_xyzw(value)
+        return se3.rotation_vector_from_quaternion_xyzw(q_xyzw), q_xyzw
+    if not {"angle", "axis"} <= set(names):
+        raise InputError(f"orientation of {', '.join(names)}: expected re and im, or angle and axis")
+    angle_rad, axis = float(value["angle"]), np.asarray(value["axis"], np.float64)
+    return angle_rad * axis, np.append(np.sin(angle_rad / 2.0) * axis, np.cos(angle_rad / 2.0))
+
+
+def covariance_of_vector(cov: FloatArray, vector_rad: FloatArray, *, translation_first: bool) -> FloatArray:
+    """Return the covariance of a pose in the parent frame; all NaN if an element is unknown.
+
+    As in the composition of transforms in base-types, after Pennec and Thirion (1997),
+    doi:10.1023/A:1007976002485, ``cov`` is that of translation and coordinates of the rotation vector ``r``:
+    an error ``d`` of these is the rotation ``J_l(r) d`` in the parent frame, with the left Jacobian of SO(3).
+
+    Parameters
+    ----------
+    cov : array, shape (6, 6)
+    vector_rad : array, shape (3,)
+        Rotation vector of the pose.
+    translation_first : bool
+        Order of ``cov``.
+    """
+    if not np.isfinite(cov).all() or not np.isfinite(vector_rad).all():
+        return np.full((6, 6), np.nan)
+    order = [0, 1, 2, 3, 4, 5] if translation_first else [3, 4, 5, 0, 1, 2]
+    J = np.eye(6)
+    J[3:, 3:] = se3.left_jacobian_so3(vector_rad)
+    return np.asarray(J @ cov[np.ix_(order, order)] @ J.T)
 
 
 def _twist(value: Any, source: Source) -> TwistWithCovariance:
@@ -147,13 +189,9 @@ POSES = {
         Conversion("TransformWithCovariance", _body_transform, _STATE_FIELDS),
         Conversion("RigidBodyState", _body_state, _STATE_FIELDS, suffix="_state"),
     ),
-    "/base/TransformWithCovariance": (
-        Conversion(
-            "TransformWithCovariance",
-            _unnamed_transform,
-            ("translation", "orientation", "cov"),
-            lost={"cov": _NO_COVARIANCE},
-        ),
+    "/base/TransformWithCovariance": tuple(
+        Conversion("TransformWithCovariance", _unnamed_transform, ("translation", orientation, "cov"))
+        for orientation in _ORIENTATIONS
     ),
     "/base/TwistWithCovariance": (
         Conversion(
@@ -162,7 +200,5 @@ POSES = {
             ("vel", "rot", "cov"),
         ),
     ),
-    "/base/samples/BodyState": (
-        Conversion("BodyState", _moving_body, ("pose", "velocity"), lost={"pose.cov": _NO_COVARIANCE}),
-    ),
+    "/base/samples/BodyState": (Conversion("BodyState", _moving_body, ("pose", "velocity")),),
 }

@@ -7,8 +7,8 @@ Compounds are dictionaries or structured scalars, see ``decoding``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -72,8 +72,6 @@ class Conversion:
     optional : tuple of str
         Fields that it can have, and whose content is used, or follows from others. Further fields are listed
         as not converted.
-    lost : mapping of str to str
-        Reasons why fields of fields are not converted.
     suffix : str
         Suffix of the name of the stream, where a type has several conversions.
     """
@@ -82,7 +80,6 @@ class Conversion:
     convert: Callable[[Any, Source], Converted]
     fields: tuple[str, ...] = ()
     optional: tuple[str, ...] = ("time",)
-    lost: Mapping[str, str] = field(default_factory=dict)
     suffix: str = ""
 
 
@@ -150,3 +147,14 @@ def record(
 
     names = tuple(name for name, _ in parts.values())
     return Conversion(cls.ASN1_NAME, convert, names, ("time", *optional))
+
+
+def plain(value: Any) -> Any:
+    """Return a decoded value with compounds as dictionaries; numbers in arrays stay arrays."""
+    if isinstance(value, dict):
+        return {name: plain(item) for name, item in value.items()}
+    if isinstance(value, np.void):
+        return {name: plain(value[name]) for name in value.dtype.names or ()}
+    if isinstance(value, list) or (isinstance(value, np.ndarray) and value.dtype.names):
+        return [plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value

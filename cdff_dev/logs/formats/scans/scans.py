@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +76,7 @@ def _read(path: Path) -> tuple[CloudArrays, str]:
     with path.open("rb") as file:
         if file.read(len(MAGIC)) == MAGIC:
             return read_e57(path), "e57"
-    source = load(path)
+    source = replace(load(path), on_truncation=logger.warning)
     if path.suffix.lower() == ".bin":
         source = _whole_points(source)
     found = detect(source)

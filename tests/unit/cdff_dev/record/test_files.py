@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of a recording: splits by size and mission time, logs that exist, and a disk that cannot be written."""
+"""Files of a recording: splits by size and mission time, existing logs, a disk that cannot be written."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from cdff_common.errors import CodecError
+from cdff_common.geometry import se3
 from cdff_common.types import FrameModeT
 from cdff_dev.logs import open_log
 from tests.support import pocolog_files as rock
@@ -74,6 +75,46 @@ def test_infinite_covariance_is_unknown(tmp_path: Path) -> None:
     }
     value |= {"orientation": {"im": [0.0] * 3, "re": 1.0}, "cov_position": {"data": [np.inf] * 9}}
     assert converted(tmp_path, rock.BODY_STATE, value)["port"].transform.covariance is None
+
+
+@pytest.mark.parametrize("is_new", [True, False])
+def test_covariance_of_transforms_is_that_of_small_rotations_in_the_parent(
+    tmp_path: Path, order: str, is_new: bool
+) -> None:
+    rng = np.random.default_rng(3)
+    r, translation = np.array([0.4, -0.9, 1.3]), [1.0, 2.0, 3.0]
+    root = rng.normal(size=(6, 6)) * 1e-3
+    cov = root @ root.T  # of translation and coordinates of the rotation vector
+    x, y, z, w = se3.quaternion_xyzw_from_matrix(se3.exp_so3(r))
+    value = {"translation": {"data": translation}, "orientation": {"im": [x, y, z], "re": w}}
+    kind, written = rock.TRANSFORM, cov
+    if not is_new:  # orientation first, also in the covariance
+        angle = float(np.linalg.norm(r))
+        value = {"rotation": {"angle": angle, "axis": list(r / angle)}, "translation": {"data": translation}}
+        kind = rock.Compound(
+            kind.name, {"rotation": rock.ANGLE_AXIS, "translation": rock.VECTOR3, "cov": rock.MATRIX6}
+        )
+        written = np.roll(cov, (3, 3), axis=(0, 1))
+    value["cov"] = {"data": list(written.T.ravel())}
+    T = converted(tmp_path, kind, value, order)["port"].transform
+    np.testing.assert_allclose(T.matrix[:3, :3], se3.exp_so3(r), atol=1e-12)
+    errors = rng.multivariate_normal(np.zeros(6), cov, 20_000)
+    rotations = se3.log_so3(se3.exp_so3(r + errors[:, 3:]) @ se3.exp_so3(r).T)
+    sampled = np.cov(np.hstack([errors[:, :3], rotations]).T)
+    np.testing.assert_allclose(T.covariance, sampled, atol=0.05 * np.abs(sampled).max())
+
+
+def test_states_of_bodies_have_covariances_of_pose_and_velocity(tmp_path: Path) -> None:
+    diagonal = np.diag(np.arange(1.0, 7.0))
+    pose = {"translation": {"data": [1.0, 2.0, 3.0]}, "orientation": {"im": [0.0] * 3, "re": 1.0}}
+    pose |= {"cov": {"data": list(diagonal.ravel())}}
+    velocity = {"vel": {"data": [4.0, 5.0, 6.0]}, "rot": NAN3, "cov": {"data": list(2.0 * diagonal.ravel())}}
+    value = {"time": rock.time(T0_US), "pose": pose, "velocity": velocity}
+    body = converted(tmp_path, rock.BODY, value)["port"]
+    np.testing.assert_array_equal(body.pose.transform.covariance, diagonal)
+    np.testing.assert_array_equal(body.velocity.data.cov, 2.0 * diagonal)
+    pose["cov"] = {"data": [np.inf] * 36}
+    assert converted(tmp_path, rock.BODY, value)["port"].pose.transform.covariance is None
 
 
 def test_joints_have_names_states_and_time(tmp_path: Path, order: str) -> None:

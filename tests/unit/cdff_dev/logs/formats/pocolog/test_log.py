@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from contextlib import closing
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdff_common.cli import main
 from cdff_common.errors import CodecError, InputError
 from cdff_dev.logs import LogWriter, open_log
 from tests.support import pocolog_files as rock
@@ -127,6 +129,68 @@ def test_content_without_conversion_is_listed(tmp_path: Path) -> None:
             "arm.log: streams without declaration": ("unknown", 1),
             "arm.log: control streams": ("control block", 1),
         }
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(
+    ("kind", "value", "shown"),
+    [
+        (rock.SONAR, rock.SONAR_VALUE, "bins: <"),
+        (rock.SONAR_BEAM, rock.SONAR_BEAM_VALUE, "bearing: {rad: 0.5}"),
+        (rock.SONAR_SCAN, rock.SONAR_SCAN_VALUE, "number_of_bins: 50"),
+        (rock.SPLINE, rock.SPLINE_VALUE, "kind: 'POLYNOMIAL_BSPLINE'"),
+        (rock.TRAJECTORY, rock.TRAJECTORY_VALUE, "spline: {geometric_resolution: 0.125"),
+        (rock.Vector(rock.TRAJECTORY), [rock.TRAJECTORY_VALUE], "[{speed: 0.5"),
+    ],
+)
+def test_types_without_one_of_cdff_are_decoded_and_printed(
+    tmp_path: Path, kind: Any, value: Any, shown: str, order: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    writer = rock.PocologWriter(order)
+    writer.declare(0, "/task.port", kind)
+    writer.sample(0, kind, value, T0_US)
+    writer.sample(0, kind, value, T0_US, compress=True)
+    writer.declare(1, "/xsens.samples", IMU)
+    writer.sample(1, IMU, imu(T0_US + 5))
+    path = tmp_path / "task.0.log"
+    path.write_bytes(writer.data)
+    assert main(["log", "info", "--deep", str(path)]) == 0
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("not converted")]
+    assert line.startswith(f"not converted: /task.port  {kind.name} ")
+    assert line.endswith("; cdff log cat prints it")
+    assert main(["log", "cat", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[1] for line in lines] == ["/task.port", "/task.port", "/robot/xsens.samples"]
+    assert shown in lines[0]
+    assert main(["log", "cat", str(path), "--stream", "/task.port", "--json"]) == 0
+    first, second = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    expected = json.loads(json.dumps(value).replace("NaN", "null"))
+    assert first["value"] == second["value"] == expected
+    assert (first["type"], first["stamp_ns"]) == (kind.name, str(T0_US * 1000))
+
+
+def test_fields_without_one_of_cdff_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    kind = rock.Compound("/base/samples/Pressure", {"pascal": rock.FLOAT, "depth": rock.FLOAT})
+    writer = rock.PocologWriter()
+    writer.declare(0, "/water.pressure", kind)
+    writer.sample(0, kind, {"pascal": 1000.0, "depth": 0.25}, T0_US)
+    (tmp_path / "water.0.log").write_bytes(writer.data)
+    assert main(["log", "cat", str(tmp_path)]) == 0
+    sample, field = capsys.readouterr().out.splitlines()
+    assert field.endswith("/water.pressure: field depth #0 0.25")
+    assert "pascals=1000.0" in sample
+
+
+def test_damaged_samples_without_a_type_of_cdff_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    writer = rock.PocologWriter()
+    writer.declare(0, "/task.port", rock.SONAR_BEAM)
+    writer.raw(0, b"short", T0_US)
+    path = tmp_path / "task.0.log"
+    path.write_bytes(writer.data)
+    assert main(["log", "cat", str(path)]) == 1
+    assert "task.0.log: /task.port sample at byte" in capsys.readouterr().err
 
 
 def test_a_truncated_file_gives_what_is_readable_and_where_it_ends(

@@ -35,6 +35,8 @@ def _logs() -> list[bytes]:
         (rock.LASER_SCAN, scan),
         (rock.FRAME, rock.frame_value(jpeg, 8, 8, "MODE_JPEG", T0_US)),
         (rock.DEPTH_MAP, depth),
+        (rock.SONAR_BEAM, rock.SONAR_BEAM_VALUE),
+        (rock.TRAJECTORY, rock.TRAJECTORY_VALUE),
         (rock.Vector(rock.JOINTS), [{"names": ["b"], "elements": [state], "time": rock.time(T0_US)}]),
     ]
     logs = []
@@ -84,6 +86,11 @@ def test_mutations_give_typed_errors_with_bounded_memory(
             for name in log.streams:
                 try:
                     readable += sum(1 for _ in log.samples([name]))
+                except CdffError as error:
+                    faults.append(str(error))
+            for name in log.others.streams:
+                try:
+                    readable += sum(1 for _ in log.others.samples([name]))
                 except CdffError as error:
                     faults.append(str(error))
     grown_mb = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb) / 1024

@@ -12,6 +12,7 @@ import pytest
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.formats.cloud import CloudArrays
+from cdff_common.formats.pcd import write_pcd
 from cdff_common.formats.ply import write_ply
 from cdff_dev.logs import open_log
 from cdff_dev.logs.formats.scans.scans import SCAN
@@ -91,6 +92,35 @@ def test_a_file_that_is_not_a_cloud_is_left_out_and_named(
     assert "000001.bin" in caplog.text
     with pytest.raises(CodecError, match=r"000001\.bin"):
         list(open_log(tmp_path / "000001.bin").samples())
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("cut.ply", write_ply(CloudArrays.of(np.tile(POINTS_M, (5, 1))))),
+        ("cut.ply", write_ply(CloudArrays.of(np.tile(POINTS_M, (5, 1))), ascii_text=True)),
+        ("cut.pcd", write_pcd(CloudArrays.of(np.tile(POINTS_M, (5, 1))))),
+        ("cut.pcd", write_pcd(CloudArrays.of(np.tile(POINTS_M, (5, 1))), layout="ascii")),
+    ],
+)
+def test_a_cut_cloud_has_the_points_before_its_end(
+    tmp_path: Path, name: str, content: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    for cut in (9, 20, 40):
+        path = tmp_path / name
+        path.write_bytes(content[:-cut])
+        caplog.clear()
+        with open_log(path) as log:
+            (sample,) = log.samples()
+        count = len(sample.value.points_m)
+        assert 2 <= count < 10
+        np.testing.assert_allclose(sample.value.points_m, np.tile(POINTS_M, (5, 1))[:count], atol=1e-6)
+        (record,) = caplog.records
+        assert f"{name}: ends at byte {len(content) - cut} after {count} of 10" in record.message
+    header = next(mark for mark in (b"end_header", b"DATA") if mark in content)
+    path.write_bytes(content[: content.index(b"\n", content.index(header)) + 5])
+    with pytest.raises(CodecError, match=name), open_log(path) as log:
+        list(log.samples())
 
 
 def test_a_scan_that_was_cut_within_a_point_has_the_others(
