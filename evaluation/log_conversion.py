@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One recording in several formats: ``cdff slam`` and ``cdff vo`` give the result of the compound on its own.
 
-The sweeps and stereo pairs of KITTI are converted to a ROS 1 bag and MCAP, the sweeps also to PLY. The
-trajectory of each is compared with that of ``cdff replay`` on the original files.
+The sweeps and stereo pairs of KITTI are converted to a ROS 1 bag and two kinds of MCAP, the sweeps also to
+PLY. The trajectory of each is compared with that of ``cdff replay`` on the original files.
 """
 
 from __future__ import annotations
@@ -36,11 +36,14 @@ class Recording:
     stream: str
 
 
+_FOXGLOVE = "foxglove.mcap"
 RECORDINGS = (
-    Recording("kitti_velodyne", "slam", "lidar_slam", ("ply", "bag", "mcap"), "/robot/lidar.scan"),
-    Recording("kitti_stereo", "vo", "visual_odometry_sparse", ("bag", "mcap"), "/kitti/navcam.pair"),
+    Recording("kitti_velodyne", "slam", "lidar_slam", ("ply", "bag", "mcap", _FOXGLOVE), "/robot/lidar.scan"),
+    Recording(
+        "kitti_stereo", "vo", "visual_odometry_sparse", ("bag", "mcap", _FOXGLOVE), "/kitti/navcam.pair"
+    ),
 )
-_NAMES = {"ply": "PLY files", "bag": "ROS 1 bag", "mcap": "MCAP"}
+_NAMES = {"ply": "PLY files", "bag": "ROS 1 bag", "mcap": "MCAP", _FOXGLOVE: "MCAP of Foxglove's schemas"}
 _FILES = {
     "slam": ("trajectory.tum", "map.ply", "map.png", "trajectory.png", "report.html"),
     "vo": ("trajectory.tum", "trajectory.png", "report.html"),
@@ -76,7 +79,8 @@ def compare_formats(
         if suffix == "ply":
             _run("log", "export", str(source), recording.stream, "--out", str(target))
         else:
-            _run("log", "convert", str(source), str(target))
+            schemas = ("--schemas", "foxglove") if suffix == _FOXGLOVE else ()
+            _run("log", "convert", str(source), str(target), *schemas)
         rows[_NAMES[suffix]] = _result(recording, target, work / f"{recording.folder}_{suffix}", reference)
     return rows
 

@@ -93,6 +93,7 @@ def convert_log(
     mapping: LogMap | None = None,
     streams: Collection[str] | None = None,
     span: TimeSpan | None = None,
+    foxglove: bool = False,
 ) -> ConversionReport:
     """Write the samples of a log to a new log; the memory does not grow with the log.
 
@@ -106,6 +107,8 @@ def convert_log(
     streams : collection of str, optional
         Default: all.
     span : TimeSpan, optional
+    foxglove : bool
+        Schemas of an MCAP file, see ``create_log``.
 
     Raises
     ------
@@ -123,7 +126,7 @@ def convert_log(
     written: Counter[str] = Counter()
     total = sum(info.count for info in infos.values())
     with (
-        create_log(path, names, is_whole=True) as sink,
+        create_log(path, names, is_whole=True, foxglove=foxglove) as sink,
         closing(counted(log.samples_from(start_ns, chosen), total, "samples")) as samples,
     ):
         for sample in samples:

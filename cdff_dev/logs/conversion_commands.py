@@ -24,8 +24,15 @@ def register_conversions(verbs: Any) -> None:
         "target",
         metavar="DST",
         type=Path,
-        help="NAME.msg (InFuse), NAME.bag (ROS 1), NAME.mcap (MCAP with ROS 2 messages), or a name without "
-        "suffix for the folder of a ROS 2 bag",
+        help="NAME.msg (InFuse), NAME.bag (ROS 1), NAME.mcap (MCAP), or a name without suffix for the folder "
+        "of a ROS 2 bag",
+    )
+    convert.add_argument(
+        "--schemas",
+        choices=("ros2", "foxglove"),
+        default="ros2",
+        help="messages of an MCAP file: of ROS 2, or of Foxglove's schemas (protobuf) and of ROS 2 where "
+        "these lack the type (default: ros2)",
     )
     _add_calibration(convert)
     convert.add_argument(
@@ -85,6 +92,7 @@ def _convert(args: argparse.Namespace) -> int:
             mapping=mapping,
             streams=args.streams,
             span=TimeSpan(args.start, args.duration),
+            foxglove=args.schemas == "foxglove",
         )
     for line in report.lines():
         print(line, file=sys.stderr)

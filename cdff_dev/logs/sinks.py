@@ -43,7 +43,7 @@ class LogSink(Protocol):
         self.close()
 
 
-def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False) -> LogSink:
+def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False, foxglove: bool = False) -> LogSink:
     """Return the writer of a new log.
 
     Parameters
@@ -55,15 +55,19 @@ def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False) -> LogSin
         Names in the new log.
     is_whole : bool
         Remove an incomplete ``.msg`` after an error instead of keeping its samples, as the others do.
+    foxglove : bool
+        Write an MCAP file with messages of Foxglove's schemas instead of those of ROS 2.
 
     Raises
     ------
     InputError
-        If no writer has this suffix, or the folder exists.
+        If no writer has this suffix or these schemas, or the folder exists.
     StorageError
         If it cannot be written.
     """
     suffix = path.suffix.lower()
+    if foxglove and suffix != ".mcap":
+        raise InputError(f"log {path}: Foxglove's schemas are written to MCAP files; expected NAME.mcap")
     if suffix == ".msg":
         from cdff_dev.logs.formats.infuse.writer import LogWriter
 
@@ -74,7 +78,7 @@ def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False) -> LogSin
         )
     from cdff_dev.logs.formats.ros.writer import create_ros_log
 
-    return create_ros_log(path, mapping)
+    return create_ros_log(path, mapping, foxglove=foxglove)
 
 
 def refuse_own_input(log: LogSource, path: Path) -> None:

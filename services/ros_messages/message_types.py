@@ -26,7 +26,14 @@ class RosTypes:
     ----------
     version : int
         1 (noetic) or 2 (jazzy).
+
+    Attributes
+    ----------
+    without_frame : frozenset of str
+        Message types whose encoding has no frame in the header.
     """
+
+    without_frame: frozenset[str] = frozenset()
 
     def __init__(self, version: int) -> None:
         self.version = version

@@ -113,10 +113,16 @@ def _odometry(message: Any) -> Any:
 def _joints(message: Any) -> Any:
     header = _header(SimpleNamespace(timestamp=message.timestamp, frame_id="joints"))
     columns = {
-        name: [getattr(joint, name, np.nan) for joint in message.joints]
+        name: [_optional(joint, name) for joint in message.joints]
         for name in ("name", "position", "velocity", "effort")
     }
     return SimpleNamespace(header=header, **columns)
+
+
+def _optional(message: Any, name: str) -> Any:
+    """Return a field, or NaN if it is absent."""
+    is_unset = hasattr(message, "HasField") and name != "name" and not message.HasField(name)
+    return np.nan if is_unset else getattr(message, name, np.nan)
 
 
 def _transform(message: Any) -> Any:

@@ -18,6 +18,8 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import InputError
+from cdff_dev.logs.formats.ros.foxglove_protobuf import PACKAGE, schema_bytes
+from cdff_dev.logs.formats.ros.foxglove_types import SCHEMAS, FoxgloveTypes
 from services.ros_messages.message_types import RosTypes
 
 #: Time and size of messages after which they are committed to a database: a process that is killed loses
@@ -159,6 +161,8 @@ def _database_errors() -> Iterator[None]:
 class McapStorage(MessageStorage):
     """An MCAP file with ROS 2 messages in CDR, without compression."""
 
+    _profile = "ros2"
+
     def __init__(self, path: Path) -> None:
         from mcap.writer import CompressionType, Writer
 
@@ -166,7 +170,7 @@ class McapStorage(MessageStorage):
         self._path, self._part = path, path.with_name(f"{path.name}.part")
         self._file = self._part.open("wb")
         self._writer = Writer(self._file, compression=CompressionType.NONE)
-        self._writer.start(profile="ros2", library="cdff")
+        self._writer.start(profile=self._profile, library="cdff")
         self._schemas: dict[str, int] = {}
 
     def add_topic(self, topic: str, type_name: str) -> Any:
@@ -199,3 +203,22 @@ class McapStorage(MessageStorage):
         with suppress(OSError):  # of a full disk, which the last bytes cannot be written to
             self._file.close()
         self._part.unlink(missing_ok=True)
+
+
+class FoxgloveStorage(McapStorage):
+    """An MCAP file with messages of Foxglove's schemas in protobuf; others are ROS 2 messages in CDR."""
+
+    _profile = ""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.types = FoxgloveTypes()
+
+    def add_topic(self, topic: str, type_name: str) -> Any:
+        """Return the id of the channel of a new topic."""
+        if type_name not in SCHEMAS:
+            return super().add_topic(topic, type_name)
+        if type_name not in self._schemas:
+            name = f"{PACKAGE}.{SCHEMAS[type_name][0]}"
+            self._schemas[type_name] = self._writer.register_schema(name, "protobuf", schema_bytes())
+        return self._writer.register_channel(topic, "protobuf", self._schemas[type_name])

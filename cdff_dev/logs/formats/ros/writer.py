@@ -19,7 +19,13 @@ from cdff_common.interfaces.product import Header
 from cdff_common.output import make_folder, storage_errors
 from cdff_common.types import TransformWithCovariance
 from cdff_dev.logs.differences import ROUNDING, differing_fields
-from cdff_dev.logs.formats.ros.storage import Bag1Storage, Bag2Storage, McapStorage, MessageStorage
+from cdff_dev.logs.formats.ros.storage import (
+    Bag1Storage,
+    Bag2Storage,
+    FoxgloveStorage,
+    McapStorage,
+    MessageStorage,
+)
 from cdff_dev.logs.mapping import LogMap
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, mount_row, with_mount
 from cdff_dev.logs.sinks import LogSink, Loss
@@ -40,14 +46,16 @@ _PATH_LENGTH = 3
 _READER_FIELDS = ("id", "seq", "t0_ns", "t1_ns", "frame", "child", "producer")
 
 
-def create_ros_log(path: Path, mapping: LogMap) -> RosWriter:
+def create_ros_log(path: Path, mapping: LogMap, *, foxglove: bool = False) -> RosWriter:
     """Return the writer of ``NAME.bag``, ``NAME.mcap`` or the folder of a ROS 2 bag.
 
+    With ``foxglove``, an MCAP file has messages of Foxglove's schemas where these have the content.
     Raises InputError if the folder exists, and StorageError if the file cannot be written.
     """
     make_folder(path.resolve().parent)
     with storage_errors(path):
-        return RosWriter(_STORAGES[path.suffix.lower()](path), mapping, str(path))
+        create = FoxgloveStorage if foxglove else _STORAGES[path.suffix.lower()]
+        return RosWriter(create(path), mapping, str(path))
 
 
 class RosWriter(LogSink):
@@ -198,6 +206,8 @@ class RosWriter(LogSink):
             self._losses[stream, path] += 1
         for name in _lost_fields(stream, header):
             self._losses[stream, f"header.{name}"] += 1
+        if header is not None and encoded.messages[0].type_name in self._storage.types.without_frame:
+            self._losses[stream, "header.frame"] += 1
 
     def close(self) -> None:
         """Write the names of the original log and complete the file."""

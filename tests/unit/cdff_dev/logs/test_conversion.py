@@ -15,6 +15,7 @@ from cdff_common import types
 from cdff_common.cli import EXIT_USAGE, main
 from cdff_common.formats.tum import read_tum
 from cdff_dev.logs import LogWriter, open_log
+from cdff_dev.logs.source import recorded_header
 
 RealData = Callable[[str], Path]
 KITTI = "kitti_stereo/KITTI_sequence_1"
@@ -25,7 +26,7 @@ def _errors(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize("target", ["run.bag", "run.mcap"])
+@pytest.mark.parametrize("target", ["run.bag", "run.mcap", "foxglove.mcap"])
 @pytest.mark.parametrize(
     ("source", "streams", "duration_s"),
     [
@@ -48,11 +49,40 @@ def test_converted_recordings_are_equal(
     part, out = tmp_path / "part.msg", tmp_path / target
     span = ["--duration", str(duration_s)]
     assert main(["log", "convert", str(real_data(source)), str(part), *span]) == 0
-    assert main(["log", "convert", str(real_data(source)), str(out), *span, "--json"]) == 0
+    schemas = ["--schemas", "foxglove"] if target == "foxglove.mcap" else []
+    assert main(["log", "convert", str(real_data(source)), str(out), *span, *schemas, "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert report["losses"] == []
+    assert [loss for loss in report["losses"] if loss["loss"] != "header.frame"] == []
+    assert schemas or report["losses"] == []
     assert streams is None or sorted(report["written"]) == streams
     assert main(["log", "diff", str(part), str(out), "--rounding"]) == 0
+
+
+def test_foxglove_schemas_are_those_of_their_types_and_only_of_mcap_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from mcap.reader import make_reader
+
+    with LogWriter(tmp_path / "run.msg") as writer:
+        joints = types.Joints(types.Time(1), ("elbow",), (types.JointState(0.5, 0.1, 2.0, np.nan, np.nan),))
+        header = recorded_header("/mana/arm.joints", 0, 1000, frame="mana/arm")
+        writer.write("/mana/arm.joints", joints, 1000, header)
+        writer.write("/mana/imu.sample", types.IMUSensors(types.Time(1)), 1000)
+    log, out = str(tmp_path / "run.msg"), tmp_path / "run.mcap"
+    assert main(["log", "convert", log, str(out), "--schemas", "foxglove"]) == 0
+    assert capsys.readouterr().err == "not held: /mana/arm.joints: header.frame (1 samples)\n"
+    with out.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert sorted((s.name, s.encoding) for s in summary.schemas.values()) == [
+        ("foxglove.JointStates", "protobuf"),
+        ("sensor_msgs/msg/Imu", "ros2msg"),
+        ("std_msgs/msg/String", "ros2msg"),
+    ]
+    assert main(["log", "diff", log, str(out)]) == 0
+    for name in ("run.bag", "folder", "other.msg"):
+        words = ("convert", log, str(tmp_path / name), "--schemas", "foxglove")
+        assert "expected NAME.mcap" in _errors(*words, capsys=capsys)
 
 
 def test_content_that_a_bag_cannot_hold_is_listed(

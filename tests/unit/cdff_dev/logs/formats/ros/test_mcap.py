@@ -14,10 +14,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.writer import CompressionType, Writer
 
 from cdff_common.errors import CodecError
 from cdff_dev.logs import open_log
+from cdff_dev.logs.formats.ros.foxglove_protobuf import schema_bytes
+from cdff_dev.logs.formats.ros.foxglove_types import SCHEMAS
 from tests.unit.cdff_dev.logs.formats.ros.test_log import PERIOD_NS, ROS1, START_NS, imu
 
 messages = pytest.importorskip("foxglove.messages")
@@ -244,3 +247,34 @@ def test_the_shared_recording_has_its_topics(real_data: Callable[[str], Path]) -
     with open_log(real_data("rosbags") / "nav2_turtlebot.mcap") as log:
         assert log.streams["/nav2_turtlebot/odom.pose"].count == 2639
         assert len(log.streams) == 35
+
+
+@pytest.mark.parametrize("name", sorted({name for name, _ in SCHEMAS.values()}))
+def test_written_schemas_are_those_of_the_sdk(name: str) -> None:
+    def fields(data: bytes) -> dict[str, dict[str, tuple[Any, ...]]]:
+        files = FileDescriptorSet.FromString(data).file
+        return {
+            message.name: {
+                f.name: (f.number, f.type, f.label, f.type_name, f.proto3_optional) for f in message.field
+            }
+            for file in files
+            for message in file.message_type
+        }
+
+    own, reference = fields(schema_bytes()), fields(getattr(messages, name).get_schema().data)
+    assert all(own[name][key] == reference[name][key] for key in own[name])
+    for part in own.keys() & reference.keys():
+        assert all(own[part][key] == reference[part][key] for key in own[part]), part
+
+
+def test_joints_without_a_value_are_not_zero(tmp_path: Path) -> None:
+    states = messages.JointStates(
+        timestamp=messages.Timestamp(*stamp(0)), joints=[messages.JointState(name="elbow", position=0.5)]
+    )
+    schema = type(states).get_schema()
+    content = [("/joints", "protobuf", "protobuf", schema.name, schema.data, states.encode(), START_NS)]
+    with open_log(write_mcap(tmp_path / "rover.mcap", content)) as log:
+        (sample,) = log.samples()
+    (state,) = sample.value.elements
+    assert state.position == 0.5
+    assert np.isnan([state.speed, state.effort]).all()

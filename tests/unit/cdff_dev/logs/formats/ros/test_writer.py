@@ -22,7 +22,7 @@ from cdff_dev.logs.source import StreamInfo
 
 STAMP_NS = 1_600_000_000_000_000_000
 K = np.array([[300.5, 0.0, 16.25], [0.0, 301.25, 12.5], [0.0, 0.0, 1.0]])
-TARGETS = ("run.bag", "run.mcap", "run")
+TARGETS = ("run.bag", "run.mcap", "run", "foxglove.mcap")
 _RNG = np.random.default_rng(1)
 PIXELS = _RNG.integers(0, 255, (24, 32), np.uint8)
 COLOURS = _RNG.integers(0, 255, (24, 32, 3), np.uint8)
@@ -97,7 +97,8 @@ VALUES: dict[str, Callable[[], Any]] = {
 def test_every_value_is_read_as_it_was_written(target: str, tmp_path: Path) -> None:
     values = {stream: make() for stream, make in VALUES.items()}
     infos = {s: StreamInfo(type(v).ASN1_NAME, 1, STAMP_NS, STAMP_NS) for s, v in values.items()}
-    with create_ros_log(tmp_path / target, topic_map(infos)) as writer:
+    mapping, is_foxglove = topic_map(infos), target == "foxglove.mcap"
+    with create_ros_log(tmp_path / target, mapping, foxglove=is_foxglove) as writer:
         for stream, value in values.items():
             writer.write(stream, value, STAMP_NS)
     assert writer.losses == {}
