@@ -14,6 +14,7 @@ from typing import Any, Self, Unpack
 import zenoh
 
 from cdff_common.bus import keys, rpc
+from cdff_common.bus.handler_pool import HandlerPool, waiting
 from cdff_common.bus.identity import Identity
 from cdff_common.bus.message import Message, Reply, encoding_argument, key_argument, on_map, pack
 from cdff_common.bus.qos import Qos
@@ -196,7 +197,7 @@ class Bus:
         workers: int = 4,
         backlog: int = 64,
         busy_limit_s: float | None = None,
-        pool: ThreadPoolExecutor | None = None,
+        pool: ThreadPoolExecutor | HandlerPool | None = None,
     ) -> rpc.CallServer:
         """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads, or in ``pool``.
 
@@ -238,7 +239,8 @@ class Bus:
         **options: Unpack[rpc.CallOptions],
     ) -> Reply:
         """Return the final reply to a call; raises the errors of ``rpc.call_stream``."""
-        *_, final = self.call_stream(key, parameters, **options)
+        with waiting():
+            *_, final = self.call_stream(key, parameters, **options)
         return final
 
     @property

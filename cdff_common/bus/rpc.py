@@ -18,6 +18,7 @@ from typing import TypedDict
 
 import zenoh
 
+from cdff_common.bus.handler_pool import HandlerPool
 from cdff_common.bus.inbox import Inbox
 from cdff_common.bus.message import (
     Reply,
@@ -109,7 +110,7 @@ class CallServer:
         backlog: int,
         resources: CallResources,
         work: ParallelWork | None = None,
-        pool: ThreadPoolExecutor | None = None,
+        pool: ThreadPoolExecutor | HandlerPool | None = None,
     ) -> None:
         self._key = key
         self._resources, self._work = resources, work
@@ -143,7 +144,7 @@ class CallServer:
         """Stop answering."""
         if self._queryable is not None:
             self._queryable.undeclare()
-        if self._has_own_pool:
+        if isinstance(self._pool, ThreadPoolExecutor) and self._has_own_pool:
             self._pool.shutdown(wait=False, cancel_futures=True)
 
     def enqueue(self, query: zenoh.Query) -> None:

@@ -203,12 +203,12 @@ class Leases:
         accepted_modes = [d.accepts for d in self._compatible_demands(sensor) if d.priority >= priority]
         return None if not accepted_modes else frozenset.intersection(*accepted_modes)
 
-    def displaced(self, holder: str) -> dict[SensorId, str]:
-        """Return the sensors that are in a mode unacceptable to a holder, with this mode."""
+    def displaced(self, holder: str, sensors: Iterable[SensorId] | None = None) -> dict[SensorId, str]:
+        """Return the sensors, by default of all, in a mode unacceptable to a holder, with this mode."""
         return {
             s: self._mode[s]
-            for s, demands in self._demands.items()
-            if holder in demands and self._mode[s] not in demands[holder].accepts
+            for s in (self._demands if sensors is None else sensors)
+            if (demand := self._demands.get(s, {}).get(holder)) and self._mode[s] not in demand.accepts
         }
 
     def wanted_modes(self) -> dict[SensorId, str]:

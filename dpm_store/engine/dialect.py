@@ -86,7 +86,10 @@ class Dialect(Protocol):
         add: Sequence[str] = (),
         replace: Sequence[str] = (),
     ) -> None:
-        """Insert rows; for an existing key, add to columns and replace others by values other than None."""
+        """Insert rows; for an existing key, add to columns and replace others by values other than None.
+
+        Without columns, existing rows stay as they are.
+        """
 
     def index_products(self, connection: Connection, entries: Iterable[IndexEntry]) -> None:
         """Enter products in the spatial index."""

@@ -189,11 +189,12 @@ def upsert_rows(
     add: Sequence[str] = (),
     replace: Sequence[str] = (),
 ) -> None:
-    """Insert rows; for an existing key, add to columns and replace others by values other than None."""
+    """Insert rows that may exist; see ``Dialect.upsert_rows``."""
     changes = [f"{name} = {name} + excluded.{name}" for name in add]
     changes += [f"{name} = coalesce(excluded.{name}, {name})" for name in replace]
     key = ", ".join(column.name for column in table.primary_key)
-    _insert(connection, table, rows, f" ON CONFLICT ({key}) DO UPDATE SET {', '.join(changes)}")
+    update = f"({key}) DO UPDATE SET {', '.join(changes)}" if changes else "DO NOTHING"
+    _insert(connection, table, rows, f" ON CONFLICT {update}")
 
 
 def _insert(

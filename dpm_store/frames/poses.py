@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, and_, func, or_, select, update
 
 from cdff_common.errors import ExtrapolationError, FrameNotFoundError, InputError
 from cdff_common.geometry import FrameGraph, PoseTrack, UncertainTransform
@@ -82,8 +82,9 @@ class PoseTable:
         origin = {"product_id": product_id, "inserted_ns": inserted_ns}
         rows = [{**edge, **origin, "stamp_ns": stamp_ns, **pack(T)} for stamp_ns, T in poses]
         if rows:
-            connection.execute(dialect_of(connection).insert_or_ignore(schema.tracks), edge)
-            connection.execute(insert(schema.poses), rows)
+            dialect = dialect_of(connection)
+            dialect.upsert_rows(connection, schema.tracks, [edge])
+            dialect.insert_rows(connection, schema.poses, rows)
 
     @staticmethod
     def delete_in(connection: Connection, product_id: str, deleted_ns: int) -> None:

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 import msgpack
-from sqlalchemy import Connection, func, insert, select
+from sqlalchemy import Connection, bindparam, func, insert, select
 
 from cdff_common.clock import Clock
 from cdff_common.errors import DeniedError, InputError
@@ -25,6 +25,13 @@ CHANGES = ("inserted", "updated", "deleted", "reanchored")
 #: Roles of actors from weak to strong, except that a robot writes only its own products.
 ROLES = ("reader", "robot", "operator", "admin")
 _MAX_BODY_BYTES = 1 << 16
+_e = schema.events.c
+_SINCE = (
+    select(_e.ordinal, _e.stamp_ns, _e.scope, _e.kind, _e.body)
+    .where(_e.ordinal > bindparam("after"))
+    .order_by(_e.ordinal)
+    .limit(bindparam("limit"))
+)
 _ORIGIN = re.compile(r"[a-z0-9_/]{1,40}")
 _NAME = re.compile(r"[a-z0-9_]{1,64}")
 
@@ -197,6 +204,11 @@ class EventTable:
     ) -> tuple[Event, ...]:
         """Return the events after an ordinal, in order, optionally of some kinds and of one scope."""
         e = schema.events.c
+        if kind is None and scope is None:
+            with self._database.read() as connection:
+                values = {"after": ordinal, "limit": limit}
+                rows = dialect_of(connection).fetch(connection, _SINCE, values)
+            return tuple(Event(*row, msgpack.unpackb(body)) for *row, body in rows)
         statement = select(schema.events).where(e.ordinal > ordinal)
         if kind is not None:
             statement = statement.where(e.kind.in_([kind] if isinstance(kind, str) else list(kind)))

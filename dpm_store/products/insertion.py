@@ -11,11 +11,12 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import msgpack
 import numpy as np
-from sqlalchemy import Connection, Row, func, insert, select, update
+from sqlalchemy import Connection, Select, func, insert, select, update
 
 from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.codecs import CODECS
@@ -25,7 +26,7 @@ from cdff_common.errors import CodecError, ConflictError, InputError
 from cdff_common.interfaces.product import Header
 from dpm_store.engine import schema
 from dpm_store.engine.database import add_to_tallies, dialect_of
-from dpm_store.engine.dialect import IndexEntry
+from dpm_store.engine.dialect import Dialect, IndexEntry
 from dpm_store.frames.poses import PoseTable
 from dpm_store.history.events import EventTable
 from dpm_store.payloads.blobs import chunk_sums, digest
@@ -44,6 +45,11 @@ _POSE = "TransformWithCovariance"
 _NAME = re.compile(rf"{KEY_NAME}\Z")
 _TYPE = re.compile(r"[A-Za-z][A-Za-z0-9_\-]{0,63}\Z")
 _EPOCH = "epoch_ns"
+_p, _n, _i = schema.products.c, schema.frame_names.c, schema.index_buckets.c
+_LAST_ORDINAL = select(func.max(_p.ordinal))
+_EPOCH_VALUE = select(schema.meta.c.value).where(schema.meta.c.name == _EPOCH)
+#: Columns that are equal for equal products, apart from the header.
+_CONTENT_COLUMNS = ("robot", "dfpc", "port", "product", "type_name", "codec", "size")
 _HEADER_COLUMNS = ("id", "frame", "child", "config_hash", "t0_ns", "t1_ns", "resolution_m", "sha256")
 
 
@@ -118,7 +124,7 @@ class Inserter:
 
     def insert_rows(self, connection: Connection, new: Sequence[PreparedProduct], now_ns: int) -> None:
         """Insert products without events; small payloads are durable after ``packs.flush``."""
-        first: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
+        first = _next_ordinal(connection)
         numbered = list(enumerate(new, first))
         contents = {item.header.sha256 or "": Content(item.product.payload, item.chunk_sums) for item in new}
         self._payloads.insert(connection, contents, Counter(item.header.sha256 or "" for item in new))
@@ -160,7 +166,7 @@ class Inserter:
     ) -> None:
         """Insert the row of a product whose payload no longer exists, as deleted."""
         item = PreparedProduct(product, product.header, b"", None)
-        ordinal: int = (connection.execute(select(func.max(schema.products.c.ordinal))).scalar() or 0) + 1
+        ordinal = _next_ordinal(connection)
         row = item.row(ordinal, inserted_ns) | {"size": size, "sha256": None, "deleted_ns": inserted_ns}
         connection.execute(insert(schema.products), row)
         _index(connection, [(ordinal, item)])
@@ -176,44 +182,65 @@ def stored_products(connection: Connection, prepared: Sequence[PreparedProduct])
     ConflictError
         If an id exists with other content, or was deleted.
     """
-    p, dialect, stored = schema.products.c, dialect_of(connection), set()
-    columns = (p.id, p.deleted_ns, p.robot, p.dfpc, p.port, p.product, p.type_name, p.codec, p.size, p.header)
+    dialect, stored = dialect_of(connection), set()
     items = {item.header.id: item for item in prepared}
-    known = select(*columns).where(p.id.in_(dialect.elements("ids")))
-    for row in connection.execute(known, {"ids": dialect.list_value(list(items))}):
-        if row.deleted_ns is not None:
-            raise ConflictError(f"product {row.id} was deleted; its id cannot be used again")
-        item, columns_of_row = items[row.id], row._mapping
+    values = {"ids": dialect.list_value(list(items))}
+    for product_id, deleted_ns, header, *content in dialect.fetch(connection, _known(dialect), values):
+        if deleted_ns is not None:
+            raise ConflictError(f"product {product_id} was deleted; its id cannot be used again")
+        item = items[product_id]
         expected = {
             **item.product.names,
             "type_name": item.product.type_name,
             "codec": item.product.codec,
             "size": len(item.product.payload),
         }
-        is_same = all(columns_of_row[name] == value for name, value in expected.items())
-        if not is_same or Header.from_dict(msgpack.unpackb(row.header)) != item.header:
-            raise ConflictError(f"product {row.id} exists with other content; a new result needs a new id")
-        stored.add(row.id)
+        is_same = content == [expected[name] for name in _CONTENT_COLUMNS]
+        if not is_same or Header.from_dict(msgpack.unpackb(header)) != item.header:
+            raise ConflictError(
+                f"product {product_id} exists with other content; a new result needs a new id"
+            )
+        stored.add(product_id)
     return stored
+
+
+@cache
+def _known(dialect: Dialect) -> Select[Any]:
+    columns = (_p[name] for name in ("id", "deleted_ns", "header", *_CONTENT_COLUMNS))
+    return select(*columns).where(_p.id.in_(dialect.elements("ids")))
+
+
+@cache
+def _frame_rows(dialect: Dialect) -> Select[Any]:
+    return select(_n.ordinal, _n.frame, _n.zmin_m, _n.zmax_m).where(_n.frame.in_(dialect.elements("frames")))
+
+
+@cache
+def _bucket_rows(dialect: Dialect) -> Select[Any]:
+    return select(_i.frame, _i.product, _i.ordinal).where(_i.frame.in_(dialect.elements("frames")))
+
+
+def _next_ordinal(connection: Connection) -> int:
+    ((last,),) = dialect_of(connection).fetch(connection, _LAST_ORDINAL)
+    return (last or 0) + 1
 
 
 def epoch_ns(connection: Connection) -> int | None:
     """Return the origin of the times in the index, nanoseconds; None before the first product."""
-    value = connection.execute(select(schema.meta.c.value).where(schema.meta.c.name == _EPOCH)).scalar()
-    return None if value is None else int(value)
+    rows = dialect_of(connection).fetch(connection, _EPOCH_VALUE)
+    return int(rows[0][0]) if rows else None
 
 
 def _index(connection: Connection, numbered: Sequence[tuple[int, PreparedProduct]]) -> None:
-    n, frames = schema.frame_names.c, {item.header.frame for _, item in numbered}
     dialect = dialect_of(connection)
-    new_frames = [{"frame": frame} for frame in sorted(frames)]
-    connection.execute(dialect.insert_or_ignore(schema.frame_names), new_frames)
-    frame_rows = connection.execute(select(schema.frame_names).where(n.frame.in_(frames))).all()
-    ordinals = {row.frame: row.ordinal for row in frame_rows}
-    for row in frame_rows:
-        _extend_heights(
-            connection, row, [item.header.box_m for _, item in numbered if item.header.frame == row.frame]
-        )
+    frames = sorted({item.header.frame for _, item in numbered})
+    dialect.upsert_rows(connection, schema.frame_names, [{"frame": frame} for frame in frames])
+    ordinals = {}
+    values = {"frames": dialect.list_value(frames)}
+    for ordinal, frame, *heights_m in dialect.fetch(connection, _frame_rows(dialect), values):
+        ordinals[frame] = ordinal
+        boxes_m = [item.header.box_m for _, item in numbered if item.header.frame == frame]
+        _extend_heights(connection, ordinal, heights_m, boxes_m)
     epoch = epoch_ns(connection)
     if epoch is None:
         epoch = numbered[0][1].header.t0_ns
@@ -234,25 +261,26 @@ def _index(connection: Connection, numbered: Sequence[tuple[int, PreparedProduct
 
 def _buckets(connection: Connection, keys: set[tuple[int, str]]) -> dict[tuple[int, str], int]:
     """Return the ordinals of the index buckets of frames and types; missing ones are created."""
-    b = schema.index_buckets.c
+    dialect = dialect_of(connection)
     rows = [{"frame": frame, "product": product} for frame, product in sorted(keys)]
-    connection.execute(dialect_of(connection).insert_or_ignore(schema.index_buckets), rows)
-    rows_found = connection.execute(
-        select(schema.index_buckets).where(b.frame.in_({frame for frame, _ in keys}))
-    )
-    return {(row.frame, row.product): row.ordinal for row in rows_found}
+    dialect.upsert_rows(connection, schema.index_buckets, rows)
+    values = {"frames": dialect.list_value(sorted({frame for frame, _ in keys}))}
+    found = dialect.fetch(connection, _bucket_rows(dialect), values)
+    return {(frame, product): ordinal for frame, product, ordinal in found}
 
 
 def _extend_heights(
-    connection: Connection, frame: Row[Any], boxes_m: Sequence[tuple[float, ...] | None]
+    connection: Connection,
+    frame: int,
+    heights_m: Sequence[float | None],
+    boxes_m: Sequence[tuple[float, ...] | None],
 ) -> None:
-    """Extend the heights of a frame by those of more boxes."""
-    current = () if frame.zmin_m is None else (frame.zmin_m, frame.zmax_m)
+    """Extend the heights of a frame, given by its ordinal, by those of more boxes."""
+    current = () if heights_m[0] is None else tuple(heights_m)
     heights = [*current, *(box[i] for box in boxes_m if box is not None for i in (2, 5))]
     if heights and current != (span := (min(heights), max(heights))):
-        ordinal = schema.frame_names.c.ordinal
         extended = {"zmin_m": span[0], "zmax_m": span[1]}
-        connection.execute(update(schema.frame_names).where(ordinal == frame.ordinal).values(extended))
+        connection.execute(update(schema.frame_names).where(_n.ordinal == frame).values(extended))
 
 
 def _metrics(ordinal: int, header: Header) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.heartbeat import add_check
 from cdff_common.interfaces.profile import load_profile
+from cdff_common.memory import freeze_heap
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
 from services.alarm_reporter import AlarmReporter
@@ -65,6 +66,7 @@ def main(argv: list[str] | None = None) -> int:
             try:
                 orchestrator.start()
                 roster.start()
+                freeze_heap()
                 stop.wait()
             finally:
                 roster.close()

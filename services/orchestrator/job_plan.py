@@ -75,7 +75,7 @@ class JobPlan:
     @property
     def progress(self) -> PlanProgress | None:
         """Progress of the current plan."""
-        return None if self.plan is None else self.state.progress(self.plan)
+        return None if self.plan is None else self.state.progress(self.plan, self.job.id)
 
     def has_made(self, match: ProductMatch) -> bool:
         """Return True if a match was captured after the start of a planned job."""
@@ -102,17 +102,20 @@ class JobPlan:
             self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} is DEGRADED")
             self._adopt(alternative)
 
-    def abandon_if_failed(self, match: ProductMatch | None) -> None:
-        """Abandon a plan that lost a sensor or whose providers fail."""
-        if self.plan is None:
-            return
-        reasons = self._failure_reasons(self.plan, match)
-        if reasons:
-            self.plan = None
-            self.abandoned_plan_reasons = tuple(
-                dict.fromkeys([*self.abandoned_plan_reasons, *reasons][-_MAX_ABANDONED_REASONS:])
-            )
-            self.jobs.move(self.job, JobState.PLANNING, "; ".join(reasons))
+    def follow(self, match: ProductMatch | None) -> PlanProgress | None:
+        """Return the progress of the plan; abandon one that lost a sensor or whose providers fail."""
+        plan, progress = self.plan, self.progress
+        if plan is None or progress is None:
+            return None
+        reasons = self._failure_reasons(plan, progress, match)
+        if not reasons:
+            return progress
+        self.plan = None
+        self.abandoned_plan_reasons = tuple(
+            dict.fromkeys([*self.abandoned_plan_reasons, *reasons][-_MAX_ABANDONED_REASONS:])
+        )
+        self.jobs.move(self.job, JobState.PLANNING, "; ".join(reasons))
+        return None
 
     def return_to_better(self) -> None:
         """Replace the plan if a provider whose exclusion has ended gives a better one."""
@@ -152,18 +155,20 @@ class JobPlan:
         self._adopt(selected)
         return True
 
-    def _failure_reasons(self, plan: Plan, match: ProductMatch | None) -> list[str]:
+    def _failure_reasons(self, plan: Plan, progress: PlanProgress, match: ProductMatch | None) -> list[str]:
         """Return why the plan must be replaced, and exclude failing providers; empty if it is kept."""
-        progress = self.state.progress(plan)
-        displaced = self.state.displaced(self.job.id)
-        if displaced:
-            self.journal.append("decision", job=self.job.id, lost_modes=displaced)
+        if progress.displaced:
+            self.journal.append("decision", job=self.job.id, lost_modes=list(progress.displaced))
         counts = {m: progress.failures.get(str(m), (0, ""))[0] for m in plan.order}
         # Failures before the adoption of the plan count only after a new failure.
         failing = {
             m for m, n in counts.items() if n >= _FAILURES and n > self._previous_failures.get(str(m), 0)
         }
-        reasons = [*displaced, *progress.lost, *(progress.failures[str(m)][1] for m in sorted(failing))]
+        reasons = [
+            *progress.displaced,
+            *progress.lost,
+            *(progress.failures[str(m)][1] for m in sorted(failing)),
+        ]
         self._excluded.add(failing, self.job.timing.now_s())
         for sensor in map(str, plan.modes):
             count, reason = progress.failures.get(sensor, (0, ""))
@@ -184,7 +189,7 @@ class JobPlan:
         self.state.hold(job.id, plan, job.request.priority)
         self.journal.append("lease", action="acquire", holder=job.id, providers=[str(m) for m in plan.order])
         self.plan = plan
-        failures = self.state.progress(plan).failures
+        failures = self.state.progress(plan, job.id).failures
         self._previous_failures = {subject: count for subject, (count, _) in failures.items()}
         product = job.request.product
         providers = sorted(str(m) for m in plan.order if product in self.state.products_of(m))

@@ -53,6 +53,18 @@ class _Activation:
     findings: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class _SensorPorts:
+    """Ports of a provider connected to a sensor, with the wiring and description that they result from."""
+
+    wired: Mapping[str, str]
+    description: Mapping[str, Any]
+    ports: dict[str, tuple[bool, SensorId]]
+
+
+_NO_WIRING: Mapping[str, str] = {}
+
+
 class ProviderMonitor:
     """Observations of all providers; not thread-safe.
 
@@ -74,10 +86,12 @@ class ProviderMonitor:
         self._gone_since_s: dict[ProviderId, float] = {}
         self._usage_at_s: dict[ProviderId, float] = {}
         self.usage: dict[ProviderId, ResourceUsage] = {}
+        self._ports: dict[ProviderId, _SensorPorts] = {}
 
     def set_profile(self, profile: Profile) -> None:
         """Replace the profile, after robots have joined or changed."""
         self._profile = profile
+        self._ports.clear()
 
     def set_alive(self, provider: ProviderId, alive: bool, now_s: float) -> None:
         """Record that the process of a provider appeared or disappeared."""
@@ -150,7 +164,9 @@ class ProviderMonitor:
         silent = {
             port
             for port, (_, sensor) in ports.items()
-            if port in samples and now_s - samples[port][1] > self._silence_limit_s(sensor)
+            if port in samples
+            and now_s - samples[port][1] > SILENT_S
+            and now_s - samples[port][1] > self._silence_limit_s(sensor)
         }
         if silent and (silent == set(ports) or any(not ports[port][0] for port in silent)):
             sensors = ", ".join(sorted({str(ports[port][1]) for port in silent}))
@@ -159,9 +175,19 @@ class ProviderMonitor:
 
     def _sensor_ports(self, provider: ProviderId) -> dict[str, tuple[bool, SensorId]]:
         """Return the ports connected to a sensor: True if optional, and the sensor."""
+        wired, description = self._observed.wired.get(provider, _NO_WIRING), self._descriptions[provider]
+        known = self._ports.get(provider)
+        if known is None or known.wired is not wired or known.description is not description:
+            ports = self._parsed_ports(provider, wired, description)
+            known = self._ports[provider] = _SensorPorts(wired, description, ports)
+        return known.ports
+
+    @staticmethod
+    def _parsed_ports(
+        provider: ProviderId, wired: Mapping[str, str], description: Mapping[str, Any]
+    ) -> dict[str, tuple[bool, SensorId]]:
         ports = {}
-        wired = self._observed.wired.get(provider, {})
-        for port in self._descriptions[provider]["inputs"]:
+        for port in description["inputs"]:
             name, wiring = str(port["port"]), str(port["source"])
             if name in wired or wiring:
                 source = Source.parse(wired[name]) if name in wired else Wiring.parse(wiring).default

@@ -285,10 +285,9 @@ class RequestFlow:
     def _follow_plan(self, run: _RequestRun) -> bool:
         """Make, supervise or replace the plan; return True if a progress reply is due."""
         job, plan = run.job, run.plan
-        plan.abandon_if_failed(run.match)
-        if plan.plan is None:
+        progress = plan.follow(run.match)
+        if progress is None:
             return plan.make(run.match, run.dpm_error or run.unmet)
-        progress = self.state.progress(plan.plan)
         problems = "; ".join(progress.problems.values())
         state = JobState.PREPARING if progress.pending else JobState.WAITING
         if progress.pending:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cdff_common.bus import Bus, Pause, Reply, Request, keys
+from cdff_common.bus.handler_pool import HandlerPool
 from cdff_common.contract.queries import (
     CatalogueParameters,
     JobParameters,
@@ -50,6 +51,8 @@ RESTARTED = "the orchestrator was restarted: ask again"
 CAPACITY = 2048
 #: Threads for requests of all scopes, which occupy none while they wait, and for the other calls.
 _REQUEST_THREADS, _CALL_THREADS = 16, 8
+#: Number of requests that are processed at the same time, apart from those that wait for the DPM.
+_RUNNING = 4
 #: Additional calls of requests: refusals, explanations and requests that displace a job.
 _EXTRA_CALLS = 32
 #: Longest wait for the end of the open requests when the process stops, seconds.
@@ -107,7 +110,7 @@ class Orchestrator:
         # Two orchestrators of a mission serve different robots: each has its own history.
         origin = "orchestrator/" + profile.robot_ids[0]
         self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)
-        self._request_pool = ThreadPoolExecutor(_REQUEST_THREADS, thread_name_prefix="request")
+        self._request_pool = HandlerPool(_REQUEST_THREADS, _RUNNING, "request")
         self._call_pool = ThreadPoolExecutor(_CALL_THREADS, thread_name_prefix="call")
 
     def start(self) -> None:
@@ -171,6 +174,7 @@ class Orchestrator:
         finds them in the journal.
         """
         self._jobs.stop(_STOP_S)
+        self._request_pool.close()
         self._reconciler.close()
         self._monitor.close()
         self._history.close()

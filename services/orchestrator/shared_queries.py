@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 from cdff_common.bus import Pause, Signal
 from cdff_common.clock import Clock
@@ -46,6 +47,23 @@ class _SharedQuery:
     result: Result | UnavailableError | None = None
     is_running: bool = False
     waiting: list[Signal] = field(default_factory=list)
+
+    def result_since(self, insertions: int, start_s: float) -> Result | UnavailableError | None:
+        """Return the result, if it is of a query since some insertions and a start (monotonic seconds)."""
+        return self.result if self.insertions >= insertions and self.start_s >= start_s else None
+
+    def set_result(self, result: Result | UnavailableError, insertions: int, start_s: float) -> None:
+        """Set the result of a query that began after some insertions."""
+        self.result, self.insertions, self.start_s = result, insertions, start_s
+
+    def begin(self, timing: Timing) -> Signal | None:
+        """Mark the query as running; if it is running already, return a signal of its end."""
+        if not self.is_running:
+            self.is_running = True
+            return None
+        ended = timing.signal()
+        self.waiting.append(ended)
+        return ended
 
 
 class SharedQueries:
@@ -93,42 +111,32 @@ class SharedQueries:
         """
         with self._lock:
             query = self._queries[query_key(request)]
-        ended = self._begin(query)
-        while ended is not None:
-            remaining_s = until_s - self._timing.now_s()
+        while True:
+            with self._lock:
+                now_s = self._timing.now_s()
+                # The others that waited for it take the result: none of them begins before it is checked.
+                result = query.result_since(insertions, now_s - max_age_s)
+                ended = None if result is not None else query.begin(self._timing)
+            if result is not None:
+                return self._reassessed(request, result)
+            if ended is None:
+                break
+            remaining_s = until_s - now_s
             if remaining_s <= 0.0:
                 raise DeadlineError("no reply to an equivalent request yet")
             yield Pause(ended, remaining_s)
-            ended = self._begin(query)
         try:
-            now_s = self._timing.now_s()
-            if (
-                query.result is not None
-                and query.insertions >= insertions
-                and now_s - query.start_s <= max_age_s
-            ):
-                return self._reassessed(request, query.result)
-            try:
-                result = execute()
-            except DeadlineError:  # the limit of this request, not of the others
-                raise
-            except UnavailableError as error:
-                query.result, query.insertions, query.start_s = error, insertions, now_s
-                raise
-            query.result, query.insertions, query.start_s = result, insertions, now_s
-            return result
+            executed = execute()
+        except DeadlineError:  # the limit of this request, not of the others
+            raise
+        except UnavailableError as error:
+            query.set_result(error, insertions, now_s)
+            raise
+        else:
+            query.set_result(executed, insertions, now_s)
+            return executed
         finally:
             self._end(query)
-
-    def _begin(self, query: _SharedQuery) -> Signal | None:
-        """Mark a query as running; if it is running already, return the signal of its end."""
-        with self._lock:
-            if not query.is_running:
-                query.is_running = True
-                return None
-            ended = self._timing.signal()
-            query.waiting.append(ended)
-            return ended
 
     def _end(self, query: _SharedQuery) -> None:
         with self._lock:
@@ -151,6 +159,7 @@ class SharedQueries:
         return len(self._queries)
 
 
+@lru_cache(maxsize=4096)
 def query_key(request: ProductRequest) -> Hashable:
     """Return the part of a request that determines the product; equal for equivalent requests."""
     # A pose is queried in its frame; other products are converted afterwards.

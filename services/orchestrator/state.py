@@ -55,6 +55,8 @@ class PlanProgress:
         Sensors that are not in their mode.
     lost : tuple of str
         Reasons of lost sensors.
+    displaced : tuple of str
+        Reasons of sensors lost to a request of higher priority.
     problems : mapping of ProviderId to str
         Providers without input, without good output or without process, and the reason.
     failures : mapping of str to (int, str)
@@ -65,6 +67,7 @@ class PlanProgress:
     dead: tuple[str, ...]
     pending_modes: tuple[str, ...]
     lost: tuple[str, ...]
+    displaced: tuple[str, ...]
     problems: Mapping[ProviderId, str]
     failures: Mapping[str, tuple[int, str]]
 
@@ -267,7 +270,7 @@ class SystemState:
                     o.warm_at_s[provider] = now_s + self._warm_up_s[provider]
                 if active_s > HEALTHY_S:
                     o.clear_failures(provider)
-                if wired is not None:
+                if wired is not None and o.wired.get(provider) != wired:
                     o.wired[provider] = dict(wired)
             else:
                 self._set_inactive(provider)
@@ -391,14 +394,6 @@ class SystemState:
             if before != self._leases.effect(robots):
                 self.notify(*robots)
 
-    def displaced(self, holder: str) -> list[str]:
-        """Return the sensors that a holder lost to a request of higher priority, as reasons."""
-        with self._changed:
-            return [
-                f"sensor {s} is in mode {mode} for a request of higher priority"
-                for s, mode in sorted(self._leases.displaced(holder).items())
-            ]
-
     def leases(self) -> list[dict[str, Any]]:
         """Return all leases as plain data."""
         with self._changed:
@@ -480,8 +475,8 @@ class SystemState:
                 robots=robots,
             )
 
-    def progress(self, plan: Plan) -> PlanProgress:
-        """Return the progress of a plan."""
+    def progress(self, plan: Plan, holder: str) -> PlanProgress:
+        """Return the progress of the plan of a holder."""
         with self._changed:
             o, providers, modes = self._observed, plan.order, plan.modes
             return PlanProgress(
@@ -493,6 +488,10 @@ class SystemState:
                     if o.modes.get(s) != (self._leases.held_mode(s) or modes[s]) or s in o.lost
                 ),
                 lost=tuple(f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost),
+                displaced=tuple(
+                    f"sensor {s} is in mode {mode} for a request of higher priority"
+                    for s, mode in sorted(self._leases.displaced(holder, modes).items())
+                ),
                 problems=self._monitor.problems(providers, self._timing.now_s()),
                 failures={
                     str(x): (h.failures, h.reason)

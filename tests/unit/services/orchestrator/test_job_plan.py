@@ -26,7 +26,7 @@ from services.orchestrator.state import PlanProgress
 S = 1_000_000_000
 FIRST, SECOND = ProviderId("mana", "first"), ProviderId("mana", "second")
 LIDAR = SensorId("mana", "lidar")
-NO_PROGRESS = PlanProgress((), (), (), (), {}, {})
+NO_PROGRESS = PlanProgress((), (), (), (), (), {}, {})
 
 
 def plan_of(provider: ProviderId) -> Plan:
@@ -42,13 +42,10 @@ class State:
     """State double with a scripted progress."""
 
     def __init__(self) -> None:
-        self.current, self.lost_modes, self.held = NO_PROGRESS, [], []
+        self.current, self.held = NO_PROGRESS, []
 
-    def progress(self, plan: Plan) -> PlanProgress:
+    def progress(self, plan: Plan, holder: str) -> PlanProgress:
         return self.current
-
-    def displaced(self, job: str) -> list[str]:
-        return self.lost_modes
 
     def hold(self, job: str, plan: Plan, priority: int) -> None:
         self.held.append((plan.provider, priority))
@@ -151,7 +148,7 @@ def test_three_consecutive_failures_abandon_the_plan_and_exclude_the_provider(
     plan = job_plan(journal, state)
     plan.make(None, "")
     state.current = replace(NO_PROGRESS, failures={str(FIRST): (failures, "it crashed")})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert (plan.plan is None) == is_abandoned
     assert plan.abandoned_plan_reasons == (("it crashed",) if is_abandoned else ())
     if is_abandoned:
@@ -166,10 +163,10 @@ def test_failures_before_the_adoption_count_only_after_a_new_one(journal: Journa
     state.current = replace(NO_PROGRESS, failures={str(FIRST): (5, "old")})
     plan = job_plan(journal, state)
     plan.make(None, "")
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.plan is not None
     state.current = replace(NO_PROGRESS, failures={str(FIRST): (6, "new")})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.abandoned_plan_reasons == ("new",)
 
 
@@ -179,21 +176,21 @@ def test_a_failed_change_of_a_sensor_mode_abandons_the_plan_only_while_preparing
     plan = job_plan(journal, state)
     plan.make(None, "")
     state.current = replace(NO_PROGRESS, failures={str(LIDAR): (1, "refused")})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.abandoned_plan_reasons == ("refused",)
     state.current = NO_PROGRESS
     plan.make(None, "")
     plan.jobs.move(plan.job, JobState.WAITING)
     state.current = replace(NO_PROGRESS, failures={str(LIDAR): (1, "refused")})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.plan is not None
 
 
 def test_lost_sensors_and_displaced_modes_abandon_the_plan(journal: Journal, state: State) -> None:
     plan = job_plan(journal, state)
     plan.make(None, "")
-    state.lost_modes, state.current = ["mode taken"], replace(NO_PROGRESS, lost=("lidar lost", "mode taken"))
-    plan.abandon_if_failed(None)
+    state.current = replace(NO_PROGRESS, displaced=("mode taken",), lost=("lidar lost", "mode taken"))
+    plan.follow(None)
     assert plan.abandoned_plan_reasons == ("mode taken", "lidar lost")
     assert {"job": plan.job.id, "lost_modes": ["mode taken"]}.items() <= next(
         r for r in journal.records() if "lost_modes" in r
@@ -206,7 +203,7 @@ def test_the_last_four_reasons_are_reported(journal: Journal, state: State) -> N
         state.current = NO_PROGRESS
         plan.make(None, "")
         state.current = replace(NO_PROGRESS, lost=(f"lost {number}",))
-        plan.abandon_if_failed(None)
+        plan.follow(None)
     assert plan.abandoned_plan_reasons == ("lost 2", "lost 3", "lost 4", "lost 5")
 
 
@@ -214,10 +211,10 @@ def test_a_problem_abandons_the_plan_only_for_an_alternative(journal: Journal, s
     plan = job_plan(journal, state)
     plan.make(None, "")
     state.current = replace(NO_PROGRESS, problems={FIRST: "no input", SECOND: "no input"})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.plan is not None
     state.current = replace(NO_PROGRESS, problems={FIRST: "no input"})
-    plan.abandon_if_failed(None)
+    plan.follow(None)
     assert plan.abandoned_plan_reasons == ("no input",)
     state.current = NO_PROGRESS
     plan.make(None, "")

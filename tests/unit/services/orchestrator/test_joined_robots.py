@@ -62,7 +62,7 @@ def test_nothing_of_a_robot_that_left_is_planned_listed_or_acted_upon(state: Sys
     assert {s["robot"] for s in listed["sensors"]} == {"mana"}
     assert {p["robot"] for p in listed["products"]} == {"mana"}
     assert all("minnie" not in str(action) for action in state.actions()[0])
-    assert state.progress(made).dead  # the open job sees that its providers are gone
+    assert state.progress(made, "job").dead  # the open job sees that its providers are gone
     state.release("job")
     state.remove_robot("never_there")
 

@@ -162,3 +162,24 @@ def test_different_requests_do_not_share_a_query() -> None:
         query_key(parse_request({"type": "pose", "frame": f}, "mana")) for f in ("site", "mana/odom")
     ]
     assert pose_keys[0] != pose_keys[1]
+
+
+def test_the_end_of_a_query_wakes_each_waiting_request_once() -> None:
+    queries, search = SharedQueries(ManualClock(0)), CountingSearch()
+    with queries.share(A):
+        others = [queries.find(A, search, 1, 100.0, soon()) for _ in range(20)]
+        pauses: list[Any] = []
+
+        def execute() -> Result:
+            pauses.extend(next(steps) for steps in others)
+            return None, "found"
+
+        running = queries.find(A, execute, 1, 100.0, soon())
+        with pytest.raises(StopIteration):
+            next(running)
+        assert all(pause.signal.is_set() for pause in pauses)
+        for steps in others:
+            with pytest.raises(StopIteration) as end:  # no second pause
+                next(steps)
+            assert end.value.value == (None, "found")
+    assert search.count == 0
