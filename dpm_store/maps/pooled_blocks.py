@@ -88,7 +88,7 @@ class PooledPatch:
 
 @dataclass(slots=True, eq=False)
 class Block:
-    """Pooled cells, their patches by id, ``T_window_frame`` of the frames of these, and the time of last use."""
+    """Pooled cells, their patches by id, ``T_window_frame`` of their frames, and the time of the last use."""
 
     key: BlockKey
     mosaic: Mosaic

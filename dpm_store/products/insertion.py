@@ -25,8 +25,8 @@ from cdff_common.contract.names import KEY_NAME
 from cdff_common.errors import CodecError, ConflictError, InputError
 from cdff_common.interfaces.product import Header
 from dpm_store.engine import schema
-from dpm_store.engine.database import add_to_tallies, dialect_of
-from dpm_store.engine.dialect import Dialect, IndexEntry
+from dpm_store.engine.database import DIALECTS, add_to_tallies, dialect_of
+from dpm_store.engine.dialect import IndexEntry
 from dpm_store.frames.poses import PoseTable
 from dpm_store.history.events import EventTable
 from dpm_store.payloads.blobs import chunk_sums, digest
@@ -185,7 +185,9 @@ def stored_products(connection: Connection, prepared: Sequence[PreparedProduct])
     dialect, stored = dialect_of(connection), set()
     items = {item.header.id: item for item in prepared}
     values = {"ids": dialect.list_value(list(items))}
-    for product_id, deleted_ns, header, *content in dialect.fetch(connection, _known(dialect), values):
+    for product_id, deleted_ns, header, *content in dialect.fetch(
+        connection, _known(connection.dialect.name), values
+    ):
         if deleted_ns is not None:
             raise ConflictError(f"product {product_id} was deleted; its id cannot be used again")
         item = items[product_id]
@@ -205,19 +207,21 @@ def stored_products(connection: Connection, prepared: Sequence[PreparedProduct])
 
 
 @cache
-def _known(dialect: Dialect) -> Select[Any]:
+def _known(engine: str) -> Select[Any]:
     columns = (_p[name] for name in ("id", "deleted_ns", "header", *_CONTENT_COLUMNS))
-    return select(*columns).where(_p.id.in_(dialect.elements("ids")))
+    return select(*columns).where(_p.id.in_(DIALECTS[engine].elements("ids")))
 
 
 @cache
-def _frame_rows(dialect: Dialect) -> Select[Any]:
-    return select(_n.ordinal, _n.frame, _n.zmin_m, _n.zmax_m).where(_n.frame.in_(dialect.elements("frames")))
+def _frame_rows(engine: str) -> Select[Any]:
+    return select(_n.ordinal, _n.frame, _n.zmin_m, _n.zmax_m).where(
+        _n.frame.in_(DIALECTS[engine].elements("frames"))
+    )
 
 
 @cache
-def _bucket_rows(dialect: Dialect) -> Select[Any]:
-    return select(_i.frame, _i.product, _i.ordinal).where(_i.frame.in_(dialect.elements("frames")))
+def _bucket_rows(engine: str) -> Select[Any]:
+    return select(_i.frame, _i.product, _i.ordinal).where(_i.frame.in_(DIALECTS[engine].elements("frames")))
 
 
 def _next_ordinal(connection: Connection) -> int:
@@ -237,10 +241,12 @@ def _index(connection: Connection, numbered: Sequence[tuple[int, PreparedProduct
     dialect.upsert_rows(connection, schema.frame_names, [{"frame": frame} for frame in frames])
     ordinals = {}
     values = {"frames": dialect.list_value(frames)}
-    for ordinal, frame, *heights_m in dialect.fetch(connection, _frame_rows(dialect), values):
+    for ordinal, frame, zmin_m, zmax_m in dialect.fetch(
+        connection, _frame_rows(connection.dialect.name), values
+    ):
         ordinals[frame] = ordinal
         boxes_m = [item.header.box_m for _, item in numbered if item.header.frame == frame]
-        _extend_heights(connection, ordinal, heights_m, boxes_m)
+        _extend_heights(connection, ordinal, () if zmin_m is None else (zmin_m, zmax_m), boxes_m)
     epoch = epoch_ns(connection)
     if epoch is None:
         epoch = numbered[0][1].header.t0_ns
@@ -265,18 +271,17 @@ def _buckets(connection: Connection, keys: set[tuple[int, str]]) -> dict[tuple[i
     rows = [{"frame": frame, "product": product} for frame, product in sorted(keys)]
     dialect.upsert_rows(connection, schema.index_buckets, rows)
     values = {"frames": dialect.list_value(sorted({frame for frame, _ in keys}))}
-    found = dialect.fetch(connection, _bucket_rows(dialect), values)
+    found = dialect.fetch(connection, _bucket_rows(connection.dialect.name), values)
     return {(frame, product): ordinal for frame, product, ordinal in found}
 
 
 def _extend_heights(
     connection: Connection,
     frame: int,
-    heights_m: Sequence[float | None],
+    current: tuple[float, ...],
     boxes_m: Sequence[tuple[float, ...] | None],
 ) -> None:
-    """Extend the heights of a frame, given by its ordinal, by those of more boxes."""
-    current = () if heights_m[0] is None else tuple(heights_m)
+    """Extend the current heights of a frame, given by its ordinal, by those of more boxes."""
     heights = [*current, *(box[i] for box in boxes_m if box is not None for i in (2, 5))]
     if heights and current != (span := (min(heights), max(heights))):
         extended = {"zmin_m": span[0], "zmax_m": span[1]}

@@ -106,7 +106,7 @@ class WorkBudget:
             self._reduce(charge, nbytes)
 
     def return_freed_memory(self, *, is_freed: bool = False) -> None:
-        """Return freed memory to the system if requests have used memory since the last call, or ``is_freed``."""
+        """Return freed memory to the system after requests that have used some, or if ``is_freed``."""
         with self._changed:
             was_used, self._was_used = self._was_used, False
         if was_used or is_freed:
