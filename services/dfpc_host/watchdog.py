@@ -4,7 +4,8 @@
 
 The kernel accounts for each thread the time on a CPU and the time in which it waits for one. A step on a
 slow or loaded machine spends its whole duration in these two; one that waits for a lock, a file or another
-process spends it in neither.
+process spends it in neither. The time in which the whole process is stopped, with its machine or by a signal,
+does not count.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from threading import Thread
 
 #: Least fraction of the time in which a step must be on a CPU or wait for one, to count as working.
 _WORKING_FRACTION = 0.01
+#: Longest time between two checks, seconds; in the rest of a longer one the whole process was stopped.
+_LONGEST_INTERVAL_S = 1.0
 #: Longest CPU time of a step, in step timeouts: an endless loop.
 ENDLESS_TIMEOUTS = 30.0
 
@@ -58,7 +61,7 @@ class StepWatchdog:
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s
         self._step_started_s: float | None = None
-        self._worked_at_s = 0.0
+        self._worked_at_s = self._checked_at_s = 0.0
         self._at_last_work = self._at_start = ThreadTimes(0.0, 0.0)
 
     def problem(self, step_started_s: float | None, now_s: float, times: ThreadTimes | None) -> str:
@@ -71,12 +74,15 @@ class StepWatchdog:
         times : ThreadTimes or None
             Times of the thread of the step.
         """
+        stopped_s = max(now_s - self._checked_at_s - _LONGEST_INTERVAL_S, 0.0)
+        self._checked_at_s = now_s
         if step_started_s is None or times is None:
             self._step_started_s = None
             return ""
         if step_started_s != self._step_started_s:
             self._step_started_s, self._worked_at_s = step_started_s, now_s
             self._at_last_work = self._at_start = times
+        self._worked_at_s += stopped_s
         worked_s = times.runnable_s - self._at_last_work.runnable_s
         if worked_s >= _WORKING_FRACTION * self._timeout_s:
             self._worked_at_s, self._at_last_work = now_s, times

@@ -8,6 +8,7 @@ import asyncio
 import functools
 import socket
 import threading
+from asyncio import sslproto
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -28,6 +29,8 @@ _PROBE_S, _HUNG_S = 5.0, 300.0
 #: Requests that are carried out at the same time; others wait. Each has its objects in memory, of which the
 #: allocator returns only a part to the system.
 _THREADS = 16
+#: Read buffer of a TLS connection. The default of 256 kB would be 100 MB for the idle connections that are kept.
+_TLS_BUFFER_BYTES = 64 << 10
 
 
 class _Server(uvicorn.Server):
@@ -85,6 +88,7 @@ class HttpServer:
                 f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http"
             ) from error
         self.port: int = self._socket.getsockname()[1]
+        sslproto.SSLProtocol.max_size = _TLS_BUFFER_BYTES
         config = uvicorn.Config(
             create_app(context),
             log_config=None,

@@ -35,6 +35,14 @@ def test_a_new_step_has_the_whole_timeout() -> None:
     assert not watchdog.problem(101.0, 101.0, waiting)
 
 
+def test_a_step_is_not_ended_after_its_machine_was_suspended() -> None:
+    watchdog, waiting = StepWatchdog(TIMEOUT_S), ThreadTimes(3.0, 4.0)
+    assert not any(watchdog.problem(0.0, float(now_s), waiting) for now_s in range(6))
+    assert not watchdog.problem(0.0, 3600.0, waiting)
+    assert not any(watchdog.problem(0.0, 3600.0 + t, waiting) for t in range(5))
+    assert "without computing" in watchdog.problem(0.0, 3604.5, waiting)
+
+
 def test_an_endless_step_is_ended_by_its_cpu_time() -> None:
     watchdog, limit_s = StepWatchdog(TIMEOUT_S), ENDLESS_TIMEOUTS * TIMEOUT_S
     assert not any(
