@@ -33,6 +33,12 @@ class RequestOptions(TypedDict, total=False):
         Cell size to which finer data are aggregated.
     min_coverage
         Smallest covered fraction of the region, 0 to 1.
+    max_oldest_age_s
+        Largest age of the oldest part of a map.
+    max_sigma_m, max_sigma_deg
+        Largest standard deviations of the position, or of the elevation of a map, and of the orientation.
+    covariance_kind, status
+        Weakest kind of covariance, ``formal`` or ``calibrated``; ``OK`` for no DEGRADED product.
     as_type, format, deliver
         InFuse type, encoding (``uper ber xer msgpack tif ply tum png``), ``auto inline reference``.
     priority
@@ -47,6 +53,11 @@ class RequestOptions(TypedDict, total=False):
     max_age_s: float | None
     resolution_m: float | None
     min_coverage: float | None
+    max_oldest_age_s: float | None
+    max_sigma_m: float | None
+    max_sigma_deg: float | None
+    covariance_kind: str | None
+    status: str | None
     as_type: str | None
     format: str | None
     deliver: str | None

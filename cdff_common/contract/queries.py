@@ -47,6 +47,7 @@ MetricBounds = Annotated[
 ]
 Ordinal = Annotated[Whole, Field(ge=0, le=2**62)]
 Resolution = Annotated[Number, Field(ge=1e-4, le=1e4)]
+Sigma = Annotated[Number, Field(gt=0, le=1e9)]
 
 
 class Order(StrEnum):
@@ -107,6 +108,16 @@ class SearchParameters(RegionParameters):
     covariance_kind: CovarianceKind | None = Field(None, description="How the covariance was obtained")
     limit: Annotated[Whole, Field(ge=1, le=MAX_PAGE)] = Field(DEFAULT_PAGE, description="Products on a page")
     cursor: str | None = Field(None, description="Cursor of the previous page")
+
+
+class NewestParameters(SearchParameters):
+    """A search whose newest product is delivered."""
+
+    known: str | None = Field(
+        None,
+        max_length=128,
+        description="Id that the client holds; only the metadata of that product are delivered",
+    )
 
 
 class MapParameters(RegionParameters):
@@ -376,6 +387,17 @@ class RequestParameters(Parameters):
     min_coverage: Annotated[Number, Field(ge=0, le=1)] = Field(
         0.0, description="Fraction of the region that must hold data"
     )
+    max_oldest_age_s: Age | None = Field(None, description="Largest age of the oldest part of a map")
+    max_sigma_m: Sigma | None = Field(
+        None, description="Largest standard deviation of the position, or of the elevation of a map, metres"
+    )
+    max_sigma_deg: Sigma | None = Field(
+        None, description="Largest standard deviation of the orientation, degrees"
+    )
+    covariance_kind: Literal["formal", "calibrated"] | None = Field(
+        None, description="Weakest kind of covariance"
+    )
+    status: Literal["OK"] | None = Field(None, description="OK: no DEGRADED product")
     as_type: str | None = Field(None, alias="as", description="ASN.1 type of the answer")
     format: str = Field("uper", description="Codec or file format")
     deliver: Deliver = Field("auto", description="Payload, its id, or the id above 1 MB")

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Assessment of stored products against a request, and selection of the best one.
 
-Type, frame, age and coverage are mandatory if requested; resolution is optional: coarser data are
-delivered, and the reply states the difference. DEGRADED products are delivered with their reasons, FAILED
-ones never.
+Type, frame, age and coverage are mandatory if requested. Resolution, accuracy and the age of the oldest part
+are optional: coarser or less accurate data are delivered, and the reply states the difference. DEGRADED
+products are delivered with their reasons, FAILED ones never.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from cdff_common.clock import NS_PER_S
+from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.request import ProductRequest
 
 #: Ratio up to which two resolutions count as equal.
@@ -36,6 +37,7 @@ class ProductCandidate:
     resolution_m: float | None = None
     coverage: float | None = None  # fraction of the region that holds data, 0 to 1; None without a region
     status: str = "OK"  # OK, DEGRADED or FAILED
+    accuracy: Accuracy | None = None  # set if the request has bounds on it
 
     def age_s(self, now_ns: int) -> float:
         """Return the age of the newest part, seconds; negative for a capture ahead of the clock."""
@@ -44,6 +46,17 @@ class ProductCandidate:
     def oldest_age_s(self, now_ns: int) -> float:
         """Return the age of the oldest part, seconds; negative for a capture ahead of the clock."""
         return (now_ns - self.oldest_t1_ns) / NS_PER_S
+
+    def unmet_bounds(self, request: ProductRequest, now_ns: int) -> tuple[str, ...]:
+        """Return the unmet bounds on accuracy and age of the oldest part, as texts."""
+        texts: tuple[str, ...] = ()
+        if request.accuracy.is_set:
+            texts = request.accuracy.unmet(self.accuracy or Accuracy(status=self.status))
+        oldest_age_s = self.oldest_age_s(now_ns)
+        if oldest_age_s > request.max_oldest_age_s:
+            limit_s = request.max_oldest_age_s
+            texts += (f"oldest_age: {oldest_age_s:.3f} s, asked at most {limit_s:g} s",)
+        return texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,21 +68,23 @@ class Assessment:
     #: Unmet optional requirements that a new product may meet; stated in the reply.
     shortfalls: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()  # differences that no new product would remove; stated in the reply
+    #: Unmet optional bounds on accuracy and age of the oldest part, which any later product may meet.
+    bounds: tuple[str, ...] = ()
 
     @property
     def differences(self) -> list[str]:
         """All differences."""
-        return [*self.violations, *self.shortfalls, *self.remarks]
+        return [*self.violations, *self.shortfalls, *self.bounds, *self.remarks]
 
     @property
     def unmet(self) -> str:
         """Unmet requirements that a new product may meet, as one line."""
-        return "; ".join([*self.violations, *self.shortfalls])
+        return "; ".join([*self.violations, *self.shortfalls, *self.bounds])
 
     @property
     def satisfies(self) -> bool:
         """True if a new product would not meet the request better."""
-        return not self.violations and not self.shortfalls
+        return not self.violations and not self.shortfalls and not self.bounds
 
     @property
     def acceptable(self) -> bool:
@@ -86,7 +101,7 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
         now_ns = request.t_ns
     if candidate.status == "FAILED":
         violations.append("status: FAILED")
-    if candidate.status == "DEGRADED":
+    if candidate.status == "DEGRADED" and request.accuracy.status is None:
         remarks.append("status: DEGRADED, see its quality")
     age_s = candidate.age_s(now_ns)
     ahead_s = (candidate.t1_ns - now_ns) / NS_PER_S
@@ -110,18 +125,20 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
             shortfalls.append(difference)
         elif actual_m * RESOLUTION_TOLERANCE < requested_m:
             remarks.append(f"{difference}, which is not a multiple of the finer cells")
-    return Assessment(tuple(violations), tuple(shortfalls), tuple(remarks))
+    return Assessment(
+        tuple(violations), tuple(shortfalls), tuple(remarks), candidate.unmet_bounds(request, now_ns)
+    )
 
 
 def best_candidate(
     candidates: Iterable[ProductCandidate], request: ProductRequest, now_ns: int
 ) -> tuple[ProductCandidate, Assessment] | None:
-    """Return the candidate with fewest violations, then fewest shortfalls, largest coverage, lowest age."""
+    """Return the candidate with fewest violations, fewest other differences, largest coverage, lowest age."""
     return min(
         ((c, assess(c, request, now_ns)) for c in candidates),
         key=lambda ca: (
             len(ca[1].violations),
-            len(ca[1].shortfalls),
+            len(ca[1].shortfalls) + len(ca[1].bounds),
             -(ca[0].coverage or 0.0),
             -ca[0].t1_ns,
             ca[0].id,
@@ -143,4 +160,13 @@ def delivery_summary(
         "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
         "status": candidate.status,
         "differences": assessment.differences,
+        **_stated(candidate.accuracy),
     }
+
+
+def _stated(accuracy: Accuracy | None) -> dict[str, object]:
+    """Return the standard deviations of a reply; none if the request did not ask for them."""
+    if accuracy is None:
+        return {}
+    kind = str(accuracy.covariance_kind)
+    return {"sigma_m": accuracy.sigma_m, "sigma_deg": accuracy.sigma_deg, "covariance_kind": kind}

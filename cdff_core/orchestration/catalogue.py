@@ -202,8 +202,8 @@ def world_of(
 
     ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
     With ``optimistic``, every DFPC of the profile counts as available, also without a running process, except
-    ``absent`` ones, whose robot has left or no longer has them. A request may take sensors from requests of
-    lower ``priority``, by default from none.
+    ``absent`` ones, whose robot has left or no longer has them. A request may take sensors, memory and CPU
+    from requests of lower ``priority``, by default from none.
     """
     providers = {}
     cache = ProviderCache() if cache is None else cache
@@ -251,6 +251,7 @@ def world_of(
         memory_free_mb=_remaining(selected, "memory_mb", {p: providers[p].memory_mb for p in reserved}),
         cpu_free=_remaining(selected, "cpu_cores", {p: providers[p].cpu for p in reserved}),
         reserved=reserved,
+        takeable={p: n for p in reserved if (n := leases.takeable(p, priority)) is not None},
     )
 
 

@@ -4,8 +4,10 @@
 
 A provider is wanted while it has a holder, and for its linger time after the last release, so that it is not
 deactivated between successive requests. A sensor is in one mode: a mode that serves all holders if there is
-one, otherwise a mode that serves the holders of the highest priority; the others are displaced. The caller
-passes times of the monotonic clock.
+one, otherwise a mode that serves the holders of the highest priority; the others are displaced. A request may
+also take the providers of requests of lower priority, for their memory and CPU; since a lingering provider
+keeps the priority of its last holder, a request of lower priority gets them back only after the linger time.
+The caller passes times of the monotonic clock.
 """
 
 from __future__ import annotations
@@ -24,10 +26,13 @@ ALWAYS_PRIORITY = 10
 
 @dataclass(slots=True)
 class _Lease:
-    """Holders of a provider; without a holder, the end of its linger time."""
+    """Holders of a provider; without a holder, the end of its linger time. ``priority`` is the highest one of
+    the holders, or of those before the linger time.
+    """
 
     holders: set[str] = field(default_factory=set)
     linger_until_s: float | None = None
+    priority: int = -1
 
 
 class _Demand(NamedTuple):
@@ -53,6 +58,7 @@ class Leases:
     _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
     _avoided_modes: dict[SensorId, frozenset[str]] = field(default_factory=dict)
     _held: dict[str, set[ProviderId]] = field(default_factory=dict)  # providers of each holder
+    _priorities: dict[str, int] = field(default_factory=dict)  # of each holder
     _count: int = 0  # number of acquisitions
 
     def acquire(
@@ -75,11 +81,13 @@ class Leases:
         sensors of its robot.
         """
         self._count += 1
+        self._priorities[holder] = priority
         for provider in providers:
             self._held.setdefault(holder, set()).add(provider)
             lease = self._provider_leases.setdefault(provider, _Lease())
             lease.holders.add(holder)
             lease.linger_until_s = None
+            lease.priority = max(self._priorities[h] for h in lease.holders)
             self._mode_of.setdefault(provider, {}).update(
                 {
                     s: m
@@ -102,11 +110,40 @@ class Leases:
             lease = self._provider_leases.get(provider)
             if lease is not None and holder in lease.holders:
                 lease.holders.discard(holder)
-                if not lease.holders:
+                if lease.holders:
+                    lease.priority = max(self._priorities[h] for h in lease.holders)
+                else:
                     lease.linger_until_s = now_s + self.linger_s.get(provider, 0.0)
+        self._priorities.pop(holder, None)
         for sensor in [s for s, demands in self._demands.items() if holder in demands]:
             del self._demands[sensor][holder]
             self._select_mode(sensor)
+
+    def takeable(self, provider: ProviderId, priority: int) -> int | None:
+        """Return the priority of a provider that a request of some priority may stop; None if it may not.
+
+        It may stop providers of requests of lower priority, and lingering ones of its own priority.
+        """
+        lease = self._provider_leases.get(provider)
+        if lease is None or lease.priority > priority or (lease.holders and lease.priority == priority):
+            return None
+        return lease.priority
+
+    def take(self, providers: Iterable[ProviderId], priority: int) -> None:
+        """Remove the leases of those providers that a request of some priority may stop."""
+        for provider in providers:
+            if self.takeable(provider, priority) is not None:
+                self._remove(provider)
+
+    def taken(self, holder: str, providers: Iterable[ProviderId]) -> tuple[ProviderId, ...]:
+        """Return the providers of a holder that were taken from it."""
+        held = self._held.get(holder, set())
+        return tuple(p for p in providers if p in held and holder not in self.holders(p))
+
+    def _remove(self, provider: ProviderId) -> None:
+        del self._provider_leases[provider]
+        self._mode_of.pop(provider, None)
+        self._chosen_sources.pop(provider, None)
 
     def expire(self, now_s: float, active: Container[ProviderId] | None = None) -> tuple[ProviderId, ...]:
         """Remove the providers with an expired linger time and return them.
@@ -121,9 +158,7 @@ class Leases:
             and (lease.linger_until_s <= now_s or (active is not None and provider not in active))
         )
         for provider in expired:
-            del self._provider_leases[provider]
-            self._mode_of.pop(provider, None)
-            self._chosen_sources.pop(provider, None)
+            self._remove(provider)
         return expired
 
     def remove_robot(self, robot: str) -> None:
@@ -140,9 +175,7 @@ class Leases:
         others = replace(
             self,
             _provider_leases={
-                provider: replace(lease, holders=lease.holders - {holder})
-                if holder in lease.holders
-                else lease
+                provider: self._lease_without(lease, holder)
                 for provider, lease in self._provider_leases.items()
                 if lease.holders != {holder}
             },
@@ -157,6 +190,12 @@ class Leases:
             if holder in demands:
                 others._select_mode(sensor)
         return others
+
+    def _lease_without(self, lease: _Lease, holder: str) -> _Lease:
+        if holder not in lease.holders:
+            return lease
+        others = lease.holders - {holder}
+        return replace(lease, holders=others, priority=max(self._priorities[h] for h in others))
 
     def avoid(self, modes: Mapping[SensorId, Iterable[str]]) -> None:
         """Select these modes, which sensors do not reach now, only if no other mode serves the holders."""

@@ -12,8 +12,9 @@ A plan is *sound* if
 * there is no loop, and no robot exceeds its budget of memory or CPU.
 
 The cost of a plan is the sum of the costs of the providers that do not run yet, ``MODE_COST`` for each mode
-change, ``TAKE_COST`` for each sensor taken from a request of lower priority, ``REWIRE_COST`` for each changed
-source of a running provider, and ``OMITTED_INPUT_COST`` for each wired optional input that the plan omits.
+change, ``TAKE_COST`` for each sensor or provider taken from requests of lower priority, ``REWIRE_COST`` for
+each changed source of a running provider, and ``OMITTED_INPUT_COST`` for each wired optional input that the
+plan omits.
 
 The search is depth first over the unconnected inputs, cheapest source first. A branch is pruned once its cost
 reaches that of the best plan, or the cost on the path from the product to an input plus a lower bound of the
@@ -25,7 +26,7 @@ cost of the cheapest of them is a lower bound. The search is exact; tests compar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import TopologicalSorter
 
@@ -65,6 +66,8 @@ class Plan:
     ready_s: float = (
         0.0  # time until the product is reliable: mode switches and warm-ups in sequence, seconds
     )
+    #: Providers of requests of lower priority that are stopped for their memory and CPU.
+    takes: tuple[ProviderId, ...] = ()
 
     def describe(self) -> dict[str, object]:
         """Return plain data for the journal and for replies."""
@@ -77,6 +80,7 @@ class Plan:
             "omitted_inputs": list(self.omitted_inputs),
             "sources": {str(p): dict(ports) for p, ports in sorted(self.chosen_sources.items()) if ports},
             "ready_s": round(self.ready_s, 3),
+            "takes": [str(provider) for provider in self.takes],
         }
 
 
@@ -94,6 +98,7 @@ def combine_plans(plans: Sequence[Plan]) -> Plan:
         accepts={sensor: modes for p in plans for sensor, modes in p.accepts.items()},
         chosen_sources={provider: ports for p in plans for provider, ports in p.chosen_sources.items()},
         ready_s=max(p.ready_s for p in plans),
+        takes=tuple(provider for p in plans for provider in p.takes),
     )
 
 
@@ -367,8 +372,68 @@ def plan(
     """Return the cheapest sound plan for ``product`` on one of ``robots``, or the reasons if there is none.
 
     ``exclude`` are providers that failed for this request; ``roots``, by default all, are the providers that
-    may provide the product itself.
+    may provide the product itself. Providers of requests of lower priority are stopped for their memory and
+    CPU only if there is no other plan.
     """
+    robots = tuple(robots)
+    result = _cheapest(world, product, robots, exclude, roots)
+    if isinstance(result, Plan) or not world.takeable:
+        return result
+    freed = _without(world, world.takeable)
+    taking = _cheapest(freed, product, robots, exclude, roots)
+    if isinstance(taking, NoPlan):
+        return result
+    takes = _least_takes(freed, taking.order, world.takeable)
+    return replace(taking, takes=takes, cost=taking.cost + TAKE_COST * len(takes))
+
+
+def _without(world: World, providers: Collection[ProviderId]) -> World:
+    """Return a world in which the memory and CPU of some reserved providers are free."""
+    memory_free_mb, cpu_free = dict(world.memory_free_mb), dict(world.cpu_free)
+    for provider in (world.providers[p] for p in providers):
+        robot = provider.id.robot
+        if robot in memory_free_mb:
+            memory_free_mb[robot] += provider.memory_mb
+        if robot in cpu_free:
+            cpu_free[robot] += provider.cpu
+    return replace(
+        world,
+        memory_free_mb=memory_free_mb,
+        cpu_free=cpu_free,
+        reserved=world.reserved - frozenset(providers),
+        takeable={},
+    )
+
+
+def _least_takes(
+    freed: World, order: Iterable[ProviderId], takeable: Mapping[ProviderId, int]
+) -> tuple[ProviderId, ...]:
+    """Return the providers that must be stopped for a plan; those of higher priority are kept first."""
+    order = frozenset(order)
+    memory_mb, cpu = dict(freed.memory_free_mb), dict(freed.cpu_free)
+
+    def allocate(provider: Provider) -> bool:
+        robot = provider.id.robot
+        budgets = ((memory_mb, provider.memory_mb), (cpu, provider.cpu))
+        if any(needed > free.get(robot, math.inf) * (1.0 + 1e-9) for free, needed in budgets):
+            return False
+        for free, needed in budgets:
+            free[robot] = free.get(robot, math.inf) - needed
+        return True
+
+    for provider_id in order - freed.reserved:
+        allocate(freed.providers[provider_id])
+    others = sorted(takeable.keys() - order, key=lambda p: (-takeable[p], p))
+    return tuple(p for p in others if not allocate(freed.providers[p]))
+
+
+def _cheapest(
+    world: World,
+    product: str,
+    robots: Sequence[str],
+    exclude: frozenset[ProviderId],
+    roots: frozenset[ProviderId] | None,
+) -> Plan | NoPlan:
     robot_ids = set(robots)
     usable = world
     if exclude:

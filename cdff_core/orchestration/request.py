@@ -17,6 +17,13 @@ from cdff_common.contract.products import ProductType, product_type, requestable
 from cdff_common.contract.queries import RequestParameters
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
+from cdff_common.interfaces.product import CovarianceKind
+from cdff_core.orchestration.accuracy import (
+    NO_BOUNDS,
+    SIGMA_DEG_PRODUCTS,
+    SIGMA_M_PRODUCTS,
+    AccuracyBounds,
+)
 
 #: Default timeout of a Zenoh query, seconds; a client with a longer deadline must set its own timeout.
 _ZENOH_TIMEOUT_S = 10.0
@@ -40,6 +47,9 @@ class ProductRequest:
     #: Resolution to which finer data are aggregated; coarser data are delivered as they are.
     resolution_m: float | None = None
     min_coverage: float = 0.0  # minimum fraction of the region that must hold data, 0 to 1; 0: any
+    #: Largest age of the oldest part; infinite if not requested.
+    max_oldest_age_s: float = math.inf
+    accuracy: AccuracyBounds = NO_BOUNDS
     type_name: str = ""  # ASN.1 type to deliver
     format: str = "uper"  # codec or file format
     deliver: str = "auto"  # ``auto`` (inline up to 1 MB), ``inline`` or ``reference``
@@ -80,6 +90,8 @@ class ProductRequest:
             "max_age_s": None if math.isinf(self.max_age_s) else self.max_age_s,
             "resolution_m": self.resolution_m,
             "min_coverage": self.min_coverage,
+            "max_oldest_age_s": None if math.isinf(self.max_oldest_age_s) else self.max_oldest_age_s,
+            **self.accuracy.describe(),
             "as": self.type_name,
             "format": self.format,
             "deliver": self.deliver,
@@ -104,6 +116,9 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         raise InputError(f"child does not apply to type={p.type}; it applies to pose")
     if p.min_coverage > 0.0 and p.region is None:
         raise InputError(f"min_coverage={p.min_coverage}: expected a region to cover")
+    for name, products in (("max_sigma_m", SIGMA_M_PRODUCTS), ("max_sigma_deg", SIGMA_DEG_PRODUCTS)):
+        if name in p.model_fields_set and p.type not in products:
+            raise InputError(f"{name} does not apply to type={p.type}; it applies to {', '.join(products)}")
     type_name, form = _type_and_format(product, p.as_type, p.format)
     deadline_s = p.deadline_ms / 1000
     sends_progress = p.every_s is not None or deadline_s >= _ZENOH_TIMEOUT_S
@@ -119,6 +134,13 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         max_age_s=math.inf if p.max_age_s is None else p.max_age_s,
         resolution_m=p.resolution_m,
         min_coverage=p.min_coverage,
+        max_oldest_age_s=math.inf if p.max_oldest_age_s is None else p.max_oldest_age_s,
+        accuracy=AccuracyBounds(
+            p.max_sigma_m,
+            p.max_sigma_deg,
+            None if p.covariance_kind is None else CovarianceKind(p.covariance_kind),
+            p.status,
+        ),
         type_name=type_name,
         format=form,
         deliver=p.deliver,

@@ -144,6 +144,8 @@ class World:
     cpu_free: Mapping[str, float] = field(default_factory=dict)
     #: Providers with allocated memory and CPU: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()
+    #: Reserved providers that the request may stop, with the priority of their requests.
+    takeable: Mapping[ProviderId, int] = field(default_factory=dict)
     _outputs: dict[tuple[str, str], list[tuple[Provider, str]]] = field(
         init=False, default_factory=dict, compare=False, repr=False
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from sqlalchemy import Connection, Row, select, update
+from sqlalchemy import Connection, Row, bindparam, select, update
 
 from cdff_common.clock import Clock
 from cdff_common.errors import ConflictError, InputError, ProductNotFoundError, StorageError
@@ -26,6 +26,12 @@ RECORD_COLUMNS = tuple("header" if name == "packed_header" else name for name in
 MAX_BATCH = 10_000
 #: Payloads looked up by one statement.
 _PAYLOADS = 128
+#: The payload of a live product, by the id of the product.
+_PAYLOAD_ROW = (
+    select(schema.blobs.c.sha256, schema.blobs.c.size, schema.blobs.c.chunk_sums, schema.blobs.c.location)
+    .join_from(schema.products, schema.blobs)
+    .where(schema.products.c.id == bindparam("id"), schema.products.c.deleted_ns.is_(None))
+)
 
 
 class ProductTable:
@@ -135,14 +141,8 @@ class ProductTable:
                 row = current_row  # repaired, or deleted and stored again meanwhile
 
     def _payload_row(self, product_id: str) -> Any:
-        p, b = schema.products.c, schema.blobs.c
-        statement = (
-            select(b.sha256, b.size, b.chunk_sums, b.location)
-            .join_from(schema.products, schema.blobs)
-            .where(p.id == product_id, p.deleted_ns.is_(None))
-        )
         with self._database.read() as connection:
-            row = connection.execute(statement).first()
+            row = connection.execute(_PAYLOAD_ROW, {"id": product_id}).first()
         if row is None:
             raise ProductNotFoundError(f"no product {product_id[:64]!r}")
         return row

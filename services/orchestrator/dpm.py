@@ -11,7 +11,7 @@ from typing import Any
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.codecs import decode_payload, encode_payload
-from cdff_common.errors import DeadlineError, InputError
+from cdff_common.errors import DeadlineError, InputError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 from services.orchestrator.timing import REAL, Timing
@@ -48,6 +48,8 @@ class DpmClient:
         self._timing = timing
         self._lock = timing.lock()
         self._values: OrderedDict[str, StoredProduct] = OrderedDict()
+        #: Id of the newest product of searches.
+        self._newest: dict[tuple[tuple[str, object], ...], str] = {}
 
     def _call(self, verb: str, parameters: Mapping[str, object], until_s: float, **more: Any) -> Reply:
         """Call a verb with the parameters that are not None."""
@@ -68,13 +70,43 @@ class DpmClient:
 
     def value(self, product_id: str, robot: str, until_s: float) -> StoredProduct:
         """Return a product by id."""
+        if (cached := self._cached(product_id)) is not None:
+            return cached
+        return self._kept(_stored(self._call("get", {"id": product_id}, until_s), robot))
+
+    def newest(self, until_s: float, robot: str, **parameters: object) -> StoredProduct | None:
+        """Return the newest product of a search that is not FAILED; None if there is none.
+
+        It is one call, and the payload is not transferred again if it is the product of the previous call
+        with these parameters.
+        """
+        query = {"robot": robot, **parameters}
+        key = tuple(query.items())
         with self._lock:
-            if product_id in self._values:
+            known = self._newest.get(key)
+        cached = None if known is None else self._cached(known)
+        try:
+            reply = self._call("get", query | {"known": cached and known}, until_s)
+        except ProductNotFoundError:
+            return None
+        if cached is not None and reply.attachment.get("kind") == "reference":
+            return cached
+        stored = self._kept(_stored(reply, robot))
+        with self._lock:
+            self._newest[key] = stored.header.id
+            while len(self._newest) > _CACHED:
+                del self._newest[next(iter(self._newest))]
+        return stored
+
+    def _cached(self, product_id: str) -> StoredProduct | None:
+        with self._lock:
+            if (stored := self._values.get(product_id)) is not None:
                 self._values.move_to_end(product_id)
-                return self._values[product_id]
-        stored = _stored(self._call("get", {"id": product_id}, until_s), robot)
+            return stored
+
+    def _kept(self, stored: StoredProduct) -> StoredProduct:
         with self._lock:
-            self._values[product_id] = stored
+            self._values[stored.header.id] = stored
             while len(self._values) > _CACHED:
                 self._values.popitem(last=False)
         return stored

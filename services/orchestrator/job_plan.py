@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from cdff_common.clock import Clock
+from cdff_core.orchestration.acceptance import Assessment
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.world import ProviderId
@@ -87,20 +88,30 @@ class JobPlan:
         degraded = match.candidate.status == "DEGRADED"
         return degraded and since_ns is not None and match.candidate.t1_ns <= since_ns
 
-    def replace_if_degraded(self, match: ProductMatch) -> None:
-        """Adopt an alternative plan, once, if the product of the current plan is DEGRADED."""
+    def replace_if_insufficient(self, match: ProductMatch, assessment: Assessment) -> None:
+        """Adopt an alternative plan, once, if the product of the current plan is DEGRADED or not accurate
+        enough.
+        """
         if self.plan is None or self._alternative_tried or not self.has_made(match):
             return
-        if match.candidate.status != "DEGRADED":
+        is_degraded = match.candidate.status == "DEGRADED"
+        if not is_degraded and not assessment.bounds:
             return
         self._alternative_tried = True
         provider = self.plan.provider
         alternative = self._select(match, self._excluded_now | {provider})
-        if isinstance(alternative, Plan):
+        if isinstance(alternative, Plan) and (is_degraded or self._may_be_accurate(alternative)):
             self._alternative_since_ns = max(self.clock.now_ns(), match.candidate.t1_ns)
             self._excluded.add({provider}, self.job.timing.now_s())
-            self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} is DEGRADED")
+            reason = "is DEGRADED" if is_degraded else f"is not accurate enough ({assessment.bounds[0]})"
+            self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} {reason}")
             self._adopt(alternative)
+
+    def _may_be_accurate(self, plan: Plan) -> bool:
+        """Return False if the newest product of the provider of a plan misses the bounds."""
+        request = self.job.request
+        accuracy = self.planner.accuracies(request, self.robots, self.query_until_s).get(plan.provider)
+        return accuracy is None or not request.accuracy.unmet(accuracy)
 
     def follow(self, match: ProductMatch | None) -> PlanProgress | None:
         """Return the progress of the plan; abandon one that lost a sensor or whose providers fail."""
@@ -158,7 +169,7 @@ class JobPlan:
     def _failure_reasons(self, plan: Plan, progress: PlanProgress, match: ProductMatch | None) -> list[str]:
         """Return why the plan must be replaced, and exclude failing providers; empty if it is kept."""
         if progress.displaced:
-            self.journal.append("decision", job=self.job.id, lost_modes=list(progress.displaced))
+            self.journal.append("decision", job=self.job.id, displaced=list(progress.displaced))
         counts = {m: progress.failures.get(str(m), (0, ""))[0] for m in plan.order}
         # Failures before the adoption of the plan count only after a new failure.
         failing = {

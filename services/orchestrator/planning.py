@@ -11,8 +11,9 @@ from typing import Any
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
-from cdff_common.errors import CdffError, FrameNotFoundError, UnavailableError
+from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_core.orchestration.acceptance import RESOLUTION_TOLERANCE, delivery_summary
+from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.catalogue import frames_of
 from cdff_core.orchestration.coverage import RegionCoverage, plan_coverage
 from cdff_core.orchestration.explanation import explain, plan_with_costs
@@ -35,6 +36,7 @@ class _Plans:
     optimistic_world: World
     later: Plan | NoPlan
     coverage: RegionCoverage | None
+    accuracies: dict[ProviderId, Accuracy]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,36 @@ class RequestPlanner:
         waits = isinstance(now, NoPlan) or isinstance(later, NoPlan) or now.provider == later.provider
         return (later if waits else now), plans.coverage is not None
 
+    def accuracies(
+        self, request: ProductRequest, robots: Sequence[str], until_s: float
+    ) -> dict[ProviderId, Accuracy]:
+        """Return the accuracy of the newest product of each DFPC that provides the requested type.
+
+        It is empty for a request without bounds on the accuracy, or if the DPM does not answer.
+        """
+        known: dict[ProviderId, Accuracy] = {}
+        if not request.accuracy.is_set:
+            return known
+        try:
+            for provider, _ in self.state.world(optimistic=True, robots=robots).outputs_of(
+                request.product, robots
+            ):
+                accuracy = self.finder.accuracy(provider.id, request.product, until_s)
+                if accuracy is not None:
+                    known[provider.id] = accuracy
+        except (UnavailableError, DeadlineError) as error:
+            logger.info("the accuracy of the DFPCs for request %s is unknown: %s", request.id, error)
+        return known
+
+    def advice(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> str:
+        """Return which DFPCs met the bounds on the accuracy in their newest product."""
+        meets = [
+            f"{provider} met the bounds in its newest product ({accuracy.text})"
+            for provider, accuracy in sorted(self.accuracies(request, robots, until_s).items())
+            if not request.accuracy.unmet(accuracy)
+        ]
+        return "; ".join(meets) or "the newest product of no DFPC meets the bounds"
+
     def explain(self, request: ProductRequest) -> Reply:
         """Return stored product, plan, alternatives and obstacles of a request; nothing is run.
 
@@ -117,6 +149,15 @@ class RequestPlanner:
         plans = self._plans(request, robots, match, frozenset(), until_s, request.deadline_s)
         world, coverage, later = plans.world, plans.coverage, plans.later
         body |= explain(world, request.product, robots, plans.now)
+        if plans.accuracies:
+            body["accuracy"] = [
+                {
+                    "provider": str(provider),
+                    "newest": accuracy.text,
+                    "unmet": list(request.accuracy.unmet(accuracy)),
+                }
+                for provider, accuracy in sorted(plans.accuracies.items())
+            ]
         if coverage is not None:
             body["held"] = 0.0 if match is None else match.candidate.coverage
         if body["plan"] is None and isinstance(later, Plan):
@@ -143,14 +184,17 @@ class RequestPlanner:
             optimistic=True, priority=request.priority, holder=holder, robots=robots
         )
         coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
-        # After the query of the coverage, which takes time.
+        accuracies = self.accuracies(request, robots, until_s)
+        misses = frozenset(p for p, accuracy in accuracies.items() if request.accuracy.unmet(accuracy))
+        # After the queries of coverage and accuracy, which take time.
         world = self.state.world(priority=request.priority, holder=holder, robots=robots)
         return _Plans(
             world=world,
-            now=_plan(request, world, robots, exclude, coverage),
+            now=_plan(request, world, robots, exclude, coverage, misses),
             optimistic_world=optimistic_world,
-            later=_plan(request, optimistic_world, robots, exclude, coverage),
+            later=_plan(request, optimistic_world, robots, exclude, coverage, misses),
             coverage=coverage,
+            accuracies=accuracies,
         )
 
     def _coverage(
@@ -183,13 +227,20 @@ def _plan(
     robots: Sequence[str],
     exclude: frozenset[ProviderId],
     coverage: RegionCoverage | None,
+    misses: frozenset[ProviderId],
 ) -> Plan | NoPlan:
-    """Return the cheapest plan with the requested resolution, else with any."""
+    """Return the cheapest plan with the requested resolution and accuracy, else with one of them, else any.
+
+    ``misses`` are the providers whose newest product does not meet the bounds on the accuracy.
+    """
     providers = [m for m in world.providers.values() if request.product in m.products]
     limit_m = _limit_m(request)
+    every = frozenset(m.id for m in providers)
     fine = frozenset(m.id for m in providers if m.resolution_m is None or m.resolution_m <= limit_m)
     result: Plan | NoPlan = NoPlan(())
-    for roots in (fine, None) if 0 < len(fine) < len(providers) else (None,):
+    for roots in dict.fromkeys((fine - misses, fine, every - misses, every)):
+        if not roots and every:
+            continue
         if coverage is None:
             result = plan(world, request.product, robots, exclude, roots)
         else:

@@ -6,20 +6,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cdff_common.clock import NS_PER_S, Clock
 from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
-from cdff_common.interfaces.product import Header
+from cdff_common.interfaces.product import CovarianceKind, Header
 from cdff_common.interfaces.profile import Profile
 from cdff_common.types import NavigationMap, Pointcloud
 from cdff_core.orchestration import conversion
 from cdff_core.orchestration.acceptance import Assessment, ProductCandidate, assess, best_candidate
+from cdff_core.orchestration.accuracy import Accuracy, sigmas_of
 from cdff_core.orchestration.coverage import RegionCells, RegionCoverage, observed_points, reach_m
 from cdff_core.orchestration.request import ProductRequest
+from cdff_core.orchestration.world import ProviderId
 from services.orchestrator.dpm import DERIVED_DFPC, DpmClient, StoredProduct
 
 #: Largest number of clouds and of maps merged to cover a region.
@@ -106,7 +108,7 @@ class ProductFinder:
                 location = "for it" if request.region is None else "in the region (coverage 0)"
                 reasons.append(f"the DPM holds no {request.product} of {robot} {location}")
             else:
-                matches.append(match)
+                matches.append(_with_accuracy(match) if request.accuracy.is_set else match)
         now_ns = self.clock.now_ns()
         choice = best_candidate([m.candidate for m in matches], request, now_ns)
         if choice is None:
@@ -169,6 +171,10 @@ class ProductFinder:
 
     def _newest(self, request: ProductRequest, robot: str, until_s: float) -> ProductMatch | None:
         """Return the newest product, of those in the requested frame if there are any."""
+        if request.product != "track" and request.t_ns is None:
+            newest = self._newest_usable(request, robot, until_s, type=request.product)
+            if newest is not None and newest.header.frame == request.frame:
+                return self._whole(newest)
         items = self._search(request, until_s, type=request.product, robot=robot, limit=_NEWEST)
         if not items:
             return None
@@ -180,21 +186,16 @@ class ProductFinder:
     def _pose(self, request: ProductRequest, robot: str, until_s: float) -> ProductMatch | None:
         """Return the newest pose, or the one at the requested time, in the requested frame."""
         child = request.child or f"{robot}/base"
-        items: list[dict[str, Any]] = []
+        newest: StoredProduct | None = None
         for frame in dict.fromkeys((child, f"{robot}/base")):
-            items = items or self._usable(
-                self.dpm.search(until_s, type="pose", robot=robot, child=frame, limit=10)
-            )
-        if not items and request.t_ns is None:
-            return None
-        newest = self.dpm.value(str(items[0]["id"]), robot, until_s) if items else None
-        if (
-            request.t_ns is None
-            and newest is not None
-            and (newest.header.frame, newest.header.child) == (request.frame, child)
-        ):
-            return self._whole(newest)
-        t_ns = request.t_ns if request.t_ns is not None else int(items[0]["t1_ns"])
+            newest = newest or self._newest_usable(request, robot, until_s, type="pose", child=frame)
+        t_ns = request.t_ns
+        if t_ns is None:
+            if newest is None:
+                return None
+            if (newest.header.frame, newest.header.child) == (request.frame, child):
+                return self._whole(newest)
+            t_ns = newest.header.t1_ns
         T = self.dpm.pose(robot, request.frame, child, t_ns, until_s)
         source = () if newest is None else (newest.header,)
         status = "OK" if newest is None else str(newest.header.quality.status)
@@ -356,6 +357,35 @@ class ProductFinder:
         """Return the reference time of ages: the requested time, else the mission time."""
         return self.clock.now_ns() if request.t_ns is None else request.t_ns
 
+    def accuracy(self, provider: ProviderId, product: str, until_s: float) -> Accuracy | None:
+        """Return the accuracy of the newest product of a DFPC; None if the DPM holds none."""
+        parameters = {"type": product, "robot": provider.robot, "dfpc": provider.dfpc, "limit": 10}
+        items = self._usable(self.dpm.search(until_s, **parameters))
+        if not items:
+            return None
+        match = self._whole(self.dpm.value(str(items[0]["id"]), provider.robot, until_s))
+        return _with_accuracy(match).candidate.accuracy
+
+    def _newest_usable(
+        self, request: ProductRequest, robot: str, until_s: float, **parameters: object
+    ) -> StoredProduct | None:
+        """Return the newest product that is neither FAILED nor derived.
+
+        If the request has bounds on the accuracy, it is the best of the newest products of all DFPCs.
+        """
+        if not request.accuracy.is_set:
+            newest = self.dpm.newest(until_s, robot, **parameters)
+            if newest is None or newest.manifest.get("dfpc") not in _DERIVED:
+                return newest
+        items = self._usable(self.dpm.search(until_s, robot=robot, limit=_NEWEST, **parameters))
+        newest_of: dict[str, dict[str, Any]] = {}
+        for item in items if request.accuracy.is_set else items[:1]:
+            newest_of.setdefault(str(item["dfpc"]), item)
+        stored = {str(i["id"]): self.dpm.value(str(i["id"]), robot, until_s) for i in newest_of.values()}
+        candidates = (_with_accuracy(self._whole(s)).candidate for s in stored.values())
+        best = best_candidate(candidates, request, self.clock.now_ns())
+        return None if best is None else stored[best[0].id]
+
     def _search(
         self, request: ProductRequest, until_s: float, newest_ns: int | None = None, **parameters: object
     ) -> list[dict[str, Any]]:
@@ -417,6 +447,16 @@ class ProductFinder:
         )
         robots = () if robot == "any" else (robot,)
         return ProductMatch(candidate, (h,), elevation, h.frame, region=region, robots=robots, stored=stored)
+
+
+def _with_accuracy(match: ProductMatch) -> ProductMatch:
+    """Return a match with the accuracy of its candidate."""
+    sigma_m, sigma_deg = sigmas_of(match.value)
+    kind = match.sources[0].quality.covariance_kind if match.sources else CovarianceKind.NONE
+    if isinstance(match.value, UncertainTransform):  # composed over the frame tree
+        kind = CovarianceKind.NONE if match.value.covariance is None else CovarianceKind.FORMAL
+    accuracy = Accuracy(sigma_m, sigma_deg, kind, match.candidate.status)
+    return replace(match, candidate=replace(match.candidate, accuracy=accuracy))
 
 
 def _best_track(items: Sequence[dict[str, Any]]) -> dict[str, Any]:

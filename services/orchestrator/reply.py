@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -126,10 +126,12 @@ class ReplyBuilder:
         match: ProductMatch,
         until_s: float,
         held_fraction: float | None = None,
+        advice: Sequence[str] = (),
     ) -> Reply:
         """Convert and encode a match; store it and reply by reference if it is large or so requested.
 
-        ``held_fraction`` is the fraction of the region that the DPM held before the plan.
+        ``held_fraction`` is the fraction of the region that the DPM held before the plan, ``advice`` are
+        texts added to the differences.
 
         Raises
         ------
@@ -148,7 +150,7 @@ class ReplyBuilder:
         assessment = assess(match.candidate, request, now_ns)
         if assessment.violations:
             raise TooOldError("; ".join(assessment.violations))
-        differences = [*assessment.differences, *product.reasons]
+        differences = [*assessment.differences, *advice, *product.reasons]
         if delivered_type != request.type_name:
             differences.append(_type_difference(request, product, delivered_type))
         summary = delivery_summary(match.candidate, assessment, now_ns, product.frame) | {

@@ -96,11 +96,15 @@ class _RequestRun:
 
     @property
     def is_deliverable(self) -> bool:
-        """True if the best product shall be delivered now: as requested, or provided by the plan."""
+        """True if the best product shall be delivered now: as requested, or provided by the plan.
+
+        A product that misses bounds on the accuracy is not: until the deadline a better one may follow.
+        """
         match = self.acceptable
         if self.best is None or match is None or self.plan.supersedes(match):
             return False
-        return self.best[1].satisfies or self.plan.has_made(match)
+        assessment = self.best[1]
+        return assessment.satisfies or (self.plan.has_made(match) and not assessment.bounds)
 
     @property
     def is_uncovered(self) -> bool:
@@ -181,8 +185,8 @@ class RequestFlow:
             job.check_cancelled()
             cycle_start_s = self.timing.now_s()
             yield from self._query_if_changed(run)
-            if run.acceptable is not None:
-                run.plan.replace_if_degraded(run.acceptable)
+            if run.best is not None and run.best[1].acceptable:
+                run.plan.replace_if_insufficient(*run.best)
             if run.is_deliverable:
                 reply = self._deliver(run)
                 if reply is not None:
@@ -223,7 +227,8 @@ class RequestFlow:
                 yield from self._progress_reply(job, run)
             if run.plan.impossible:
                 product = f"{job.request.product} of {job.request.robot}"
-                reason = f"no newer {product} can be made: {run.plan.impossible}"
+                ended = "".join(f"; {text}" for text in run.plan.abandoned_plan_reasons[-1:])
+                reason = f"no newer {product} can be made: {run.plan.impossible}{ended}"
                 if job.plan is None:  # it was never possible
                     raise UnavailableError(reason)
                 if reason != job.reason:
@@ -333,9 +338,11 @@ class RequestFlow:
         """Return the reply with the best product; None if it has become too old since the query."""
         assert run.best is not None
         held_fraction = None if run.plan.plan is None else run.plan.held_fraction
-        until_s = run.job.deadline_s - _SENDING_FRACTION * run.margin_s
+        request, until_s = run.job.request, run.job.deadline_s - _SENDING_FRACTION * run.margin_s
+        misses = request.every_s is None and request.accuracy.is_set and run.best[1].bounds
+        advice = [self.planner.advice(request, run.robots, until_s)] if misses else []
         try:
-            return self.reply_builder.reply(run.job.id, run.job.request, run.best[0], until_s, held_fraction)
+            return self.reply_builder.reply(run.job.id, request, run.best[0], until_s, held_fraction, advice)
         except TooOldError as error:
             run.best, run.unmet = (run.best[0], Assessment(violations=(str(error),))), str(error)
             return None

@@ -56,7 +56,7 @@ class PlanProgress:
     lost : tuple of str
         Reasons of lost sensors.
     displaced : tuple of str
-        Reasons of sensors lost to a request of higher priority.
+        Reasons of sensors and providers lost to a request of higher priority.
     problems : mapping of ProviderId to str
         Providers without input, without good output or without process, and the reason.
     failures : mapping of str to (int, str)
@@ -366,10 +366,11 @@ class SystemState:
 
     def hold(self, holder: str, plan: Plan, priority: int) -> None:
         """Replace the lease of a holder by the needs of a plan."""
-        robots = {provider.robot for provider in plan.order}
+        robots = {provider.robot for provider in (*plan.order, *plan.takes)}
         with self._change_of_leases(robots | self._leases.robots_of(holder)):
             world = self.world(optimistic=True, robots=robots)
             self._leases.release(holder, self._timing.now_s())
+            self._leases.take(plan.takes, priority)
             self._leases.acquire(
                 holder,
                 plan.order,
@@ -488,9 +489,15 @@ class SystemState:
                     if o.modes.get(s) != (self._leases.held_mode(s) or modes[s]) or s in o.lost
                 ),
                 lost=tuple(f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost),
-                displaced=tuple(
-                    f"sensor {s} is in mode {mode} for a request of higher priority"
-                    for s, mode in sorted(self._leases.displaced(holder, modes).items())
+                displaced=(
+                    *(
+                        f"sensor {s} is in mode {mode} for a request of higher priority"
+                        for s, mode in sorted(self._leases.displaced(holder, modes).items())
+                    ),
+                    *(
+                        f"{p} is stopped: a request of higher priority needs its memory or CPU"
+                        for p in self._leases.taken(holder, providers)
+                    ),
                 ),
                 problems=self._monitor.problems(providers, self._timing.now_s()),
                 failures={

@@ -70,6 +70,7 @@ class Process:
     wired: dict[str, str] = field(default_factory=dict)
     is_hung: bool = False
     degraded: bool = False
+    sigma_m: float = 0.01
     produces_nothing: bool = False
     receives_nothing: bool = False
     samples: int = 0
@@ -97,9 +98,7 @@ class Product:
 
     def reply(self, **fields: Any) -> Reply:
         encoding = encoding_string(wire_type(self.value), "uper")
-        return Reply(
-            encode(self.value, "uper"), encoding, {**self.header.to_dict(), "robot": self.robot, **fields}
-        )
+        return Reply(encode(self.value, "uper"), encoding, {**self.item(), **fields})
 
 
 class Mission:
@@ -190,7 +189,7 @@ class Mission:
         value: Any
         frame, child = "site", f"{robot}/base" if product == "pose" else None
         if product == "pose":
-            T = UncertainTransform(np.eye(4), np.eye(6) * 1e-4)
+            T = UncertainTransform(np.eye(4), np.eye(6) * process.sigma_m**2)
             value = TransformWithCovariance.from_transform(
                 T, parent="site", child=f"{robot}/base", stamp_ns=now_ns
             )
@@ -302,19 +301,20 @@ class Mission:
                 raise FrameNotFoundError(f"frame {sorted(unknown)[0]!r} is not in the tree")
             return Reply.of({"T": np.eye(4).tolist(), "covariance": (np.eye(6) * 1e-4).tolist()})
         if verb == "search":
-            robots = self.profile.robot_ids if p["robot"] == "any" else (str(p["robot"]),)
-            result = [x for r in robots for x in self.products.get((r, str(p["type"])), [])]
-            if "region" in p:
-                x0, y0, x1, y1 = parse_region(str(p["region"])).bounds
-                result = [x for x in result if x0 < 4.0 and y0 < 4.0 and x1 > 0.0 and y1 > 0.0]
-            result.sort(key=lambda x: -x.header.t1_ns)
-            return Reply.of({"items": [x.item() for x in result[: int(p.get("limit", 10))]]})
+            return Reply.of({"items": [x.item() for x in self._search(p)[: int(p.get("limit", 10))]]})
         if "id" in p:
             stored = (x for products in self.products.values() for x in products)
             product = next((x for x in stored if x.header.id == p["id"]), None)
             if product is None:
                 raise ProductNotFoundError(f"no product {p['id']}")
             return product.reply()
+        if p["type"] != "dem":
+            usable = [x for x in self._search(p) if x.header.quality.status != "FAILED"]
+            if not usable:
+                raise ProductNotFoundError("no product of that kind")
+            if usable[0].header.id == p.get("known"):
+                return Reply.of({"id": p["known"]}, kind="reference")
+            return usable[0].reply()
         robots = self.profile.robot_ids if p.get("robot") == "any" else (str(p["robot"]),)
         patches = [x for r in robots for x in self.products.get((r, "dem"), [])]
         if not patches:
@@ -323,6 +323,16 @@ class Mission:
         observed = np.logical_or.reduce([self.observed[r] for r in robots])
         fused = Product(newest.header, newest.robot, "dpm", "dem", self._map(observed, newest.header.t1_ns))
         return fused.reply(oldest_ns=min(x.header.t0_ns for x in patches))
+
+    def _search(self, p: Mapping[str, Any]) -> list[Product]:
+        """Return products by type, robot, DFPC and region, newest first."""
+        robots = self.profile.robot_ids if p["robot"] == "any" else (str(p["robot"]),)
+        result = [x for r in robots for x in self.products.get((r, str(p["type"])), [])]
+        result = [x for x in result if p.get("dfpc", x.dfpc) == x.dfpc]
+        if "region" in p:
+            x0, y0, x1, y1 = parse_region(str(p["region"])).bounds
+            result = [x for x in result if x0 < 4.0 and y0 < 4.0 and x1 > 0.0 and y1 > 0.0]
+        return sorted(result, key=lambda x: -x.header.t1_ns)
 
 
 class SimulatedBus:

@@ -20,6 +20,7 @@ from cdff_common.contract.queries import (
     FrameParameters,
     IdParameters,
     NavigationWindowParameters,
+    NewestParameters,
     PayloadParameters,
     PoseParameters,
     ProductProvenanceParameters,
@@ -150,7 +151,8 @@ def get(dpm: Dpm, request: Request) -> Reply:
     """Return one product.
 
     With ``id`` it is that product; with ``type=dem``, or ``type=navigation_map`` and ``choice``, a window;
-    with ``type=pointcloud`` and ``points`` all points of a region; else the newest product of a search.
+    with ``type=pointcloud`` and ``points`` all points of a region; else the newest product of a search, or
+    only its metadata if it is ``known``.
     """
     names = ("format", "as", "deliver")
     form = DeliveryParameters.parse({k: v for k, v in request.parameters.items() if k in names})
@@ -169,7 +171,7 @@ def get(dpm: Dpm, request: Request) -> Reply:
         case "pointcloud" if "points" in p:
             return _reply(dpm.retrieval.cloud(parse_call(CloudParameters, request, rest), form))
         case _:
-            return _reply(dpm.retrieval.newest(parse_call(SearchParameters, request, p), form))
+            return _reply(dpm.retrieval.newest(parse_call(NewestParameters, request, p), form))
 
 
 def profile(dpm: Dpm, request: Request) -> Reply:

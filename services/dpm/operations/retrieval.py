@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from cdff_common.contract.queries import (
     CloudParameters,
     DeliveryParameters,
     NavigationWindowParameters,
+    NewestParameters,
     ProfileParameters,
     SearchParameters,
     WindowParameters,
@@ -41,6 +42,8 @@ from services.dpm.rendering.convert import Converted, convert
 _CELL_BYTES, _POINT_BYTES, _STRIP_BYTES = 72, 200, 32 << 20
 #: Memory of a conversion, and of a decoded patch with its payload, in multiples of the payload.
 CONVERSION_COPIES, _PATCH_COPIES = 5, 3
+#: Number of products on the first page among which the newest usable one is searched.
+_NEWEST_PAGE = 2
 #: A product as it is stored.
 AS_STORED = DeliveryParameters.parse({})
 
@@ -82,24 +85,39 @@ class Retrieval:
 
     def product(self, product_id: str, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
         """Return a product by id, in a codec, file format or InFuse type."""
+        return self._product(self._store.get(product_id), form)
+
+    def newest(self, parameters: NewestParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
+        """Return the first product of a search that is not FAILED, without its payload if it is ``known``.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If there is none.
+        """
+        query = replace(search_query(parameters), limit=_NEWEST_PAGE)
+        while True:
+            page = self.find(query)
+            usable = (r for r in page.items if r.header.quality.status is not Status.FAILED)
+            if (record := next(usable, None)) is not None:
+                if record.id == parameters.known:
+                    return DeliveredProduct(Converted(b"", "", ""), record.to_dict(), record.id)
+                return self._product(record, form)
+            if page.cursor is None:
+                where = f" in {parameters.region.text}" if parameters.region else ""
+                raise ProductNotFoundError(f"no product of that kind{where}")
+            query = replace(query, cursor=page.cursor, limit=parameters.limit)
+
+    def _product(self, record: ProductRecord, form: DeliveryParameters) -> DeliveredProduct:
         self._events.count("gets")
-        record = self._store.get(product_id)
         is_stored_form = form.format in (None, "native", record.codec) and form.as_type is None
         self._budget.charge((2 if is_stored_form else CONVERSION_COPIES) * record.size)
-        payload = self._store.payload(product_id)
+        payload = self._store.payload(record.id)
         place = self.georeference(record.header.frame, form.format)
         body = convert(
             record.type_name, record.codec, payload, form.format, form.as_type, record.header, place=place
         )
         return DeliveredProduct(body, record.to_dict())
-
-    def newest(self, parameters: SearchParameters, form: DeliveryParameters = AS_STORED) -> DeliveredProduct:
-        """Return the first product of a search that is not FAILED; raises ProductNotFoundError."""
-        for record in self.search(parameters).items:
-            if record.header.quality.status is not Status.FAILED:
-                return self.product(record.id, form)
-        where = f" in {parameters.region.text}" if parameters.region else ""
-        raise ProductNotFoundError(f"no product of that kind{where}")
 
     def payload(
         self, product_id: str, offset: int = 0, length: int | None = None

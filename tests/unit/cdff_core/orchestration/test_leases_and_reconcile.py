@@ -30,6 +30,28 @@ UPSTREAM = {DEM: frozenset({POSE}), POSE: frozenset({VO}), VO: frozenset[Provide
 USES = {DEM: frozenset({LIDAR})}
 
 
+def test_a_request_takes_providers_of_lower_priority_and_lingering_ones_of_its_own() -> None:
+    leases = Leases({DEM: 30.0})
+    leases.acquire("low", [DEM, POSE], {}, priority=3)
+    leases.acquire("other", [POSE], {}, priority=6)
+    assert [leases.takeable(DEM, n) for n in (2, 3, 4)] == [None, None, 3]
+    assert [leases.takeable(POSE, n) for n in (6, 7)] == [None, 6]
+    assert leases.takeable(VO, 9) is None
+    assert leases.without("other").takeable(POSE, 4) == 3
+    leases.release("other", 0.0)
+    assert leases.takeable(POSE, 4) == 3
+    leases.take([DEM, VO], 4)
+    assert leases.wanted == {POSE}
+    assert leases.taken("low", [DEM, POSE]) == (DEM,)
+    assert leases.taken("other", [DEM, POSE]) == ()
+    leases.release("low", 1.0)
+    leases.acquire("high", [DEM], {}, priority=8)
+    leases.release("high", 2.0)
+    assert [leases.takeable(DEM, n) for n in (7, 8)] == [None, 8], "lingering keeps the priority"
+    leases.take([DEM], 7)
+    assert leases.is_wanted(DEM)
+
+
 @pytest.mark.req("CDFF-SUP-025")
 def test_reconciliation_has_actions_for_modes_and_the_life_cycle_of_dfpcs_only() -> None:
     names = {action.__name__ for action in get_args(Action)}

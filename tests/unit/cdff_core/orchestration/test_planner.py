@@ -222,6 +222,40 @@ def test_a_sensor_leased_at_lower_priority_is_taken_only_without_alternative() -
     assert "kept in mode slow by another request" in refused.text
 
 
+def budget_world(**takeable: int) -> World:
+    """Return a world of 2 cores: ``running`` DFPCs of half a core each use all of them."""
+    running = [
+        provider(name, None, from_sensor("x", "lidar"), cpu=0.5, active=True) for name in ("a", "b", "c", "d")
+    ]
+    dem = provider("dem", "dem", from_sensor("scan", "lidar"), from_provider("poses", "a"), cpu=0.8)
+    reserved = frozenset(p.id for p in running)
+    return replace(
+        world(dem, *running, sensor("lidar", current="on")),
+        cpu_free={"mana": 0.0},
+        reserved=reserved,
+        takeable={ProviderId("mana", name): priority for name, priority in takeable.items()},
+    )
+
+
+def test_providers_of_the_lowest_priority_are_stopped_if_the_cpu_is_not_sufficient() -> None:
+    taking = plan(budget_world(a=1, b=3, c=2, d=3), "dem", ["mana"])
+    assert isinstance(taking, Plan)
+    assert names(taking) == ["a", "dem"]
+    assert [p.dfpc for p in taking.takes] == ["d", "c"], "not its own input; b is kept before d by name"
+    assert taking.cost > 2 * TAKE_COST
+    assert taking.describe()["takes"] == ["mana/d", "mana/c"]
+
+
+def test_providers_are_not_stopped_if_that_is_not_sufficient_or_not_necessary() -> None:
+    refused = plan(budget_world(c=2), "dem", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert "0.8 cores, mana has 0 cores left" in refused.text
+    roomy = replace(budget_world(b=1, c=1), cpu_free={"mana": 0.9})
+    fits = plan(roomy, "dem", ["mana"])
+    assert isinstance(fits, Plan)
+    assert fits.takes == ()
+
+
 @pytest.mark.req("CDFF-SUP-141")
 def test_the_cheapest_pose_source_is_selected_and_stated() -> None:
     dem = provider(

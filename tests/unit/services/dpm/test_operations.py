@@ -7,6 +7,7 @@ from cdff_common.codecs import decode, encode, encoding_string
 from cdff_common.contract.queries import (
     DeliveryParameters,
     NavigationWindowParameters,
+    NewestParameters,
     ProfileParameters,
     SearchParameters,
     WindowParameters,
@@ -83,9 +84,32 @@ def test_a_failed_result_is_stored_without_value_and_is_not_the_newest(dpm: Dpm)
     )
     _, failed = dpm.writer.put(names, b"", encoding, attachment)
     assert [r.id for r in dpm.retrieval.find(Query()).items] == [failed.id, good.id]
-    assert dpm.retrieval.newest(SearchParameters(type=("pointcloud",))).metadata["id"] == good.id
+    assert dpm.retrieval.newest(NewestParameters(type=("pointcloud",))).metadata["id"] == good.id
     with pytest.raises(InputError, match="FAILED"):
         dpm.retrieval.product(failed.id, DeliveryParameters(format="ply"))
+
+
+def test_the_newest_product_is_found_behind_many_failed_ones(dpm: Dpm) -> None:
+    _, good = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 0))
+    for t_s in range(1, 6):
+        quality = Quality(Status.FAILED, ("black",))
+        names, _, encoding, attachment = put_arguments(cloud(), "pointcloud", t_s, quality=quality)
+        dpm.writer.put(names, b"", encoding, attachment)
+    newest = dpm.retrieval.newest(NewestParameters.parse({"type": "pointcloud", "limit": "1"}))
+    assert newest.metadata["id"] == good.id
+    assert newest.body.data
+
+
+def test_a_newest_product_that_the_client_holds_is_not_delivered_again(dpm: Dpm) -> None:
+    _, first = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 0))
+    asked = NewestParameters.parse({"type": "pointcloud", "known": first.id})
+    unchanged = dpm.retrieval.newest(asked)
+    assert (unchanged.reference, unchanged.body.data) == (first.id, b"")
+    _, second = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 1))
+    changed = dpm.retrieval.newest(asked)
+    assert changed.reference is None
+    assert changed.metadata["id"] == second.id
+    assert changed.body.data
 
 
 def test_a_window_fuses_patches_and_names_them(dpm: Dpm) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from cdff_common.clock import ManualClock
-from cdff_core.orchestration.acceptance import ProductCandidate
+from cdff_core.orchestration.acceptance import ProductCandidate, assess
+from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.request import parse_request
@@ -38,6 +39,11 @@ def match(t1_ns: int, status: str = "OK", coverage: float | None = None) -> Prod
     return ProductMatch(candidate, (), None, "site", "", is_unmodified=True)
 
 
+def replace_if_insufficient(plan: JobPlan, product: ProductMatch) -> None:
+    """Let a plan assess a product."""
+    plan.replace_if_insufficient(product, assess(product.candidate, plan.job.request, 104 * S))
+
+
 class State:
     """State double with a scripted progress."""
 
@@ -59,7 +65,11 @@ class Planner:
 
     def __init__(self, is_covered: bool = True, providers: tuple[ProviderId, ...] = (FIRST, SECOND)) -> None:
         self.is_covered, self.providers = is_covered, providers
+        self.known: dict[ProviderId, Accuracy] = {}
         self.calls = list[tuple[Any, frozenset[ProviderId]]]()
+
+    def accuracies(self, *_: object) -> dict[ProviderId, Accuracy]:
+        return self.known
 
     def best(
         self, request: object, robots: object, stored: Any, excluded: Any, *_: object
@@ -192,8 +202,8 @@ def test_lost_sensors_and_displaced_modes_abandon_the_plan(journal: Journal, sta
     state.current = replace(NO_PROGRESS, displaced=("mode taken",), lost=("lidar lost", "mode taken"))
     plan.follow(None)
     assert plan.abandoned_plan_reasons == ("mode taken", "lidar lost")
-    assert {"job": plan.job.id, "lost_modes": ["mode taken"]}.items() <= next(
-        r for r in journal.records() if "lost_modes" in r
+    assert {"job": plan.job.id, "displaced": ["mode taken"]}.items() <= next(
+        r for r in journal.records() if "displaced" in r
     ).items()
 
 
@@ -224,19 +234,19 @@ def test_a_problem_abandons_the_plan_only_for_an_alternative(journal: Journal, s
 
 def test_a_degraded_product_of_the_plan_is_replaced_once(journal: Journal, state: State) -> None:
     plan = job_plan(journal, state)
-    plan.replace_if_degraded(match(101 * S, "DEGRADED"))
+    replace_if_insufficient(plan, match(101 * S, "DEGRADED"))
     plan.make(None, "")
     for other in (match(101 * S), match(100 * S, "DEGRADED")):  # good, or not of this plan
-        plan.replace_if_degraded(other)
+        replace_if_insufficient(plan, other)
         assert state.held == [(FIRST, 7)]
     degraded = match(103 * S, "DEGRADED")
     assert not plan.supersedes(degraded)
-    plan.replace_if_degraded(degraded)
+    replace_if_insufficient(plan, degraded)
     assert state.held == [(FIRST, 7), (SECOND, 7)]
     assert any(r.get("reason") == "the product of mana/first is DEGRADED" for r in journal.records())
     assert [plan.supersedes(match(t * S, "DEGRADED")) for t in (102, 103, 104)] == [True, True, False]
     assert not plan.supersedes(match(103 * S))
-    plan.replace_if_degraded(match(104 * S, "DEGRADED"))
+    replace_if_insufficient(plan, match(104 * S, "DEGRADED"))
     assert len(state.held) == 2
 
 
@@ -245,6 +255,24 @@ def test_a_degraded_product_without_an_alternative_does_not_end_the_plan(
 ) -> None:
     plan = job_plan(journal, state, Planner(providers=(FIRST,)))
     plan.make(None, "")
-    plan.replace_if_degraded(match(101 * S, "DEGRADED"))
+    replace_if_insufficient(plan, match(101 * S, "DEGRADED"))
     assert state.held == [(FIRST, 7)]
     assert not plan.supersedes(match(101 * S, "DEGRADED"))
+
+
+@pytest.mark.parametrize(("other_sigma_m", "is_replaced"), [(None, True), (0.05, True), (0.2, False)])
+def test_a_product_that_is_not_accurate_enough_is_replaced_unless_the_other_is_known_to_be_no_better(
+    journal: Journal, state: State, other_sigma_m: float | None, is_replaced: bool
+) -> None:
+    planner = Planner()
+    if other_sigma_m is not None:
+        planner.known[SECOND] = Accuracy(sigma_m=other_sigma_m)
+    plan = job_plan(journal, state, planner, max_sigma_m="0.1")
+    plan.make(None, "")
+    made = match(101 * S)
+    for sigma_m in (0.1, 0.3):
+        accurate = replace(made.candidate, accuracy=Accuracy(sigma_m=sigma_m))
+        replace_if_insufficient(plan, replace(made, candidate=accurate))
+        assert (len(state.held) == 2) == (sigma_m > 0.1 and is_replaced)
+    reason = "the product of mana/first is not accurate enough (sigma_m: 0.3, asked at most 0.1)"
+    assert any(r.get("reason") == reason for r in journal.records()) == is_replaced

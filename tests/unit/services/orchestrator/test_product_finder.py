@@ -42,6 +42,13 @@ class DpmDouble:
         robot = "mana" if parameters["robot"] == "any" else parameters["robot"]
         return [self._header(robot, parameters["type"]).to_dict() | {"robot": robot, "dfpc": "a_dfpc"}]
 
+    def newest(self, until_s: float, robot: str, **parameters: Any) -> StoredProduct | None:
+        (item,) = self.search(until_s, robot=robot, **parameters)
+        if item["quality"]["status"] == "FAILED":
+            return None
+        stored = self.value(item["id"], robot, until_s)
+        return replace(stored, manifest={"dfpc": item["dfpc"]})
+
     def value(self, stored: str, robot: str, until_s: float) -> StoredProduct:
         product = next(p for p in ("pose", "navigation_map", "dem") if stored == stored_id(robot, p))
         value = pose(98, 1.0) if product == "pose" else elevation(0.0)

@@ -72,6 +72,81 @@ def test_a_degraded_product_is_delivered_if_the_next_plan_gives_none_better(stag
     assert "status: DEGRADED, see its quality" in reply.attachment["delivered"]["differences"]
 
 
+POSE = {"type": "pose", "robot": "mana", "max_age_s": "10", "max_sigma_m": "0.1", "deadline_ms": "30000"}
+
+
+def test_a_bound_on_the_accuracy_selects_the_dfpc_that_may_meet_it(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    assert stage.run_until(lambda: stage.process("position").outputs > 0, 10.0)
+    without_bound = {name: value for name, value in POSE.items() if name != "max_sigma_m"}
+    assert provider_of(stage.final_answer(stage.send(**without_bound))) == "position"
+    start_s = stage.scheduler.now_s
+    received = stage.send(**POSE)
+    reply = stage.final_answer(received)
+    assert provider_of(reply) == "slam"
+    delivered = reply.attachment["delivered"]
+    assert (delivered["differences"], delivered["sigma_m"]) == ([], pytest.approx(0.01))
+    assert received[-1] - start_s < 20.0  # not the deadline
+    # Both deliver now; a product that meets the bounds is preferred to a newer one that does not.
+    assert provider_of(stage.final_answer(stage.send(**POSE))) == "slam"
+
+
+def test_a_bound_that_no_dfpc_meets_is_named_at_the_deadline(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    stage.process("slam").sigma_m = 0.3
+    received = stage.send(**POSE)
+    start_s = stage.scheduler.now_s
+    reply = stage.final_answer(received, 35.0)
+    assert received[-1] - start_s > 25.0
+    differences = reply.attachment["delivered"]["differences"]
+    assert differences[1] == "the newest product of no DFPC meets the bounds"
+    assert differences[0] in {f"sigma_m: {sigma}, asked at most 0.1" for sigma in (0.3, 0.5)}
+    assert reply.attachment["asked"]["max_sigma_m"] == 0.1
+
+
+def test_an_explanation_states_the_accuracy_of_each_dfpc(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    assert stage.run_until(lambda: stage.process("position").outputs > 0, 10.0)
+    body = stage.final_answer(stage.send(**POSE, explain="true")).body()
+    assert (body["would"], body["plan"]["provider"]) == ("make", "mana/slam")
+    assert body["accuracy"] == [
+        {
+            "provider": "mana/position",
+            "newest": "sigma 0.5 m and 28.6 deg, covariance none, OK",
+            "unmet": ["sigma_m: 0.5, asked at most 0.1"],
+        }
+    ]
+
+
+@pytest.mark.usefixtures("stage")
+def test_a_request_of_higher_priority_takes_the_cpu_of_a_standing_one_which_resumes_after_it(
+    tmp_path: Path,
+) -> None:
+    # Only stereo_dem can provide elevation: the lidar does not stream in the mode that dem needs.
+    profile = orchestrator_mission.profile(dem={"modes": {"lidar": "warm"}})
+    profile.robot("mana").limits["cpu_cores"] = 1.5
+    stage = Stage(tmp_path / "small", profile)
+    stage.process("position").sigma_m = 0.5
+    stage.run(4.0)
+    stereo = stage.process("stereo_dem")
+    low = stage.send(**{**DEM, "priority": "2", "every_s": "1", "deadline_ms": "200000"})
+    assert stage.run_until(lambda: stereo.outputs > 1, 30.0)
+
+    equal = stage.final_answer(stage.send(**POSE, priority="2"))
+    assert isinstance(equal, UnavailableError) or provider_of(equal) == "position"
+    assert stereo.state == "active"
+    explained = stage.final_answer(stage.send(**POSE, priority="7", explain="true")).body()
+    assert explained["plan"]["takes"] == ["mana/stereo_dem"]
+
+    count = len(low)
+    assert provider_of(stage.final_answer(stage.send(**POSE, priority="7"))) == "slam"
+    reason = "mana/stereo_dem is stopped: a request of higher priority needs its memory or CPU"
+    assert any(reason in str(r.body()) for r in low[count:] if r.attachment["kind"] == "progress")
+    assert stage.run_until(lambda: stereo.state == "active", 40.0), "it resumes"
+    count = len(low)
+    assert stage.run_until(lambda: any(r.attachment["kind"] == "product" for r in low[count:]), 20.0)
+
+
 @pytest.mark.req("CDFF-SUP-027")
 def test_a_lost_sensor_without_replacement_is_reported_at_once(stage: Stage) -> None:
     received = send_and_activate(stage, robot="minnie")
