@@ -5,9 +5,9 @@
     python benchmarks/logs.py [--out FILE] [--folder DIR] [--megabytes N] [--targets NAME ...]
 
 An InFuse log with simulated data (random points and pixels, half of the bytes each) is written, read, and
-converted to a ROS 1 bag, an MCAP file and a ROS 2 bag, which are read. In the same run the libraries rosbags
-and mcap read and copy the same files: ``rosbags read`` decodes each message, ``mcap read`` does not; neither
-converts to types of CDFF. Each step is a process of its own that first handles a small log, so that the times
+converted to a ROS 1 bag, MCAP files with messages of ROS 2 and of Foxglove (protobuf, JSON) and a ROS 2 bag,
+which are read. In the same run the libraries rosbags and mcap read and copy the same files: ``rosbags read``
+decodes each message of ROS, ``mcap read`` does not; neither converts to types of CDFF. Each step is a process of its own that first handles a small log, so that the times
 are without imports. Memory is sampled: ``anonymous_mb`` is that of the process, ``resident_mb`` has also its
 pages of libraries and files. ``--folder`` is the folder of the logs, by default in memory (/dev/shm if it
 exists).
@@ -37,11 +37,13 @@ from _report import write_report
 from cdff_common.types import FramePair, LidarScan
 from cdff_dev.logs import LogWriter, open_log
 from cdff_dev.logs.conversion import convert_log
+from cdff_dev.logs.sinks import FOXGLOVE, ROS2, SCHEMAS
 
 _POINTS, _ROWS, _COLS = 120_000, 960, 1280
 _SAMPLE_BYTES = _POINTS * 20 + 2 * _ROWS * _COLS
 _PERIOD_NS = 100_000_000
-_TARGETS = ("run.bag", "run.mcap", "run_ros2")
+#: Names of the new logs; those of Foxglove's schemas begin with the name of these.
+_TARGETS = ("run.bag", "run.mcap", "foxglove.mcap", "foxglove-json.mcap", "run_ros2")
 _SMALL_COUNT = 3
 _Step = Callable[[Path, int], object]
 
@@ -87,10 +89,11 @@ def write(folder: Path, count: int) -> None:
 
 def convert_to(target: str) -> _Step:
     """Return the step that converts the log; nothing may be lost."""
+    schemas = Path(target).stem if Path(target).stem in SCHEMAS else ROS2
 
     def step(folder: Path, count: int) -> None:
         with open_log(_source(folder)) as log:
-            report = convert_log(log, folder / target)
+            report = convert_log(log, folder / target, schemas=schemas)
         assert not report.losses
         assert sum(report.written.values()) == 2 * count
 
@@ -288,8 +291,12 @@ def main() -> None:
         for step in ("write", "read"):
             rows[f"{step} source.msg"] = measured(step, "", folders, count)
         for target in args.targets:
-            library = ("mcap read", "mcap copy") if target.endswith(".mcap") else ("rosbags copy",)
-            for step in ("convert to", "read", "rosbags read", *library):
+            library: tuple[str, ...] = ("rosbags copy",)
+            if target.endswith(".mcap"):
+                library = ("mcap read", "mcap copy")
+            if not target.startswith(FOXGLOVE):
+                library = ("rosbags read", *library)
+            for step in ("convert to", "read", *library):
                 rows[f"{step} {target}"] = measured(step, target, folders, count)
             for folder in folders:
                 _remove(folder / target)

@@ -23,6 +23,7 @@ from cdff_common.cli import EXIT_DONE, main
 from cdff_common.errors import CdffError
 from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import se3
+from cdff_dev.logs.sinks import ROS2
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +37,19 @@ class Recording:
     stream: str
 
 
-_FOXGLOVE = "foxglove.mcap"
+#: Endings of the converted logs; before ``.mcap`` the schemas of an MCAP file, if they are not those of ROS 2.
+_NAMES = {
+    "ply": "PLY files",
+    "bag": "ROS 1 bag",
+    "mcap": "MCAP",
+    "foxglove.mcap": "MCAP of Foxglove's schemas in protobuf",
+    "foxglove-json.mcap": "MCAP of Foxglove's schemas in JSON",
+}
+_BAGS = tuple(name for name in _NAMES if name != "ply")
 RECORDINGS = (
-    Recording("kitti_velodyne", "slam", "lidar_slam", ("ply", "bag", "mcap", _FOXGLOVE), "/robot/lidar.scan"),
-    Recording(
-        "kitti_stereo", "vo", "visual_odometry_sparse", ("bag", "mcap", _FOXGLOVE), "/kitti/navcam.pair"
-    ),
+    Recording("kitti_velodyne", "slam", "lidar_slam", tuple(_NAMES), "/robot/lidar.scan"),
+    Recording("kitti_stereo", "vo", "visual_odometry_sparse", _BAGS, "/kitti/navcam.pair"),
 )
-_NAMES = {"ply": "PLY files", "bag": "ROS 1 bag", "mcap": "MCAP", _FOXGLOVE: "MCAP of Foxglove's schemas"}
 _FILES = {
     "slam": ("trajectory.tum", "map.ply", "map.png", "trajectory.png", "report.html"),
     "vo": ("trajectory.tum", "trajectory.png", "report.html"),
@@ -79,8 +85,8 @@ def compare_formats(
         if suffix == "ply":
             _run("log", "export", str(source), recording.stream, "--out", str(target))
         else:
-            schemas = ("--schemas", "foxglove") if suffix == _FOXGLOVE else ()
-            _run("log", "convert", str(source), str(target), *schemas)
+            schemas = suffix.removesuffix(".mcap") if suffix.endswith(".mcap") else ROS2
+            _run("log", "convert", str(source), str(target), "--schemas", schemas)
         rows[_NAMES[suffix]] = _result(recording, target, work / f"{recording.folder}_{suffix}", reference)
     return rows
 

@@ -16,7 +16,7 @@ from cdff_common.interfaces.product import Header
 from cdff_common.progress import counted
 from cdff_dev.logs.mapping import LogMap, stream_map, topic_map
 from cdff_dev.logs.restored import with_texts
-from cdff_dev.logs.sinks import Loss, create_log, refuse_own_input
+from cdff_dev.logs.sinks import ROS2, Loss, Substitute, create_log, refuse_own_input
 from cdff_dev.logs.source import LogSource, Unconverted, chosen_streams
 
 
@@ -30,12 +30,15 @@ class ConversionReport:
         Number of samples by stream.
     losses : mapping
         Number of samples by stream and field that the new log does not hold.
+    substitutes : mapping
+        Number of samples by stream, type of its messages, and the reason why it is not a usual one.
     unconverted : mapping
         Content of the source without a stream.
     """
 
     written: Mapping[str, int]
     losses: Mapping[Loss, int]
+    substitutes: Mapping[Substitute, int]
     unconverted: Mapping[str, Unconverted]
 
     def to_json(self) -> dict[str, Any]:
@@ -46,6 +49,10 @@ class ConversionReport:
                 {"stream": stream, "loss": loss, "count": count}
                 for (stream, loss), count in self.losses.items()
             ],
+            "substitutes": [
+                {"stream": stream, "message": message, "reason": reason, "count": count}
+                for (stream, message, reason), count in self.substitutes.items()
+            ],
             "unconverted": {
                 name: {"type": item.type_name, "count": item.count, "reason": item.reason}
                 for name, item in self.unconverted.items()
@@ -53,11 +60,15 @@ class ConversionReport:
         }
 
     def lines(self) -> list[str]:
-        """Return one line for everything that the new log does not hold."""
+        """Return one line for everything that the new log does not hold, or not in a usual message."""
         return [
             *(
                 f"not held: {stream}: {loss} ({count} samples)"
                 for (stream, loss), count in self.losses.items()
+            ),
+            *(
+                f"as {message}: {stream} ({count} samples): {reason}"
+                for (stream, message, reason), count in self.substitutes.items()
             ),
             *(
                 f"not converted: {name}: {item.type_name} ({item.count} messages): {item.reason}"
@@ -93,7 +104,7 @@ def convert_log(
     mapping: LogMap | None = None,
     streams: Collection[str] | None = None,
     span: TimeSpan | None = None,
-    foxglove: bool = False,
+    schemas: str = ROS2,
 ) -> ConversionReport:
     """Write the samples of a log to a new log; the memory does not grow with the log.
 
@@ -107,7 +118,7 @@ def convert_log(
     streams : collection of str, optional
         Default: all.
     span : TimeSpan, optional
-    foxglove : bool
+    schemas : str
         Schemas of an MCAP file, see ``create_log``.
 
     Raises
@@ -126,7 +137,7 @@ def convert_log(
     written: Counter[str] = Counter()
     total = sum(info.count for info in infos.values())
     with (
-        create_log(path, names, is_whole=True, foxglove=foxglove) as sink,
+        create_log(path, names, is_whole=True, schemas=schemas) as sink,
         closing(counted(log.samples_from(start_ns, chosen), total, "samples")) as samples,
     ):
         for sample in samples:
@@ -138,7 +149,7 @@ def convert_log(
                 header = _renamed(header, names.frames)
             sink.write(stream, value, sample.stamp_ns, header)
             written[sample.stream] += 1
-    return ConversionReport(written, sink.losses, log.unconverted)
+    return ConversionReport(written, sink.losses, sink.substitutes, log.unconverted)
 
 
 def _renamed(header: Header | None, frames: Mapping[str, str]) -> Header | None:

@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from cdff_dev.logs.sinks import ROS2, SCHEMAS
+
 
 def register_conversions(verbs: Any) -> None:
     """Add the parsers of ``cdff log convert``, ``diff`` and ``export``."""
@@ -29,10 +31,10 @@ def register_conversions(verbs: Any) -> None:
     )
     convert.add_argument(
         "--schemas",
-        choices=("ros2", "foxglove"),
-        default="ros2",
-        help="messages of an MCAP file: of ROS 2, or of Foxglove's schemas (protobuf) and of ROS 2 where "
-        "these lack the type (default: ros2)",
+        choices=SCHEMAS,
+        default=ROS2,
+        help="messages of an MCAP file: of ROS 2, or of Foxglove's schemas (protobuf or JSON) and of ROS 2 "
+        "where these lack the type (default: ros2)",
     )
     _add_calibration(convert)
     convert.add_argument(
@@ -92,7 +94,7 @@ def _convert(args: argparse.Namespace) -> int:
             mapping=mapping,
             streams=args.streams,
             span=TimeSpan(args.start, args.duration),
-            foxglove=args.schemas == "foxglove",
+            schemas=args.schemas,
         )
     for line in report.lines():
         print(line, file=sys.stderr)

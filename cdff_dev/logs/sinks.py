@@ -9,14 +9,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, Self
 
 from cdff_common.errors import InputError
-from cdff_common.interfaces.product import Header
 
 if TYPE_CHECKING:
+    from cdff_common.interfaces.product import Header
     from cdff_dev.logs.mapping import LogMap
     from cdff_dev.logs.source import LogSource
 
 #: Stream and loss: a field that the log cannot hold, or the reason why a sample was not written.
 Loss = tuple[str, str]
+#: Stream, type of its messages, and why it is not the usual one for the format.
+Substitute = tuple[str, str, str]
+#: Schemas of the messages of an MCAP file: of ROS 2, and of Foxglove in protobuf or JSON.
+ROS2, FOXGLOVE, FOXGLOVE_JSON = "ros2", "foxglove", "foxglove-json"
+SCHEMAS = (ROS2, FOXGLOVE, FOXGLOVE_JSON)
 
 
 class LogSink(Protocol):
@@ -25,6 +30,11 @@ class LogSink(Protocol):
     @property
     def losses(self) -> Mapping[Loss, int]:
         """Number of samples of each loss."""
+        return {}
+
+    @property
+    def substitutes(self) -> Mapping[Substitute, int]:
+        """Number of samples of each stream whose messages most programs do not read."""
         return {}
 
     def write(self, stream: str, value: Any, stamp_ns: int, header: Header | None = None) -> None:
@@ -43,20 +53,20 @@ class LogSink(Protocol):
         self.close()
 
 
-def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False, foxglove: bool = False) -> LogSink:
+def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False, schemas: str = ROS2) -> LogSink:
     """Return the writer of a new log.
 
     Parameters
     ----------
     path : Path
-        ``NAME.msg`` for InFuse, ``NAME.bag`` for ROS 1, ``NAME.mcap`` for MCAP with ROS 2 messages, a name
-        without suffix for the folder of a ROS 2 bag (sqlite3). A file of that name is replaced.
+        ``NAME.msg`` for InFuse, ``NAME.bag`` for ROS 1, ``NAME.mcap`` for MCAP, a name without suffix for the
+        folder of a ROS 2 bag (sqlite3). A file of that name is replaced.
     mapping : LogMap
         Names in the new log.
     is_whole : bool
         Remove an incomplete ``.msg`` after an error instead of keeping its samples, as the others do.
-    foxglove : bool
-        Write an MCAP file with messages of Foxglove's schemas instead of those of ROS 2.
+    schemas : str
+        One of ``SCHEMAS``; those of Foxglove are only for an MCAP file.
 
     Raises
     ------
@@ -66,7 +76,7 @@ def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False, foxglove:
         If it cannot be written.
     """
     suffix = path.suffix.lower()
-    if foxglove and suffix != ".mcap":
+    if schemas != ROS2 and suffix != ".mcap":
         raise InputError(f"log {path}: Foxglove's schemas are written to MCAP files; expected NAME.mcap")
     if suffix == ".msg":
         from cdff_dev.logs.formats.infuse.writer import LogWriter
@@ -78,7 +88,7 @@ def create_log(path: Path, mapping: LogMap, *, is_whole: bool = False, foxglove:
         )
     from cdff_dev.logs.formats.ros.writer import create_ros_log
 
-    return create_ros_log(path, mapping, foxglove=foxglove)
+    return create_ros_log(path, mapping, schemas=schemas)
 
 
 def refuse_own_input(log: LogSource, path: Path) -> None:

@@ -65,6 +65,10 @@ class RosTypes:
         x, y, z, w = (float(v) for v in xyzw)
         return self.make("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
 
+    def remark(self, type_name: str) -> str:
+        """Return why few programs read messages of a type; empty if that is not so."""
+        return "only CDFF and robots of InFuse read it" if type_name == BITSTREAM else ""
+
     def serialize(self, message: Any, type_name: str) -> memoryview | bytes:
         """Return the bytes of a message."""
         if self.version == 1:

@@ -133,7 +133,8 @@ def _protobuf_decoder(name: str, schema: bytes) -> Decoder:
         for file in ready:
             pool.Add(waiting.pop(file.name))
     message = GetMessageClass(pool.FindMessageTypeByName(name))
-    return lambda raw: message.FromString(bytes(raw))
+    decode: Decoder = message.FromString
+    return decode
 
 
 class _JsonObject(SimpleNamespace):

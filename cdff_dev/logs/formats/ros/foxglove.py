@@ -107,7 +107,8 @@ def _pose(message: Any) -> Any:
 def _odometry(message: Any) -> Any:
     covariance = np.array(message.pose_covariance, np.float64)
     pose = SimpleNamespace(pose=message.pose, covariance=covariance if covariance.size else np.zeros(36))
-    return SimpleNamespace(header=_header(message), child_frame_id=message.body_frame_id, pose=pose)
+    body = getattr(message, "body_frame_id", "") or getattr(message, "child_frame_id", "")  # until 2026
+    return SimpleNamespace(header=_header(message), child_frame_id=body, pose=pose)
 
 
 def _joints(message: Any) -> Any:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Protobuf classes of Foxglove's schemas, with the names and numbers of their fields.
+"""Foxglove's schemas: the names and numbers of their fields, as protobuf classes and as JSON schemas.
 
 Fields that are never written are left out: readers see them unset. Reference:
 https://docs.foxglove.dev/docs/sdk/schemas
@@ -9,9 +9,11 @@ https://docs.foxglove.dev/docs/sdk/schemas
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+import numpy as np
 from google.protobuf import timestamp_pb2  # type: ignore[import-untyped]
 from google.protobuf.descriptor_pb2 import (  # type: ignore[import-untyped]
     DescriptorProto,
@@ -77,12 +79,90 @@ _SCALARS = {
     "bytes": FieldDescriptorProto.TYPE_BYTES,
     "fixed32": FieldDescriptorProto.TYPE_FIXED32,
 }
+#: Wire type of bytes, strings and messages in protobuf.
+_LENGTH_DELIMITED = 2
+_COUNT = {"type": "integer", "minimum": 0}
+_JSON_SCALARS: dict[int, dict[str, Any]] = {
+    FieldDescriptorProto.TYPE_DOUBLE: {"type": "number"},
+    FieldDescriptorProto.TYPE_STRING: {"type": "string"},
+    FieldDescriptorProto.TYPE_BYTES: {"type": "string", "contentEncoding": "base64"},
+    FieldDescriptorProto.TYPE_FIXED32: _COUNT,
+}
+_JSON_TIME = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": _COUNT, "nsec": {**_COUNT, "maximum": 999_999_999}},
+}
 
 
 @cache
 def schema_bytes() -> bytes:
     """Return the definitions of all messages as a serialised ``FileDescriptorSet``."""
     return bytes(FileDescriptorSet(file=_files()).SerializeToString())
+
+
+def message_bytes(name: str, fields: Mapping[str, Any]) -> bytes:
+    """Return a message in protobuf.
+
+    Parameters
+    ----------
+    name : str
+        Name of the message, such as ``PointCloud``.
+    fields : mapping
+        Values by name. Arrays of bytes are appended to the other fields, since a message class would copy
+        them several times.
+    """
+    message = message_class(name)
+    large = {key: value for key, value in fields.items() if _is_bytes(value)}
+    parts: list[Any] = [message(**{k: v for k, v in fields.items() if k not in large}).SerializeToString()]
+    for key, value in large.items():
+        number = message.DESCRIPTOR.fields_by_name[key].number
+        data = np.ascontiguousarray(value)
+        parts += [_varint(number << 3 | _LENGTH_DELIMITED), _varint(data.size), data.data]
+    return b"".join(parts)
+
+
+def _is_bytes(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype == np.uint8
+
+
+def _varint(number: int) -> bytes:
+    """Return a number in groups of seven bits, the lowest first."""
+    groups = bytearray()
+    while number > 0x7F:
+        groups.append(number & 0x7F | 0x80)
+        number >>= 7
+    groups.append(number)
+    return bytes(groups)
+
+
+def json_schema(name: str) -> dict[str, Any]:
+    """Return the JSON schema of a message."""
+    return _json_schema(message_class(name).DESCRIPTOR)
+
+
+def _json_schema(descriptor: Any) -> dict[str, Any]:
+    proto = DescriptorProto()
+    descriptor.CopyToProto(proto)
+    properties = {}
+    for field in proto.field:
+        item = _json_item(descriptor.fields_by_name[field.name])
+        is_repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
+        properties[field.name] = {"type": "array", "items": item} if is_repeated else item
+    required = [field.name for field in proto.field if not field.proto3_optional]
+    title = f"{PACKAGE}.{descriptor.name}"
+    return {"title": title, "type": "object", "properties": properties, "required": required}
+
+
+def _json_item(field: Any) -> dict[str, Any]:
+    """Return the JSON schema of a field, or of the elements of a repeated one."""
+    if field.enum_type is not None:
+        values = [{"title": value.name, "const": value.number} for value in field.enum_type.values]
+        return {"title": f"{PACKAGE}.{field.enum_type.name}", "oneOf": values}
+    if field.message_type is None:
+        return _JSON_SCALARS[field.type]
+    is_time = field.message_type.full_name == "google.protobuf.Timestamp"
+    return _JSON_TIME if is_time else _json_schema(field.message_type)
 
 
 @cache

@@ -335,8 +335,10 @@ class RosLog(LogSource):
         """Return the stamp of the header; without one, or if it is zero, the time of recording."""
         if not topic.conversion.has_header:
             return _rounded(recorded_ns)
+        if stamp_ns := encoded_stamp_ns(channel.encoding, raw):
+            return _rounded(stamp_ns)
         if channel.encoding in ("ros1", "cdr"):
-            return _rounded(encoded_stamp_ns(channel.encoding, raw) or recorded_ns)
+            return _rounded(recorded_ns)
         return _rounded(_header_ns(self._recording.decode(channel, raw).header) or recorded_ns)
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:

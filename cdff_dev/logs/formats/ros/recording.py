@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import heapq
+import re
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -36,6 +37,8 @@ PARSER_ERRORS = (
 #: sequence number, in CDR after the encapsulation, whose second byte is the byte order.
 _STAMP = slice(4, 12)
 _SMALL_BYTES = 1 << 16
+#: Beginning of a message of Foxglove in JSON.
+_JSON_STAMP = re.compile(rb'\{\s*"timestamp":\s*\{\s*"sec":\s*(\d{1,10}),\s*"nsec":\s*(\d{1,9})\s*\}')
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,8 +145,11 @@ def kept(message: memoryview) -> Encoded:
 
 
 def encoded_stamp_ns(encoding: str, raw: Encoded) -> int:
-    """Return the stamp of an encoded ROS message that begins with a header; 0 if it is too short."""
-    if len(raw) < _STAMP.stop:
+    """Return the stamp of an encoded message of ROS or in JSON that begins with it; 0 if it does not."""
+    if encoding == "json":
+        found = _JSON_STAMP.match(raw)
+        return int(found[1]) * 1_000_000_000 + int(found[2]) if found else 0
+    if encoding not in ("ros1", "cdr") or len(raw) < _STAMP.stop:
         return 0
     order = ">" if encoding == "cdr" and raw[1] == 0 else "<"
     seconds, nanoseconds = np.frombuffer(raw[_STAMP], f"{order}u4")

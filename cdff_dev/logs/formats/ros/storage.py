@@ -18,8 +18,7 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
 
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import InputError
-from cdff_dev.logs.formats.ros.foxglove_protobuf import PACKAGE, schema_bytes
-from cdff_dev.logs.formats.ros.foxglove_types import SCHEMAS, FoxgloveTypes
+from cdff_dev.logs.formats.ros.foxglove_types import FoxgloveTypes
 from services.ros_messages.message_types import RosTypes
 
 #: Time and size of messages after which they are committed to a database: a process that is killed loses
@@ -206,19 +205,26 @@ class McapStorage(MessageStorage):
 
 
 class FoxgloveStorage(McapStorage):
-    """An MCAP file with messages of Foxglove's schemas in protobuf; others are ROS 2 messages in CDR."""
+    """An MCAP file with messages of Foxglove's schemas; others are ROS 2 messages in CDR.
+
+    Parameters
+    ----------
+    path : Path
+    encoding : str
+        ``protobuf`` or ``json``.
+    """
 
     _profile = ""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, encoding: str) -> None:
         super().__init__(path)
-        self.types = FoxgloveTypes()
+        self.types = self._foxglove = FoxgloveTypes(encoding)
 
     def add_topic(self, topic: str, type_name: str) -> Any:
         """Return the id of the channel of a new topic."""
-        if type_name not in SCHEMAS:
+        schema = self._foxglove.schema(type_name)
+        if schema is None:
             return super().add_topic(topic, type_name)
         if type_name not in self._schemas:
-            name = f"{PACKAGE}.{SCHEMAS[type_name][0]}"
-            self._schemas[type_name] = self._writer.register_schema(name, "protobuf", schema_bytes())
-        return self._writer.register_channel(topic, "protobuf", self._schemas[type_name])
+            self._schemas[type_name] = self._writer.register_schema(*schema)
+        return self._writer.register_channel(topic, self._foxglove.encoding, self._schemas[type_name])

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +29,18 @@ from cdff_dev.logs.formats.ros.storage import (
 )
 from cdff_dev.logs.mapping import LogMap
 from cdff_dev.logs.restored import NAMES_TOPIC, OriginalNames, mount_row, with_mount
-from cdff_dev.logs.sinks import LogSink, Loss
+from cdff_dev.logs.sinks import FOXGLOVE, FOXGLOVE_JSON, ROS2, LogSink, Loss, Substitute
 from cdff_dev.logs.source import recorded_header
 from services.ros_messages.encoders import bitstream, encoder, transform_message
 from services.ros_messages.encoding import Encoded, Encoder, Outgoing, Target
 from services.ros_messages.fixes import EARTH, FIX, LocalFrame, is_position
 
-_STORAGES: dict[str, Callable[[Path], MessageStorage]] = {
-    ".bag": Bag1Storage,
-    ".mcap": McapStorage,
-    "": Bag2Storage,
+_STORAGES: dict[tuple[str, str], Callable[[Path], MessageStorage]] = {
+    (".bag", ROS2): Bag1Storage,
+    (".mcap", ROS2): McapStorage,
+    (".mcap", FOXGLOVE): partial(FoxgloveStorage, encoding="protobuf"),
+    (".mcap", FOXGLOVE_JSON): partial(FoxgloveStorage, encoding="json"),
+    ("", ROS2): Bag2Storage,
 }
 _FRAME_TREE = ("/tf", "tf2_msgs/msg/TFMessage")
 #: Names of a path that are reported, of ``left.extrinsic.pose_robot_frame_sensor_frame.data`` three.
@@ -46,16 +49,16 @@ _PATH_LENGTH = 3
 _READER_FIELDS = ("id", "seq", "t0_ns", "t1_ns", "frame", "child", "producer")
 
 
-def create_ros_log(path: Path, mapping: LogMap, *, foxglove: bool = False) -> RosWriter:
+def create_ros_log(path: Path, mapping: LogMap, *, schemas: str = ROS2) -> RosWriter:
     """Return the writer of ``NAME.bag``, ``NAME.mcap`` or the folder of a ROS 2 bag.
 
-    With ``foxglove``, an MCAP file has messages of Foxglove's schemas where these have the content.
+    With schemas of Foxglove, an MCAP file has messages of ROS 2 where these lack the content.
     Raises InputError if the folder exists, and StorageError if the file cannot be written.
     """
     make_folder(path.resolve().parent)
     with storage_errors(path):
-        create = FoxgloveStorage if foxglove else _STORAGES[path.suffix.lower()]
-        return RosWriter(create(path), mapping, str(path))
+        storage = _STORAGES[path.suffix.lower(), schemas](path)
+        return RosWriter(storage, mapping, str(path))
 
 
 class RosWriter(LogSink):
@@ -82,6 +85,7 @@ class RosWriter(LogSink):
         self._parents: dict[str, str] = {}
         self._anchors = dict(mapping.anchors)
         self._losses: Counter[Loss] = Counter()
+        self._substitutes: Counter[Substitute] = Counter()
         self._last_ns = 0
         self._closed = False
 
@@ -89,6 +93,11 @@ class RosWriter(LogSink):
     def losses(self) -> Mapping[Loss, int]:
         """Number of samples by stream and field that the messages do not hold."""
         return self._losses
+
+    @property
+    def substitutes(self) -> Mapping[Substitute, int]:
+        """Number of samples of each stream whose messages most programs do not read."""
+        return self._substitutes
 
     def write(self, stream: str, value: Any, stamp_ns: int, header: Header | None = None) -> None:
         """Append a sample.
@@ -124,6 +133,8 @@ class RosWriter(LogSink):
             for out in (*encoded.messages, *self._tree(stream, value, target, stamp_ns)):
                 self._add(out, stamp_ns)
         self._last_ns = max(self._last_ns, stamp_ns)
+        if encoded.messages and (reason := self._storage.types.remark(encoded.messages[0].type_name)):
+            self._substitutes[stream, encoded.messages[0].type_name, reason] += 1
         self._report(stream, value, encoded, header)
 
     def _encoded(self, stream: str, encode: Encoder, value: Any, target: Target, stamp_ns: int) -> Encoded:

@@ -26,7 +26,7 @@ def _errors(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
     return capsys.readouterr().err
 
 
-@pytest.mark.parametrize("target", ["run.bag", "run.mcap", "foxglove.mcap"])
+@pytest.mark.parametrize("target", ["run.bag", "run.mcap", "foxglove.mcap", "foxglove-json.mcap"])
 @pytest.mark.parametrize(
     ("source", "streams", "duration_s"),
     [
@@ -49,7 +49,7 @@ def test_converted_recordings_are_equal(
     part, out = tmp_path / "part.msg", tmp_path / target
     span = ["--duration", str(duration_s)]
     assert main(["log", "convert", str(real_data(source)), str(part), *span]) == 0
-    schemas = ["--schemas", "foxglove"] if target == "foxglove.mcap" else []
+    schemas = ["--schemas", out.stem] if out.stem.startswith("foxglove") else []
     assert main(["log", "convert", str(real_data(source)), str(out), *span, *schemas, "--json"]) == 0
     report = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert [loss for loss in report["losses"] if loss["loss"] != "header.frame"] == []
@@ -58,8 +58,9 @@ def test_converted_recordings_are_equal(
     assert main(["log", "diff", str(part), str(out), "--rounding"]) == 0
 
 
+@pytest.mark.parametrize(("schemas", "encoding"), [("foxglove", "protobuf"), ("foxglove-json", "jsonschema")])
 def test_foxglove_schemas_are_those_of_their_types_and_only_of_mcap_files(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    schemas: str, encoding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from mcap.reader import make_reader
 
@@ -69,19 +70,22 @@ def test_foxglove_schemas_are_those_of_their_types_and_only_of_mcap_files(
         writer.write("/mana/arm.joints", joints, 1000, header)
         writer.write("/mana/imu.sample", types.IMUSensors(types.Time(1)), 1000)
     log, out = str(tmp_path / "run.msg"), tmp_path / "run.mcap"
-    assert main(["log", "convert", log, str(out), "--schemas", "foxglove"]) == 0
-    assert capsys.readouterr().err == "not held: /mana/arm.joints: header.frame (1 samples)\n"
+    assert main(["log", "convert", log, str(out), "--schemas", schemas]) == 0
+    assert capsys.readouterr().err.splitlines() == [
+        "not held: /mana/arm.joints: header.frame (1 samples)",
+        "as sensor_msgs/msg/Imu: /mana/imu.sample (1 samples): Foxglove has no schema for it",
+    ]
     with out.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     assert sorted((s.name, s.encoding) for s in summary.schemas.values()) == [
-        ("foxglove.JointStates", "protobuf"),
+        ("foxglove.JointStates", encoding),
         ("sensor_msgs/msg/Imu", "ros2msg"),
         ("std_msgs/msg/String", "ros2msg"),
     ]
     assert main(["log", "diff", log, str(out)]) == 0
     for name in ("run.bag", "folder", "other.msg"):
-        words = ("convert", log, str(tmp_path / name), "--schemas", "foxglove")
+        words = ("convert", log, str(tmp_path / name), "--schemas", schemas)
         assert "expected NAME.mcap" in _errors(*words, capsys=capsys)
 
 

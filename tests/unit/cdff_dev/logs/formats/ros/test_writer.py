@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,18 @@ from cdff_dev.logs import open_log
 from cdff_dev.logs.differences import ROUNDING, differing_fields
 from cdff_dev.logs.formats.ros.writer import create_ros_log
 from cdff_dev.logs.mapping import LogMap, StreamTarget, topic_map
+from cdff_dev.logs.sinks import FOXGLOVE, FOXGLOVE_JSON, ROS2
 from cdff_dev.logs.source import StreamInfo
 
 STAMP_NS = 1_600_000_000_000_000_000
 K = np.array([[300.5, 0.0, 16.25], [0.0, 301.25, 12.5], [0.0, 0.0, 1.0]])
-TARGETS = ("run.bag", "run.mcap", "run", "foxglove.mcap")
+TARGETS = (
+    ("run.bag", ROS2),
+    ("run.mcap", ROS2),
+    ("run", ROS2),
+    ("fox.mcap", FOXGLOVE),
+    ("json.mcap", FOXGLOVE_JSON),
+)
 _RNG = np.random.default_rng(1)
 PIXELS = _RNG.integers(0, 255, (24, 32), np.uint8)
 COLOURS = _RNG.integers(0, 255, (24, 32, 3), np.uint8)
@@ -93,15 +101,17 @@ VALUES: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_every_value_is_read_as_it_was_written(target: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("target", "schemas"), TARGETS)
+def test_every_value_is_read_as_it_was_written(target: str, schemas: str, tmp_path: Path) -> None:
     values = {stream: make() for stream, make in VALUES.items()}
     infos = {s: StreamInfo(type(v).ASN1_NAME, 1, STAMP_NS, STAMP_NS) for s, v in values.items()}
-    mapping, is_foxglove = topic_map(infos), target == "foxglove.mcap"
-    with create_ros_log(tmp_path / target, mapping, foxglove=is_foxglove) as writer:
+    with create_ros_log(tmp_path / target, topic_map(infos), schemas=schemas) as writer:
         for stream, value in values.items():
             writer.write(stream, value, STAMP_NS)
     assert writer.losses == {}
+    bitstreams = {"/mana/hsv.frame", "/mana/arm.state", "/mana/cloud.cloud"}
+    others = set() if schemas == ROS2 else {"/mana/imu.imu"}
+    assert {stream for stream, _, _ in writer.substitutes} == bitstreams | others
     with open_log(tmp_path / target) as log:
         samples = {sample.stream: sample for sample in log.samples()}
         assert log.unconverted == {}
@@ -109,6 +119,32 @@ def test_every_value_is_read_as_it_was_written(target: str, tmp_path: Path) -> N
     for stream, value in values.items():
         assert samples[stream].stamp_ns == STAMP_NS
         assert differing_fields(value, samples[stream].value, ROUNDING) == [], stream
+
+
+def test_messages_in_json_follow_their_schemas(tmp_path: Path) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    from mcap.reader import make_reader
+
+    values = {stream: make() for stream, make in VALUES.items()}
+    infos = {s: StreamInfo(type(v).ASN1_NAME, 1, STAMP_NS, STAMP_NS) for s, v in values.items()}
+    with create_ros_log(tmp_path / "run.mcap", topic_map(infos), schemas=FOXGLOVE_JSON) as writer:
+        for stream, value in values.items():
+            writer.write(stream, value, STAMP_NS)
+    names = set()
+    with (tmp_path / "run.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.message_encoding == "json":
+                assert schema is not None
+                jsonschema.validate(json.loads(message.data), json.loads(schema.data))
+                names.add(schema.name.removeprefix("foxglove."))
+    assert names == {
+        "PointCloud",
+        "RawImage",
+        "CameraCalibration",
+        "Odometry",
+        "JointStates",
+        "FrameTransforms",
+    }
 
 
 def test_fields_that_a_message_does_not_have_are_counted(tmp_path: Path) -> None:
