@@ -38,9 +38,10 @@ def file_stamps(files: Sequence[Path], times: Path | None = None) -> NDArray[np.
     files : sequence of Path
     times : Path, optional
         A file with one time a line, in seconds. Without it, a name that is a time since 1970 in seconds (also
-        with decimals), milliseconds, microseconds or nanoseconds is the stamp, and so is a date and time in
-        UTC such as ``20140805T200719``; other last numbers of the names, if they ascend, are numbers of
-        periods of 100 ms; else the files are 100 ms apart.
+        with decimals), milliseconds, microseconds or nanoseconds is the stamp, also before the number of a
+        camera (``1403715273262142976_0``), and so is a date and time in UTC such as ``20140805T200719``; other
+        last numbers of the names, if they ascend, are numbers of periods of 100 ms; else the files are 100 ms
+        apart.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def _from_names(files: Sequence[Path]) -> NDArray[np.int64]:
     numbers = [_NUMBER.findall(file.stem) for file in files]
     if not all(numbers):
         return np.arange(len(files), dtype=np.int64) * PERIOD_NS
-    last = [found[-1] for found in numbers]
+    last = [_time_or_last(found) for found in numbers]
     lengths = {len(number) for number in last}
     unit_ns = _UNITS_NS.get(lengths.pop()) if len(lengths) == 1 else None
     counts = [int(number) for number in last]
@@ -86,6 +87,11 @@ def _from_names(files: Sequence[Path]) -> NDArray[np.int64]:
     if unit_ns is None and not is_counter:
         return np.arange(len(files), dtype=np.int64) * PERIOD_NS
     return np.array(counts, dtype=np.int64) * (unit_ns or PERIOD_NS)
+
+
+def _time_or_last(numbers: Sequence[str]) -> str:
+    """Return the last of the numbers in a name that has the digits of a time, else the last number."""
+    return next((n for n in reversed(numbers) if len(n) in _UNITS_NS), numbers[-1])
 
 
 def _seconds(text: str) -> int:

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from cdff_dev.logs.content import TEXT, describe
-from cdff_dev.logs.formats import LogLocation
+from cdff_dev.logs.formats import LogLocation, log_formats
 from cdff_dev.logs.source import Unconverted
 
 #: More files of one type are listed together.
@@ -42,10 +42,24 @@ def other_files(
     found: dict[str, Unconverted] = {}
     for suffix, files in sorted(by_suffix.items()):
         if len(files) > _MAX_NAMED:
-            found[f"*{suffix}" if suffix else "no suffix"] = Unconverted("file", len(files), reason)
+            counts = Counter(_content_of(file) or reason for file in files)
+            reasons = [f"{n} x {text}" for text, n in counts.most_common()] if len(counts) > 1 else counts
+            found[f"*{suffix}" if suffix else "no suffix"] = Unconverted(
+                "file", len(files), "; ".join(reasons)
+            )
             continue
         for file in files:
-            what = _CLOUD if suffix == ".ply" else describe(LogLocation.of(file))
-            text = reason if what is None or what == TEXT else what
+            text = _content_of(file) or reason
             found[str(file.relative_to(folder))] = Unconverted("file", 1, text)
     return found
+
+
+def _content_of(file: Path) -> str:
+    """Return the content of a file in a few words; empty if it is unknown, or a text without a structure."""
+    if file.suffix.lower() in (".ply", ".pcd"):
+        return _CLOUD
+    location = LogLocation.of(file)
+    if found := next((f for f in log_formats() if not f.is_generic and f.recognises(location)), None):
+        return f"{found.name}: open it alone"
+    what = describe(location)
+    return "" if what is None or what == TEXT else what

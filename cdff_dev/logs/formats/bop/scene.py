@@ -28,7 +28,6 @@ from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 ROBOT = "bop"
-_CAMERA = f"{ROBOT}/camera"
 _COLOUR, _DEPTH = f"/{ROBOT}/colour.frame", f"/{ROBOT}/depth.depth"
 _MM = 1e-3
 _MASKS = ("mask", "mask_visib")
@@ -59,7 +58,7 @@ def scene_log(folder: Path) -> IndexedLog:
     unconverted: dict[str, Unconverted] = {}
     if (truth := folder / "scene_gt.json").is_file():
         poses = {int(n): entries for n, entries in _json(truth).items()}
-        added, repeated = _truth_streams(truth, poses)
+        added, repeated = _truth_streams(truth, poses, _COLOUR if colour else _DEPTH)
         streams |= added
         if repeated:
             unconverted[truth.name] = Unconverted("pose", repeated, "further instances of the same object")
@@ -80,7 +79,7 @@ def single_frame_log(folder: Path) -> IndexedLog:
         raise InputError(f"{path}: expected the objects camera and pose")
     camera, unit_m = _common_camera(path, {"0": document["camera"]})
     stamps_ns = _stamps([0])
-    streams, _ = _truth_streams(path, {0: [document["pose"]]})
+    streams, _ = _truth_streams(path, {0: [document["pose"]]}, _COLOUR)
     streams[_COLOUR] = frame_stream(_COLOUR, [folder / "rgb.png"], stamps_ns, camera)
     streams[_DEPTH] = depth_stream(_DEPTH, [folder / "depth.png"], stamps_ns, camera, unit_m)
     read = ("rgb.png", "depth.png", path.name)
@@ -119,9 +118,13 @@ def _common_camera(path: Path, cameras: Mapping[str, Any]) -> tuple[CameraModel,
 
 
 def _truth_streams(
-    path: Path, poses: Mapping[int, Sequence[Mapping[str, Any]]]
+    path: Path, poses: Mapping[int, Sequence[Mapping[str, Any]]], images: str
 ) -> tuple[dict[str, IndexedStream], int]:
-    """Return a stream of poses for each object, and the number of poses of further instances."""
+    """Return a stream of poses for each object, and the number of poses of further instances.
+
+    The poses are those in the frame of the stream of ``images``: colour and depth images have one camera.
+    """
+    camera = images.removeprefix("/").rpartition(".")[0]
     tracks: dict[int, dict[int, FloatArray]] = defaultdict(dict)
     repeated = 0
     try:
@@ -140,7 +143,7 @@ def _truth_streams(
     for object_id, track in tracks.items():
         name, T = f"/{ROBOT}/truth.object_{object_id}", np.array(list(track.values()))
         child = f"{ROBOT}/object_{object_id}"
-        streams[name] = pose_stream(name, T, _stamps(list(track)), parent=_CAMERA, child=child)
+        streams[name] = pose_stream(name, T, _stamps(list(track)), parent=camera, child=child)
     return streams, repeated
 
 

@@ -62,7 +62,7 @@ def sequences_of(files: Sequence[Path]) -> list[ImageSequence]:
     sequences: list[ImageSequence] = []
     for (place, pattern), files in found.items():
         alone = sum(other == place for other, _ in found) == 1
-        name = _sensor(place.name if alone else pattern.rpartition(".")[0])
+        name = _sensor(place.name if alone and _DEPTH not in pattern else pattern.rpartition(".")[0])
         if len(found) == 1 and _DEPTH not in name:
             name = "camera"
         elif any(other.sensor == name for other in sequences):

@@ -90,25 +90,24 @@ def truth_stream(robot: str, folder: Path, path: Path, sequence: ImageSequence, 
         raise InputError(f"{path}: no pose of an image in {sequence.folder}: first is {key} {names[0]}")
     order = sorted(images)
     chosen = T[[images[image] for image in order]]
-    name, parent, child = _names(robot, folder, path, sequence)
+    name, parent, child = truth_names(robot, path, sequence.sensor)
     stream = pose_stream(name, chosen, stamps_ns[order], parent=parent, child=child)
     used = {key, *(_MATRIX if "T00" in rows[0] else [*_QUATERNION, *_position(rows[0])[0]])}
     others = [column for column in rows[0] if column and column not in used]
     return Truth(name, stream, len(rows) - len(images), len(rows), others)
 
 
-def _names(robot: str, folder: Path, path: Path, sequence: ImageSequence) -> tuple[str, str, str]:
-    """Return stream, parent and child of the poses of a table."""
-    camera = f"{robot}/{sequence.sensor}"
+def truth_names(robot: str, path: Path, sensor: str) -> tuple[str, str, str]:
+    """Return stream, parent and child of the poses of a table of the images of a camera."""
+    camera = f"{robot}/{sensor}"
     first, separator, second = path.stem.lower().partition(_SEPARATOR)
     if separator:
         parent, child = (
-            camera if name in ("camera", sequence.sensor) else frame_name(robot, name)
-            for name in (first, second)
+            camera if name in ("camera", sensor) else frame_name(robot, name) for name in (first, second)
         )
         port = "pose" if child == camera else name_of(second, "frame")
         return f"/{robot}/truth.{port}", parent, child
-    if _has_mesh(folder):
+    if _has_mesh(path.parent):
         return f"/{robot}/truth.target", camera, f"{robot}/target"
     return f"/{robot}/truth.pose", f"{robot}/world", camera
 

@@ -16,12 +16,12 @@ from cdff_common.formats.file_source import Source, load
 from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import se3
 from cdff_dev.logs.file_stamps import PERIOD_NS, file_stamps
-from cdff_dev.logs.formats.images.truth import table_poses
+from cdff_dev.logs.formats.images.truth import table_poses, truth_names
 from cdff_dev.logs.formats.poses.csv_poses import is_pose_csv, read_pose_csv
 from cdff_dev.logs.image_streams import pose_stream
 from cdff_dev.logs.indexed import IndexedLog
 
-_NAME = "/robot/truth.pose"
+_ROBOT, _CAMERA = "robot", "camera"
 _Poses = tuple[NDArray[np.int64], NDArray[np.float64]]
 logger = logging.getLogger(__name__)
 
@@ -84,10 +84,17 @@ def read_poses(source: Source) -> _Poses:
 
 
 def poses_log(path: Path) -> IndexedLog:
-    """Open a file of poses as the stream ``/robot/truth.pose``; stamps are rounded to microseconds."""
-    stamps_ns, T = read_poses(load(path))
+    """Open a file of poses as the stream ``/robot/truth.pose``; stamps are rounded to microseconds.
+
+    Those of a table of true poses of images have the names that they have in the folder of the images.
+    """
+    source = load(path)
+    stamps_ns, T = read_poses(source)
     stamps_ns = np.round(stamps_ns / 1000).astype(np.int64) * 1000
-    return IndexedLog({_NAME: pose_stream(_NAME, T, stamps_ns, parent="robot/world", child="robot/body")})
+    name, parent, child = f"/{_ROBOT}/truth.pose", f"{_ROBOT}/world", f"{_ROBOT}/body"
+    if pose_format(source) == "images":
+        name, parent, child = truth_names(_ROBOT, path, _CAMERA)
+    return IndexedLog({name: pose_stream(name, T, stamps_ns, parent=parent, child=child)})
 
 
 def _of_images(source: Source) -> _Poses:

@@ -49,6 +49,15 @@ def _is_matrix(data: bytes) -> bool:
         return False
 
 
+def _is_bundle(path: Path) -> bool:
+    """Return whether a ``.bin`` file is a bundle adjustment problem of libmv."""
+    if path.suffix.lower() != ".bin":
+        return False
+    from cdff_common.formats.bundle_problem import looks_like_libmv
+
+    return looks_like_libmv(path.read_bytes())
+
+
 def _open(location: LogLocation, _: Path | None) -> IndexedLog:
     from cdff_dev.logs.formats.scans.scans import scans_log
 
@@ -57,7 +66,8 @@ def _open(location: LogLocation, _: Path | None) -> IndexedLog:
 
 def _recognises(location: LogLocation) -> bool:
     """A single cloud in a folder is more often the model of a map or an object than a recording."""
-    return len(_files(location)) >= (2 if location.folder else 1)
+    files = _files(location)
+    return len(files) >= (2 if location.folder else 1) and not _is_bundle(files[0])
 
 
 FORMAT = LogFormat(

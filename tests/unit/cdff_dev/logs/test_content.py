@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -51,6 +52,11 @@ SETS = [
             "calibration of a camera (for its folder of images, or --calibration FILE)",
         ),
         ("T.txt", b"1 0 0 1\n0 1 0 2\n0 0 1 3\n0 0 0 1\n", "pose as a matrix (for cdff run NAME guess=FILE)"),
+        (
+            "problem.bin",
+            b"vP" + bytes(32) + struct.pack("<iii", 0, 0, 0),
+            "bundle adjustment problem (for cdff run bundle_adjustment problem=FILE)",
+        ),
         ("README.txt", b"SET: clouds\n", "text"),
         ("run.bag", b"", "empty file of 0 bytes: its recording or copy did not start"),
     ],

@@ -64,3 +64,10 @@ def test_no_file_of_a_folder_is_dropped_in_silence(tmp_path: Path, layout: str) 
         files = {name: item for name, item in log.unconverted.items() if item.type_name == "file"}
     assert sum(item.count for item in files.values()) == len(folders)
     assert all(item.reason for item in files.values())
+
+
+def test_a_file_that_is_a_recording_of_its_own_is_named(tmp_path: Path) -> None:
+    for k in range(2):
+        (tmp_path / f"{k}.xyz").write_text("1 2 3\n4 5 6\n7 8 9\n", encoding="utf-8")
+    (tmp_path / "poses.txt").write_text("1 0 0 2 0 1 0 3 0 0 1 4\n" * 2, encoding="utf-8")
+    assert open_log(tmp_path).unconverted["poses.txt"].reason == "poses: open it alone"

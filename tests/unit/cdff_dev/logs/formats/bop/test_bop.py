@@ -61,6 +61,7 @@ def test_the_depth_of_a_single_frame_agrees_with_the_pose_of_its_object(
     real_data: Callable[[str], Path],
 ) -> None:
     samples = {s.stream: s.value for s in open_log(real_data("bop_tyol_frame")).samples()}
+    assert samples["/bop/truth.object_19"].parent_frame == samples["/bop/colour.frame"].frame
     T, depth = samples["/bop/truth.object_19"].transform.matrix, samples["/bop/depth.depth"]
     x, y, z = T[:3, 3]
     column = round((x / z - depth.center_x) / depth.scale_x)

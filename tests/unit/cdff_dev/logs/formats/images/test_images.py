@@ -148,3 +148,27 @@ def test_depths_without_a_unit_remain_images_with_the_remedy(tmp_path: Path) -> 
     (tmp_path / "camera.yaml").write_text(CAMERA + "depthScale: 0.001\n", encoding="utf-8")
     (sample,) = open_log(tmp_path).samples()
     assert sample.value.data[0] == pytest.approx(0.9)
+
+
+def test_a_time_before_the_number_of_a_camera_is_the_stamp(tmp_path: Path) -> None:
+    write_images(tmp_path, "1403715273262142976_0.png", "1403715273262142976_1.png")
+    for camera in (0, 1):
+        log = open_log(tmp_path / f"1403715273262142976_{camera}.png")
+        assert log.streams["/robot/camera.frame"].t0_ns == 1_403_715_273_262_143_000
+
+
+def test_a_depth_image_alone_is_named_after_its_file(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "depth.png"), np.full((48, 64), 900, np.uint16))
+    log = open_log(tmp_path / "depth.png")
+    assert list(log.streams) == ["/robot/depth.frame"]
+    assert "depthScale" in log.unconverted["distances of depth"].reason
+
+
+def test_a_table_of_true_poses_alone_has_the_names_that_it_has_in_its_folder(tmp_path: Path) -> None:
+    write_images(tmp_path, "1.png", "2.png")
+    rows = "frame,qw,qx,qy,qz,tx_m,ty_m,tz_m\n1,1,0,0,0,0.5,0,2\n2,1,0,0,0,0.6,0,2\n"
+    (tmp_path / "truth.csv").write_text(rows, encoding="utf-8")
+    (tmp_path / "target.obj").write_text("v 0 0 0\n", encoding="utf-8")
+    for path in (tmp_path, tmp_path / "truth.csv"):
+        (pose, *_) = open_log(path).samples(["/robot/truth.target"])
+        assert (pose.value.parent_frame, pose.value.child_frame) == ("robot/camera", "robot/target")
