@@ -37,7 +37,7 @@ class Recording:
     stream: str
 
 
-#: Endings of the converted logs; before ``.mcap`` the schemas of an MCAP file, if they are not those of ROS 2.
+#: Endings of the converted logs; before ``.mcap`` the schemas of an MCAP file other than those of ROS 2.
 _NAMES = {
     "ply": "PLY files",
     "bag": "ROS 1 bag",

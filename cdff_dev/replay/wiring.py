@@ -54,8 +54,9 @@ def wire(
     """Return the stream of each port.
 
     The stream is, in this order: that of ``mapping``; the input of ``entry``; the stream with the type and
-    name of the port; the only stream of this type, if no other port has the type. Ground truth is wired only
-    by ``mapping``, unless the log has nothing else, as a file of poses.
+    name of the port; the only stream of this type, if no other port has the type. Ground truth and the poses
+    of sensors on the robot (``.mount``) are wired only by ``mapping``, unless the log has nothing else, as a
+    file of poses.
 
     Parameters
     ----------
@@ -80,7 +81,11 @@ def wire(
         for name, type_name in streams.items()
         if name.startswith(f"/{robot}/") or name.count("/") < 2
     }
-    measured = {name: type_name for name, type_name in candidates.items() if "/truth." not in name}
+    measured = {
+        name: type_name
+        for name, type_name in candidates.items()
+        if "/truth." not in name and not name.endswith(".mount")
+    }
     candidates = measured or candidates
     wired: dict[str, str] = {}
     for name, port in ports.items():

@@ -26,6 +26,7 @@ from cdff_dev.logs.source import LogSource, only_stream
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.replay.wiring import robot_of, wire
 from cdff_dev.slam.methods import Method
+from cdff_dev.slam.true_poses import TruePoses, true_poses
 
 #: Largest share of FAILED poses of a result: the path after each is continued by a prediction.
 _MAX_FAILED = 0.05
@@ -50,10 +51,8 @@ class Estimation:
         Last values of the other output ports.
     products : list of Product
         All poses with their quality, and the last products of the other ports.
-    truth : Track or None
-        True poses of the log; None without exactly one stream of them.
-    truth_fault : str
-        Reason without true poses.
+    truth : TruePoses
+        True poses of the log.
     step_s : NDArray[np.float64], shape (n,)
         Elapsed time of each sample of the sensor, seconds.
     run : dict
@@ -65,8 +64,7 @@ class Estimation:
     child: str
     values: dict[str, Any]
     products: list[Product]
-    truth: Track | None
-    truth_fault: str
+    truth: TruePoses
     step_s: NDArray[np.float64]
     run: dict[str, Any]
 
@@ -143,7 +141,6 @@ def estimate(
     n = sum(outputs.statuses.values())
     if not outputs.poses or _is_incomplete(method, outputs):
         raise RefusedError(_refusal(method, log, sensor, name, outputs))
-    truth, truth_fault = _truth(log)
     run = {
         "log": name,
         "streams": wired,
@@ -163,8 +160,7 @@ def estimate(
         child=outputs.child,
         values=outputs.values,
         products=[*outputs.products, *outputs.last.values()],
-        truth=truth,
-        truth_fault=truth_fault,
+        truth=true_poses(log, outputs.child),
         step_s=np.array(outputs.step_s),
         run=run,
     )
@@ -258,19 +254,3 @@ def _track(outputs: _Outputs) -> Track:
     unknown = np.full((6, 6), np.nan)
     covariances = np.array([unknown if T.covariance is None else T.covariance for T in transforms])
     return Track("estimate", stamps_ns, np.array([T.matrix for T in transforms]), covariances)
-
-
-def _truth(log: LogSource) -> tuple[Track | None, str]:
-    """Return the true poses of a log; without a stream of them, or with several, None and the reason."""
-    names = [
-        n for n, i in log.streams.items() if "/truth.pose" in n and i.type_name == "TransformWithCovariance"
-    ]
-    if len(names) != 1:
-        return (
-            None,
-            f"several streams of true poses: {', '.join(names)}" if names else "no true poses in the log",
-        )
-    samples = list(log.samples(names))
-    stamps_ns = np.array([sample.stamp_ns for sample in samples], dtype=np.int64)
-    matrices = np.array([sample.value.transform.matrix for sample in samples])
-    return Track("truth", stamps_ns, matrices), ""

@@ -89,6 +89,9 @@ def write_files(
         summary["dem"] = elevation.run
     if stereo_map is not None:
         summary["map"] = stereo_map.run
+    if comparison is not None:
+        frames = {"estimate": estimation.child, "truth": estimation.truth.frame}
+        summary["truth"] = {**comparison.results, "frames": frames}
     document: dict[str, Any] = jsonable(summary)
     write_file(folder / "report.html", run_report(document, estimation, comparison, folder))
     write_file(folder / "run.json", (json.dumps(document, indent=1, sort_keys=True) + "\n").encode())
@@ -153,9 +156,9 @@ def _is_installed(name: str) -> bool:
 
 def _comparison(estimation: Estimation) -> tuple[Comparison | None, str]:
     """Return the comparison with the true poses, or None and the reason."""
-    if estimation.truth is None:
-        return None, estimation.truth_fault
+    if estimation.truth.track is None:
+        return None, estimation.truth.fault
     try:
-        return compare(estimation.track, estimation.truth), ""
+        return compare(estimation.track, estimation.truth.track), ""
     except CdffError as error:
         return None, str(error)

@@ -27,6 +27,11 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
     truth = summary["truth"]
     if isinstance(truth, Mapping):
         lines.append(_truth_line(truth))
+        if (frames := truth["frames"])["truth"] != frames["estimate"]:
+            lines.append(
+                f"the true poses are of {frames['truth']}, the estimates of {frames['estimate']}; "
+                "the log does not state the pose of one in the other, which is part of the errors"
+            )
     else:
         lines.append(f"no comparison: {truth}")
     if (dem := summary.get("dem")) is not None:

@@ -19,7 +19,16 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_dev.logs.formats.kitti.oxts import imu_stream, truth_stream
-from cdff_dev.logs.formats.kitti.sequence import PAIR, ROBOT, SCAN, TRUTH, scan_stream, with_size
+from cdff_dev.logs.formats.kitti.sequence import (
+    MOUNT,
+    PAIR,
+    ROBOT,
+    SCAN,
+    TRUTH,
+    mount_stream,
+    scan_stream,
+    with_size,
+)
 from cdff_dev.logs.image_streams import Stamps, frame_stream, pair_stream
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 from cdff_dev.logs.other_files import other_files
@@ -45,8 +54,9 @@ def raw_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
 
     Streams, each if its files exist, are ``/kitti/navcam.pair`` of the grey cameras, or of the colour cameras
     if there are no grey ones, otherwise ``/kitti/colour_left.frame`` and ``/kitti/colour_right.frame``;
-    ``/kitti/lidar.scan``; ``/kitti/imu.imu`` and ``/kitti/truth.pose`` of ``oxts``: the navigation system
-    (``kitti/base``) in east, north, up (``kitti/world``). Times are those of ``timestamps.txt``, taken as
+    ``/kitti/lidar.scan``, with its pose in ``kitti/base`` as ``/kitti/lidar.mount``; ``/kitti/imu.imu`` and
+    ``/kitti/truth.pose`` of ``oxts``: the navigation system (``kitti/base``) in east, north, up
+    (``kitti/world``). Times are those of ``timestamps.txt``, taken as
     UTC.
 
     Parameters
@@ -65,7 +75,10 @@ def raw_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     elif calibration is not None:
         raise InputError(f"{folder}: no images for the calibration {calibration}")
     if files["velodyne_points"]:
-        streams[SCAN] = scan_stream(*_paths_and_stamps(files["velodyne_points"]))
+        paths, stamps_ns = _paths_and_stamps(files["velodyne_points"])
+        streams[SCAN] = scan_stream(paths, stamps_ns)
+        if (T_lidar_body := _pose_of_body_in_lidar(folder)) is not None:
+            streams[MOUNT] = mount_stream(se3.inverse(T_lidar_body), int(stamps_ns[0]), _BODY)
     if files["oxts"]:
         paths, stamps_ns = _paths_and_stamps(files["oxts"])
         streams[_IMU] = imu_stream(_IMU, paths, stamps_ns, _BODY)
@@ -181,6 +194,20 @@ def _ascending(files: Sequence[tuple[Path, int]]) -> Stamps:
     return stamps_ns
 
 
+def _pose_of_body_in_lidar(folder: Path) -> FloatArray | None:
+    """Return the pose of the navigation system in the lidar; None without its calibration."""
+    places = [place / _BODY_CALIBRATIONS[0] for place in (folder, folder.resolve().parent)]
+    path = next((path for path in places if path.is_file()), None)
+    return None if path is None else _pose(path)
+
+
+def _pose(path: Path) -> FloatArray:
+    rows = _rows(path)
+    if not {"R", "T"} <= rows.keys() or len(rows["R"]) != 9 or len(rows["T"]) != 3:
+        raise InputError(f"{path}: expected lines R (9 numbers) and T (3 numbers)")
+    return np.asarray(se3.transform(se3.normalise_rotation(rows["R"].reshape(3, 3)), rows["T"]), np.float64)
+
+
 def _pose_of_body(calibration: Path) -> FloatArray | None:
     """Return the pose of the navigation system in the rectified camera 0; None without its calibrations."""
     paths = [calibration.parent / name for name in _BODY_CALIBRATIONS]
@@ -188,10 +215,7 @@ def _pose_of_body(calibration: Path) -> FloatArray | None:
         return None
     T = np.eye(4)
     for path in paths:
-        rows = _rows(path)
-        if not {"R", "T"} <= rows.keys() or len(rows["R"]) != 9 or len(rows["T"]) != 3:
-            raise InputError(f"{path}: expected lines R (9 numbers) and T (3 numbers)")
-        T = se3.transform(se3.normalise_rotation(rows["R"].reshape(3, 3)), rows["T"]) @ T
+        T = _pose(path) @ T
     R_rect = _rows(calibration).get("R_rect_00", np.eye(3).ravel())
     if len(R_rect) != 9:
         raise InputError(f"{calibration}: R_rect_00 of {len(R_rect)} numbers, expected 9")

@@ -26,7 +26,9 @@ from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 ROBOT = "kitti"
-PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
+PAIR, SCAN, MOUNT, TRUTH = (
+    f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "lidar.mount", "truth.pose")
+)
 _CAMERA, _LIDAR, _START = (f"{ROBOT}/{name}" for name in ("navcam_left", "lidar", "vo"))
 #: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
 _IMAGE_FOLDERS = (
@@ -39,6 +41,8 @@ _COLOUR_FOLDERS = _IMAGE_FOLDERS[1]
 #: Largest offset of the right camera along y and z, by that along x: the colour cameras of the benchmark,
 #: whose images are rectified again, have 0.5 %.
 _MAX_OFFSET = 0.02
+#: Row of the pose of the lidar in the left grey camera.
+_LIDAR_ROW = "Tr"
 #: Rows of the projections of the colour cameras, if the calibration has them.
 _COLOUR_CAMERAS = ("P2", "P3")
 #: Calibration files, in order of precedence: next to that of an extract, ``calib.txt`` may belong to another
@@ -58,7 +62,8 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
 
     Streams, each if its files exist, are ``/kitti/navcam.pair`` (FramePair) of the images, grey ones if both
     exist, then with the colour images as ``/kitti/colour_left.frame`` and ``/kitti/colour_right.frame``,
-    ``/kitti/lidar.scan`` (LidarScan) of ``velodyne/NNNNNN.bin`` in the frame ``kitti/lidar``, and
+    ``/kitti/lidar.scan`` (LidarScan) of ``velodyne/NNNNNN.bin`` in the frame ``kitti/lidar``,
+    ``/kitti/lidar.mount`` with its pose in the left camera if the calibration has one (``Tr``), and
     ``/kitti/truth.pose`` of ``poses.txt`` or ``poses/NN.txt``: the pose of the left camera
     (``kitti/navcam_left``) in its first pose (``kitti/vo``). Stamps are those of ``times.txt``; without it
     they are multiples of 100 ms from 0.
@@ -83,6 +88,8 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
             streams |= _colour_streams(folder, calibration, stamps_ns)
     if scans:
         streams[SCAN] = scan_stream(list(scans.values()), stamps_ns[list(scans)])
+        if (T_camera_lidar := _pose_of_lidar(folder)) is not None:
+            streams[MOUNT] = mount_stream(T_camera_lidar, stamps_ns[min(scans)], _CAMERA)
     if (truth := _truth(folder, len(pairs) or n)) is not None:
         streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
     return IndexedLog(streams, _others(folder, calibration, pairs, scans))
@@ -100,6 +107,8 @@ def _others(
     }
     if pairs:
         used.add(_calibration_file(folder, calibration))
+    if scans:
+        used.add(folder / _CALIBRATIONS[-1])
     if pairs and pairs[0][0].parent.name == _IMAGE_FOLDERS[0][0]:
         used.update(file for name in _COLOUR_FOLDERS for file in (folder / name).glob("*.png"))
     reason = "not an image, a scan, their calibration, times.txt or poses of the sequence"
@@ -115,6 +124,27 @@ def scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
     return IndexedStream(
         "LidarScan", stamps_ns, read, headers(SCAN, stamps_ns, frame=_LIDAR, producer=_LIDAR)
     )
+
+
+def mount_stream(T_parent_lidar: FloatArray, stamp_ns: int, parent: str) -> IndexedStream:
+    """Return the stream with the pose of the lidar on the robot or on a camera."""
+    return pose_stream(
+        MOUNT, T_parent_lidar[None], np.array([stamp_ns], np.int64), parent=parent, child=_LIDAR
+    )
+
+
+def _pose_of_lidar(folder: Path) -> FloatArray | None:
+    """Return the pose of the lidar in the left grey camera, the row ``Tr`` of the calibration, if any."""
+    path = folder / _CALIBRATIONS[-1]
+    if not path.is_file() or not _has_rows(path, [_LIDAR_ROW]):
+        return None
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    words = next(line for line in lines if line.partition(":")[0].strip() == _LIDAR_ROW).split(":")[1].split()
+    try:
+        upper = np.array(words, np.float64).reshape(3, 4)
+        return np.asarray(se3.transform(se3.normalise_rotation(upper[:, :3]), upper[:, 3]), np.float64)
+    except ValueError as error:
+        raise InputError(f"{path}: {_LIDAR_ROW}: {error}; expected the 12 numbers of a pose") from error
 
 
 def _has_images(folder: Path) -> bool:

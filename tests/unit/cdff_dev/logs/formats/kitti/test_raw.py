@@ -16,6 +16,7 @@ from tests.unit.cdff_dev.logs.formats.kitti.test_sequence import P0, P1, sequenc
 
 START_NS = 1_317_042_145_000_000_000  # 2011-09-26 13:02:25 UTC
 PAIR, TRUTH, IMU, SCAN = (f"/kitti/{name}" for name in ("navcam.pair", "truth.pose", "imu.imu", "lidar.scan"))
+MOUNT = "/kitti/lidar.mount"
 _NO_ROTATION = "R: 1 0 0 0 1 0 0 0 1"
 
 
@@ -62,8 +63,8 @@ def drive(folder: Path, *cameras: str, count: int = 3) -> Path:
 def test_all_sensors_are_streams_with_their_own_times(tmp_path: Path) -> None:
     log = open_log(drive(tmp_path / "drive_0001_sync", "image_00", "image_01", "image_02", "image_03"))
     colour = {"/kitti/colour_left.frame", "/kitti/colour_right.frame"}
-    assert set(log.streams) == {PAIR, TRUTH, IMU, SCAN, *colour}
-    assert {info.count for info in log.streams.values()} == {3}
+    assert set(log.streams) == {PAIR, TRUTH, IMU, SCAN, MOUNT, *colour}
+    assert {info.count for name, info in log.streams.items() if name != MOUNT} == {3}
     samples = list(log.samples())
     assert samples[0].stamp_ns == START_NS
     assert samples[-1].stamp_ns == START_NS + 200_000_000
@@ -71,6 +72,9 @@ def test_all_sensors_are_streams_with_their_own_times(tmp_path: Path) -> None:
     assert pair.baseline == pytest.approx(0.5)
     place = pair.left.extrinsic.pose_robot_frame_sensor_frame
     np.testing.assert_allclose(place.transform.matrix[:3, 3], [0.8, -0.3, 1.1], atol=1e-9)
+    mount = next(s.value for s in samples if s.stream == MOUNT)
+    assert (mount.parent_frame, mount.child_frame) == ("kitti/base", "kitti/lidar")
+    np.testing.assert_allclose(mount.transform.matrix[:3, 3], [0.8, -0.3, 0.8], atol=1e-9)
     imu = next(s.value for s in samples if s.stream == IMU)
     np.testing.assert_allclose(imu.acc, [0.1, 0.2, 9.8])
     np.testing.assert_allclose(imu.gyro, [0.01, 0.02, 0.03])

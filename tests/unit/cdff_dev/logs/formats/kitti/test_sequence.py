@@ -147,6 +147,17 @@ def test_scans_are_read_with_the_stamps_of_the_images_of_their_number(tmp_path: 
     assert sample.value.frame == sample.header.frame == "kitti/lidar"
 
 
+def test_the_pose_of_the_lidar_in_the_left_camera_is_that_of_the_calibration(tmp_path: Path) -> None:
+    folder = sequence(tmp_path / "06")
+    scans(folder, 0, 2)
+    with (folder / "calib.txt").open("a", encoding="utf-8") as file:
+        file.write("\nTr: 0 -1 0 0.1 0 0 -1 -0.2 1 0 0 -0.3\n")
+    (sample,) = open_log(folder).samples(["/kitti/lidar.mount"])
+    assert (sample.value.parent_frame, sample.value.child_frame) == ("kitti/navcam_left", "kitti/lidar")
+    ahead = sample.value.transform.matrix @ [1.0, 0.0, 0.0, 1.0]
+    np.testing.assert_allclose(ahead[:3], [0.1, -0.2, 0.7], atol=1e-9)
+
+
 def test_a_folder_of_scans_needs_neither_images_nor_a_calibration(tmp_path: Path) -> None:
     scans(tmp_path / "06", 4, 5)
     log = open_log(tmp_path / "06")
