@@ -8,9 +8,9 @@ An InFuse log with simulated data (random points and pixels, half of the bytes e
 converted to a ROS 1 bag, MCAP files with messages of ROS 2 and of Foxglove (protobuf, JSON) and a ROS 2 bag,
 which are read. In the same run the libraries rosbags and mcap read and copy the same files: ``rosbags read``
 decodes each message of ROS, ``mcap read`` does not; neither converts to types of CDFF. Each step is a process
-of its own that first handles a small log, so that the times are without imports. Memory is sampled: ``anonymous_mb`` is that of the process, ``resident_mb`` has also its
-pages of libraries and files. ``--folder`` is the folder of the logs, by default in memory (/dev/shm if it
-exists).
+of its own that first handles a small log, so that the times are without imports. Memory is sampled:
+``anonymous_mb`` is that of the process, ``resident_mb`` has also its pages of libraries and files.
+``--folder`` is the folder of the logs, by default in memory (/dev/shm if it exists).
 """
 
 from __future__ import annotations

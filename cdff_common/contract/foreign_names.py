@@ -11,6 +11,8 @@ _MAX_LENGTH = 64
 #: Last part of the streams of positions of satellite navigation, and of those that state the location of
 #: their local frame: of samples of one time, the location comes first.
 FIX_PORT, ANCHOR_PORT = "fix", "anchor"
+#: Last part of the streams with the pose of a sensor on the robot.
+MOUNT_PORT = "mount"
 
 
 def robot_name(path: Path) -> str:
@@ -37,6 +39,11 @@ def name_of(text: str, default: str) -> str:
 def is_fix(stream: str) -> bool:
     """Return whether a stream holds positions of satellite navigation."""
     return stream.endswith(f".{FIX_PORT}")
+
+
+def is_mount(stream: str) -> bool:
+    """Return whether a stream states the pose of a sensor on the robot."""
+    return stream.endswith(f".{MOUNT_PORT}")
 
 
 def is_anchor(stream: str) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.contract.foreign_names import is_anchor, is_fix
+from cdff_common.contract.foreign_names import is_anchor, is_fix, is_mount
 from cdff_common.errors import InputError
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfpc import DfpcContext
@@ -60,6 +60,7 @@ def wheel_stream(log: LogSource, robot: str, chosen: str | None = None) -> str:
         and "/truth." not in name
         and not is_fix(name)
         and not is_anchor(name)
+        and not is_mount(name)
     ]
     if chosen is not None:
         if chosen not in names:

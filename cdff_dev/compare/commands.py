@@ -187,6 +187,12 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
     _add_stream(parser, "--est-stream", "EST")
     _add_stream(parser, "--ref-stream", "REF")
     parser.add_argument(
+        "--ref-frame",
+        metavar="NAME",
+        help="frame of EST, such as the camera, if REF is a log with the poses of another and the place of the "
+        "frame on the robot",
+    )
+    parser.add_argument(
         "--align",
         choices=("se3", "yaw", "sim3", "origin", "none"),
         default="se3",
@@ -235,7 +241,7 @@ def _trajectory(args: argparse.Namespace) -> Results:
     _check_plot(args.plot)
     comparison = compare(
         read_track(args.estimate, args.est_stream),
-        read_track(args.reference, args.ref_stream),
+        read_track(args.reference, args.ref_stream, args.ref_frame),
         align=args.align,
         max_difference_s=args.max_difference_s,
         delta=args.delta,

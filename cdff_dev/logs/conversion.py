@@ -71,7 +71,7 @@ class ConversionReport:
                 for (stream, message, reason), count in self.substitutes.items()
             ),
             *(
-                f"not converted: {name}: {item.type_name} ({item.count} messages): {item.reason}"
+                f"not converted: {name}: {item.count} x {item.type_name}: {item.reason}"
                 for name, item in self.unconverted.items()
             ),
         ]

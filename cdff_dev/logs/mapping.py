@@ -26,7 +26,7 @@ from typing import Any
 
 import yaml
 
-from cdff_common.contract.foreign_names import is_anchor
+from cdff_common.contract.foreign_names import is_anchor, is_mount
 from cdff_common.errors import InputError
 from cdff_common.geodesy import Anchor, body
 from cdff_dev.logs.source import StreamInfo
@@ -109,18 +109,19 @@ def default_topics(streams: Mapping[str, StreamInfo]) -> dict[str, str]:
     """Return a topic for each stream.
 
     ``/kitti/lidar.scan`` is on ``/lidar``, or on ``/kitti/lidar`` if the log has several robots, followed by
-    the port if the sensor has several streams other than the location of its frame. The topics of true values
+    the port if the sensor has several streams other than the place of its frame. The topics of true values
     begin with ``/truth``.
     """
     parts = {name: _parts(name) for name in streams}
     robots = {robot for robot, _, _ in parts.values()}
-    sensors = Counter((robot, sensor) for name, (robot, sensor, _) in parts.items() if not is_anchor(name))
+    places = {name for name in streams if is_anchor(name) or is_mount(name)}
+    sensors = Counter((robot, sensor) for name, (robot, sensor, _) in parts.items() if name not in places)
     topics = {}
     for name, (robot, sensor, port) in parts.items():
         words = [sensor] if len(robots) == 1 else [robot, sensor]
         if sensor == "truth":
             words = ["truth", *words[:-1], port]
-        elif sensors[robot, sensor] > 1 or is_anchor(name):
+        elif sensors[robot, sensor] > 1 or name in places:
             words.append(port)
         topics[name] = "/" + ros_name("/".join(words))
     return topics

@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.contract.foreign_names import is_anchor
+from cdff_common.contract.foreign_names import is_anchor, is_mount
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.product import Header, Quality, product_id
@@ -144,14 +144,14 @@ def recorded_header(
 def only_stream(log: LogSource, type_names: Collection[str], stream: str | None, content: str) -> str:
     """Return the only stream with one of the types, or ``stream`` if given.
 
-    Streams that state the location of a local frame are only used if given.
+    Streams that state the location of a local frame or the pose of a sensor are only used if given.
 
     Raises InputError if there is no such stream, or several; ``content`` names the data in the message.
     """
     known = [name for name, info in log.streams.items() if info.type_name in type_names]
     if stream in known:
         return stream
-    known = [name for name in known if not is_anchor(name)]
+    known = [name for name in known if not (is_anchor(name) or is_mount(name))]
     if stream is None and len(known) == 1:
         return known[0]
     fault = f"{len(known)} streams of {content}" if stream is None else f"no {content} in stream {stream!r}"

@@ -8,6 +8,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from cdff_common.contract.foreign_names import is_mount
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.dfpc import DfpcContext
@@ -84,7 +85,7 @@ def wire(
     measured = {
         name: type_name
         for name, type_name in candidates.items()
-        if "/truth." not in name and not name.endswith(".mount")
+        if "/truth." not in name and not is_mount(name)
     }
     candidates = measured or candidates
     wired: dict[str, str] = {}

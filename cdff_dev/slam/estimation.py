@@ -235,7 +235,7 @@ def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _O
     n_failed, n = outputs.statuses.get("FAILED", 0), sum(outputs.statuses.values())
     info = log.streams[sensor]
     period_s = (info.t1_ns - info.t0_ns) * 1e-9 / max(info.count - 1, 1)
-    reasons = ", ".join(sorted(outputs.reasons, key=outputs.reasons.__getitem__, reverse=True)[:3])
+    reasons = ", ".join(sorted(outputs.reasons, key=lambda name: (-outputs.reasons[name], name))[:3])
     jumps = f"; their stamps go backwards {outputs.reordered} times" if outputs.reordered else ""
     part = f"the first {n}" if n < info.count else str(n)
     return (

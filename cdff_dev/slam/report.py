@@ -17,7 +17,7 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
         f"{summary['duration_s']:.1f} s, {summary['cpu_s']:.1f} s CPU"
     ]
     if summary["reasons"]:
-        named = sorted(summary["reasons"].items(), key=lambda item: -item[1])
+        named = sorted(summary["reasons"].items(), key=lambda item: (-item[1], item[0]))
         lines.append("reasons: " + ", ".join(f"{name} ({count})" for name, count in named[:5]))
     if summary["stamps_backwards"]:
         lines.append(

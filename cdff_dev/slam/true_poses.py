@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cdff_common.errors import CdffError, ConflictError, FrameNotFoundError, InputError
-from cdff_common.geometry import FrameGraph
-from cdff_common.types import Frame, FramePair, TransformWithCovariance
+from cdff_common.errors import FrameNotFoundError
 from cdff_dev.compare.trajectory.track import Track
+from cdff_dev.logs.mounts import mounts
 from cdff_dev.logs.source import LogSource
 
 _POSE = "TransformWithCovariance"
@@ -44,8 +43,7 @@ def true_poses(log: LogSource, child: str) -> TruePoses:
     Parameters
     ----------
     child : str
-        Frame whose poses are estimated. Its pose in the frame of the true poses is that of the images (pose
-        of the sensor on the robot), or of streams with one pose, such as static transforms.
+        Frame whose poses are estimated; its place in the frame of the true poses is that of ``mounts``.
     """
     names = [name for name, info in log.streams.items() if "/truth.pose" in name and info.type_name == _POSE]
     if len(names) != 1:
@@ -57,25 +55,6 @@ def true_poses(log: LogSource, child: str) -> TruePoses:
     frame = samples[0].value.child_frame
     if frame != child:
         with suppress(FrameNotFoundError):
-            matrices = matrices @ _mounts(log).lookup(frame, child, int(stamps_ns[0])).matrix
+            matrices = matrices @ mounts(log).lookup(frame, child, int(stamps_ns[0])).matrix
             frame = child
     return TruePoses(Track("truth", stamps_ns, matrices), frame=frame)
-
-
-def _mounts(log: LogSource) -> FrameGraph:
-    """Return the constant poses between frames of a log."""
-    names = [
-        name
-        for name, info in log.streams.items()
-        if info.type_name in ("Frame", "FramePair") or (info.type_name == _POSE and info.count == 1)
-    ]
-    graph = FrameGraph()
-    for name in names:
-        with suppress(CdffError):  # of a sample that cannot be read
-            value = log.first_samples([name])[name].value
-            image = value.left if isinstance(value, FramePair) else value
-            pose = image.extrinsic.pose_robot_frame_sensor_frame if isinstance(image, Frame) else value
-            if isinstance(pose, TransformWithCovariance) and pose.is_set:
-                with suppress(ConflictError, InputError):  # of a second place of a frame
-                    graph.set_static(pose.parent_frame, pose.child_frame, pose.transform)
-    return graph

@@ -5,22 +5,25 @@
 from __future__ import annotations
 
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from cdff_common.errors import CdffError, InputError
+from cdff_common.errors import CdffError, FrameNotFoundError, InputError
 from cdff_common.formats.file_source import load
+from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import PoseTrajectory
 from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.logs import open_log
 from cdff_dev.logs.formats.poses.pose_files import first_numbers, pose_format, read_poses
-from cdff_dev.logs.source import LogSample, only_stream
+from cdff_dev.logs.mounts import mounts
+from cdff_dev.logs.source import LogSample, LogSource, only_stream
 
 _POSES = ("PoseTrajectory", "RigidBodyState", "TransformWithCovariance")
 
 
-def read_track(path: str | Path, stream: str | None = None) -> Track:
+def read_track(path: str | Path, stream: str | None = None, frame: str | None = None) -> Track:
     """Read a trajectory.
 
     Parameters
@@ -31,14 +34,20 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
     stream : str, optional
         Stream of the log; required if several streams contain poses. The last value of a stream of
         PoseTrajectory is used.
+    frame : str, optional
+        Frame whose poses are returned instead of those of the stream, such as that of a camera; the log
+        states its place on the robot.
 
     Raises
     ------
     InputError
-        If the file has another format, or the log has no stream of poses, or several and none is given.
+        If the file has another format, or the log has no stream of poses, or several and none is given, or
+        the place of ``frame`` is not known.
     """
     if Path(path).is_file():
         source = load(path)
+        if pose_format(source) is not None and frame is not None:
+            raise source.error(f"a file of poses names no frames; {frame} can be chosen in a log")
         if pose_format(source) is not None:
             return Track.of_ascending(str(path), *read_poses(source))
         columns = len(first_numbers(source))
@@ -46,10 +55,10 @@ def read_track(path: str | Path, stream: str | None = None) -> Track:
             raise source.error("the first line is no pose: its quaternion or matrix is no rotation")
         if columns:
             raise source.error(f"{columns} numbers in the first line, expected 8 (TUM) or 12 (KITTI)")
-    return _from_log(path, stream)
+    return _from_log(path, stream, frame)
 
 
-def _from_log(path: str | Path, stream: str | None) -> Track:
+def _from_log(path: str | Path, stream: str | None, frame: str | None) -> Track:
     try:
         log = open_log(path)
     except CdffError as error:
@@ -57,6 +66,7 @@ def _from_log(path: str | Path, stream: str | None) -> Track:
     with closing(log):
         selected = only_stream(log, _POSES, stream, "poses")
         samples = list(log.samples([selected]))
+        place = None if frame is None else _place(log, samples, frame)
     values = [sample.value for sample in samples]
     name = f"{path} {selected}"
     if not values:
@@ -64,7 +74,19 @@ def _from_log(path: str | Path, stream: str | None) -> Track:
     if isinstance(values[-1], PoseTrajectory):
         trajectory: PoseTrajectory = values[-1]
         return Track(name, trajectory.stamps_ns, trajectory.matrices, trajectory.covariances)
-    return _from_poses(name, samples)
+    track = _from_poses(name, samples)
+    return track if place is None else replace(track, matrices=track.matrices @ place, covariances=None)
+
+
+def _place(log: LogSource, samples: list[LogSample], frame: str) -> FloatArray:
+    """Return the pose ``(4, 4)`` of a frame in that of poses."""
+    own = getattr(samples[0].value, "child_frame", "") if samples else ""
+    if own == frame:
+        return np.eye(4)
+    try:
+        return np.asarray(mounts(log).lookup(own, frame, 0).matrix, np.float64)
+    except FrameNotFoundError as error:
+        raise InputError(f"--ref-frame {frame}: its place in {own} is not in the log: {error}") from error
 
 
 def _from_poses(name: str, samples: list[LogSample]) -> Track:

@@ -8,6 +8,8 @@ from typing import Any
 
 #: Difference of the alignments of positions and orientations that is stated, degrees.
 _NOTED_DEG = 0.1
+#: Angle from which the trajectories are probably those of different frames, such as a camera and the base.
+_FRAMES_DEG = 20.0
 _COLUMNS = ("rmse", "mean", "median", "std", "min", "max")
 
 
@@ -68,6 +70,11 @@ def orientation_note(results: dict[str, Any]) -> str | None:
     return (
         f"the rotation that aligns the positions differs by {angle_deg:.2f} deg from that which aligns the "
         "orientations: ATE deg contains it, own alignment does not"
+        + (
+            "; if REF has the poses of another frame of the robot: --ref-frame"
+            if angle_deg > _FRAMES_DEG
+            else ""
+        )
     )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cdff_common.camera import StereoCalibration, check_image_size, read_camera, read_stereo
+from cdff_common.contract.foreign_names import MOUNT_PORT
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
@@ -26,9 +27,8 @@ from cdff_dev.logs.other_files import other_files
 from cdff_dev.logs.source import Unconverted
 
 ROBOT = "kitti"
-PAIR, SCAN, MOUNT, TRUTH = (
-    f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "lidar.mount", "truth.pose")
-)
+PAIR, SCAN, TRUTH = (f"/{ROBOT}/{name}" for name in ("navcam.pair", "lidar.scan", "truth.pose"))
+MOUNT = f"/{ROBOT}/lidar.{MOUNT_PORT}"
 _CAMERA, _LIDAR, _START = (f"{ROBOT}/{name}" for name in ("navcam_left", "lidar", "vo"))
 #: Left and right image folders: the benchmark's grey and colour ones, and those of extracts.
 _IMAGE_FOLDERS = (

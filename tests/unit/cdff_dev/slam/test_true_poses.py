@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import FramePair, TransformWithCovariance
+from cdff_dev.compare.trajectory.read import read_track
 from cdff_dev.logs import LogWriter, open_log
 from cdff_dev.slam.true_poses import true_poses
 
@@ -79,3 +81,12 @@ def test_a_log_without_true_poses_has_the_reason(tmp_path: Path) -> None:
         writer.write("/mana/odometry.pose", pose, 1000)
     with open_log(tmp_path / "run.msg") as log:
         assert true_poses(log, "b").fault == "no true poses in the log"
+
+
+def test_a_reference_can_be_that_of_a_chosen_frame(tmp_path: Path) -> None:
+    path = write(tmp_path / "run.msg", T_BASE_CAMERA, as_stream=True)
+    np.testing.assert_allclose(
+        read_track(path, frame="mana/navcam_left").matrices, T_WORLD_BASE @ T_BASE_CAMERA, atol=1e-12
+    )
+    with pytest.raises(InputError, match="--ref-frame mana/lidar: its place in mana/base is not in the log"):
+        read_track(path, frame="mana/lidar")
