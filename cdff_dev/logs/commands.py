@@ -16,7 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cdff_dev.logs.conversion_commands import register_conversions
+from cdff_dev.logs.conversion_commands import add_span, register_conversions
 
 if TYPE_CHECKING:
     from cdff_dev.logs.source import LogSample, LogSource
@@ -77,14 +77,24 @@ def _add_selection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stream", action="append", metavar="NAME", help="only this stream; may be repeated")
     parser.add_argument("--t0", metavar="TIME", help="earliest stamp: nanoseconds or RFC 3339")
     parser.add_argument("--t1", metavar="TIME", help="latest stamp")
+    add_span(parser)
 
 
 def _selected_samples(log: LogSource, args: argparse.Namespace, *, with_others: bool = False) -> Any:
     """Yield the samples of the streams and the time interval in the arguments."""
     from cdff_common.clock import parse_stamp
+    from cdff_dev.logs.conversion import TimeSpan
+    from cdff_dev.logs.source import chosen_streams
 
     t0 = None if args.t0 is None else parse_stamp(args.t0, "--t0")
     t1 = None if args.t1 is None else parse_stamp(args.t1, "--t1")
+    if args.start or args.duration is not None:
+        parts = [part for part in (log, log.others if with_others else None) if part is not None]
+        infos = {name: info for part in parts for name, info in part.streams.items()}
+        chosen = [infos[name] for name in chosen_streams(infos, args.stream)]
+        start_ns, end_ns = TimeSpan(args.start, args.duration).interval_ns(chosen)
+        t0 = start_ns if t0 is None else max(t0, start_ns)
+        t1 = t1 if end_ns is None else end_ns - 1 if t1 is None else min(t1, end_ns - 1)
     for sample in _samples_and_others(log, args.stream) if with_others else log.samples(args.stream):
         if t0 is not None and sample.stamp_ns < t0:
             continue
@@ -230,8 +240,11 @@ def _cut(args: argparse.Namespace) -> int:
     with opened(args.log, args.calibration) as log:
         refuse_own_input(log, Path(args.out))
         with LogWriter(args.out, is_whole=True) as writer:
+            count = 0
             for sample in counted(_selected_samples(log, args), 0, "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
+                count += 1
+    print(f"{args.out}: {count} samples")
     return 0
 
 
@@ -259,4 +272,5 @@ def _merge(args: argparse.Namespace) -> int:
         with LogWriter(args.out, is_whole=True) as writer:
             for sample in counted(ordered, _count(*logs), "samples"):
                 writer.write(sample.stream, sample.value, sample.stamp_ns, sample.header)
+        print(f"{args.out}: {_count(*logs)} samples of {len(path_of)} streams")
     return 0

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from cdff_common.progress import counted
 from cdff_dev.logs.mapping import LogMap, stream_map, topic_map
 from cdff_dev.logs.restored import with_texts
 from cdff_dev.logs.sinks import ROS2, Loss, Substitute, create_log, refuse_own_input
-from cdff_dev.logs.source import LogSource, Unconverted, chosen_streams
+from cdff_dev.logs.source import LogSource, StreamInfo, Unconverted, chosen_streams
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,15 +84,15 @@ class TimeSpan:
     start_s: float = 0.0
     duration_s: float | None = None
 
-    def interval_ns(self, log: LogSource, streams: Collection[str]) -> tuple[int, int | None]:
-        """Return the first stamp, and the first one after the part, or None for the end.
+    def interval_ns(self, streams: Iterable[StreamInfo]) -> tuple[int, int | None]:
+        """Return the first stamp of streams, and the first one after the part, or None for the end.
 
         Raises InputError if start or duration is negative or not finite.
         """
         for name, seconds in (("--start", self.start_s), ("--duration", self.duration_s or 0.0)):
             if not 0.0 <= seconds < float("inf"):
                 raise InputError(f"{name} {seconds}: expected seconds, 0 or more")
-        starts = [log.streams[name].t0_ns for name in streams if log.streams[name].count]
+        starts = [info.t0_ns for info in streams if info.count]
         start_ns = min(starts, default=0) + round(self.start_s * 1e9)
         return start_ns, None if self.duration_s is None else start_ns + round(self.duration_s * 1e9)
 
@@ -133,7 +133,7 @@ def convert_log(
     infos = {name: log.streams[name] for name in chosen}
     is_infuse = path.suffix.lower() == ".msg"
     names = (stream_map if is_infuse else topic_map)(infos, mapping)
-    start_ns, end_ns = (span or TimeSpan()).interval_ns(log, chosen)
+    start_ns, end_ns = (span or TimeSpan()).interval_ns(infos.values())
     written: Counter[str] = Counter()
     total = sum(info.count for info in infos.values())
     with (

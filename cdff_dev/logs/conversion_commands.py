@@ -41,10 +41,7 @@ def register_conversions(verbs: Any) -> None:
         "--map", metavar="FILE", type=Path, help="YAML with topics and frames; cdff log info --map prints one"
     )
     convert.add_argument("--streams", metavar="NAME", nargs="+", help="only these streams")
-    convert.add_argument(
-        "--start", metavar="SECONDS", type=float, default=0.0, help="after the first sample (default: 0)"
-    )
-    convert.add_argument("--duration", metavar="SECONDS", type=float, help="length (default: to the end)")
+    add_span(convert)
     convert.add_argument("--json", action="store_true", help="print the report as JSON")
     convert.set_defaults(run=_convert)
 
@@ -73,6 +70,14 @@ def register_conversions(verbs: Any) -> None:
         help="NAME.tum, NAME.csv, or a folder for clouds (NAME.pcd for PCD) and images",
     )
     export.set_defaults(run=_export)
+
+
+def add_span(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a part of a log: its start and length."""
+    parser.add_argument(
+        "--start", metavar="SECONDS", type=float, default=0.0, help="after the first sample (default: 0)"
+    )
+    parser.add_argument("--duration", metavar="SECONDS", type=float, help="length (default: to the end)")
 
 
 def _add_calibration(parser: argparse.ArgumentParser) -> None:

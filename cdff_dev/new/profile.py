@@ -5,15 +5,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from cdff_common.contract.foreign_names import is_anchor, is_fix
+from cdff_common.contract.foreign_names import is_anchor, is_fix, is_mount
 from cdff_common.errors import InputError
-from cdff_common.geometry import se3
+from cdff_common.geometry import FrameGraph, se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.mounts import mounts
 from cdff_dev.logs.source import LogSource, split_stream
 from cdff_dev.logs.timing import timing
 from cdff_dev.new.mounts import CameraMounts, edge_line
@@ -35,6 +36,7 @@ _HEADER = """\
 # cdff calibrate extrinsics LOG --profile FILE --write
 # Fields: docs/reference/profile.md. Frames: docs/explanation/frames.md.
 """
+_STATED = "  # of the recording"
 _DEFAULT_LIMITS = {
     "max_slope_deg": 15.0,
     "max_step_m": 0.15,
@@ -57,7 +59,9 @@ class SensorDraft:
     rate_hz : float
         Rate of the first stream; 0 if it is not known.
     mount : array, shape (4, 4), or None
-        Pose in the base; None: to be entered.
+        Pose in the base, or in ``mount_parent``; None: to be entered.
+    mount_parent : str
+        Frame of the mount: that of another sensor, or the base as the log names it; empty for the base.
     child : str
         Frame whose poses a wheel sensor measures; empty for the base.
     local_frame : str
@@ -70,6 +74,7 @@ class SensorDraft:
     streams: Mapping[str, str]
     rate_hz: float
     mount: FloatArray | None = None
+    mount_parent: str = ""
     child: str = ""
     local_frame: str = ""
 
@@ -134,7 +139,24 @@ def robots_of_log(log: LogSource, path: str) -> list[RobotDraft]:
     if not robots:
         streams = ", ".join(log.streams) or "no streams"
         raise InputError(f"{path}: expected a stream /robot/sensor.stream with samples; it has {streams}")
-    return [RobotDraft(robot, sensors) for robot, sensors in robots.items()]
+    graph = mounts(log)
+    return [RobotDraft(robot, _mounted(robot, sensors, graph)) for robot, sensors in robots.items()]
+
+
+def _mounted(robot: str, sensors: Sequence[SensorDraft], graph: FrameGraph) -> list[SensorDraft]:
+    """Return sensors with the mounts that the log states, in the base or the frame of another sensor."""
+    parents = {f"{robot}/base", *(s.child for s in sensors), *(s.frame for s in sensors)}
+    drafts = []
+    for sensor in sensors:
+        root = sensor.frame
+        while (parent := graph.parent_of(root)) is not None:
+            root = parent
+        if root != sensor.frame and root in parents and sensor.frame != f"{robot}/base":
+            T = np.asarray(graph.lookup(root, sensor.frame, 0).matrix, np.float64)
+            drafts.append(replace(sensor, mount=T, mount_parent="" if root == f"{robot}/base" else root))
+        else:
+            drafts.append(sensor)
+    return drafts
 
 
 def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
@@ -145,7 +167,7 @@ def _robots(log: LogSource) -> dict[str, list[SensorDraft]]:
             robot, sensor, item = split_stream(stream)
         except InputError:  # a stream of no robot
             continue
-        if sensor != "truth" and not info.is_empty and not is_anchor(stream):
+        if sensor != "truth" and not (info.is_empty or is_anchor(stream) or is_mount(stream)):
             streams.setdefault((robot, sensor), {})[stream] = item
     robots: dict[str, list[SensorDraft]] = {}
     for (robot, sensor), items in streams.items():
@@ -234,7 +256,7 @@ def _edges(robot: RobotDraft) -> Iterator[tuple[str, str, FloatArray | None, str
         ):
             yield imu, frame, poses[0], comment
         else:
-            yield base, frame, sensor.mount, ""
+            yield sensor.mount_parent or base, frame, sensor.mount, "" if sensor.mount is None else _STATED
     for child in {
         s.child: None for s in robot.sensors if s.child and s.child not in {*own, *robot.urdf_frames}
     }:

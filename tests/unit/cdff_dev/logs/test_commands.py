@@ -84,6 +84,21 @@ def test_cut_and_merge_restore_the_log(log: Path, tmp_path: Path) -> None:
         assert cut.streams["/mana/imu.sample"].count == 2
 
 
+def test_a_part_is_cut_by_seconds_after_the_first_sample(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = str(tmp_path / "part.msg")
+    assert _run("cut", str(log), "--out", out, "--start", "1", "--duration", "2") == 0
+    assert capsys.readouterr().out.startswith(f"{out}: ")
+    with open_log(log) as whole, open_log(out) as part:
+        first_ns = min(info.t0_ns for info in whole.streams.values())
+        stamps_ns = [sample.stamp_ns for sample in part.samples()]
+        expected = [s.stamp_ns for s in whole.samples() if 10**9 <= s.stamp_ns - first_ns < 3 * 10**9]
+    assert stamps_ns == expected
+    with pytest.raises(InputError, match="'/no/such'"):
+        _run("cut", str(log), "--out", out, "--start", "1", "--stream", "/no/such")
+
+
 def test_logs_with_a_common_stream_are_not_merged(log: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is in .* and in"):
         _run("merge", str(log), str(log), "--out", str(tmp_path / "out.msg"))

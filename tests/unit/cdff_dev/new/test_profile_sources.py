@@ -14,8 +14,10 @@ import pytest
 import yaml
 
 from cdff_common.cli import EXIT_ERROR, main
-from cdff_common.geometry import se3
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.profile import Robot, load_profile
+from cdff_common.types import LidarScan, TransformWithCovariance
+from cdff_dev.logs import LogWriter
 from cdff_dev.new.mounts import camera_mounts
 from tests.support.rover_frames import PICTURE, picture
 
@@ -159,3 +161,25 @@ def test_unusable_arguments_are_refused(
 
 def test_the_picture_of_the_page_is_the_one_of_this_code() -> None:
     assert PICTURE.read_text(encoding="utf-8") == picture()
+
+
+def test_the_places_of_sensors_in_a_recording_are_their_mounts(tmp_path: Path) -> None:
+    T = se3.transform(se3.exp_so3(np.array([0.0, 0.3, 0.0])), np.array([0.1, 0.2, 0.3]))
+    with LogWriter(tmp_path / "run.msg") as log:
+        scan = LidarScan.from_arrays(
+            np.ones((3, 3), np.float32), np.zeros(3, np.uint32), frame="mana/lidar", t0_ns=0, t1_ns=0
+        )
+        for stamp_ns in (1_000_000, 101_000_000):
+            log.write("/mana/lidar.scan", scan, stamp_ns)
+        place = TransformWithCovariance.from_transform(
+            UncertainTransform(T), parent="mana/base", child="mana/lidar", stamp_ns=1_000_000
+        )
+        log.write("/mana/lidar.mount", place, 1_000_000)
+    assert main(["new", "profile", str(tmp_path / "run.msg"), "--out", str(tmp_path / "p.yaml")]) == 0
+    profile = yaml.safe_load((tmp_path / "p.yaml").read_text(encoding="utf-8"))
+    (robot,) = profile["robots"]
+    edge = next(edge for edge in robot["frames"] if edge["child"] == "mana/lidar")
+    assert edge["parent"] == "mana/base"
+    assert edge["translation_m"] == pytest.approx([0.1, 0.2, 0.3])
+    assert edge["quaternion_xyzw"] == pytest.approx([0.0, np.sin(0.15), 0.0, np.cos(0.15)], abs=1e-6)
+    assert robot["sensors"]["lidar"]["streams"] == {"scan": "LidarScan"}
