@@ -189,7 +189,7 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--ref-frame",
         metavar="NAME",
-        help="frame of EST, such as the camera, if REF is a log with the poses of another and the place of the "
+        help="frame of EST, such as the camera, if REF is a log of another frame and states the place of the "
         "frame on the robot",
     )
     parser.add_argument(

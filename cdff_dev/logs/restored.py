@@ -68,6 +68,11 @@ class OriginalNames:
     mounts: dict[str, list[float]] = field(default_factory=dict)
     local_frames: dict[str, tuple[str, float, float, float, float]] = field(default_factory=dict)
 
+    @property
+    def count(self) -> int:
+        """Number of names and places."""
+        return sum(map(len, (self.streams, self.frames, self.mounts, self.local_frames)))
+
     def to_json(self) -> str:
         """Return the names as JSON."""
         return json.dumps(asdict(self))

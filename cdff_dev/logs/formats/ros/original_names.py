@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from cdff_common.errors import CodecError, InputError
 from cdff_dev.logs.formats.ros.log import RosLog
 from cdff_dev.logs.formats.ros.recording import Recording
@@ -37,10 +39,10 @@ def open_recording(recording: Recording, robot: str) -> LogSource:
 
 
 def _original_names(recording: Recording) -> OriginalNames | None:
+    """Return the names in the last message that has them, which are all."""
     channels = [c for c in recording.channels if c.topic == NAMES_TOPIC and not c.fault]
+    names = None
     for channel, _, raw in recording.messages(channels) if channels else ():
-        try:
-            return OriginalNames.from_json(recording.decode(channel, raw).data)
-        except (CodecError, AttributeError):
-            return None
-    return None
+        with suppress(CodecError, AttributeError):  # of a damaged message
+            names = OriginalNames.from_json(recording.decode(channel, raw).data) or names
+    return names

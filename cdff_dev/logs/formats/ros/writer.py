@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writer of logs as ROS messages: ROS 1 bags, ROS 2 bags and MCAP files.
 
-The topic ``/cdff/original_names`` holds the names and types of the log: the new log is read with them.
+The topic ``/cdff/original_names`` holds the names and types of the log: the new log is read with them. Each of
+its messages has all names up to the next one, so that a file that ends early is read with them too.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class RosWriter(LogSink):
 
     def __init__(self, storage: MessageStorage, mapping: LogMap, name: str) -> None:
         self._storage, self._mapping, self._name = storage, mapping, name
-        self._names = OriginalNames()
+        self._names, self._written_names = OriginalNames(), -1
         self._targets: dict[str, tuple[Target, Encoder]] = {}
         self._keys: dict[tuple[str, str], Any] = {}
         self._frames: dict[str, str] = {}
@@ -129,10 +130,12 @@ class RosWriter(LogSink):
             self._names.local_frames[encoded.read_as] = target.local_frame.row
         if (mount := mount_row(value)) is not None:
             self._names.mounts.setdefault(stream, mount)
-        with storage_errors(self._name):
-            for out in (*encoded.messages, *self._tree(stream, value, target, stamp_ns)):
-                self._add(out, stamp_ns)
+        outgoing = (*encoded.messages, *self._tree(stream, value, target, stamp_ns))
         self._last_ns = max(self._last_ns, stamp_ns)
+        with storage_errors(self._name):
+            self._write_names()
+            for out in outgoing:
+                self._add(out, stamp_ns)
         if encoded.messages and (reason := self._storage.types.remark(encoded.messages[0].type_name)):
             self._substitutes[stream, encoded.messages[0].type_name, reason] += 1
         self._report(stream, value, encoded, header)
@@ -209,6 +212,14 @@ class RosWriter(LogSink):
         data = self._storage.types.serialize(out.message, out.type_name)
         self._storage.write(self._keys[key], stamp_ns, data)
 
+    def _write_names(self) -> None:
+        """Write the names of the original log if some were added."""
+        if self._names.count == self._written_names:
+            return
+        self._written_names = self._names.count
+        text = self._storage.types.make("std_msgs/String", data=self._names.to_json())
+        self._add(Outgoing(NAMES_TOPIC, "std_msgs/msg/String", text), self._last_ns)
+
     def _report(self, stream: str, value: Any, encoded: Encoded, header: Header | None) -> None:
         """Count the fields of a sample that its messages do not hold."""
         held = with_mount(encoded.held, self._names.mounts.get(stream))
@@ -221,13 +232,12 @@ class RosWriter(LogSink):
             self._losses[stream, "header.frame"] += 1
 
     def close(self) -> None:
-        """Write the names of the original log and complete the file."""
+        """Complete the file."""
         if self._closed:
             return
         self._closed = True
         with storage_errors(self._name):
-            text = self._storage.types.make("std_msgs/String", data=self._names.to_json())
-            self._add(Outgoing(NAMES_TOPIC, "std_msgs/msg/String", text), self._last_ns)
+            self._write_names()
             self._storage.close()
 
     def keep(self) -> None:

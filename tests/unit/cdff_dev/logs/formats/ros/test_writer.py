@@ -121,6 +121,23 @@ def test_every_value_is_read_as_it_was_written(target: str, schemas: str, tmp_pa
         assert differing_fields(value, samples[stream].value, ROUNDING) == [], stream
 
 
+@pytest.mark.parametrize("target", ["run.bag", "run.mcap"])
+def test_a_log_that_ends_early_has_the_original_names(target: str, tmp_path: Path) -> None:
+    values = {stream: make() for stream, make in VALUES.items()}
+    infos = {s: StreamInfo(type(v).ASN1_NAME, 1, STAMP_NS, STAMP_NS) for s, v in values.items()}
+    with create_ros_log(tmp_path / target, topic_map(infos)) as writer:
+        for k in range(150):
+            for stream, value in values.items():
+                writer.write(stream, value, STAMP_NS + k * 1_000_000)
+    data = (tmp_path / target).read_bytes()
+    (tmp_path / target).write_bytes(data[: len(data) // 2])
+    with open_log(tmp_path / target) as log:
+        assert {name: info.type_name for name, info in log.streams.items()} == {
+            name: info.type_name for name, info in infos.items()
+        }
+        assert 60 < log.streams["/mana/imu.imu"].count < 90
+
+
 def test_messages_in_json_follow_their_schemas(tmp_path: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     from mcap.reader import make_reader
