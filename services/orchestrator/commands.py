@@ -53,6 +53,7 @@ def register_request(nouns: Any) -> None:
     parser.add_argument("--max-age-s", type=float, help="largest age of the product, seconds")
     parser.add_argument("--resolution-m", type=float, help="size of cells or spacing of points, metres")
     parser.add_argument("--min-coverage", type=float, help="least covered fraction of the region, 0 to 1")
+    _add_accuracy_options(parser)
     parser.add_argument(
         "--as", dest="as_type", help="InFuse type of the reply, such as Map or RigidBodyState"
     )
@@ -89,6 +90,25 @@ def register_request(nouns: Any) -> None:
     add_connect_option(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(run=run_request, print_text=_print_summary)
+
+
+def _add_accuracy_options(parser: argparse.ArgumentParser) -> None:
+    """Add the bounds on the accuracy of a product."""
+    parser.add_argument(
+        "--max-oldest-age-s", type=float, help="largest age of the oldest part of a map, seconds"
+    )
+    parser.add_argument(
+        "--max-sigma-m",
+        type=float,
+        help="largest standard deviation of the position, or of the elevation of a map, metres",
+    )
+    parser.add_argument(
+        "--max-sigma-deg", type=float, help="largest standard deviation of the orientation, degrees"
+    )
+    parser.add_argument(
+        "--covariance-kind", choices=("formal", "calibrated"), help="weakest kind of covariance"
+    )
+    parser.add_argument("--status", choices=("OK",), help="OK: no DEGRADED product")
 
 
 def register_orchestrator(nouns: Any) -> None:
