@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Track ViSP's castle in its grey images with visual_target_tracking and default parameters.
+"""Track ViSP's castle in its grey and depth images with visual_target_tracking and default parameters.
 
 ``starts``: the guess is the true pose of the first image, and true poses with seeded errors. ``disturbed``:
 frames 8 to 11 are black, or their right half is. ``file_camera``: the principal point is that of the camera
-file. Errors are those of all used images; errors of published predictions are separate. ``principal_point``:
+file. ``depth``: the same with the depth images, whose camera is next to the grey one. Errors are those of all used images; errors of published predictions are separate. ``principal_point``:
 differences between the measured depth and that of the mesh at the true poses, for two principal points.
 """
 
@@ -23,9 +23,9 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
 
-PARTS = ("starts", "disturbed", "file_camera", "principal_point")
+PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point")
 FOLDER = "visp_castle"
 #: Camera of the files, px. Its origin is the corner of the first pixel, as ``principal_point`` shows; that of
 #: CDFF is the centre of the first pixel.
@@ -56,6 +56,9 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         for name, change in DISTURBANCES.items():
             progress(f"visual_target_tracking: {name}")
             figures["disturbed"][name] = summary([track(data, poses, images, poses[0], change)])
+    if "depth" in parts:
+        progress("visual_target_tracking: depth")
+        figures["depth"] = depth_figures(data, poses, images)
     if "file_camera" in parts:
         run = track(data, poses, images, poses[0], camera_matrix=FILE_CAMERA_MATRIX)
         figures["file_camera"] = {"true first pose": summary([run])}
@@ -65,6 +68,45 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
             for name, matrix in (("320, 240", FILE_CAMERA_MATRIX), ("319.5, 239.5", CAMERA_MATRIX))
         }
     return figures
+
+
+def depth_figures(data: Path, poses: FloatArray, images: list[ByteArray]) -> dict[str, Any]:
+    """Return the results with depth images: with and without the grey images, and with disturbances."""
+    depths, figures = depth_images(data), {}
+    runs: dict[str, tuple[list[ByteArray] | None, Change | None]] = {
+        "grey and depth": (images, None),
+        "depth alone": (None, None),
+        "grey and depth, 4 frames black": (images, _black),
+        "grey and depth, right half of 4 frames black": (images, _half),
+    }
+    for name, (shown, change) in runs.items():
+        guesses = [poses[0], *(guess_near(poses[0], seed) for seed in range(SEEDS if change is None else 0))]
+        figures[name] = summary(
+            [track(data, poses, shown, guess, change, depths=depths) for guess in guesses]
+        )
+    return figures
+
+
+def depth_images(data: Path) -> list[DistanceImage]:
+    """Return the depth images."""
+    import cv2
+
+    values = []
+    for k, file in enumerate(sorted((data / FOLDER / "depth").glob("*.png"))):
+        raw = np.asarray(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), np.float64)
+        values.append(
+            DistanceImage(
+                ref_time=Time.from_ns(k * INTERVAL_NS),
+                width=raw.shape[1],
+                height=raw.shape[0],
+                scale_x=1.0 / CAMERA_MATRIX[0, 0],
+                scale_y=1.0 / CAMERA_MATRIX[1, 1],
+                center_x=-CAMERA_MATRIX[0, 2] / CAMERA_MATRIX[0, 0],
+                center_y=-CAMERA_MATRIX[1, 2] / CAMERA_MATRIX[1, 1],
+                data=DEPTH_UNIT_M * raw.ravel(),
+            )
+        )
+    return values
 
 
 def depth_difference_m(data: Path, poses: FloatArray, camera_matrix: FloatArray) -> float:
@@ -131,16 +173,18 @@ DISTURBANCES: dict[str, Change] = {"4 frames black": _black, "right half of 4 fr
 def track(
     data: Path,
     poses: FloatArray,
-    images: list[ByteArray],
+    images: list[ByteArray] | None,
     guess: FloatArray,
     change: Change | None = None,
     config: Mapping[str, Any] | None = None,
     camera_matrix: FloatArray = CAMERA_MATRIX,
+    depths: list[DistanceImage] | None = None,
 ) -> list[dict[str, float]]:
-    """Return the errors for each image; ``config`` is that of the DFPC."""
+    """Return the errors for each time; ``config`` is that of the DFPC."""
     model = read_mesh(data / FOLDER / "models" / "chateau.wrl")
     dfpc = Registry.default().make_dfpc("visual_target_tracking")
-    dfpc.configure(dict(config or {}))
+    offset_m = tuple(-T_DEPTH_GREY_M)
+    dfpc.configure({**({} if depths is None else {"depth_offset_m": offset_m}), **(config or {})})
     mesh = Mesh.from_arrays(model.vertices, model.triangles, frame="castle/body", stamp_ns=0)
     start = TransformWithCovariance.from_transform(
         UncertainTransform(guess), parent="camera", child="castle/body", stamp_ns=0
@@ -148,13 +192,22 @@ def track(
     list(dfpc.step(Sample("model", 0, 0, mesh)))
     list(dfpc.step(Sample("guess", 0, 0, start)))
     rows = []
-    for k, (T, image) in enumerate(zip(poses, images, strict=True)):
-        shown = image if change is None else change(k, image)
-        frame = Frame.from_image(
-            shown, sensor="camera", stamp_ns=k * INTERVAL_NS, camera_matrix=camera_matrix
-        )
+    for k, T in enumerate(poses):
+        samples = []
+        if depths is not None:
+            samples.append(Sample("depth", k * INTERVAL_NS, k, depths[k]))
+        if images is not None:
+            frame = Frame.from_image(
+                images[k] if change is None else change(k, images[k]),
+                sensor="camera",
+                stamp_ns=k * INTERVAL_NS,
+                camera_matrix=camera_matrix,
+            )
+            samples.append(Sample("image", k * INTERVAL_NS, k, frame))
         start_s = time.process_time()
-        pose, _ = dfpc.step(Sample("image", k * INTERVAL_NS, k, frame))
+        outputs = [output for sample in samples for output in dfpc.step(sample)]
+        # A depth image without an image waits for one at first.
+        pose, _ = outputs or dfpc.finish()
         cpu_s = time.process_time() - start_s
         estimate = pose.value.transform
         error = pose_error(T, estimate.matrix)
@@ -197,7 +250,7 @@ def table(figures: dict[str, Any]) -> str:
         "| run | images | median | largest | mean NEES (6 expected) | DEGRADED | coasting | CPU ms |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for part in ("starts", "disturbed", "file_camera"):
+    for part in ("starts", "disturbed", "depth", "file_camera"):
         for name, row in figures.get(part, {}).items():
             coasting = f"{row['coasting']}"
             coasting += f", up to {row['largest_predicted_mm']} mm" if row["coasting"] else ""

@@ -18,10 +18,24 @@ from cdff_core.object_models.rendering import Window, draw
 
 #: Smallest cosine of the angle of incidence of a ray that is used.
 _MIN_COSINE = 0.05
-#: Weight of the distance of a ray from the outline that it misses, relative to a range.
-_MISS = 4.0
 #: A depth that differs by more from that of the centre of the pixel belongs to a face that is seen edge-on.
 _EDGE = 0.1
+
+
+@njit(cache=True)
+def nearest_distances(
+    T: FloatArray, points: FloatArray, surface: FloatArray, grid: NearestGrid
+) -> FloatArray:  # pragma: no cover - compiled
+    """Return the distances (n,) of points (n, 3) from the nearest points of the surface at a pose (4, 4)."""
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        px, py, pz = points[i, 0] - T[0, 3], points[i, 1] - T[1, 3], points[i, 2] - T[2, 3]
+        x = T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz
+        y = T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz
+        z = T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz
+        q = surface[nearest_row(grid, x, y, z)]
+        out[i] = np.sqrt((x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2)
+    return out
 
 
 @njit(cache=True)
@@ -80,6 +94,7 @@ def rendered_equations(
     surface: FloatArray,
     grid: NearestGrid,
     limit: float,
+    miss: float,
     A: FloatArray,
     b: FloatArray,
     residuals: FloatArray,
@@ -88,6 +103,8 @@ def rendered_equations(
 
     Parameters
     ----------
+    miss : float
+        Weight of the distance of a ray from the outline that it misses, relative to a range; 0: none.
     T : ndarray, shape (4, 4)
         T_view_model; points are in the view, whose third axis is the optical one.
     limit : float
@@ -118,7 +135,8 @@ def rendered_equations(
         if column < 0 or row < 0 or column >= window.columns or row >= window.rows:
             continue
         if face[row, column] < 0:
-            total += _add_miss(T, points[i], times[i], surface, grid, limit, A, b)
+            if miss > 0.0:
+                total += _add_miss(T, points[i], times[i], surface, grid, limit, miss, A, b)
             continue
         corners = triangles[face[row, column]]
         a, p, q = scratch[corners[0]], scratch[corners[1]], scratch[corners[2]]
@@ -158,6 +176,7 @@ def _add_miss(
     surface: FloatArray,
     grid: NearestGrid,
     limit: float,
+    miss: float,
     A: FloatArray,
     b: FloatArray,
 ) -> float:  # pragma: no cover - compiled
@@ -176,7 +195,7 @@ def _add_miss(
     J = np.empty(6)
     J[0], J[1], J[2] = n[0], n[1], n[2]
     J[3], J[4], J[5] = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
-    w: float = _MISS * (1.0 - (distance / limit) ** 2) ** 2
+    w: float = miss * (1.0 - (distance / limit) ** 2) ** 2
     _add(J, t, w, distance, A, b)
     return w
 

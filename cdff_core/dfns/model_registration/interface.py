@@ -116,7 +116,10 @@ class ModelRegistrationOutputs:
         Directions that the points do not constrain: displacements in the sensor's axes and rotations about
         the centre, of unit length at half the diameter.
     agreement : float
-        Fraction of the points whose range agrees with the model.
+        Fraction of the points whose range agrees with the model; without outline, of those that meet it and
+        nothing in front of it.
+    in_front : float
+        Fraction of the points that meet the model whose range is shorter: something hides it.
     sigma_m : float
         Robust standard deviation of the range differences, metres.
     """
@@ -127,6 +130,7 @@ class ModelRegistrationOutputs:
     information: NDArray[np.float64]
     weak_directions: NDArray[np.float64]
     agreement: float
+    in_front: float
     sigma_m: float
 
 

@@ -17,7 +17,7 @@ from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_registration.interface import Inputs, Interface, Outputs
 from cdff_core.object_models.nearest_grid import NearestGrid
-from cdff_core.object_models.pose_equations import nearest_equations, rendered_equations
+from cdff_core.object_models.pose_equations import nearest_distances, nearest_equations, rendered_equations
 from cdff_core.object_models.rendering import Window
 from cdff_core.object_models.views import view_rotation
 
@@ -33,6 +33,8 @@ _MIN_AGREEING = 6
 _WIDE = 1.5
 #: Squared step, in standard deviations of the result, at which the registration has converged.
 _CONVERGED = 0.02
+#: Weight of the distance of a ray from the outline that it misses, relative to a range.
+_MISS = 4.0
 #: Range differences up to this number of standard deviations agree.
 _SIGMAS = 3.0
 
@@ -66,6 +68,11 @@ class PointToPlaneConfig(DfnConfig):
         le=100,
         description="Factor of the covariance of the points: errors of neighbours correlate",
     )
+    outline: bool = Field(
+        default=True,
+        description="Rays that miss the model pull its outline, and count against the agreement; False if "
+        "the body touches others, as on a table",
+    )
 
 
 class PointToPlane(Interface[PointToPlaneConfig]):
@@ -81,8 +88,9 @@ class PointToPlane(Interface[PointToPlaneConfig]):
         cfg = self.config
         fit = _Fit(inputs, cfg)
         d = inputs.diameter_m
-        capture_m = inputs.capture_m or _CAPTURE * d
         last_m = max(_LAST_SCALE * d, _SIGMAS * fit.sigma_m)
+        # Points of other bodies are further from the surface than most points of a body that is near.
+        capture_m = min(inputs.capture_m or _CAPTURE * d, _SIGMAS * fit.median_distance())
         first_m = max(capture_m, last_m)
         steps = _LEAST_STEPS + int(np.ceil(cfg.steps_per_octave * np.log2(first_m / last_m)))
         for scale_m in np.geomspace(first_m, last_m, steps):
@@ -96,11 +104,15 @@ class PointToPlane(Interface[PointToPlaneConfig]):
             if widening == 1.0 and moved < _CONVERGED:
                 break
         agrees = np.abs(residuals) < _SIGMAS * fit.sigma_m
+        in_front = np.count_nonzero(residuals < -limit_m)
+        met = np.count_nonzero(np.isfinite(residuals))
+        compared = len(residuals) if cfg.outline else met - in_front
         if np.count_nonzero(agrees) < _MIN_AGREEING:
             raise RefusedError(
                 f"{np.count_nonzero(agrees)} of {len(residuals)} points agree with the model", ["no_overlap"]
             )
-        return fit.outputs(residuals[np.abs(residuals) < limit_m], float(np.mean(agrees)))
+        agreement = float(np.count_nonzero(agrees) / compared)
+        return fit.outputs(residuals[np.abs(residuals) < limit_m], agreement, float(in_front / met))
 
 
 @dataclass(slots=True)
@@ -169,6 +181,12 @@ class _Fit:
         focal, middle = 0.5 * (n - 1) / tangent, 0.5 * (n - 1)
         self._window = Window(focal, focal, middle, middle, n, n)
 
+    def median_distance(self) -> float:
+        """Return the median distance of the points from the surface at the start, metres."""
+        points_m = np.ascontiguousarray(self._points_m[:: -(-len(self._points_m) // _NEAREST_POINTS)])
+        surface_m, _, grid = self._surface
+        return float(np.median(nearest_distances(self.T, points_m, surface_m, grid)))
+
     def nearest(self, scale_m: float) -> tuple[FloatArray, FloatArray, float]:
         """Return the normal equations (12, 12), (12,) with the nearest surface points, and their weight."""
         step = -(-len(self._points_m) // _NEAREST_POINTS)
@@ -195,6 +213,7 @@ class _Fit:
             self._surface[0],
             self._surface[2],
             limit_m,
+            _MISS if self._config.outline else 0.0,
             A,
             b,
             residuals,
@@ -248,7 +267,7 @@ class _Fit:
         )
         return _Weak(projection, root, vectors[:, shares <= 0.0].T)
 
-    def outputs(self, residuals: FloatArray, agreement: float) -> Outputs:
+    def outputs(self, residuals: FloatArray, agreement: float, in_front: float) -> Outputs:
         """Return the result."""
         k = len(self._correction)
         covariance = np.linalg.solve(np.eye(k) + self._P @ self._H, self._P)
@@ -259,5 +278,6 @@ class _Fit:
             information=symmetrised(self._information),
             weak_directions=self._weak.directions,
             agreement=agreement,
+            in_front=in_front,
             sigma_m=median_sigma(residuals),
         )

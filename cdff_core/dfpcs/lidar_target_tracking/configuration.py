@@ -4,28 +4,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from pydantic import Field
 
-from cdff_core.object_models.state_filter import NewTrackConfig
+from cdff_core.object_models.body_tracking import BodyTrackingConfig
 
 
-class LidarTargetTrackingConfig(NewTrackConfig):
+class LidarTargetTrackingConfig(BodyTrackingConfig):
     """Parameters of the tracker, and of the DFN slots."""
 
-    unit: Literal["m", "mm", "cm", "km"] = Field(
-        "m", description="Unit of the vertices of the model; those of scans are metres"
-    )
-    centre_of_mass_m: tuple[float, float, float] | None = Field(
-        None, description="Centre of mass in the frame of the body, metres; default: the centre of the model"
-    )
-    centre_of_mass_sigma: float = Field(
-        0.15,
-        ge=0,
-        le=10,
-        description="Standard deviation of the centre of mass, relative to the diameter; 0 if it is known",
-    )
     sigma_m: float = Field(
         0.0,
         ge=0,
@@ -40,9 +26,6 @@ class LidarTargetTrackingConfig(NewTrackConfig):
         gt=0,
         le=1,
         description="Fraction of the points near the body that must agree with the model",
-    )
-    gate_probability: float = Field(
-        0.99999, gt=0.5, lt=1, description="Probability that a correct scan agrees with the prediction"
     )
     detect_after: int = Field(
         3, ge=1, le=1000, description="Consecutive scans without use after which the body is detected"

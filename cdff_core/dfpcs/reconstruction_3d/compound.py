@@ -33,10 +33,10 @@ from cdff_core.dfpcs.reconstruction_3d.interface import Reconstruction3DInterfac
 from cdff_core.dfpcs.reconstruction_3d.organised import (
     OrganisedCloud,
     colors_of,
-    depth_of,
     of_cloud,
     of_depth,
 )
+from cdff_core.imaging.depth_images import depth_of
 
 #: Greatest number of captures listed as inputs of a product.
 _MAX_INPUTS = 256

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from cdff_common.arrays import ByteArray, Float32Array, FloatArray
 from cdff_common.errors import InputError
-from cdff_common.types import DistanceImage, Frame
+from cdff_common.types import Frame
 from cdff_core.imaging.grey import rgb_image
 
 #: Tangent of the largest angle of a cloud's points from its middle, and the largest number of pixels.
@@ -49,26 +49,6 @@ class OrganisedCloud:
             raise InputError("capture without a point that has a normal: no edge of voxels follows from it")
         spacing = np.median(self.points[is_point][:, 2]) / self.camera_matrix[0, 0]
         return float(max(spacing, 1.5 * np.median(self.sigmas[is_point])))
-
-
-def depth_of(image: DistanceImage, min_m: float, max_m: float) -> tuple[FloatArray, FloatArray]:
-    """Return the depths ``(rows, columns)``, NaN outside the limits, and the camera matrix.
-
-    Raises
-    ------
-    InputError
-        If the number of distances or the scale is wrong.
-    """
-    if len(image.data) != image.width * image.height or not (image.scale_x > 0 and image.scale_y > 0):
-        raise InputError(
-            f"distance image of {image.width} x {image.height} with {len(image.data)} distances, scale "
-            f"{image.scale_x:g}, {image.scale_y:g}: expected one per pixel and a scale above 0"
-        )
-    z = image.data.reshape(image.height, image.width).astype(np.float64)
-    fx, fy = 1.0 / image.scale_x, 1.0 / image.scale_y
-    K = np.array([[fx, 0.0, -image.center_x * fx], [0.0, fy, -image.center_y * fy], [0.0, 0.0, 1.0]])
-    with np.errstate(invalid="ignore"):
-        return np.where((z > 0.0) & (z >= min_m) & (z <= max_m), z, np.nan), K
 
 
 def of_depth(z: FloatArray, K: FloatArray, sigma_z: FloatArray, max_step: float) -> OrganisedCloud:

@@ -12,13 +12,13 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class VisualTargetTrackingInterface(Dfpc):
-    """Track a known body in the images of a camera from a first guess: the edges of each image are
-    compared with those of the mesh at the predicted state, and correct position, velocity,
-    attitude, angular rate and centre of mass.
+    """Track a known body in the images of a camera from a first guess: the edges of each image, and
+    the depths if there is a depth image, are compared with the mesh at the predicted state, and
+    correct position, velocity, attitude, angular rate and centre of mass.
     """
 
     name = "visual_target_tracking"
-    INPUT_PORTS = ("model", "image", "guess")
+    INPUT_PORTS = ("model", "image", "depth", "guess")
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
@@ -30,6 +30,12 @@ class VisualTargetTrackingInterface(Dfpc):
     def on_image(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type Frame. 8-bit grey or colour image with its camera, without lens
         distortion.
+        """
+
+    @abstractmethod
+    def on_depth(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type DistanceImage. Depths along the optical axis, 0 without a
+        measurement; of the time of an image, or alone.
         """
 
     @abstractmethod

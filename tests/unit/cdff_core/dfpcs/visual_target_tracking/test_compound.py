@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +17,8 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
+from cdff_core.object_models.rendering import Window, render
 from tests.support import satellite
 from tests.support.satellite_images import CAMERA_MATRIX, image_of
 
@@ -150,6 +152,66 @@ def test_lens_distortion_is_refused(rng: np.random.Generator) -> None:
     dfpc = make_dfpc(truth(0.0))
     with pytest.raises(InputError, match="lens distortion"):
         dfpc.step(image(0.0, image_of(BODY, truth(0.0), rng), distortion=(0.1, 0.0, 0.0, 0.0)))
+
+
+def depth(t_s: float, offset_m: float = 0.0) -> Sample:
+    """Return a depth image of a camera that is ``offset_m`` to the right of that of the images."""
+    T = truth(t_s)
+    T[0, 3] -= offset_m
+    K, stamp_ns = CAMERA_MATRIX, round(1e9 * t_s)
+    rendered = render(*BODY, T, Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], 240, 320))
+    value = DistanceImage(
+        ref_time=Time.from_ns(stamp_ns),
+        width=320,
+        height=240,
+        scale_x=1.0 / K[0, 0],
+        scale_y=1.0 / K[1, 1],
+        center_x=-K[0, 2] / K[0, 0],
+        center_y=-K[1, 2] / K[1, 1],
+        data=np.where(np.isfinite(rendered.depth_m), rendered.depth_m, 0.0).ravel(),
+    )
+    return Sample("depth", stamp_ns, 0, value, id=f"d{stamp_ns}", frame="camera")
+
+
+def test_depths_of_a_camera_next_to_it_replace_dark_images(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(truth(0.0), depth_offset_m=(0.1, 0.0, 0.0))
+    for k in range(4):
+        t_s = 0.5 * k
+        assert list(dfpc.step(depth(t_s, 0.1))) == []
+        shown = image_of(BODY, truth(t_s), rng) if k < 2 else np.full((240, 320), 10, np.uint8)
+        pose, _ = step(dfpc, image(t_s, shown))
+        assert "coasting" not in pose.quality.reasons
+        assert errors(pose, t_s)[0] < 0.5
+        assert errors(pose, t_s)[1] < 0.01
+        assert any(reason.startswith(("low_agreement", "few_edges")) for reason in pose.quality.reasons) == (
+            k >= 2
+        )
+
+
+def test_depth_images_alone_are_tracked() -> None:
+    dfpc = make_dfpc(truth(0.0))
+    outputs = [output for k in range(4) for output in dfpc.step(depth(0.5 * k))]
+    poses = [output for output in outputs if output.port == "pose"]
+    assert [pose.t1_ns for pose in poses] == [0, 500_000_000, 1_000_000_000, 1_500_000_000]
+    assert errors(poses[-1], 1.5)[0] < 0.5
+    assert errors(poses[-1], 1.5)[1] < 0.01
+    assert poses[-1].frame == "camera"
+
+
+def test_depths_in_front_of_the_body_hide_it() -> None:
+    dfpc = make_dfpc(truth(0.0))
+    for k in range(3):
+        list(dfpc.step(depth(0.5 * k)))
+    hidden = depth(1.5)
+    part = hidden.value.data.reshape(240, 320)
+    screen = dataclasses.replace(hidden.value, data=np.where(np.arange(320) < 160, 3.25, part).ravel())
+    (pose, _) = dfpc.step(dataclasses.replace(hidden, value=screen))
+    assert "coasting" not in pose.quality.reasons
+    assert 0.05 < pose.quality.metrics["hidden"] < 0.7
+    assert errors(pose, 1.5)[0] < 0.5
+    screen = dataclasses.replace(hidden.value, data=np.full(240 * 320, 3.4))
+    (pose, _) = dfpc.step(Sample("depth", 2_000_000_000, 0, screen))
+    assert pose.quality.reasons[0] == "coasting"
 
 
 def test_the_castle_of_visp_is_tracked(real_data: Callable[[str], Path]) -> None:

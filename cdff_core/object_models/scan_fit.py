@@ -44,6 +44,8 @@ class ScanFit:
         Directions that the scan does not constrain.
     points : int
         Points near the body.
+    in_front : float
+        Fraction of the points that meet the model whose range is shorter.
     """
 
     state: TrackedState
@@ -52,6 +54,7 @@ class ScanFit:
     sigma_m: float
     weak_directions: FloatArray
     points: int
+    in_front: float
 
 
 class ScanFitter:
@@ -59,11 +62,13 @@ class ScanFitter:
 
     Parameters
     ----------
-    deskew, register : Dfn
-        PointCloudDeskewing and ModelRegistration.
+    deskew : Dfn or None
+        PointCloudDeskewing; None if all points of a scan have the time of its stamp.
+    register : Dfn
+        ModelRegistration.
     """
 
-    def __init__(self, deskew: Dfn[Any, Any, Any], register: Dfn[Any, Any, Any]) -> None:
+    def __init__(self, deskew: Dfn[Any, Any, Any] | None, register: Dfn[Any, Any, Any]) -> None:
         self._deskew, self._register = deskew, register
 
     def fit(
@@ -108,12 +113,18 @@ class ScanFitter:
                 break
         distance = state.squared_distance(predicted)
         return ScanFit(
-            state, distance, outputs.agreement, outputs.sigma_m, outputs.weak_directions, len(points_m)
+            state,
+            distance,
+            outputs.agreement,
+            outputs.sigma_m,
+            outputs.weak_directions,
+            len(points_m),
+            outputs.in_front,
         )
 
     def _moved(self, state: TrackedState, points_m: FloatArray, times_s: FloatArray) -> FloatArray:
         """Return the points (n, 3) moved with the body to the time of the state."""
-        if not len(times_s) or not times_s.any():
+        if self._deskew is None or not times_s.any():
             return points_m
         low_s, high_s = min(float(times_s.min()), 0.0), max(float(times_s.max()), 0.0)
         rotation = float(np.linalg.norm(state.rate)) * (high_s - low_s)
@@ -134,12 +145,18 @@ def near_body(
     model: ModelPreparationOutputs, state: TrackedState, points_m: FloatArray, times_s: FloatArray
 ) -> np.ndarray:
     """Return the mask (n,) of points within the radius of the body and the uncertainty of its centre."""
-    centre = state.T[:3, :3] @ model.centre_m
-    J = np.hstack([np.eye(3), -se3.skew(centre)])
+    centre, radius_m = body_ball(model, state)
+    centres = centre + np.outer(times_s, state.velocity)
+    return np.asarray(np.linalg.norm(points_m - centres, axis=1) < radius_m)
+
+
+def body_ball(model: ModelPreparationOutputs, state: TrackedState) -> tuple[FloatArray, float]:
+    """Return centre (3,) and radius of the ball that contains the body, with the uncertainty of its centre."""
+    arm = state.T[:3, :3] @ model.centre_m
+    J = np.hstack([np.eye(3), -se3.skew(arm)])
     sigma_m = math.sqrt(float(np.linalg.eigvalsh(J @ state.covariance[:6, :6] @ J.T)[-1]))
     radius_m = 0.6 * model.diameter_m + min(_SIGMAS * sigma_m, model.diameter_m)
-    centres = centre + state.T[:3, 3] + np.outer(times_s, state.velocity)
-    return np.asarray(np.linalg.norm(points_m - centres, axis=1) < radius_m)
+    return arm + state.T[:3, 3], radius_m
 
 
 def pose_and_rate_jacobian(state: TrackedState) -> FloatArray:

@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Common part of the compounds that track a body in images, with depth images where there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from pydantic import Field
+
+from cdff_common.arrays import FloatArray
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_common.interfaces.product import Quality
+from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.imaging.depth_images import RgbdPairing, RgbdSamples, points_near
+from cdff_core.imaging.frames import check_undistorted
+from cdff_core.imaging.grey import grey_image
+from cdff_core.object_models.body_tracking import BodyTracking, BodyTrackingConfig, order_fault
+from cdff_core.object_models.image_fit import ImageFitter
+from cdff_core.object_models.scan_detection import bounded_noise
+from cdff_core.object_models.scan_fit import ScanFitter, body_ball
+from cdff_core.object_models.scan_parts import range_noise
+from cdff_core.object_models.state_filter import adapted
+from cdff_core.object_models.tracked_state import TrackedState
+
+#: Weight of a new estimate of the noise of the depths.
+_NOISE_GAIN = 0.2
+
+
+class ImageTrackingConfig(BodyTrackingConfig):
+    """Parameters of the fits to images and depth images."""
+
+    rounds: int = Field(
+        3, ge=1, le=10, description="Measurements of the edges of an image, each from a better pose"
+    )
+    max_range_px: float = Field(
+        24.0, ge=2, le=200, description="Largest distance of an image edge from the prediction, px"
+    )
+    min_points: int = Field(
+        30, ge=6, le=10_000, description="Number of edge points in the image below which it is not used"
+    )
+    min_agreement: float = Field(
+        0.35, gt=0, le=1, description="Fraction of the edge points below which an image is not used"
+    )
+    good_agreement: float = Field(
+        0.5, gt=0, le=1, description="Fraction of the edge points below which a used image is DEGRADED"
+    )
+    guess_sigma: float = Field(
+        0.02,
+        gt=0,
+        le=1,
+        description="Standard deviation of the position of a guess without covariance, in diameters",
+    )
+    guess_sigma_rad: float = Field(
+        0.03, gt=0, le=3, description="Standard deviation of the rotation of a guess without covariance"
+    )
+    depth_sigma_m: float = Field(
+        0.0,
+        ge=0,
+        le=10,
+        description="Standard deviation of a depth, metres; 0: estimated from the depth images",
+    )
+    depth_offset_m: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Position of the depth camera in the frame of the camera, metres"
+    )
+    depth_rotation_rad: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0),
+        description="Rotation vector from the axes of the depth camera to those of the camera",
+    )
+    max_depth_points: int = Field(
+        1500, ge=50, le=100_000, description="Approximate number of depths near the body that are used"
+    )
+    min_depth_points: int = Field(
+        30, ge=10, le=10_000, description="Number of depths near the body below which they are not used"
+    )
+    min_depth_agreement: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="Fraction of the depths of the body, without those in front of it, that must agree",
+    )
+    min_visible: float = Field(
+        0.2, gt=0, le=1, description="Fraction of the depths of the body that must not be in front of it"
+    )
+
+
+@dataclass(slots=True)
+class ViewFit:
+    """A state corrected by an image and its depth image.
+
+    Attributes
+    ----------
+    state : TrackedState
+        The prediction if nothing was used.
+    used : bool
+        The image or the depth image was used.
+    faults : list of str
+        Reasons against the image or the depth image.
+    is_contradiction : bool
+        One of them contradicts the prediction.
+    metrics : dict
+    """
+
+    state: TrackedState
+    used: bool = False
+    faults: list[str] = field(default_factory=list)
+    is_contradiction: bool = False
+    metrics: dict[str, float] = field(default_factory=dict)
+
+
+class ImageTracking(BodyTracking):
+    """Compound that corrects the predicted state by depths and edges."""
+
+    config: ImageTrackingConfig
+
+    def setup_images(self) -> None:
+        """Create the DFNs and clear the state."""
+        cfg = self.config
+        self._edges = ImageFitter(
+            self.dfn("edges"), self.dfn("refine"), cfg.rounds, cfg.max_range_px, cfg.min_points
+        )
+        self._depths = ScanFitter(None, self.dfn("registration"))
+        self._R_camera_depth = se3.exp_so3(np.array(cfg.depth_rotation_rad))
+        self._pairing = RgbdPairing()
+        self.setup_track()
+
+    def restart(self) -> None:
+        """Clear the track; the next guess starts a new one."""
+        super().restart()
+        self._depth_sigma_m = self.config.depth_sigma_m
+        self._depth_ns = -1
+        self._pairing.clear()
+
+    def on_image(self, sample: Sample) -> Iterable[Output]:
+        """Track the body in an image, with the depth image of its time if there is one."""
+        return self._tracked(self._pairing.add(sample))
+
+    def on_depth(self, sample: Sample) -> Iterable[Output]:
+        """Track the body in a depth image, with the image of its time if there is one."""
+        return self._tracked(self._pairing.add(sample))
+
+    def finish(self) -> Iterable[Output]:
+        """Track the body in a sample that still waits for another one."""
+        return self._tracked(self._pairing.take_waiting())
+
+    def _tracked(self, views: list[RgbdSamples]) -> list[Output]:
+        return [output for view in views for output in self._track(view)]
+
+    def _track(self, view: RgbdSamples) -> Iterator[Output]:
+        """Yield the outputs of an image and its depth image."""
+        sample, model, state = view.newest, self._model, self._state
+        if model is None:
+            yield from self._outputs(sample, None, Quality.failed("no_model"))
+            return
+        if state is not None and not self._is_newer(view, state):
+            yield from self._outputs(sample, None, Quality.failed(order_fault(state, sample.stamp_ns)))
+            return
+        reasons = self._start_from_guess(model, sample.stamp_ns)
+        if self._state is None:
+            yield from self._without_track(view, model)
+            return
+        predicted = self._filter.predicted(self._state, sample.stamp_ns)
+        fit = self._fit(view, model, predicted)
+        if fit.used:
+            yield from self._used_fit(view, predicted, fit, reasons)
+            return
+        self._not_used(predicted, is_contradiction=fit.is_contradiction)
+        yield from self._published(sample, [*reasons, "coasting", *fit.faults], fit.metrics)
+
+    def _is_newer(self, view: RgbdSamples, state: TrackedState) -> bool:
+        """Return whether samples are newer than the state, or the first depth image of its time."""
+        stamp_ns = view.newest.stamp_ns
+        is_first_depth = view.image is None and stamp_ns == state.stamp_ns and stamp_ns != self._depth_ns
+        return stamp_ns > state.stamp_ns or is_first_depth
+
+    def _without_track(self, view: RgbdSamples, model: ModelPreparationOutputs) -> Iterable[Output]:
+        """Return the outputs without a track and a guess."""
+        return self._outputs(view.newest, None, Quality.failed("no_guess"))
+
+    def _used_fit(
+        self, view: RgbdSamples, predicted: TrackedState, fit: ViewFit, reasons: list[str]
+    ) -> Iterable[Output]:
+        """Use a corrected state and publish it."""
+        self._state, self._unused = adapted(predicted, fit.state), 0
+        self._used += 1
+        self._last_used_ns = view.newest.stamp_ns
+        return self._published(view.newest, [*reasons, *fit.faults], fit.metrics)
+
+    def _fit(self, view: RgbdSamples, model: ModelPreparationOutputs, predicted: TrackedState) -> ViewFit:
+        """Return the state corrected by the depths, then by the edges."""
+        fit = ViewFit(predicted)
+        if view.depth is not None:
+            self._depth_ns = view.depth.stamp_ns
+            self._correct_by_depths(view.depth, model, fit)
+        if view.image is not None:
+            self._correct_by_edges(view.image, model, fit)
+        return fit
+
+    def _correct_by_depths(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by a depth image."""
+        cfg = self.config
+        # With the axes of the camera and the origin of the depth camera.
+        state = replace(fit.state, T=_moved(fit.state.T, -np.array(cfg.depth_offset_m)))
+        points_m = self._body_points(sample, model, state)
+        if len(points_m) < cfg.min_depth_points:
+            fit.faults.append(f"few_depths:{len(points_m)}<{cfg.min_depth_points}")
+            return
+        if not self._depth_sigma_m:
+            self._depth_sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
+        try:
+            found = self._depths.fit(model, state, points_m, np.zeros(len(points_m)), self._depth_sigma_m)
+        except RefusedError as error:
+            fit.faults.append(f"depth_{error.reasons[0]}")
+            return
+        fit.metrics |= {
+            "depths": float(found.points),
+            "depth_agreement": found.agreement,
+            "depth_innovation": found.distance,
+            "depth_sigma_m": self._depth_sigma_m,
+            "hidden": found.in_front,
+        }
+        fault = ""
+        if found.agreement < cfg.min_depth_agreement:
+            fault = f"depth_low_agreement:{found.agreement:.2f}<{cfg.min_depth_agreement:g}"
+        elif found.in_front > 1.0 - cfg.min_visible:
+            fault = f"hidden:{found.in_front:.2f}>{1.0 - cfg.min_visible:g}"
+        elif found.distance > self._gate:
+            fault = f"depth_innovation:{found.distance:.3g}>{self._gate:.3g}"
+            fit.is_contradiction = True
+        if fault:
+            fit.faults.append(fault)
+            return
+        fit.state, fit.used = (
+            replace(found.state, T=_moved(found.state.T, np.array(cfg.depth_offset_m))),
+            True,
+        )
+        if not cfg.depth_sigma_m:
+            noise_m = bounded_noise(found.sigma_m, model.diameter_m)
+            self._depth_sigma_m += _NOISE_GAIN * (noise_m - self._depth_sigma_m)
+
+    def _body_points(self, sample: Sample, model: ModelPreparationOutputs, state: TrackedState) -> FloatArray:
+        """Return the depths near a state as points (n, 3) in the axes of the camera."""
+        centre_m, radius_m = body_ball(model, state)
+        R = self._R_camera_depth
+        points_m = points_near(sample.value, centre_m @ R, radius_m, self.config.max_depth_points)
+        return np.ascontiguousarray(points_m @ R.T)
+
+    def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by an image."""
+        cfg = self.config
+        check_undistorted(sample.value)
+        image = grey_image(sample.value).astype(np.float32)
+        try:
+            found = self._edges.fit(model, fit.state, image, sample.value.camera_matrix)
+        except RefusedError as error:
+            fit.faults.append(error.reasons[0])
+            return
+        fit.metrics |= {
+            "points": float(found.points),
+            "agreement": found.agreement,
+            "innovation": found.distance,
+            "sigma_px": found.sigma_px,
+            "range_px": found.range_px,
+        }
+        if found.agreement < cfg.min_agreement:
+            fit.faults.append(f"low_agreement:{found.agreement:.2f}<{cfg.min_agreement:g}")
+            return
+        if found.distance > self._gate:
+            fit.faults.append(f"innovation:{found.distance:.3g}>{self._gate:.3g}")
+            fit.is_contradiction = True
+            return
+        if found.agreement < cfg.good_agreement:
+            fit.faults.append(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
+        fit.state, fit.used = found.state, True
+
+    def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
+        """Return the standard deviations (6,) of a guess without covariance, metres and rad."""
+        return np.repeat([self.config.guess_sigma * model.diameter_m, self.config.guess_sigma_rad], 3)
+
+    def _sensor_frame(self, sample: Sample) -> str:
+        return str(getattr(sample.value, "frame", "")) or sample.frame
+
+
+def _moved(T: FloatArray, by_m: FloatArray) -> FloatArray:
+    return se3.transform(T[:3, :3], T[:3, 3] + by_m)
