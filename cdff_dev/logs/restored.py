@@ -71,7 +71,7 @@ class OriginalNames:
     @property
     def count(self) -> int:
         """Number of names and places."""
-        return sum(map(len, (self.streams, self.frames, self.mounts, self.local_frames)))
+        return len(self.streams) + len(self.frames) + len(self.mounts) + len(self.local_frames)
 
     def to_json(self) -> str:
         """Return the names as JSON."""
