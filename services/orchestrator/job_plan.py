@@ -198,7 +198,9 @@ class JobPlan:
         """Replace the lease of the job by the needs of a plan."""
         job = self.job
         self.state.hold(job.id, plan, job.request.priority)
-        self.journal.append("lease", action="acquire", holder=job.id, providers=[str(m) for m in plan.order])
+        providers = [str(m) for m in plan.order]
+        # A loss of power ends the DFPCs, too.
+        self.journal.append("lease", durable=False, action="acquire", holder=job.id, providers=providers)
         self.plan = plan
         failures = self.state.progress(plan, job.id).failures
         self._previous_failures = {subject: count for subject, (count, _) in failures.items()}

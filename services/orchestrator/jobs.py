@@ -130,6 +130,8 @@ class JobRegistry:
         self._is_stopping = False
         self._lock = timing.lock()
         self._jobs: OrderedDict[str, Job] = OrderedDict()
+        self._open: dict[str, Job] = {}  # by the id of the request
+        self._ended: dict[str, None] = {}  # ids of ended jobs, the first one first
         self._past: dict[str, Mapping[str, Any]] = {}  # of earlier processes
 
     def add_ended(self, ended: Iterable[Mapping[str, Any]]) -> None:
@@ -151,18 +153,17 @@ class JobRegistry:
         with self._lock:
             if self._is_stopping:
                 raise _stopping_error()
-            running = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
-            if any(j.request.id == request.id for j in running):
+            if request.id in self._open:
                 raise InputError(f"request={request.id}: a request with this id is open; use a new id")
-            displaced = self._displace(request, [j for j in running if j.retry_after_s is None])
+            displaced = self._displace(request)
             deadline_s = self._timing.now_s() + request.deadline_s
             job = Job(str(uuid.uuid4()), request, deadline_s, wall_ns(), timing=self._timing)
-            self._jobs[job.id] = job
-            ended_ids = [j.id for j in self._jobs.values() if j.state in FINAL_STATES]
+            self._jobs[job.id] = self._open[request.id] = job
             # Displaced jobs that have not ended yet leave room for fewer ended ones.
-            listed = max(len(ended_ids), len(self._jobs) - self._capacity)
-            for job_id in ended_ids[: max(listed - self._ended_limit, 0)]:
-                del self._jobs[job_id]
+            listed = max(len(self._ended), len(self._jobs) - self._capacity)
+            for _ in range(min(listed - self._ended_limit, len(self._ended))):
+                job_id = next(iter(self._ended))
+                del self._jobs[job_id], self._ended[job_id]
         self._journal.append(
             "job",
             # A client with progress replies has been notified of the job: the record must be durable.
@@ -180,7 +181,7 @@ class JobRegistry:
         """End all open jobs as retriable, refuse new ones, and wait until they have ended."""
         with self._lock:
             self._is_stopping = True
-            stopped = [j for j in self._jobs.values() if j.state not in FINAL_STATES]
+            stopped = list(self._open.values())
             for job in stopped:
                 job.is_stopped = True
                 job.cancel()
@@ -188,8 +189,11 @@ class JobRegistry:
         while any(j.state not in FINAL_STATES for j in stopped) and self._timing.now_s() < until_s:
             pause.wait(_STOP_PERIOD_S)
 
-    def _displace(self, request: ProductRequest, candidates: list[Job]) -> Job | None:
+    def _displace(self, request: ProductRequest) -> Job | None:
         """Return the displaced job, or None if there is capacity; raises OverloadedError."""
+        if len(self._open) < self._capacity:
+            return None
+        candidates = [j for j in self._open.values() if j.retry_after_s is None]
         if len(candidates) < self._capacity:
             return None
         retry_after_s = max(min(j.remaining_s() for j in candidates), 0.1)
@@ -215,6 +219,9 @@ class JobRegistry:
             job.reason = reason
             job.plan = more.get("plan", job.plan)
             job.result = more.get("result", job.result)
+            if state in FINAL_STATES:
+                self._open.pop(job.request.id, None)
+                self._ended[job.id] = None
         self._journal.append(
             "job",
             durable=job.request.progress and state in FINAL_STATES,

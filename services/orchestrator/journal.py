@@ -16,6 +16,7 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
+from cdff_common.bus.handler_pool import waiting
 from cdff_common.clock import Clock, WallClock, wall_ns
 from cdff_common.errors import StorageError
 
@@ -53,6 +54,8 @@ class Journal:
     def append(self, kind: str, *, durable: bool = True, **record: Any) -> None:
         """Append a record and return once it is on the disk; raises StorageError.
 
+        Meanwhile other requests are served.
+
         It gets the next number ``n``, the mission time ``stamp_ns`` and the wall time ``at_ns``. A record
         that is not ``durable``, such as an intermediate job state, survives the end of the process but not a
         loss of power.
@@ -64,7 +67,8 @@ class Journal:
                 self._file.write(_line({**fields, **record}))
             self._number = number
         if durable:
-            self._sync(number)
+            with waiting():
+                self._sync(number)
         for listener in self._listeners:
             listener({**fields, **record})
 

@@ -157,7 +157,7 @@ class RequestFlow:
             if job.state not in FINAL_STATES:  # the client disconnected, or a bug
                 self.jobs.move(job, JobState.FAILED, "the reply could not be sent")
             if job.plan is not None:
-                self.journal.append("lease", action="release", holder=job.id, providers=[])
+                self.journal.append("lease", durable=False, action="release", holder=job.id, providers=[])
                 self.state.release(job.id)
 
     def _start(self, job: Job) -> _RequestRun:
