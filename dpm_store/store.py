@@ -41,7 +41,7 @@ from dpm_store.products import pose_graphs
 from dpm_store.products.annotations import AnnotationTable
 from dpm_store.products.products import ProductTable
 from dpm_store.products.transaction import Transactions
-from dpm_store.search.extents import extents, frame_names
+from dpm_store.search.extents import extents, frame_names, origins
 from dpm_store.search.footprints import footprints
 from dpm_store.search.search import Search
 
@@ -178,6 +178,7 @@ class Store:
         self.read_note, self.write_note = partial(read_note, database), partial(write_note, database)
         self.statistics = partial(statistics, database)
         self.extents = partial(extents, database)
+        self.origins = partial(origins, database)
         self.footprints = partial(footprints, database)
         self.frame_names = partial(frame_names, database)
         self.pose_graph = partial(pose_graphs.read, database)

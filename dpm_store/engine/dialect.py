@@ -8,12 +8,12 @@ registered in ``database.DIALECTS``.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol
 
-from sqlalchemy import Connection, Engine, Select, Subquery, Table
+from sqlalchemy import ColumnElement, Connection, Engine, Select, Subquery, Table
 from sqlalchemy.sql.dml import Insert
 
 #: Execution option of a connection for a transaction that writes.
@@ -64,6 +64,17 @@ class Dialect(Protocol):
 
     def elements(self, name: str) -> Select[Any]:
         """Return a select of the elements of the list that is bound to a parameter by ``list_value``."""
+
+    def elements_of(self, values: Sequence[Any]) -> Select[Any]:
+        """Return a select of these values, which are one parameter."""
+
+    def matches(self, value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
+        """Return whether a text matches a pattern of ``LIKE``, in which a backslash escapes; case matters."""
+
+    def interruptible(
+        self, connection: Connection, is_over: Callable[[], bool]
+    ) -> AbstractContextManager[None]:
+        """Interrupt the statements of the block when the time is over; raises OverloadedError then."""
 
     def list_value(self, elements: Sequence[Any]) -> Any:
         """Return the value of a list parameter."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -21,11 +21,14 @@ from typing import Any
 from urllib.parse import quote
 
 from sqlalchemy import (
+    BindParameter,
+    ColumnElement,
     Connection,
     Engine,
     Select,
     Subquery,
     Table,
+    bindparam,
     create_engine,
     event,
     literal_column,
@@ -36,7 +39,7 @@ from sqlalchemy.dialects.sqlite import Insert, insert
 from sqlalchemy.dialects.sqlite.pysqlite import dialect as pysqlite
 from sqlalchemy.exc import DatabaseError
 
-from cdff_common.errors import StorageError
+from cdff_common.errors import OverloadedError, StorageError
 from dpm_store.engine import schema
 from dpm_store.engine.dialect import WRITES, IndexBox, IndexEntry
 
@@ -60,6 +63,10 @@ _LISTED = (
     "FROM (SELECT value FROM json_each(:ordinals)) AS listed "
     "CROSS JOIN products NOT INDEXED ON products.ordinal = listed.value"
 )
+#: Wildcards of ``LIKE`` as those of ``GLOB``.
+_GLOB = {"%": "*", "_": "?"}
+#: Instructions of SQLite between two checks of the time, and a time after which a caller may try again.
+_STEPS, _RETRY_S = 50_000, 30.0
 _DIALECT = pysqlite(paramstyle="named")
 
 
@@ -157,6 +164,42 @@ def _compiled(statement: Select[Any]) -> tuple[str, dict[str, Any]]:
 def elements(name: str) -> Select[Any]:
     """Return a select of the elements of a list parameter."""
     return select(literal_column("value")).select_from(text(f"json_each(:{name})"))
+
+
+def elements_of(values: Sequence[Any]) -> Select[Any]:
+    """Return a select of these values, which are one parameter."""
+    listed: BindParameter[str] = bindparam("elements", json.dumps(values), unique=True)
+    return select(literal_column("value")).select_from(text("json_each(:elements)").bindparams(listed))
+
+
+def matches(value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
+    """Return whether a text matches a pattern of ``LIKE``; that of SQLite ignores the case."""
+    glob, escaped = "", False
+    for letter in pattern:
+        if letter == "\\" and not escaped:
+            escaped = True
+            continue
+        plain = f"[{letter}]" if letter in "*?[" else letter
+        glob += plain if escaped else _GLOB.get(letter, plain)
+        escaped = False
+    return value.bool_op("GLOB")(glob)
+
+
+@contextmanager
+def interruptible(connection: Connection, is_over: Callable[[], bool]) -> Iterator[None]:
+    """Interrupt the statements of the block when the time is over; see ``Dialect.interruptible``."""
+    driver = _driver(connection)
+    driver.set_progress_handler(is_over, _STEPS)
+    try:
+        yield
+    except (sqlite3.OperationalError, DatabaseError) as error:
+        if not is_over():
+            raise
+        raise OverloadedError(
+            "the search took too long and was ended: restrict it by type, time or region", _RETRY_S
+        ) from error
+    finally:
+        driver.set_progress_handler(None, 0)
 
 
 def list_value(elements: Sequence[Any]) -> str:

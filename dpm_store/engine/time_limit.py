@@ -35,3 +35,9 @@ def check_time(done: int, total: int, what: str) -> None:
             "time, or repeat the request when fewer others run",
             _RETRY_S,
         )
+
+
+def time_left_s(most_s: float) -> float:
+    """Return the time that the current request may still take, at most ``most_s``."""
+    limit = _LIMIT.get()
+    return most_s if limit is None else min(most_s, limit[1] - monotonic_s())

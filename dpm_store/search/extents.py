@@ -46,6 +46,37 @@ class Extent:
     resolution_m: float | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Products of one type, robot, DFPC, port, ASN.1 type and status.
+
+    Attributes
+    ----------
+    finest_m, coarsest_m : float or None
+        Smallest and largest cell or voxel; None if no product has one.
+    """
+
+    product: str
+    robot: str
+    dfpc: str
+    port: str
+    type_name: str
+    status: str
+    finest_m: float | None
+    coarsest_m: float | None
+    count: int
+
+
+def origins(database: Database) -> tuple[Origin, ...]:
+    """Return the origins of live products; reads every row."""
+    p = schema.products.c
+    key = (p.product, p.robot, p.dfpc, p.port, p.type_name, p.status)
+    values = (func.min(p.resolution_m), func.max(p.resolution_m), func.count())
+    statement = select(*key, *values).where(p.deleted_ns.is_(None)).group_by(*key).order_by(*key)
+    with database.read() as connection:
+        return tuple(Origin(*row) for row in connection.execute(statement))
+
+
 def extents(database: Database) -> tuple[Extent, ...]:
     """Return the extents of live products; reads every row."""
     p = schema.products.c
@@ -83,15 +114,25 @@ class ExtentCache:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._extents: tuple[Extent, ...] = ()
+        self._origins: tuple[Origin, ...] = ()
         self._ordinal = -1
         self._valid_until_s = 0.0
 
     def get(self, store: Store) -> tuple[Extent, ...]:
         """Return the extents of a store."""
         with self._lock:
-            ordinal, started_s = store.events.last_ordinal(), monotonic_s()
-            if ordinal != self._ordinal and started_s >= self._valid_until_s:
-                self._extents, self._ordinal = store.extents(), ordinal
-                end_s = monotonic_s()
-                self._valid_until_s = end_s + _PAUSE * (end_s - started_s)
+            self._update(store)
             return self._extents
+
+    def origins(self, store: Store) -> tuple[Origin, ...]:
+        """Return the origins of a store."""
+        with self._lock:
+            self._update(store)
+            return self._origins
+
+    def _update(self, store: Store) -> None:
+        ordinal, started_s = store.events.last_ordinal(), monotonic_s()
+        if ordinal != self._ordinal and started_s >= self._valid_until_s:
+            self._extents, self._origins, self._ordinal = store.extents(), store.origins(), ordinal
+            end_s = monotonic_s()
+            self._valid_until_s = end_s + _PAUSE * (end_s - started_s)

@@ -57,9 +57,35 @@ def touches(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> 
             boxes_m[:, 3:] >= region_corners.min(axis=0)
         ).all(axis=1)
     indices = np.flatnonzero(overlaps)
-    if len(indices):
+    if len(indices) and aligned:
+        import shapely
+
+        boxes = shapely.box(low[indices, 0], low[indices, 1], high[indices, 0], high[indices, 1])
+        overlaps[indices] = _touching(region, boxes)
+    elif len(indices):
         overlaps[indices] = _touching(region, _hulls(corners[indices, :, :2]))
     return np.asarray(overlaps)
+
+
+def contains(region: Region, boxes_m: FloatArray, T_region_boxes: FloatArray) -> NDArray[np.bool_]:
+    """Return which boxes ``(n, 6)`` are entirely in the region, by bounds in its frame.
+
+    False for some that are inside, and for all in a circle or near a path.
+    """
+    corners = corners_of(boxes_m) @ T_region_boxes[:3, :3].T + T_region_boxes[:3, 3]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    x0, y0, z0, x1, y1, z1 = region.box_m
+    inside = (low >= [x0, y0, z0]).all(axis=1) & (high <= [x1, y1, z1]).all(axis=1)
+    if region.kind in ("bbox", "box"):
+        return np.asarray(inside)
+    if region.kind != "polygon":
+        return np.zeros(len(boxes_m), dtype=np.bool_)
+    import shapely
+
+    polygon = shapely.Polygon(region.corners)
+    shapely.prepare(polygon)
+    boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+    return np.asarray(shapely.contains(polygon, boxes), dtype=np.bool_)
 
 
 def footprints_touch(
@@ -120,17 +146,18 @@ def _polygons(rings: Sequence[FloatArray], heights_m: FloatArray, T: FloatArray)
     import shapely
 
     level = abs(abs(T[2, 2]) - 1.0) < 1e-12
-    polygons = []
-    for ring, (low, high) in zip(rings, heights_m, strict=True):
-        layers = [np.column_stack([ring, np.full(len(ring), z)]) for z in ((low,) if level else (low, high))]
-        points = np.concatenate(layers) @ T[:3, :3].T + T[:3, 3]
-        outline = (
-            shapely.Polygon(points[:, :2])
-            if level
-            else shapely.convex_hull(shapely.MultiPoint(points[:, :2]))
-        )
-        polygons.append(outline)
-    return np.array(polygons, dtype=object)
+    lengths = np.array([len(ring) for ring in rings])
+    indices = np.repeat(np.arange(len(rings)), lengths)
+    xy = np.concatenate(rings)
+    layers = [
+        np.column_stack([xy, np.asarray(heights_m)[indices, side]]) @ T[:3, :3].T + T[:3, 3]
+        for side in ((0,) if level else (0, 1))
+    ]
+    if level:
+        return shapely.polygons(shapely.linearrings(layers[0][:, :2], indices=indices))
+    both = np.concatenate(layers)[:, :2]
+    order = np.argsort(np.tile(indices, 2), kind="stable")
+    return shapely.convex_hull(shapely.multipoints(both[order], indices=np.repeat(indices, 2)))
 
 
 def _touching(region: Region, outlines: Any) -> NDArray[np.bool_]:
@@ -142,4 +169,6 @@ def _touching(region: Region, outlines: Any) -> NDArray[np.bool_]:
     if region.kind == "path":
         line = shapely.LineString(region.corners)
         return np.asarray(shapely.distance(outlines, line) <= region.values[0], dtype=np.bool_)
-    return np.asarray(shapely.intersects(outlines, shapely.Polygon(region.corners)), dtype=np.bool_)
+    polygon = shapely.Polygon(region.corners)
+    shapely.prepare(polygon)
+    return np.asarray(shapely.intersects(polygon, outlines), dtype=np.bool_)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -20,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, func, or_, select
 
-from cdff_common.clock import NS_PER_S
+from cdff_common.clock import NS_PER_S, monotonic_s
 from cdff_common.contract.limits import LATEST_NS, MAX_PAGE
 from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
 from dpm_store.engine.dialect import IndexBox
+from dpm_store.engine.time_limit import time_left_s
 from dpm_store.frames.frames import FrameTable, FrameTree, HistoryView
 from dpm_store.frames.poses import PoseTable
 from dpm_store.frames.resolved_frames import ResolvedFrame, resolve_frames
@@ -38,6 +40,7 @@ from dpm_store.search.conditions import conditions, constant_statement, few_with
 from dpm_store.search.footprints import rings_in
 from dpm_store.search.nearest import NearestSearch
 from dpm_store.search.slices import Slice, portions, slices
+from dpm_store.search.sorted_pages import sorted_page
 
 #: Columns that conditions and results of a search use.
 _COLUMNS = (
@@ -45,6 +48,8 @@ _COLUMNS = (
     *(c.name for c in schema.products.c if c.name not in (*RECORD_COLUMNS, "sha256")),
 )
 _SELECTED = (*RECORD_COLUMNS, "frame", *schema.SIDES)
+#: Longest time of a search with an expression or in another order than that of time, seconds.
+_LONGEST_S = 20.0
 #: Columns that decide whether a product is in a region.
 _PLACED = ("ordinal", "frame", *schema.SIDES)
 _RECORD, _FRAME, _BOX = slice(len(RECORD_COLUMNS)), -1 - len(schema.SIDES), slice(-len(schema.SIDES), None)
@@ -77,11 +82,13 @@ class Search:
         InputError
             If the cursor is of another search.
         """
-        with self._database.read() as connection:
-            query = _with_state_of_cursor(query or Query())
+        query = _with_state_of_cursor(query or Query())
+        with self._database.read() as connection, self._limited(connection, query):
             tree = self._frames.tree(_view(query), connection=connection)
             if query.region is not None and not query.region.is_resolved:
                 query = replace(query, region=self.resolved_region(query, connection=connection))
+            if query.sort:
+                return sorted_page(connection, query, tree.state)
             if query.order is Order.NEAREST:
                 return self._nearest.run(connection, query, tree)
             if query.region is None:
@@ -94,7 +101,7 @@ class Search:
         if query.region is not None:
             raise InputError(f"count: region={query.region.text}, expected a query without a region")
         source = schema.products.c
-        with self._database.read() as connection:
+        with self._database.read() as connection, self._limited(connection, query):
             few = few_within(connection, query.metrics)
             where = conditions(replace(query, cursor=None), source)
             if few is not None:
@@ -105,10 +112,10 @@ class Search:
         """Return the ordinals of the products on all pages of a query with a region, None if they are more
         than ``most``.
         """
-        query = replace(query, cursor=None, limit=MAX_PAGE)
+        query = replace(query, cursor=None, sort=(), limit=MAX_PAGE)
         assert query.region is not None
         found: set[int] = set()
-        with self._database.read() as connection:
+        with self._database.read() as connection, self._limited(connection, query):
             tree = self._frames.tree(_view(query), connection=connection)
             resolved, _ = resolve_frames(connection, tree, query.frame)
             boxes = [(frame.ordinal, box) for frame in resolved.values() for box in frame.boxes(query.region)]
@@ -137,6 +144,13 @@ class Search:
             stamp_ns = newest_ns if query.t1_ns is None else min(query.t1_ns, newest_ns)
             T = self._poses.at(stamp_ns, *frames, view=view, connection=connection)
         return region.resolved(float(T.matrix[0, 3]), float(T.matrix[1, 3]))
+
+    def _limited(self, connection: Connection, query: Query) -> AbstractContextManager[None]:
+        """Limit the time of a search that callers can make arbitrarily slow."""
+        if query.where is None and not query.sort:
+            return nullcontext()
+        end_s = monotonic_s() + time_left_s(_LONGEST_S)
+        return self._dialect.interruptible(connection, lambda: monotonic_s() > end_s)
 
     def _run_spatial(self, connection: Connection, query: Query, region: Region, tree: FrameTree) -> Page:
         resolved, unplaced = resolve_frames(connection, tree, query.frame)
@@ -218,17 +232,19 @@ class Search:
     ) -> NDArray[np.bool_]:
         """Return which outlines touch the region; rows start with the ordinal and end with frame and box."""
         touching = np.zeros(len(rows), dtype=bool)
+        uncertain = np.zeros(len(rows), dtype=bool)  # the box touches the edge of the region
         of_frame: dict[str, list[int]] = {}
         for i, row in enumerate(rows):
             of_frame.setdefault(row[_FRAME], []).append(i)
         for name, indices in of_frame.items():
             boxes = np.array([rows[i][_BOX] for i in indices])
             touching[indices] = outlines.touches(region, boxes, resolved[name].matrix)
-        rings = rings_in(connection, [rows[i][0] for i in np.flatnonzero(touching).tolist()])
+            uncertain[indices] = touching[indices] & ~outlines.contains(region, boxes, resolved[name].matrix)
+        rings = rings_in(connection, [rows[i][0] for i in np.flatnonzero(uncertain).tolist()])
         if not rings:
             return touching
         for name, indices in of_frame.items():
-            ringed = [i for i in indices if touching[i] and rows[i][0] in rings]
+            ringed = [i for i in indices if uncertain[i] and rows[i][0] in rings]
             if ringed:
                 heights = np.array([rows[i][_BOX][2::3] for i in ringed])
                 outline = [rings[rows[i][0]] for i in ringed]
@@ -276,7 +292,7 @@ class Search:
 
 def _with_state_of_cursor(query: Query) -> Query:
     """Return the query with the state of the frame tree of its first page."""
-    if query.cursor is None:
+    if query.cursor is None or query.sort:
         return query
     return replace(query, frames_revision=read_cursor(query.cursor, query.order).frames_revision)
 

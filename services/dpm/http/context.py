@@ -17,6 +17,7 @@ from cdff_common.interfaces.profile import Profile
 from cdff_common.json_form import jsonable as jsonable  # for the routes
 from dpm_store.search.extents import ExtentCache
 from services.dpm.bus.service_monitor import ServiceMonitor
+from services.dpm.http.geographic_outlines import OutlinesCache, ProductOutlines
 from services.dpm.operations.dpm import Dpm
 from services.dpm.settings import Settings
 
@@ -33,8 +34,14 @@ class Context:
     watch: ServiceMonitor | None = None
     profile: Profile | None = None
     extents: ExtentCache = field(default_factory=ExtentCache)
+    outlines: OutlinesCache = field(default_factory=OutlinesCache)
     closing: threading.Event = field(default_factory=threading.Event)
     wakers: set[Callable[[], None]] = field(default_factory=set)
+
+    @property
+    def places(self) -> ProductOutlines:
+        """Outlines of products in the newest state of the frames."""
+        return self.outlines.get(self.dpm.store)
 
     def end_streams(self) -> None:
         """End the endless streams; callable from any thread."""

@@ -10,6 +10,7 @@ positive), not to WGS 84.
 from __future__ import annotations
 
 import functools
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -31,10 +32,31 @@ _POINTS_PER_SIDE = 16
 _REACH_DEG = 5.0
 #: Minimum extent of a region, degrees: points and lines are widened to it.
 MIN_EXTENT_DEG = 1e-9
+#: Corners of the outlines in lists of features.
+MAX_CORNERS = 12
+_ANGLES = 2.0 * np.pi * np.arange(MAX_CORNERS) / MAX_CORNERS
+_DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+class OutlinesCache:
+    """The outlines of the newest state of the frames and bodies, for the answers of a server."""
+
+    def __init__(self) -> None:
+        self._state: tuple[int, int] | None = None
+        self._outlines: ProductOutlines | None = None
+        self._lock = threading.Lock()
+
+    def get(self, store: Store) -> ProductOutlines:
+        """Return the outlines of products of a store."""
+        state = (store.frames.state(), store.anchors.revision())
+        with self._lock:
+            if self._outlines is None or self._state != state:
+                self._state, self._outlines = state, ProductOutlines(store)
+            return self._outlines
 
 
 class ProductOutlines:
-    """Outlines of the products of one answer; frames are looked up once.
+    """Outlines of products in one state of the frames and bodies; each frame is looked up once.
 
     Attributes
     ----------
@@ -53,8 +75,10 @@ class ProductOutlines:
 
         None for a product without a box.
         """
-        rings = self._store.footprints([record.id for record in records if record.header.box_m is not None])
-        return [None if (ring := rings.get(record.id)) is None else ring_outline(ring) for record in records]
+        rings = self._store.footprints([record.id for record in records])
+        found = [record.id for record in records if record.id in rings]
+        outlines = dict(zip(found, ring_outlines([rings[i] for i in found]), strict=True))
+        return [outlines.get(record.id) for record in records]
 
     def live(self, product_ids: Iterable[str]) -> frozenset[str]:
         """Return those of some ids whose products are stored and not deleted."""
@@ -69,16 +93,30 @@ class ProductOutlines:
         """Return an outline in a frame as degrees on its body, longitude first; None if the frame is not
         anchored.
         """
-        location = self.of(frame)
-        if outline is None or location.anchor is None:
-            return None
-        # a store may contain such boxes from before they were refused
-        if max(map(abs, outline.bounds)) > FARTHEST_BOX_M:
-            return None
-        degrees = shapely.transform(outline, lambda xy: location.lonlat(xy)[:, :2])
-        if not np.isfinite(degrees.bounds).all():
-            return None
-        return cut_at_antimeridian(degrees, location.anchor.lon_deg)
+        return self.outlines_in_degrees([frame], [outline])[0]
+
+    def outlines_in_degrees(
+        self, frames: Sequence[str], outlines: Sequence[BaseGeometry | None]
+    ) -> list[BaseGeometry | None]:
+        """Return ``outline_in_degrees`` of outlines in their frames, with one transformation per frame."""
+        results: list[BaseGeometry | None] = [None] * len(outlines)
+        of_frame: dict[str, list[int]] = {}
+        for index, (frame, outline) in enumerate(zip(frames, outlines, strict=True)):
+            if outline is not None:
+                of_frame.setdefault(frame, []).append(index)
+        for frame, indices in of_frame.items():
+            location = self.of(frame)
+            if location.anchor is None:
+                continue
+            in_frame = np.array([outlines[i] for i in indices], dtype=object)
+            # a store may contain such boxes from before they were refused
+            usable = np.abs(shapely.bounds(in_frame)).max(axis=1) <= FARTHEST_BOX_M
+            degrees = shapely.transform(in_frame[usable], lambda xy, of=location: of.lonlat(xy)[:, :2])
+            is_finite = np.isfinite(shapely.bounds(degrees)).all(axis=1)
+            cut = cut_all_at_antimeridian(degrees[is_finite], location.anchor.lon_deg)
+            for index, outline in zip(np.array(indices)[usable][is_finite].tolist(), cut, strict=True):
+                results[index] = outline
+        return results
 
     def heights_m(self, frame: str, box_m: Sequence[float]) -> tuple[float, float]:
         """Return the least and greatest height of the corners of a box in an anchored frame, metres above
@@ -160,6 +198,21 @@ def checked_box(bounds: Sequence[float]) -> tuple[float, float, float, float]:
     return west, south, east, north
 
 
+def ring_outlines(rings: Sequence[NDArray[np.float64]]) -> list[BaseGeometry]:
+    """Return rings ``(n, 2)`` as polygons; see ``ring_outline``."""
+    results: list[Any] = [None] * len(rings)
+    long = [i for i, ring in enumerate(rings) if len(ring) >= 3]
+    if long:
+        indices = np.repeat(np.arange(len(long)), [len(rings[i]) for i in long])
+        rings_of = shapely.linearrings(np.concatenate([rings[i] for i in long]), indices=indices)
+        polygons = shapely.polygons(rings_of)
+        regular = shapely.is_valid(polygons) & (shapely.area(polygons) > 0.0)
+        polygons = shapely.orient_polygons(polygons, exterior_cw=False)
+        for i, polygon, is_regular in zip(long, polygons, regular.tolist(), strict=True):
+            results[i] = polygon if is_regular else None
+    return [ring_outline(rings[i]) if outline is None else outline for i, outline in enumerate(results)]
+
+
 def ring_outline(ring: NDArray[np.float64]) -> BaseGeometry:
     """Return a ring ``(n, 2)`` as a polygon; as a point or a line if it encloses no area."""
     if len(ring) >= 3:
@@ -175,6 +228,18 @@ def ring_outline(ring: NDArray[np.float64]) -> BaseGeometry:
 def oriented(outline: BaseGeometry) -> BaseGeometry:
     """Return an outline with its outer rings counter-clockwise."""
     return shapely.orient_polygons(outline, exterior_cw=False)
+
+
+def cut_all_at_antimeridian(outlines: NDArray[Any], near_lon_deg: float) -> list[BaseGeometry]:
+    """Return ``cut_at_antimeridian`` of each outline; most need no cut."""
+    bounds = shapely.bounds(outlines)
+    west, east = max(-180.0, near_lon_deg - 180.0), min(180.0, near_lon_deg + 180.0)
+    is_inside = (bounds[:, 0] > west) & (bounds[:, 2] < east)
+    oriented_outlines = shapely.orient_polygons(outlines, exterior_cw=False)
+    return [
+        plain if inside else cut_at_antimeridian(outline, near_lon_deg)
+        for outline, plain, inside in zip(outlines, oriented_outlines, is_inside.tolist(), strict=True)
+    ]
 
 
 def cut_at_antimeridian(outline: BaseGeometry, near_lon_deg: float) -> BaseGeometry:
@@ -207,9 +272,50 @@ def _shifted(lon_lat: NDArray[np.float64], offset_deg: float) -> NDArray[np.floa
 
 
 def geojson(outline: BaseGeometry | None) -> dict[str, Any] | None:
-    """Return a geometry as GeoJSON."""
+    """Return a geometry as GeoJSON; the coordinates of a polygon are an array ``(n, 2)``."""
     if outline is None:
         return None
     if isinstance(outline, shapely.Polygon) and not outline.is_empty and not len(outline.interiors):
-        return {"type": "Polygon", "coordinates": [shapely.get_coordinates(outline).tolist()]}
+        return {"type": "Polygon", "coordinates": [shapely.get_coordinates(outline)]}
     return dict(shapely.geometry.mapping(outline))
+
+
+def rounded(outlines: Sequence[BaseGeometry | None], decimals: int) -> list[BaseGeometry | None]:
+    """Return geometries with coordinates that are rounded to a number of decimals."""
+    known = np.array([outline for outline in outlines if outline is not None], dtype=object)
+    values = iter(shapely.transform(known, lambda xy: np.round(xy, decimals)).tolist())
+    return [None if outline is None else next(values) for outline in outlines]
+
+
+def enclosing(outlines: Sequence[BaseGeometry | None]) -> list[BaseGeometry | None]:
+    """Return each outline, or instead of one with more than ``MAX_CORNERS`` a polygon around it.
+
+    Its sides are tangents of the outline in ``MAX_CORNERS`` directions (a discrete oriented polytope,
+    Klosowski et al. 1998, doi:10.1109/2945.675649): it exceeds a circle by 4 % of its radius.
+    """
+    results = list(outlines)
+    many = [
+        i
+        for i, outline in enumerate(outlines)
+        if outline is not None and shapely.get_num_coordinates(outline) > MAX_CORNERS + 1
+    ]
+    if many:
+        polygons = _tangent_polygons(np.array([outlines[i] for i in many], dtype=object))
+        for i, polygon in zip(many, polygons, strict=True):
+            results[i] = polygon
+    return results
+
+
+def _tangent_polygons(outlines: NDArray[Any]) -> NDArray[Any]:
+    points, indices = shapely.get_coordinates(outlines, return_index=True)
+    starts = np.searchsorted(indices, np.arange(len(outlines)))
+    centres = points[starts]
+    offsets = points - centres[indices]
+    distances = np.maximum.reduceat(offsets @ _DIRECTIONS.T, starts, axis=0)
+    # the corner between two adjacent tangents solves n_k · x = d_k, n_(k+1) · x = d_(k+1)
+    step = 2.0 * np.pi / MAX_CORNERS
+    along = (np.roll(distances, -1, axis=1) - distances * np.cos(step)) / np.sin(step)
+    normals = np.column_stack([-_DIRECTIONS[:, 1], _DIRECTIONS[:, 0]])
+    corners = distances[:, :, None] * _DIRECTIONS + along[:, :, None] * normals
+    # the hull removes corners that coincide
+    return np.asarray(shapely.convex_hull(shapely.polygons(centres[:, None] + corners)))

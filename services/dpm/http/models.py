@@ -4,19 +4,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from fastapi import Query
+import orjson
+from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 #: Media types; the last one is that of the OpenAPI document.
 JSON, GEOJSON = "application/json", "application/geo+json"
 OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
+#: Media type and link relation of the properties that filters may use.
+SCHEMA = "application/schema+json"
+QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
+#: Conformance classes of OGC API Features part 3 (19-079r2) and CQL2 (21-065r2) that are met.
+FILTER_CLASSES = (
+    "http://www.opengis.net/spec/ogcapi-features-3/1.0/conf/queryables",
+    "http://www.opengis.net/spec/ogcapi-features-3/1.0/conf/filter",
+    "http://www.opengis.net/spec/ogcapi-features-3/1.0/conf/features-filter",
+    "http://www.opengis.net/spec/cql2/1.0/conf/cql2-text",
+    "http://www.opengis.net/spec/cql2/1.0/conf/cql2-json",
+    "http://www.opengis.net/spec/cql2/1.0/conf/basic-cql2",
+    "http://www.opengis.net/spec/cql2/1.0/conf/advanced-comparison-operators",
+    "http://www.opengis.net/spec/cql2/1.0/conf/case-insensitive-comparison",
+    "http://www.opengis.net/spec/cql2/1.0/conf/basic-spatial-functions",
+    "http://www.opengis.net/spec/cql2/1.0/conf/basic-spatial-functions-plus",
+)
 #: Nanoseconds as a decimal.
 StampNs = Annotated[str, Field(pattern=r"^-?\d{1,19}$")]
 Json = dict[str, Any]
 #: Responses of a route that answers with GeoJSON.
 GEOJSON_BODY: dict[int | str, Json] = {200: {"content": {GEOJSON: {}}, "description": "GeoJSON"}}
+
+#: Responses of a route that answers with JSON Schema.
+SCHEMA_BODY: dict[int | str, Json] = {200: {"content": {SCHEMA: {}}, "description": "JSON Schema"}}
 
 
 class OpenModel(BaseModel):
@@ -84,3 +105,15 @@ class FeatureCollection(OpenModel):
     numberMatched: int | None = None
     numberReturned: int
     timeStamp: str | None = None
+
+
+def geojson_response(body: Json, headers: Mapping[str, str] | None = None) -> Response:
+    """Return GeoJSON; numbers that are not finite are null."""
+    return Response(
+        orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type=GEOJSON, headers=headers
+    )
+
+
+def schema_response(body: Json) -> Response:
+    """Return a JSON Schema."""
+    return Response(orjson.dumps(body), media_type=SCHEMA)

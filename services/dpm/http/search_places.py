@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from cdff_common.errors import InputError
+from dpm_store.search.filters import Call
 from services.dpm.http.geographic_outlines import (
     MIN_EXTENT_DEG,
     ProductOutlines,
@@ -20,6 +24,9 @@ from services.dpm.http.geographic_outlines import (
 
 if TYPE_CHECKING:
     from services.dpm.http.stac.catalogue import OutlinedProduct
+
+#: Largest number of corners of a geometry in a search.
+MAX_CORNERS = 10_000
 
 
 class Place:
@@ -64,17 +71,104 @@ class Place:
         """True for a box without heights, for which the regions of the place are exact."""
         return self._is_box and self._heights_m is None
 
-    def touches(self, product: OutlinedProduct) -> bool:
-        """Return whether a product shares a point with the place; its heights are compared as an interval."""
-        if self.outline is None:
+    def touching(self, products: Sequence[OutlinedProduct]) -> list[OutlinedProduct]:
+        """Return the products that touch the place; heights are compared as intervals."""
+        if self.outline is None or not products:
+            return list(products)
+        outlines = np.array([product.in_degrees for product in products], dtype=object)
+        shapely.prepare(self.outline)
+        touching = shapely.intersects(self.outline, outlines).tolist()
+        return [
+            product
+            for product, touches in zip(products, touching, strict=True)
+            if touches and self._has_heights_of(product)
+        ]
+
+    def _has_heights_of(self, product: OutlinedProduct) -> bool:
+        box_m = product.record.fields.get("box_m")
+        if self._heights_m is None or box_m is None:
             return True
-        if product.in_degrees is None or not product.in_degrees.intersects(self.outline):
-            return False
-        header = product.record.header
-        if self._heights_m is None or header.box_m is None:
-            return True
-        low_m, high_m = self._places.heights_m(header.frame, header.box_m)
+        low_m, high_m = self._places.heights_m(product.record.fields["frame"], box_m)
         return low_m <= self._heights_m[1] and high_m >= self._heights_m[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Touching:
+    """Part of an expression: products that touch a place, a box or a geometry in degrees."""
+
+    place: tuple[tuple[float, ...] | None, BaseGeometry | None]
+
+
+def touching_place(data: Any) -> Touching:
+    """Return the part of an expression for a ``bbox`` as a list, or a GeoJSON geometry; raises InputError."""
+    if isinstance(data, list):
+        if not all(isinstance(value, int | float) for value in data):
+            raise InputError("filter: bbox: expected 4 or 6 numbers")
+        checked_box(data)
+        return Touching((tuple(map(float, data)), None))
+    return Touching((None, geometry_of(data, "filter")))
+
+
+def required_place(where: Any) -> tuple[BaseGeometry | None, Any]:
+    """Return a geometry that all products of an expression touch, and the rest of the expression.
+
+    The geometry is None if the expression requires none, or several.
+    """
+    if isinstance(where, Touching):
+        return _outline_of(where), None
+    if not isinstance(where, Call) or where.op != "and":
+        return None, where
+    places = [argument for argument in where.args if isinstance(argument, Touching)]
+    if len(places) != 1:
+        return None, where
+    others = tuple(argument for argument in where.args if argument is not places[0])
+    return _outline_of(places[0]), Call("and", others) if others else None
+
+
+def _outline_of(touching: Touching) -> BaseGeometry:
+    bbox, geometry = touching.place
+    return geometry if bbox is None else box_outline(bbox)
+
+
+def both(first: Any, second: Any) -> Any:
+    """Return the expression that two hold, of which the first may be None."""
+    return second if first is None else Call("and", (first, second))
+
+
+def geometry_of(data: Any, name: str = "intersects") -> BaseGeometry:
+    """Return a GeoJSON geometry; raises InputError if it is none, too large, or intersects itself."""
+    if not isinstance(data, dict):
+        raise InputError(f"{name}: a {type(data).__name__}, expected a GeoJSON geometry")
+    if (numbers := _numbers_in(data.get("coordinates", data.get("geometries")))) > 3 * MAX_CORNERS:
+        raise InputError(f"{name}: {numbers} numbers, expected at most {MAX_CORNERS} corners")
+    try:
+        geometry = shapely.from_geojson(json.dumps(data))
+    except (shapely.errors.GEOSException, ValueError, TypeError, RecursionError) as error:
+        raise InputError(f"{name}: expected a GeoJSON geometry: {str(error)[:200]}") from error
+    if geometry is None or geometry.is_empty or data.get("type") in ("Feature", "FeatureCollection"):
+        raise InputError(f"{name}: expected a GeoJSON geometry with coordinates")
+    coordinates = shapely.get_coordinates(geometry)
+    if len(coordinates) > MAX_CORNERS:
+        raise InputError(f"{name}: {len(coordinates)} corners, expected at most {MAX_CORNERS}")
+    if not bool((abs(coordinates) <= [540.0, 90.0]).all()):
+        raise InputError(f"{name}: expected degrees, longitude first, latitude within ±90")
+    if not geometry.is_valid:
+        raise InputError(f"{name}: {shapely.is_valid_reason(geometry)}")
+    return geometry
+
+
+def _numbers_in(data: Any) -> int:
+    """Return how many numbers nested lists and objects contain, without recursion."""
+    count, open_lists = 0, [data]
+    while open_lists:
+        value = open_lists.pop()
+        if isinstance(value, list):
+            open_lists += value
+        elif isinstance(value, dict):
+            open_lists += value.values()
+        elif isinstance(value, int | float):
+            count += 1
+    return count
 
 
 def box_outline(bbox: Sequence[float]) -> BaseGeometry:

@@ -139,6 +139,7 @@ def lonlat(body: Body) -> pyproj.CRS:
     return pyproj.CRS.from_json_dict(definition | {"name": f"{definition['name']} (longitude, latitude)"})
 
 
+@functools.lru_cache(maxsize=64)
 def code_of(body: Body) -> str | None:
     """Return the code of the CRS of a body, e.g. ``IAU_2015:49900``; None if no authority defines it."""
     authority = body.geographic_crs.to_authority(min_confidence=90)

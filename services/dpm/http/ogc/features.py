@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from cdff_common.clock import format_stamp
 from cdff_common.errors import InputError
 from services.dpm.http.geographic_outlines import geojson
-from services.dpm.http.models import GEOJSON, JSON
+from services.dpm.http.models import GEOJSON, JSON, geojson_response
 from services.dpm.http.ogc.crs import CrsList
 from services.dpm.http.ogc.tracks import TRACKS, TrackRecord
 from services.dpm.http.stac.catalogue import OutlinedProduct
@@ -95,7 +94,7 @@ class FeatureWriter:
         }
         if self.crs is not None:
             headers["Content-Crs"] = f"<{self.crs.uri}>"
-        return Response(json.dumps(body, allow_nan=False), media_type=GEOJSON, headers=headers)
+        return geojson_response(body, headers)
 
     def _feature(
         self,

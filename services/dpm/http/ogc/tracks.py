@@ -39,7 +39,7 @@ def track_collection(context: Context) -> Collection | None:
     tracks = context.dpm.store.poses.tracks()
     if not tracks:
         return None
-    outlines = ProductOutlines(context.dpm.store)
+    outlines = context.places
     bounds = bounds_deg(_record(context, outlines, track).in_degrees for track in tracks)
     return Collection(TRACKS, bounds, min(t.t0_ns for t in tracks), max(t.t1_ns for t in tracks))
 
@@ -55,7 +55,7 @@ def tracks_in(
 ) -> tuple[list[TrackRecord], str | None]:
     """Return a page of tracks by region and time, in the order of their ids, and the cursor of the next."""
     region = None if bbox is None else box_outline(bbox)
-    outlines = ProductOutlines(context.dpm.store)
+    outlines = context.places
     records: list[TrackRecord] = []
     for track in sorted(context.dpm.store.poses.tracks(robot), key=_id):
         if cursor is not None and _id(track) <= cursor:
@@ -74,7 +74,7 @@ def track_of(context: Context, track_id: str) -> TrackRecord:
     """Return a track by its id; raises ProductNotFoundError."""
     for track in context.dpm.store.poses.tracks():
         if _id(track) == track_id:
-            return _record(context, ProductOutlines(context.dpm.store), track)
+            return _record(context, context.places, track)
     raise ProductNotFoundError(f"no trajectory {track_id[:80]!r}")
 
 

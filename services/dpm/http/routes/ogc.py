@@ -20,7 +20,6 @@ from cdff_common.clock import format_stamp, wall_ns
 from cdff_common.errors import ProductNotFoundError
 from dpm_store import Query as StoreQuery
 from services.dpm.http.context import Context, Ctx
-from services.dpm.http.geographic_outlines import ProductOutlines
 from services.dpm.http.models import (
     GEOJSON,
     GEOJSON_BODY,
@@ -208,7 +207,7 @@ def item(
 @router.get("/crs/{name}", response_class=PlainTextResponse)
 def crs(context: Ctx, name: Annotated[str, Path(max_length=64)]) -> str:
     """Return, as WKT2, a CRS that no authority defines: longitude before latitude on the site's body."""
-    body = ProductOutlines(context.dpm.store).body
+    body = context.places.body
     if body is None or name != f"{body.name}_lonlat":
         raise ProductNotFoundError(f"no CRS {name[:64]!r} is defined here")
     return str(lonlat(body).to_wkt("WKT2_2019"))
@@ -221,7 +220,7 @@ def base_url(request: Request) -> str:
 
 def crs_list(context: Context, request: Request) -> CrsList | None:
     """Return the CRSs of features; None if the site is not anchored."""
-    body = ProductOutlines(context.dpm.store).body
+    body = context.places.body
     return None if body is None else CrsList(body, base_url(request))
 
 

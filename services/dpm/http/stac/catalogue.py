@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -17,11 +18,11 @@ from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geodesy import Body
 from cdff_common.geometry.region import Region
 from dpm_store import Page, ProductRecord, Query
-from dpm_store.products.records import Cursor
-from dpm_store.search.extents import Extent
+from dpm_store.products.records import Cursor, Order
+from dpm_store.search.extents import Extent, Origin
+from dpm_store.search.filters import Among, Call
 from services.dpm.http.context import Context
-from services.dpm.http.geographic_outlines import ProductOutlines
-from services.dpm.http.search_places import Place
+from services.dpm.http.search_places import Place, Touching, both, box_outline, required_place
 
 #: Store pages that one page of features may be filtered from.
 _MAX_STEPS = 50
@@ -43,12 +44,18 @@ class Collection:
         ``west south east north`` on the body; None if no product has a location.
     t0_ns, t1_ns : int
         Start of the first and end of the last capture.
+    origins : tuple of Origin
+        Robots, DFPCs, types and statuses of the products.
+    frames : tuple of str
+        Frames of the products.
     """
 
     id: str
     bounds_deg: tuple[float, float, float, float] | None
     t0_ns: int
     t1_ns: int
+    origins: tuple[Origin, ...] = ()
+    frames: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -106,7 +113,7 @@ class Catalogue:
     def __init__(self, context: Context, body: Body | None = None) -> None:
         self._context = context
         self._body = body
-        self.places = ProductOutlines(context.dpm.store)
+        self.places = context.places
 
     def collections(self) -> tuple[Collection, ...]:
         """Return the collections with products, by name."""
@@ -137,15 +144,12 @@ class Catalogue:
 
     def placed(self, records: Sequence[ProductRecord]) -> list[OutlinedProduct]:
         """Return products with their outlines."""
+        frames = [record.fields["frame"] for record in records]
         outlines = self.places.outlines_in_frame(records)
+        in_degrees = self.places.outlines_in_degrees(frames, outlines)
         return [
-            OutlinedProduct(
-                record,
-                outline,
-                self.places.outline_in_degrees(record.header.frame, outline),
-                self.places.body_of(record.header.frame),
-            )
-            for record, outline in zip(records, outlines, strict=True)
+            OutlinedProduct(record, outline, degrees, self.places.body_of(frame))
+            for record, frame, outline, degrees in zip(records, frames, outlines, in_degrees, strict=True)
         ]
 
     def find(
@@ -156,15 +160,21 @@ class Catalogue:
         Parameters
         ----------
         query : Query
-            Query without a region.
+            Query without a region; its expression may contain ``Touching``.
         bbox : sequence of 4 or 6, optional
             Degrees, west before east except across the antimeridian. Products without an outline on the body
             are not included.
         intersects : geometry, optional
             Degrees, instead of ``bbox``.
         """
+        where = query.where
+        if bbox is None and intersects is None:
+            intersects, where = required_place(where)
         place = Place(self.places, bbox, intersects)
-        if place.outline is None:
+        query = replace(query, where=self._searched(where))
+        if place.outline is not None and query.sort:
+            query = replace(query, where=both(query.where, self._touching(place)))
+        if place.outline is None or query.sort:
             page = self._context.dpm.retrieval.find(query)
             return FeaturePage(tuple(self.placed(page.items)), page.cursor, self._count(query))
         regions = self.places.regions(place.bounds, self._body)
@@ -172,7 +182,8 @@ class Catalogue:
         limit, cursor = query.limit, query.cursor
         for _ in range(_MAX_STEPS):  # the regions enclose the place
             page = self._page(replace(query, limit=limit - len(matches), cursor=cursor), regions)
-            matches += [p for p in self.placed(page.items) if place.touches(p)]
+            placed = self.placed(page.items)
+            matches += placed if place.is_plain_box else place.touching(placed)
             cursor = page.cursor
             if cursor is None or len(matches) >= limit:
                 break
@@ -188,7 +199,8 @@ class Catalogue:
         if len(pages) == 1:
             return pages[0]
         found = {record.ordinal: record for page in pages for record in page.items}
-        items = sorted(found.values(), key=lambda r: (r.t1_ns, r.ordinal), reverse=True)
+        newest_first = query.order is not Order.OLDEST
+        items = sorted(found.values(), key=lambda r: (r.t1_ns, r.ordinal), reverse=newest_first)
         is_last = len(items) <= query.limit and all(page.cursor is None for page in pages)
         items = items[: query.limit]
         if is_last or not items:
@@ -209,8 +221,12 @@ class Catalogue:
             return None
         if not place.is_plain_box:
             page = self._page(replace(query, limit=MAX_PAGE), regions)
-            touching = sum(place.touches(p) for p in self.placed(page.items))
-            return touching if page.cursor is None else None
+            return len(place.touching(self.placed(page.items))) if page.cursor is None else None
+        found = self._ordinals_in(query, regions)
+        return None if found is None else len(found)
+
+    def _ordinals_in(self, query: Query, regions: Sequence[tuple[str, Region]]) -> set[int] | None:
+        """Return the products in one of the regions; None if they are too many."""
         found: set[int] = set()
         for frame, region in regions:
             part = self._context.dpm.store.ordinals_in(
@@ -219,27 +235,38 @@ class Catalogue:
             if part is None:
                 return None
             found |= part
-        return len(found)
+        return found
 
-    def find_ids(
-        self,
-        ids: Sequence[str],
-        query: Query,
-        *,
-        bbox: Sequence[float] | None = None,
-        intersects: BaseGeometry | None = None,
-    ) -> FeaturePage:
-        """Return the products of these ids that match the other conditions; unknown ids are omitted."""
-        place = Place(self.places, bbox, intersects)
-        records = []
-        for product_id in dict.fromkeys(ids):
-            try:
-                records.append(self._context.dpm.store.get(product_id))
-            except ProductNotFoundError:
-                continue
-        placed = self.placed([record for record in records if _fits(record, query)])
-        products = tuple(p for p in placed if place.touches(p))
-        return FeaturePage(products, None, len(products))
+    def _searched(self, where: Any) -> Any:
+        """Return an expression with the products that touch each place in it."""
+        if isinstance(where, Touching):
+            bbox, geometry = where.place
+            return self._touching(Place(self.places, bbox, geometry))
+        if isinstance(where, Call):
+            return Call(where.op, tuple(self._searched(argument) for argument in where.args))
+        return where
+
+    def _touching(self, place: Place) -> Among:
+        """Return the products that touch a place; raises InputError if they are too many."""
+        regions = self.places.regions(place.bounds, self._body)
+        if place.is_plain_box:
+            found = self._ordinals_in(Query(), regions)
+        else:
+            found, cursor = set(), None
+            for _ in range(_MAX_STEPS):
+                page = self._page(Query(limit=MAX_PAGE, cursor=cursor), regions)
+                found.update(p.record.ordinal for p in place.touching(self.placed(page.items)))
+                cursor = page.cursor
+                if cursor is None:
+                    break
+            if cursor is not None:
+                found = None
+        if found is None:
+            raise InputError(
+                f"more than {_MOST_COUNTED} products are near the geometry: give it as bbox or intersects, or "
+                "a smaller one"
+            )
+        return Among(frozenset(found))
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
         boxes = [
@@ -248,7 +275,33 @@ class Catalogue:
             if e.box_m is not None and self.places.body_of(e.frame) == self.places.body
         ]
         bounds = bounds_deg(self.places.outline_in_degrees(frame, box) for frame, box in boxes)
-        return Collection(name, bounds, min(e.t0_ns for e in extents), max(e.t1_ns for e in extents))
+        times = min(e.t0_ns for e in extents), max(e.t1_ns for e in extents)
+        all_origins = self._context.extents.origins(self._context.dpm.store)
+        origins = tuple(origin for origin in all_origins if origin.product == name)
+        return Collection(name, bounds, *times, origins, tuple(sorted({e.frame for e in extents})))
+
+
+def selected_collections(
+    collections: Sequence[Collection],
+    bbox: Sequence[float] | None,
+    datetime: str | None,
+    words: str | None,
+) -> list[Collection]:
+    """Return the collections whose extent touches a box and an interval, with one of some words."""
+    t0_ns, t1_ns = span_of(datetime)
+    box = None if bbox is None else box_outline(bbox)
+    wanted = [word.strip().lower() for word in (words or "").split(",") if word.strip()]
+
+    def is_selected(c: Collection) -> bool:
+        text = f"{c.id} {c.title} {c.description}".lower()
+        return (
+            (t0_ns is None or c.t1_ns >= t0_ns)
+            and (t1_ns is None or c.t0_ns <= t1_ns)
+            and (not wanted or any(word in text for word in wanted))
+            and (box is None or (c.bounds_deg is not None and box.intersects(shapely.box(*c.bounds_deg))))
+        )
+
+    return [c for c in collections if is_selected(c)]
 
 
 def bounds_deg(
@@ -301,12 +354,3 @@ def numbers_of(text: str | None, name: str = "bbox") -> list[float] | None:
 def page_size(limit: int | None) -> int:
     """Return the features per page; a limit above the largest is reduced (OGC 17-069r4 §7.15.3)."""
     return 100 if limit is None else min(limit, MAX_PAGE)
-
-
-def _fits(record: ProductRecord, query: Query) -> bool:
-    header = record.header
-    return (
-        (not query.types or record.product in query.types)
-        and (query.t0_ns is None or header.t1_ns >= query.t0_ns)
-        and (query.t1_ns is None or header.t0_ns <= query.t1_ns)
-    )

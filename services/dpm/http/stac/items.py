@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Conversion of products to STAC 1.1 items.
 
+Items in lists are short: their ``geometry`` encloses the outline of the product with few corners. Detailed
+items also contain coordinate reference systems, the exact outline, inputs, configuration and all files.
+
 ``geometry`` and ``bbox`` are longitudes and latitudes on the body in degrees; ``proj:geometry`` and
 ``proj:bbox`` are metres in the CRS of its frame. If the frame is not anchored on a body, an item has no
 ``geometry`` and no ``bbox``, as STAC requires for items without a location; the ``proj:`` fields then refer
@@ -14,12 +17,14 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from cdff_common.clock import format_stamp
 from cdff_common.geodesy import Body
-from services.dpm.http.geographic_outlines import ProductOutlines, geojson
-from services.dpm.http.models import GEOJSON, JSON
+from services.dpm.http.geographic_outlines import ProductOutlines, enclosing, geojson, rounded
+from services.dpm.http.models import GEOJSON, JSON, QUERYABLES, SCHEMA
 from services.dpm.http.ogc.crs import code_of
 from services.dpm.http.stac.catalogue import Collection, OutlinedProduct
 from services.dpm.rendering.convert import file_formats
@@ -31,6 +36,11 @@ FILE = "https://stac-extensions.github.io/file/v2.1.0/schema.json"
 PROCESSING = "https://stac-extensions.github.io/processing/v1.2.0/schema.json"
 #: Largest number of inputs that an item names.
 _MAX_INPUTS = 100
+#: Decimals of degrees in lists: 0.1 mm on the Earth.
+_DECIMALS = 9
+_TITLES = {"footprint": "Footprint", "payload": "As stored", "thumbnail": "Seen from above"}
+#: Largest number of values of a property in a summary.
+_MAX_SUMMARY = 100
 #: Types with a thumbnail.
 _PICTURED = frozenset({"ElevationMap", "NavigationMap", "Pointcloud", "PoseTrajectory", "Frame"})
 
@@ -55,47 +65,96 @@ class ItemWriter:
         self._plane = functools.cache(lambda frame: crs_fields(self._place(frame).crs))
         self._code = functools.cache(code_of)
         self._globe = functools.cache(lambda body: crs_fields(body.geographic_crs))
+        self._formats = functools.cache(file_formats)
 
-    def items(self, products: Sequence[OutlinedProduct]) -> list[dict[str, Any]]:
-        """Return the STAC items of products; their inputs are looked up once."""
-        inputs = {i for product in products for i in product.record.header.inputs[:_MAX_INPUTS]}
-        self._live = self._places.live(inputs)
-        return [self.item(product) for product in products]
-
-    def item(self, product: OutlinedProduct) -> dict[str, Any]:
-        """Return the STAC item of a product."""
-        record, outline, h = product.record, product.in_degrees, product.record.header
-        collection = f"{self._stac}/collections/{record.product}"
-        links = [
-            {"rel": "self", "type": GEOJSON, "href": f"{collection}/items/{record.id}"},
-            {"rel": "root", "type": JSON, "href": self._stac},
-            {"rel": "parent", "type": JSON, "href": collection},
-            {"rel": "collection", "type": JSON, "href": collection},
-            {"rel": "via", "type": JSON, "href": f"{self._root}api/v1/products/{record.id}"},
-            *(
-                {
-                    "rel": "derived_from",
-                    "type": JSON,
-                    "href": f"{self._root}api/v1/products/{i}",
-                }
-                for i in h.inputs[:_MAX_INPUTS]
-                if i in self._live
-            ),
+    def items(self, products: Sequence[OutlinedProduct], *, detailed: bool = False) -> list[dict[str, Any]]:
+        """Return the STAC items of products."""
+        outlines = rounded(self._enclosing(products), _DECIMALS)
+        bounds = shapely.bounds(np.array(outlines, dtype=object)).tolist()
+        items = [
+            self._item(product, outline, box)
+            for product, outline, box in zip(products, outlines, bounds, strict=True)
         ]
+        if detailed:
+            inputs = {i for p in products for i in p.record.fields["inputs"][:_MAX_INPUTS]}
+            self._live = self._places.live(inputs)
+            for product, item in zip(products, items, strict=True):
+                self._add_details(product, item)
+        return items
+
+    def _enclosing(self, products: Sequence[OutlinedProduct]) -> list[BaseGeometry | None]:
+        """Return the outlines in degrees, with few corners."""
+        in_frame = [product.in_frame for product in products]
+        simple = enclosing(in_frame)
+        results = [product.in_degrees for product in products]
+        changed = [
+            i
+            for i, (old, new) in enumerate(zip(in_frame, simple, strict=True))
+            if new is not old and results[i] is not None
+        ]
+        frames = [products[i].record.fields["frame"] for i in changed]
+        in_degrees = self._places.outlines_in_degrees(frames, [simple[i] for i in changed])
+        for i, outline in zip(changed, in_degrees, strict=True):
+            results[i] = outline
+        return results
+
+    def _item(self, product: OutlinedProduct, outline: BaseGeometry | None, bounds: Any) -> dict[str, Any]:
+        record = product.record
+        collection = f"{self._stac}/collections/{record.product}"
         item: dict[str, Any] = {
             "type": "Feature",
             "stac_version": VERSION,
-            "stac_extensions": [PROJECTION, FILE, PROCESSING, *([] if product.body is None else [TARGETS])],
+            "stac_extensions": [FILE] if product.body is None else [FILE, TARGETS],
             "id": record.id,
             "collection": record.product,
             "geometry": geojson(outline),
             "properties": self._properties(product),
-            "links": links,
+            "links": [
+                {"rel": "self", "type": GEOJSON, "href": f"{collection}/items/{record.id}"},
+                {"rel": "root", "type": JSON, "href": self._stac},
+                {"rel": "parent", "type": JSON, "href": collection},
+                {"rel": "collection", "type": JSON, "href": collection},
+            ],
             "assets": self._assets(product),
         }
         if outline is not None:
-            item["bbox"] = [float(v) for v in outline.bounds]
+            item["bbox"] = bounds
         return item
+
+    def _add_details(self, product: OutlinedProduct, item: dict[str, Any]) -> None:
+        """Add the fields that lists omit."""
+        record, f = product.record, product.record.fields
+        inputs = f["inputs"][:_MAX_INPUTS]
+        products = f"{self._root}api/v1/products"
+        item["stac_extensions"] += [PROJECTION, PROCESSING]
+        item["links"] += [
+            {"rel": "via", "type": JSON, "href": f"{products}/{record.id}"},
+            *(
+                {"rel": "derived_from", "type": JSON, "href": f"{products}/{i}"}
+                for i in inputs
+                if i in self._live
+            ),
+        ]
+        if "thumbnail" in item["assets"]:
+            thumbnail = item["assets"]["thumbnail"]
+            item["links"].append({"rel": "preview", "type": "image/png", "href": thumbnail["href"]})
+        item["properties"] |= {
+            "title": f"{record.product} of {record.robot}",
+            "start_datetime": format_stamp(f["t0_ns"]),
+            "end_datetime": format_stamp(f["t1_ns"]),
+            "processing:facility": record.dfpc,
+            "processing:software": {"producer": f["producer"] or record.dfpc},
+            "cdff:reasons": list(f["quality"].get("reasons", ())),
+            "cdff:config_hash": f["config_hash"],
+            **self._projection(product),
+        }
+        if inputs:
+            item["properties"]["cdff:inputs"] = list(inputs)
+        if f.get("signature") is not None:
+            item["properties"]["cdff:signature"] = f["signature"]
+        if product.body is not None:
+            item["properties"]["cdff:geographic_crs"] = self._code(product.body)
+        item["assets"] = self._detailed_assets(product, item["assets"])
 
     def collection(self, c: Collection) -> dict[str, Any]:
         """Return the STAC collection of a product type."""
@@ -115,59 +174,92 @@ class ItemWriter:
                 {"rel": "root", "type": JSON, "href": self._stac},
                 {"rel": "parent", "type": JSON, "href": self._stac},
                 {"rel": "items", "type": GEOJSON, "href": f"{url}/items"},
+                {"rel": QUERYABLES, "type": SCHEMA, "href": f"{url}/queryables"},
             ],
+            "summaries": summaries(c),
+            "item_assets": self._described_assets(c),
         }
         if self._body is not None:
             data |= {"stac_extensions": [TARGETS], "ssys:targets": [target(self._body)]}
         return data
 
+    def _described_assets(self, c: Collection) -> dict[str, Any]:
+        """Return the files that items of a collection may have."""
+        assets: dict[str, Any] = {
+            "footprint": {"type": GEOJSON, "roles": ["metadata"], "title": _TITLES["footprint"]},
+            "payload": {
+                "type": "application/octet-stream",
+                "roles": ["data"],
+                "title": _TITLES["payload"],
+            },
+        }
+        for type_name in sorted({origin.type_name for origin in c.origins}):
+            for name, media_type in self._formats(type_name).items():
+                assets[name] = {"type": media_type, "roles": ["data"], "title": name}
+            if type_name in _PICTURED:
+                title = _TITLES["thumbnail"]
+                assets["thumbnail"] = {"type": "image/png", "roles": ["thumbnail"], "title": title}
+        return assets
+
     def _properties(self, product: OutlinedProduct) -> dict[str, Any]:
-        record, h = product.record, product.record.header
+        record, f = product.record, product.record.fields
         properties: dict[str, Any] = {
-            "datetime": format_stamp(h.t1_ns),
-            "start_datetime": format_stamp(h.t0_ns),
-            "end_datetime": format_stamp(h.t1_ns),
-            "title": f"{record.product} of {record.robot}",
+            "datetime": format_stamp(f["t1_ns"]),
             "platform": record.robot,
             "instruments": [f"{record.dfpc}/{record.port}"],
-            "processing:facility": record.dfpc,
-            "processing:software": {"producer": h.producer or record.dfpc},
             "cdff:type_name": record.type_name,
-            "cdff:frame": h.frame,
-            "cdff:status": str(h.quality.status),
-            "cdff:reasons": list(h.quality.reasons),
-            "cdff:config_hash": h.config_hash,
+            "cdff:frame": f["frame"],
+            "cdff:status": f["quality"]["status"],
         }
-        if h.inputs:
-            properties["cdff:inputs"] = list(h.inputs[:_MAX_INPUTS])
-        if h.resolution_m is not None:
-            properties["gsd"] = h.resolution_m
-        if h.child is not None:
-            properties["cdff:child"] = h.child
-        if h.signature is not None:
-            properties["cdff:signature"] = h.signature
+        if f["t0_ns"] != f["t1_ns"]:
+            properties["start_datetime"] = format_stamp(f["t0_ns"])
+            properties["end_datetime"] = properties["datetime"]
+        if f.get("resolution_m") is not None:
+            properties["gsd"] = f["resolution_m"]
+        if f.get("child") is not None:
+            properties["cdff:child"] = f["child"]
         if product.body is not None:
-            properties |= {
-                "ssys:targets": [target(product.body)],
-                "cdff:geographic_crs": self._code(product.body),
-            }
-        return properties | self._projection(product)
+            properties["ssys:targets"] = [target(product.body)]
+        return properties
 
     def _projection(self, product: OutlinedProduct) -> dict[str, Any]:
-        fields = {"proj:code": None, **self._plane(product.record.header.frame)}
+        fields = {"proj:code": None, **self._plane(product.record.fields["frame"])}
         if product.in_frame is None:
             return fields
-        place = self._place(product.record.header.frame)
+        place = self._place(product.record.fields["frame"])
         outline = shapely.transform(product.in_frame, place.coordinates)
         return fields | {"proj:geometry": geojson(outline), "proj:bbox": [float(v) for v in outline.bounds]}
 
     def _assets(self, product: OutlinedProduct) -> dict[str, Any]:
+        """Return the files that lists name: the payload, its first file format, and a picture."""
         record = product.record
+        if not record.size:
+            return {}
         url = f"{self._root}api/v1/products/{record.id}"
+        assets: dict[str, Any] = {
+            "payload": {
+                "href": f"{url}/payload",
+                "type": "application/octet-stream",
+                "roles": ["data"],
+                "file:size": record.size,
+            }
+        }
+        for name, media_type in list(self._formats(record.type_name).items())[:1]:
+            assets[name] = {"href": f"{url}/payload?format={name}", "type": media_type, "roles": ["data"]}
+        if record.type_name in _PICTURED:
+            assets["thumbnail"] = {
+                "href": f"{url}/thumbnail.png",
+                "type": "image/png",
+                "roles": ["thumbnail"],
+            }
+        return assets
+
+    def _detailed_assets(self, product: OutlinedProduct, assets: dict[str, Any]) -> dict[str, Any]:
+        """Return all files, with titles."""
+        record = product.record
         footprint: dict[str, Any] = {
             "href": f"{self._root}ogc/collections/{record.product}/items/{record.id}",
             "type": GEOJSON,
-            "title": "Footprint",
             "roles": ["metadata"],
         }
         if product.body is not None and product.in_degrees is not None:
@@ -177,32 +269,36 @@ class ItemWriter:
                 "proj:geometry": geojson(product.in_degrees),
                 "proj:bbox": [float(v) for v in product.in_degrees.bounds],
             }
-        assets: dict[str, Any] = {"footprint": footprint}
-        if not record.size:
-            return assets
-        assets["payload"] = {
-            "href": f"{url}/payload",
-            "type": "application/octet-stream",
-            "roles": ["data"],
-            "title": f"{record.type_name} as {record.codec}",
-            "file:size": record.size,
-            "file:checksum": f"1220{record.sha256}",
-        }
-        for name, media_type in file_formats(record.type_name).items():
-            assets[name] = {
-                "href": f"{url}/payload?format={name}",
-                "type": media_type,
-                "title": name,
-                "roles": ["data"],
-            }
-        if record.type_name in _PICTURED:
-            assets["thumbnail"] = {
-                "href": f"{url}/thumbnail.png",
-                "type": "image/png",
-                "title": "Seen from above",
-                "roles": ["thumbnail"],
-            }
-        return assets
+        all_assets = {"footprint": footprint, **assets}
+        if record.size:
+            all_assets["payload"]["file:checksum"] = f"1220{record.sha256}"
+            url = f"{self._root}api/v1/products/{record.id}/payload"
+            for name, media_type in self._formats(record.type_name).items():
+                all_assets.setdefault(
+                    name, {"href": f"{url}?format={name}", "type": media_type, "roles": ["data"]}
+                )
+        for name, asset in all_assets.items():
+            asset["title"] = _TITLES.get(name, name)
+        return all_assets
+
+
+def summaries(c: Collection) -> dict[str, Any]:
+    """Return the values of properties in the items of a collection."""
+    values = {
+        "platform": {o.robot for o in c.origins},
+        "instruments": {f"{o.dfpc}/{o.port}" for o in c.origins},
+        "cdff:type_name": {o.type_name for o in c.origins},
+        "cdff:status": {o.status for o in c.origins},
+        "cdff:frame": set(c.frames),
+    }
+    data: dict[str, Any] = {
+        name: sorted(of_name)[:_MAX_SUMMARY] for name, of_name in values.items() if of_name
+    }
+    finest = [o.finest_m for o in c.origins if o.finest_m is not None]
+    coarsest = [o.coarsest_m for o in c.origins if o.coarsest_m is not None]
+    if finest and coarsest:
+        data["gsd"] = {"minimum": min(finest), "maximum": max(coarsest)}
+    return data
 
 
 def crs_fields(crs: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from cdff_common.geodesy import Anchor, body
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.types import Pointcloud
 from dpm_store.frames import frames
-from services.dpm.http.geographic_outlines import cut_at_antimeridian
+from services.dpm.http.geographic_outlines import MAX_CORNERS, cut_at_antimeridian, enclosing
 from services.dpm.http.middleware.conditional import matches
 from services.dpm.http.ogc.crs import CrsList
 from services.dpm.http.routes import products
@@ -253,7 +253,8 @@ def test_a_body_without_an_iau_code_has_its_own_crs(http: TestClient, dpm: Dpm) 
     uris = http.get("/ogc/collections/dem").json()["crs"]
     assert uris == ["http://127.0.0.1:8080/ogc/crs/bennu_lonlat"]
     assert "ELLIPSOID" in http.get("/ogc/crs/bennu_lonlat").text
-    (item,) = http.get("/stac/collections/dem/items").json()["features"]
+    (listed,) = http.get("/stac/collections/dem/items").json()["features"]
+    item = http.get(f"/stac/collections/dem/items/{listed['id']}").json()
     assert item["properties"]["ssys:targets"] == ["Bennu"]
     assert item["properties"]["cdff:geographic_crs"] is None
 
@@ -270,6 +271,20 @@ def test_an_outline_far_from_the_antimeridian_is_unchanged() -> None:
     assert parts.equals(
         shapely.union(shapely.box(179.0, 0.0, 180.0, 1.0), shapely.box(-180.0, 0.0, -179.0, 1.0))
     )
+
+
+def test_an_outline_with_many_corners_is_enclosed_by_one_with_few() -> None:
+    angles = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    star = shapely.Polygon(
+        np.column_stack([np.cos(angles), np.sin(angles)]) * (2 + np.cos(9 * angles))[:, None]
+    )
+    square = shapely.box(0.0, 0.0, 1.0, 1.0)
+    around, same, none = enclosing([star, square, None])
+    assert around is not None
+    assert shapely.get_num_coordinates(around) <= MAX_CORNERS + 1
+    assert around.buffer(1e-9).covers(star)
+    assert around.area < 1.1 * star.convex_hull.area
+    assert (same, none) == (square, None)
 
 
 def test_features_filter_by_robot_and_status(http: TestClient, inserted_id: InsertedId) -> None:
@@ -362,7 +377,10 @@ def test_items_link_the_inputs_that_exist_and_name_all(http: TestClient, dpm: Dp
     inputs = (first.id, gone.id, sample)
     _, merged = dpm.writer.put(*put_arguments(elevation(0.0), "dem", 3, resolution_m=0.1, inputs=inputs))
     dpm.writer.delete(gone.id)
-    for path in (f"/stac/collections/dem/items/{merged.id}", f"/stac/search?ids={merged.id}"):
+    for path in (
+        f"/stac/collections/dem/items/{merged.id}",
+        f"/stac/search?ids={merged.id}&fields=properties",
+    ):
         answer = http.get(path).json()
         (item,) = answer.get("features", [answer])
         links = [link["href"] for link in item["links"] if link["rel"] == "derived_from"]
