@@ -50,8 +50,8 @@ class Call:
     Attributes
     ----------
     op : str
-        ``and``, ``or``, ``not``, a comparison, ``like`` (a backslash before ``%`` or ``_`` stands for
-        the letter), ``between``, ``in``, ``isNull`` or ``lower``.
+        ``and``, ``or``, ``not``, a comparison, ``like`` (after a backslash, ``%`` and ``_`` are
+        letters), ``between``, ``in``, ``isNull`` or ``lower``.
     args : tuple
     """
 
@@ -61,7 +61,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Among:
-    """Whether a product is one of these."""
+    """Condition that a product is one of these."""
 
     ordinals: frozenset[int]
 
