@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import ipaddress
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,12 @@ class Settings:
         Create a database although the directory has payloads of an earlier one.
     identity : Identity or None
         Identity with which HTTP is served over TLS.
+    cors_origins : tuple of str
+        Origins whose pages may read over HTTP; ``*`` for all.
+    root_path : str
+        Path below which a proxy serves HTTP, in links.
+    behind_proxy : bool
+        Whether ``X-Forwarded-Prefix`` and ``X-Forwarded-Host`` are read.
     """
 
     data_dir: Path
@@ -55,6 +62,9 @@ class Settings:
     max_body_bytes: int = DEFAULT_MAX_BODY_MB << 20
     new: bool = False
     identity: Identity | None = None
+    cors_origins: tuple[str, ...] = ()
+    root_path: str = ""
+    behind_proxy: bool = False
 
     @property
     def store_url(self) -> str:
@@ -100,6 +110,23 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         help="file of API keys, lines of 'sha256hex role name'; needed off loopback",
     )
     parser.add_argument(
+        "--cors-origin",
+        action="append",
+        default=[n for n in environment.get("CDFF_HTTP_CORS", "").split(",") if n],
+        help="origin whose pages may read, as https://maps.example; * for all (repeatable)",
+    )
+    parser.add_argument(
+        "--root-path",
+        default=environment.get("CDFF_HTTP_ROOT_PATH", ""),
+        help="path below which a proxy serves the DPM, as /dpm",
+    )
+    parser.add_argument(
+        "--behind-proxy",
+        action="store_true",
+        default=environment.get("CDFF_HTTP_BEHIND_PROXY") == "1",
+        help="read X-Forwarded-Prefix and X-Forwarded-Host, which only a proxy may send",
+    )
+    parser.add_argument(
         "--new",
         action="store_true",
         help="create an empty database although the directory has payloads of a missing one",
@@ -110,6 +137,8 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
     host = host.removeprefix("[").removesuffix("]")
     if not separator or not host or not port.isdigit() or int(port) > 65535:
         raise ConfigurationError(f"--http {args.http!r}: expected host:port, as in {DEFAULT_HTTP}")
+    if args.root_path and not re.fullmatch(r"(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*){1,16}", args.root_path):
+        raise ConfigurationError(f"--root-path {args.root_path!r}: expected a path as /dpm")
     published = environment.get("CDFF_HTTP_PUBLISHED_ON_LOOPBACK") == "1"
     folder = environment.get(VARIABLE)
     identity = Identity.read(Path(folder)) if folder else None
@@ -130,4 +159,7 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         args.max_body_mb << 20,
         args.new,
         identity,
+        tuple(args.cors_origin),
+        args.root_path,
+        args.behind_proxy,
     )

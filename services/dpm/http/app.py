@@ -8,7 +8,8 @@ import functools
 import threading
 from typing import Any
 
-from fastapi import Depends, FastAPI
+from fastapi import Depends, FastAPI, Request
+from fastapi.middleware.cors import CORSMiddleware
 from fastapi.responses import JSONResponse
 
 from services.dpm.http.context import Context, checked_query
@@ -16,6 +17,7 @@ from services.dpm.http.middleware import problems
 from services.dpm.http.middleware.admission import Admission
 from services.dpm.http.middleware.conditional import Conditional
 from services.dpm.http.middleware.guard import Guard
+from services.dpm.http.middleware.proxy import Proxy
 from services.dpm.http.middleware.roles import rules_of
 from services.dpm.http.middleware.uploads import Uploads
 from services.dpm.http.models import OPENAPI, Problem
@@ -63,6 +65,9 @@ MODULES = (
     page,
 )
 
+#: Headers that pages of other origins may send, and those of answers that they may read.
+_CORS_HEADERS = ("Authorization", "Content-Type", "If-None-Match", "If-Range", "Range")
+_EXPOSED_HEADERS = ("Accept-Ranges", "Content-Crs", "Content-Range", "ETag", "Link", "Retry-After")
 _OPENAPI_LOCK = threading.Lock()
 
 
@@ -77,6 +82,15 @@ def create_app(context: Context) -> FastAPI:
     app.add_middleware(Uploads, store=dpm.store, budget=dpm.budget, max_body_bytes=settings.max_body_bytes)
     app.add_middleware(Guard, settings=settings, rules=rules, refusals=RefusalLog(dpm))
     app.add_middleware(Admission, budget=dpm.budget)
+    if settings.cors_origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=settings.cors_origins,
+            allow_methods=("GET", "HEAD", "POST"),
+            allow_headers=_CORS_HEADERS,
+            expose_headers=_EXPOSED_HEADERS,
+        )
+    app.add_middleware(Proxy, root_path=settings.root_path, is_trusted=settings.behind_proxy)
     return app
 
 
@@ -97,11 +111,18 @@ def _openapi_document() -> dict[str, Any]:
     return document
 
 
+def _interface(request: Request) -> JSONResponse:
+    """Return the OpenAPI document; behind a proxy it names the path of the server."""
+    root_path = request.scope.get("root_path", "")
+    servers = {"servers": [{"url": root_path}]} if root_path else {}
+    return JSONResponse(openapi() | servers, media_type=OPENAPI)
+
+
 def _app_with_routes() -> FastAPI:
     app = FastAPI(
         title="CDFF Data Product Manager", version="1", docs_url=None, redoc_url=None, openapi_url=None
     )
-    app.add_route("/openapi.json", lambda _: JSONResponse(openapi(), media_type=OPENAPI))
+    app.add_route("/openapi.json", _interface)
     for module in MODULES[:-1]:
         app.include_router(module.router, responses=problems.RESPONSES, dependencies=[Depends(checked_query)])
     app.include_router(page.router)

@@ -61,6 +61,11 @@ def context_of(request: Request) -> Context:
     return cast(Context, request.app.state.context)
 
 
+def root_path(request: Request) -> str:
+    """Return the path of the server behind a proxy, as ``/dpm``; empty without one."""
+    return str(request.scope.get("root_path", ""))
+
+
 def checked_query(request: Request) -> None:
     """Refuse a parameter that is repeated or unknown to the route, as over Zenoh and in OGC 17-069r4 §7.9.
 

@@ -1,20 +1,37 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conditional GET (RFC 9110 §13) and HEAD for everything: JSON answers get a weak ETag of their content."""
+"""Conditional GET (RFC 9110 §13) and HEAD for everything: JSON answers get a weak ETag of their content, and
+answers of text are compressed.
+"""
 
 from __future__ import annotations
 
 import hashlib
 
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from services.dpm.http.middleware.compression import (
+    CODINGS,
+    MOST_AT_ONCE_BYTES,
+    SMALLEST_BYTES,
+    coding_for,
+    is_compressible,
+)
 from services.dpm.queries.bodies import parse_revision
 
 #: Endless streams, without HEAD.
 _NO_HEAD = frozenset({"/api/v1/events"})
-_JSON = ("application/json", "application/geo+json", "application/vnd.oai.openapi+json")
+#: Searches by a body, which change nothing.
+_SEARCHES = frozenset({"/stac/search"})
+_JSON = (
+    "application/json",
+    "application/geo+json",
+    "application/vnd.oai.openapi+json",
+    "application/schema+json",
+)
 #: Larger answers are forwarded without an ETag.
 _MAX_BYTES = 8 << 20
 
@@ -52,29 +69,38 @@ class Conditional:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer HEAD like GET without a body, and 304 if the caller has the current content."""
-        if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD") or scope["path"] in _NO_HEAD:
+        is_search = scope["type"] == "http" and scope["method"] == "POST" and scope["path"] in _SEARCHES
+        if scope["type"] != "http" or scope["path"] in _NO_HEAD:
+            await self._app(scope, receive, send)
+            return
+        if scope["method"] not in ("GET", "HEAD") and not is_search:
             await self._app(scope, receive, send)
             return
         if_none_match = next(
             (v.decode("latin-1") for k, v in scope["headers"] if k == b"if-none-match"), None
         )
-        answer = _Answer(send, if_none_match, sends_body=scope["method"] == "GET")
-        await self._app({**scope, "method": "GET"}, receive, answer.send)
+        accepted = ",".join(v.decode("latin-1") for k, v in scope["headers"] if k == b"accept-encoding")
+        answer = _Answer(send, if_none_match, accepted, sends_body=scope["method"] != "HEAD")
+        method = scope["method"] if is_search else "GET"
+        await self._app({**scope, "method": method}, receive, answer.send)
 
 
 class _Answer:
-    def __init__(self, send: Send, if_none_match: str | None, *, sends_body: bool) -> None:
+    def __init__(self, send: Send, if_none_match: str | None, accepted: str, *, sends_body: bool) -> None:
         self._send = send
+        self._coding = coding_for(accepted)
         self._if_none_match = if_none_match
         self._sends_body = sends_body
         self._start: Message | None = None
         self._parts: list[bytes] = []
-        self._size = 0
+        self._is_tagged = False
 
     async def send(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(raw=message["headers"])
-            plain = message["status"] == 200 and headers.get("content-type", "").startswith(_JSON)
+            content_type = headers.get("content-type", "")
+            self._is_tagged = content_type.startswith(_JSON)
+            plain = message["status"] == 200 and (self._is_tagged or is_compressible(content_type))
             small = int(headers.get("content-length", _MAX_BYTES + 1)) <= _MAX_BYTES
             if plain and small:
                 self._start = message
@@ -91,14 +117,25 @@ class _Answer:
 
     async def _finish(self, start: Message, body: bytes) -> None:
         headers = MutableHeaders(raw=list(start["headers"]))
-        etag = headers.get("etag") or f'W/"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
-        headers["ETag"] = etag
+        etag = headers.get("etag")
+        if etag is None and self._is_tagged:
+            etag = f'W/"{hashlib.blake2b(body, digest_size=12).hexdigest()}"'
+            headers["ETag"] = etag
         headers.setdefault("Cache-Control", "private, no-cache")
-        if matches(self._if_none_match, etag):
+        if etag is not None and matches(self._if_none_match, etag):
             del headers["content-length"]
             del headers["content-type"]
             await self._send({**start, "status": 304, "headers": headers.raw})
-            body = b""
-        else:
-            await self._send({**start, "headers": headers.raw})
+            await self._send({"type": "http.response.body", "body": b""})
+            return
+        # a strong ETag is that of the body without a coding
+        if len(body) >= SMALLEST_BYTES and (etag is None or etag.startswith("W/")):
+            headers.add_vary_header("Accept-Encoding")
+            if self._coding is not None:
+                compress = CODINGS[self._coding]
+                large = len(body) > MOST_AT_ONCE_BYTES
+                body = await run_in_threadpool(compress, body) if large else compress(body)
+                headers["Content-Encoding"] = self._coding
+                headers["Content-Length"] = str(len(body))
+        await self._send({**start, "headers": headers.raw})
         await self._send({"type": "http.response.body", "body": body if self._sends_body else b""})

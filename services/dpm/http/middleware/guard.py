@@ -65,6 +65,7 @@ class Guard:
         self._keys = None if settings.keys_file is None else Keys(settings.keys_file)
         self._members = None if settings.identity is None else Members(settings.identity)
         self._max_body = settings.max_body_bytes
+        self._origins = _Everything() if "*" in settings.cors_origins else settings.cors_origins
         self._rules = tuple(rules)
         self._refusals = refusals
 
@@ -111,9 +112,10 @@ class Guard:
                 421, f"Host {host[:80]!r} is not one this server answers to; add it to CDFF_HTTP_HOSTS"
             )
         origin = headers.get("origin")
-        if method not in SAFE and origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        changes = method not in SAFE and (rule is None or rule.changes or origin not in self._origins)
+        if changes and origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return Refusal(403, f"Origin {origin[:80]!r} may not write here")
-        if method not in SAFE and headers.get("sec-fetch-site") == "cross-site":
+        if changes and headers.get("sec-fetch-site") == "cross-site":
             return Refusal(403, "a page of another site may not write here")
         if actor is None and not (method in SAFE and (path in _OPEN or path.startswith(_OPEN_BELOW))):
             return Refusal(401, "expected a known key (Authorization: Bearer) or client certificate")
@@ -132,6 +134,13 @@ class Guard:
         if actor is None and self._members is not None:
             actor = self._members.actor(scope)
         return actor
+
+
+class _Everything:
+    """Container of all origins."""
+
+    def __contains__(self, _: object) -> bool:
+        return True
 
 
 class _StatusRecorder:

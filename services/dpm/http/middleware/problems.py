@@ -80,9 +80,9 @@ async def _http(_request: Request, error: Exception) -> JSONResponse:
 
 
 async def _unknown(request: Request, error: Exception) -> JSONResponse:
-    logger.error("%s %s failed", request.method, request.url.path, exc_info=error)
+    logger.error("%s %s failed", request.method, request.scope["path"], exc_info=error)
     return problem(500, "unexpected error; see the log of the DPM", code="INTERNAL")
 
 
 def _invalid_status(request: Request) -> int:
-    return 400 if request.url.path.startswith(_STANDARD) else 422
+    return 400 if request.scope["path"].startswith(_STANDARD) else 422

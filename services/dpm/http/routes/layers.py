@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Depends, Path, Query, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import Field
 
 from cdff_common.contract.queries import (
@@ -19,7 +19,7 @@ from cdff_common.contract.queries import (
 from cdff_common.errors import ProductNotFoundError
 from cdff_common.raster.cell_selection import Choice, Disagreement, NavigationChoice
 from cdff_common.raster.rendering import NAVIGATION, RENDERINGS
-from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.context import Context, Ctx, jsonable, root_path
 from services.dpm.http.converted_files import file_response
 from services.dpm.http.models import OpenModel, StampNs
 from services.dpm.http.native_models import Items
@@ -88,15 +88,15 @@ Layer = Annotated[str, Depends(_known)]
 
 
 @router.get("", response_model=Items[MapLayer])
-def layers(context: Ctx) -> dict[str, Any]:
+def layers(context: Ctx, request: Request) -> dict[str, Any]:
     """Return the layers with their stored extents, and links to windows, profiles, tiles and products."""
-    return {"items": [_described(context, name) for name in LAYERS]}
+    return {"items": [_described(context, name, root_path(request)) for name in LAYERS]}
 
 
 @router.get("/{layer}", response_model=MapLayer)
-def layer_of(context: Ctx, layer: Layer) -> Any:
+def layer_of(context: Ctx, request: Request, layer: Layer) -> Any:
     """Return one layer: extent, smallest cell and newest capture in each frame, and links."""
-    return _described(context, layer)
+    return _described(context, layer, root_path(request))
 
 
 @router.get("/{layer}/window", response_class=Response, responses=_PICTURE)
@@ -134,7 +134,7 @@ def profile_of(
     return profile(context, parameters)
 
 
-def _described(context: Context, name: str) -> Any:
+def _described(context: Context, name: str, root: str) -> Any:
     product = LAYERS[name]
     frames = [
         {
@@ -148,13 +148,13 @@ def _described(context: Context, name: str) -> Any:
         for e in context.extents.get(context.dpm.store)
         if e.product == product
     ]
-    base = f"/api/v1/maps/{name}"
-    links = {"self": base, "products": f"/api/v1/products?type={product}", "window": f"{base}/window"}
+    base = f"{root}/api/v1/maps/{name}"
+    links = {"self": base, "products": f"{root}/api/v1/products?type={product}", "window": f"{base}/window"}
     if name in _HEIGHTS:
         links["profile"] = f"{base}/profile"
     style = LAYER_STYLES.get(name)
     if style is not None:
-        links["tiles"] = f"/tiles/{name}/{{z}}/{{x}}/{{y}}.png"
+        links["tiles"] = f"{root}/tiles/{name}/{{z}}/{{x}}/{{y}}.png"
     title, unit = ("Points", "m") if style is None else (style.title, style.unit)
     return jsonable(
         {"layer": name, "title": title, "unit": unit, "product": product, "frames": frames, "links": links}

@@ -18,7 +18,7 @@ from cdff_common.contract.queries import ProvenanceParameters, SearchParameters
 from cdff_common.errors import InputError
 from dpm_store import Annotation, Insertion, ProductRecord, StaleRevisionError
 from services.dpm.http.bodies import body_response, stored_response
-from services.dpm.http.context import Context, Ctx, jsonable
+from services.dpm.http.context import Context, Ctx, jsonable, root_path
 from services.dpm.http.converted_files import converted_name, converted_response
 from services.dpm.http.middleware.conditional import matches, required_revision
 from services.dpm.http.middleware.ranges import parse_range
@@ -48,10 +48,11 @@ def search(
     """Search metadata; ``links.next`` is the next page."""
     parameters = search_parameters.to_parameters()
     page = context.dpm.retrieval.search(search_parameters)
-    links = {"self": f"{request.url.path}?{urlencode(parameters)}"}
+    root = root_path(request)
+    links = {"self": f"{root}/api/v1/products?{urlencode(parameters)}"}
     if page.cursor is not None:
-        links["next"] = f"{request.url.path}?{urlencode(parameters | {'cursor': page.cursor})}"
-    items = [described(record) for record in page.items]
+        links["next"] = f"{root}/api/v1/products?{urlencode(parameters | {'cursor': page.cursor})}"
+    items = [described(record, root) for record in page.items]
     # Without the response model: its validation of 1000 products takes longer than the search.
     return JSONResponse({"items": items, "links": links, **jsonable(page.to_dict())})
 
@@ -76,7 +77,7 @@ async def insert(
     encoding = request.headers.get("content-type", "")
     insertion, header = await run_in_threadpool(context.dpm.writer.put, names, payload, encoding, attachment)
     response.status_code = 201 if insertion is Insertion.INSERTED else 200
-    response.headers["Location"] = f"/api/v1/products/{header.id}"
+    response.headers["Location"] = f"{root_path(request)}/api/v1/products/{header.id}"
     return {"id": header.id, "result": str(insertion)}
 
 
@@ -98,14 +99,17 @@ async def insert_all(context: Ctx, request: Request) -> dict[str, Any]:
 
 
 @router.get("/{product_id}", response_model=AnnotatedProduct, response_model_exclude_unset=True)
-def metadata(context: Ctx, product_id: str, response: Response) -> dict[str, Any]:
+def metadata(context: Ctx, request: Request, product_id: str, response: Response) -> dict[str, Any]:
     """Return the metadata of one product, its formats and its annotation; ``ETag`` is its revision."""
     record = context.dpm.store.get(product_id)
     annotation = context.dpm.store.annotations.get(product_id)
     response.headers["ETag"] = etag(annotation)
     response.headers["Cache-Control"] = "private, no-cache"
     formats = list(formats_of(record.type_name))
-    return described(record) | {"formats": formats, "annotation": jsonable(annotation.to_dict())}
+    return described(record, root_path(request)) | {
+        "formats": formats,
+        "annotation": jsonable(annotation.to_dict()),
+    }
 
 
 @router.get("/{product_id}/provenance", response_model=Provenance)
@@ -202,9 +206,9 @@ def native(
     return stored_response(context, record, first, last - first + 1, 206, headers)
 
 
-def described(record: ProductRecord) -> dict[str, Any]:
-    """Return metadata as JSON data with links."""
-    base = f"/api/v1/products/{record.id}"
+def described(record: ProductRecord, root: str) -> dict[str, Any]:
+    """Return metadata as JSON data with links below the path of the server."""
+    base = f"{root}/api/v1/products/{record.id}"
     links = {"self": base, "payload": f"{base}/payload", "thumbnail": f"{base}/thumbnail.png"}
     return {**jsonable(record.to_dict()), "links": links}
 

@@ -81,7 +81,7 @@ function bytes(n) {
 const words = (name) => name.replaceAll("_", " ");
 
 async function showStatus() {
-  const status = await ask("/api/v1/status");
+  const status = await ask("api/v1/status");
   const list = [["Products", status.products], ["Stored", bytes(status.payload_bytes)], ["Mission time", time(status.now_ns)]];
   if (status.mission) list.unshift(["Mission", status.mission]);
   byId("summary").replaceChildren(...list.map(([name, value]) =>
@@ -146,7 +146,7 @@ function robotCard(robot) {
 }
 
 async function showRobots() {
-  const { items: robots } = await ask("/api/v1/robots");
+  const { items: robots } = await ask("api/v1/robots");
   byId("robots").replaceChildren(...(robots.length ? robots.map(robotCard) : [make("p", { class: "empty" }, "No robot known.")]));
 }
 
@@ -154,7 +154,7 @@ function requestRow(job) {
   const request = job.request || {};
   const result = job.result || {};
   const last = result.id && result.stored !== false
-    ? make("a", { href: `/api/v1/products/${encodeURIComponent(result.id)}` }, result.kind || "product")
+    ? make("a", { href: `api/v1/products/${encodeURIComponent(result.id)}` }, result.kind || "product")
     : make("span", null, job.reason || (result.id ? `${result.kind || "product"}, not stored` : ""));
   const cells = [badge(job.state), words(request.type || "?"), request.robot || "", request.region || "–", time(job.accepted_ns), last];
   return make("tr", null, ...cells.map((cell) => make("td", null, cell)));
@@ -164,7 +164,7 @@ async function showRequests() {
   const body = byId("requests").tBodies[0];
   let rows;
   try {
-    const { jobs } = await ask("/api/v1/requests");
+    const { jobs } = await ask("api/v1/requests");
     rows = jobs.length ? jobs.map(requestRow) : [nothing("No request yet.")];
   } catch (error) {
     rows = [nothing(`The orchestrator does not answer: ${error.message}`)];
@@ -221,7 +221,7 @@ const facts = (pairs) => make("dl", { class: "facts" }, ...pairs.filter(([, valu
 function generations(title, provenance) {
   const rows = provenance.items.map((item) => {
     if (!item.known) return make("li", null, `${item.id} (not stored here)`);
-    const link = make("a", { href: `/api/v1/products/${item.id}` }, `${words(item.product)} of ${item.robot}, ${words(item.dfpc)}`);
+    const link = make("a", { href: `api/v1/products/${item.id}` }, `${words(item.product)} of ${item.robot}, ${words(item.dfpc)}`);
     link.addEventListener("click", (event) => { event.preventDefault(); showDetail(item.id); });
     return make("li", null, link, ` ${time(item.t1_ns)}${item.deleted_ns ? ", deleted" : ""}${item.generation > 1 ? `, generation ${item.generation}` : ""}`);
   });
@@ -229,7 +229,7 @@ function generations(title, provenance) {
 }
 
 async function showDetail(id) {
-  const base = `/api/v1/products/${encodeURIComponent(id)}`;
+  const base = `api/v1/products/${encodeURIComponent(id)}`;
   const body = byId("detail-body");
   body.replaceChildren(make("p", { class: "empty" }, "Loading …"));
   if (!byId("detail").open) byId("detail").showModal();
@@ -272,19 +272,19 @@ function alarmRow(alarm) {
 
 async function acknowledge({ kind, source }) {
   const headers = authorised({ "Content-Type": "application/json" });
-  const answer = await fetch("/api/v1/alarms/acknowledge", { method: "POST", headers, body: JSON.stringify({ kind, source }) });
+  const answer = await fetch("api/v1/alarms/acknowledge", { method: "POST", headers, body: JSON.stringify({ kind, source }) });
   byId("alarms-error").textContent = answer.ok ? "" : (await answer.json()).detail;
   await showAlarms();
 }
 
 async function showAlarms() {
-  const { items: alarms } = await ask("/api/v1/alarms");
+  const { items: alarms } = await ask("api/v1/alarms");
   byId("alarms-section").hidden = alarms.length === 0;
   byId("alarms").tBodies[0].replaceChildren(...alarms.map(alarmRow));
 }
 
 async function showFrames() {
-  const { items: fixed, tracks } = await ask("/api/v1/frames");
+  const { items: fixed, tracks } = await ask("api/v1/frames");
   const rows = fixed.map((f) => [f.frame, f.parent, "fixed", `r${f.revision}`, position(f.T), time(f.inserted_ns)]);
   const moving = tracks.map((t) => [t.child, t.parent, `moving, ${t.source}`, "", `${t.count} poses`, `${time(t.t0_ns)} to ${time(t.t1_ns)}`]);
   const all = [...rows, ...moving].map((cells) => make("tr", null, ...cells.map((cell) => make("td", null, cell))));
@@ -292,7 +292,7 @@ async function showFrames() {
   const names = [...new Set([...fixed.map((f) => f.frame), ...tracks.map((t) => t.parent)])].filter((f) => f !== "site").sort();
   options("frame", names);
   options("frame", names, byId("map-frame"));
-  const { anchor } = await ask("/api/v1/places/site");
+  const { anchor } = await ask("api/v1/places/site");
   byId("place").textContent = anchor
     ? `The site lies on ${words(anchor.body)} at ${anchor.lon_deg.toFixed(5)}° east, ${anchor.lat_deg.toFixed(5)}° north, ${metres(anchor.height_m)} m.`
     : "The site is not anchored on a body: products have no longitude and latitude.";
@@ -301,7 +301,7 @@ async function showFrames() {
 async function showPlan() {
   byId("plan-sum").textContent = "Loading …";
   try {
-    const plan = await ask("/api/v1/retention");
+    const plan = await ask("api/v1/retention");
     byId("plan-sum").textContent = plan.rules
       ? `${plan.retired} products with ${bytes(plan.bytes)} would be deleted, ${plan.kept} are kept for another reason.`
       : "The profile has no rule: everything is kept.";
@@ -318,7 +318,7 @@ async function showProducts(older) {
   const query = new URLSearchParams({ ...asked, limit: PAGE });
   if (query.get("type") === "") query.delete("type");
   if (older && cursor) query.set("cursor", cursor);
-  const page = await ask(`/api/v1/products?${query}`);
+  const page = await ask(`api/v1/products?${query}`);
   const known = new Map([...byId("list").children].map((card) => [card.dataset.id, card]));
   items = older ? items.concat(page.items) : page.items;
   cursor = page.cursor;
@@ -333,7 +333,7 @@ async function showProducts(older) {
 }
 
 async function loadProductTypes() {
-  const { items: types } = await ask("/api/v1/product_types");
+  const { items: types } = await ask("api/v1/product_types");
   productTypes = new Map(types.map((type) => [type.name, type]));
 }
 
@@ -372,7 +372,7 @@ async function follow() {
   let last = null;
   for (;;) {
     try {
-      const answer = await get("/api/v1/events", { Accept: "text/event-stream", ...(last ? { "Last-Event-ID": last } : {}) });
+      const answer = await get("api/v1/events", { Accept: "text/event-stream", ...(last ? { "Last-Event-ID": last } : {}) });
       if (!answer.ok) throw new Error(answer.statusText);
       live("live", "Live");
       soon();

@@ -27,7 +27,7 @@ async function send(path, form, output) {
   const key = sessionStorage.getItem("cdff-key");
   const control = new AbortController();
   try {
-    const answer = await fetch(address, { headers: key ? { Authorization: `Bearer ${key}` } : {}, signal: control.signal });
+    const answer = await fetch(address.slice(1), { headers: key ? { Authorization: `Bearer ${key}` } : {}, signal: control.signal });
     const type = answer.headers.get("Content-Type") || "";
     let text = `${type}, ${answer.headers.get("Content-Length") || "?"} bytes`;
     if (/event-stream/.test(type)) control.abort();
@@ -72,7 +72,7 @@ function operation(verb, path, described) {
 }
 
 async function show() {
-  const document_ = await (await fetch("/openapi.json")).json();
+  const document_ = await (await fetch("openapi.json")).json();
   const found = [];
   for (const [path, verbs] of Object.entries(document_.paths)) {
     for (const [verb, described] of Object.entries(verbs)) found.push(operation(verb, path, described));

@@ -22,7 +22,7 @@ function look(x, y, z) {
 
 /** Read where the layer's product has data in the frame; a frame that was not chosen is replaced by one with data. */
 async function extent() {
-  const { items } = await ask("/api/v1/maps");
+  const { items } = await ask("api/v1/maps");
   const frames = items.find((known) => known.layer === layer().name)?.frames.filter((f) => f.box_m) || [];
   options("frame", frames.map((f) => f.frame), byId("map-frame"));
   let held = frames.find((f) => f.frame === map.frame);
@@ -69,7 +69,7 @@ function draw() {
     for (let column = firstColumn; x0 + (column - firstColumn) * sidePx < view().clientWidth; column += 1) {
       if (row < 0 || column < 0 || row > last || column > last) continue;
       const address = layer().tiles[0].replace("{z}", z).replace("{x}", column).replace("{y}", row);
-      const path = address.slice(address.indexOf("/tiles/"));
+      const path = address.slice(address.indexOf("/tiles/") + 1);
       seen.add(path);
       const image = map.tiles.get(path) || added(path);
       image.style.left = `${x0 + (column - firstColumn) * sidePx}px`;
@@ -109,7 +109,7 @@ async function load(path, image) {
 
 /** Show the tiles of a frame. */
 async function showLayers(frame) {
-  const { items } = await ask(`/tiles?frame=${encodeURIComponent(frame)}`);
+  const { items } = await ask(`tiles?frame=${encodeURIComponent(frame)}`);
   Object.assign(map, { frame, layers: items, finest: {} });
   if (!byId("map-layer").options.length) {
     byId("map-layer").replaceChildren(...items.map((known) => make("option", { value: known.name }, known.title)));
@@ -142,7 +142,7 @@ function at(event) {
 async function identify(x, y) {
   try {
     const path = [x, y, x + 0.001, y].map((v) => v.toFixed(4)).join(",");
-    const found = await ask(`/api/v1/maps/dem/profile?path=${path}&step_m=0.01&frame=${encodeURIComponent(map.frame)}`);
+    const found = await ask(`api/v1/maps/dem/profile?path=${path}&step_m=0.01&frame=${encodeURIComponent(map.frame)}`);
     const [mean] = found.mean_m;
     const [sigma] = found.sigma_m;
     byId("map-note").textContent = mean === null ? `Nothing was measured at x ${metres(x)}, y ${metres(y)} m.`

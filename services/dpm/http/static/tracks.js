@@ -73,7 +73,7 @@ function objectPlots(object) {
 }
 
 async function showTracks() {
-  const { items: objects } = await ask("/api/v1/tracks?limit=500");
+  const { items: objects } = await ask("api/v1/tracks?limit=500");
   byId("tracks-section").hidden = objects.length === 0;
   if (objects.length === 0) return;
   options("frame", [...new Set(objects.map((o) => o.frame))], byId("tracks-frame"));
