@@ -16,6 +16,7 @@ from cdff_common.raster.cell_selection import Choice
 from dpm_store.maps.navigation import NavigationMaps
 from dpm_store.maps.patches import Patches, PatchSelection, bounds_each, overlapping
 from dpm_store.maps.pooled_blocks import PooledBlocks
+from dpm_store.maps.tile_queries import patches_in_state
 from dpm_store.maps.windows import (
     PatchUsage,
     Window,
@@ -26,6 +27,7 @@ from dpm_store.maps.windows import (
     check_used,
     plan_window,
 )
+from dpm_store.products.records import Query
 
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
@@ -141,6 +143,12 @@ class Maps:
         return assembled, replace(
             usage, disagreeing=assembled.disagreeing, agreements=tuple(agreements or ())
         )
+
+    def cells_in_state(self, query: Query, geometry: GridGeometry) -> dict[str, NDArray[np.float32]]:
+        """Return the layers of the patches of a search in the cells of a grid; raises InputError on too many."""
+        selection = patches_in_state(self.patches, query)
+        assembled, _ = self.pool(WindowQuery(frame=geometry.frame), selection, geometry)
+        return assembled.to_layers(0)
 
     def compare_robots(
         self, query: WindowQuery, selection: PatchSelection, geometry: GridGeometry

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cdff_common.raster.cell_selection import NavigationChoice
 from dpm_store.maps.patches import Patches, PatchSelection
-from dpm_store.maps.tile_queries import FEW, tile_parts, tile_query
+from dpm_store.maps.tile_queries import FEW, patches_in_state, tile_parts, tile_query
 from dpm_store.maps.windows import (
     PatchUsage,
     Window,
@@ -23,6 +23,7 @@ from dpm_store.maps.windows import (
     check_used,
     plan_window,
 )
+from dpm_store.products.records import Query
 
 if TYPE_CHECKING:
     from cdff_common.raster import GridGeometry
@@ -76,6 +77,29 @@ class NavigationMaps:
             layers, cells = largest_of_blocks(self.tile(frame, child), child.geometry(frame), 2)
             mosaic.add(cells, layers)
         return mosaic.layers()
+
+    def rectangle(self, frame: str, z: int, geometry: GridGeometry) -> dict[str, NDArray[Any]]:
+        """Return the layers of cells of a level, from the tiles that cover them."""
+        from cdff_common.raster.tiles import Tile, tiles_over
+
+        inset, b = geometry.resolution_m / 2.0, geometry.bounds
+        columns, rows = tiles_over(z, (b.xmin + inset, b.ymin + inset, b.xmax - inset, b.ymax - inset))
+        layers: dict[str, NDArray[Any]] = {"class": np.zeros(geometry.shape, dtype=np.uint8)}
+        for tile in (Tile(z, x, y) for y in rows for x in columns):
+            cells = tile.geometry(frame)
+            common = geometry.intersection(cells)
+            if common is None:
+                continue
+            for name, values in self.tile(frame, tile).items():
+                if name not in layers:
+                    layers[name] = np.full(geometry.shape, np.nan, dtype=values.dtype)
+                layers[name][geometry.slices_of(common)] = values[cells.slices_of(common)]
+        return layers
+
+    def cells_in_state(self, query: Query, geometry: GridGeometry) -> dict[str, NDArray[Any]]:
+        """Return the layers of the maps of a search in the cells of a grid; raises InputError on too many."""
+        selection = patches_in_state(self._patches, query)
+        return self._assemble(selection, geometry, NavigationChoice.NEWEST)[0].layers()
 
     def _assemble(
         self, selection: PatchSelection, geometry: GridGeometry, choice: NavigationChoice

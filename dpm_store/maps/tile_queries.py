@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cdff_common.errors import InputError
 from cdff_common.geometry.region import Region
 from dpm_store.maps.patches import Patches, PatchSelection
 from dpm_store.products.records import Query
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 #: A rectangle with more patches is cut from tiles.
 FEW = 24
+#: Largest number of patches of a tile of an earlier state, which is computed from the patches.
+MOST_PATCHES = 1000
 #: Margin that excludes patches which end at the edge of a rectangle.
 _INSET_M = 1e-4
 
@@ -42,3 +46,21 @@ def tile_query(
     region = Region("bbox", (b.xmin + _INSET_M, b.ymin + _INSET_M, b.xmax - _INSET_M, b.ymax - _INSET_M))
     limit_m = geometry.resolution_m * (1.0 + 1e-6) if max_cell_m is None else max_cell_m
     return Query(frame=frame, region=region, resolution_max_m=limit_m, resolution_above_m=above_cell_m)
+
+
+def patches_in_state(patches: Patches, query: Query) -> PatchSelection:
+    """Return the patches of a tile of a state.
+
+    Only those that end at the query's ``t1_ns`` or before belong to it. Raises InputError if they are too
+    many.
+    """
+    selection = patches.find(query)
+    records = selection.records
+    if query.t1_ns is not None:
+        records = tuple(r for r in records if r.t1_ns <= query.t1_ns)
+    if len(records) > MOST_PATCHES:
+        raise InputError(
+            f"tile of {len(records)} {patches.product} patches: expected at most {MOST_PATCHES} with a time, "
+            "robot or quality; zoom in"
+        )
+    return replace(selection, records=records)

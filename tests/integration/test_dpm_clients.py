@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 import subprocess
 import sys
@@ -339,7 +340,9 @@ def test_owslib_reads_a_tile_in_both_encodings_of_wmts(server: Server) -> None:
     for address in ("/wmts", "/tiles/wmts.xml", "/wmts/1.0.0/WMTSCapabilities.xml"):
         service = wmts.WebMapTileService(f"{server.url}{address}")
         assert "hillshade" in service.contents
-        assert "grid" in service.tilematrixsets
+        assert list(service.tilematrixsets) == ["IAU_2015_49910", "grid"]
+        mars = service.tilematrixsets["IAU_2015_49910"]
+        assert mars.crs == "urn:ogc:def:crs:IAU_2015::49910"
         tile = service.gettile(
             layer="hillshade",
             tilematrixset="grid",
@@ -350,9 +353,58 @@ def test_owslib_reads_a_tile_in_both_encodings_of_wmts(server: Server) -> None:
         )
         assert tile.read().startswith(b"\x89PNG")
     rest = service.contents["hillshade"].resourceURLs[0]["template"]
+    rest = rest.replace("{TileMatrixSet}", "grid").replace("{Time}", "current")
     url = rest.replace("{TileMatrix}", "17").replace("{TileRow}", "65535").replace("{TileCol}", "65536")
     with urllib.request.urlopen(url, timeout=20) as answer:
         assert answer.read().startswith(b"\x89PNG")
+
+
+def body_metres(x_m: float, y_m: float) -> tuple[float, float]:
+    """Return x and y in the equirectangular CRS of Mars of a site point."""
+    lon, lat = lon_lat(x_m, y_m)
+    return math.radians(lon) * 3_396_190.0, math.radians(lat) * 3_396_190.0
+
+
+def test_gdal_places_the_tiles_on_mars_by_the_name_of_their_crs(server: Server) -> None:
+    import rasterio
+
+    source = f"WMTS:{server.url}/wmts,layer=elevation,tilematrixset=IAU_2015_49910"
+    with rasterio.open(source) as file:
+        assert "Mars (2015) - Sphere / Ocentric / Equirectangular" in file.crs.to_wkt()
+        (west, south), (east, north) = body_metres(-5.0, -5.0), body_metres(55.0, 25.0)
+        bounds = file.bounds
+        assert west < bounds.left < bounds.right < east
+        assert south < bounds.bottom < bounds.top < north
+        window = file.window(*body_metres(1.0, 0.5), *body_metres(9.0, 1.5))
+        alpha = file.read(4, window=window)
+        assert alpha.size > 100
+        assert (alpha == 255).mean() > 0.9
+    if shutil.which("gdalinfo") is None:
+        pytest.skip("gdalinfo is not installed; make peers installs it")
+    command = ["gdalinfo", "-json", source]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert "Mars (2015)" in json.loads(result.stdout)["coordinateSystem"]["wkt"]
+
+
+@pytest.mark.slow
+def test_qgis_shows_the_tiles_files_and_features(server: Server) -> None:
+    python = "/usr/bin/python3"
+    has_qgis = [python, "-c", "import qgis.core"]
+    if not Path(python).exists() or subprocess.run(has_qgis, capture_output=True, check=False).returncode:
+        pytest.skip("QGIS is not installed; make peers installs it")
+    box = [repr(v) for v in (*body_metres(1.0, 0.2), *body_metres(2.6, 1.8))]
+    script = Path(__file__).parents[1] / "support" / "qgis_client.py"
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(Path.home())}
+    command = [python, str(script), server.url, server.patches[0], *box]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False, env=environment)
+    assert answer.returncode == 0, answer.stderr
+    result = json.loads(answer.stdout.splitlines()[-1])
+    assert result["wmts"]["valid"], result
+    assert result["wmts"]["crs"] == "IAU_2015:49910"
+    assert result["wmts"]["drawn"] > 0.9
+    assert (result["cog"]["valid"], result["cog"]["bands"]) == (True, 6)
+    assert "Mars" in result["cog"]["crs"]
+    assert result["features"] == {"valid": True, "count": PATCHES + 2}
 
 
 @pytest.mark.parametrize(

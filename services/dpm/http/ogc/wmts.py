@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
+from cdff_common.geodesy.body_grid import LAST_BODY_LEVEL, BodyGrid
 from cdff_common.raster.tiles import HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, cell_m
-from services.dpm.rendering.tiles import LAYER_STYLES
+from services.dpm.rendering.tiles import LAYER_STYLES, LAYERS
 
 _WMTS, _OWS, _XLINK = (
     "http://www.opengis.net/wmts/1.0",
@@ -16,11 +19,50 @@ _WMTS, _OWS, _XLINK = (
     "http://www.w3.org/1999/xlink",
 )
 _PIXEL_M = 0.00028
-#: Name of the tile matrix set.
+#: Name of the tile matrix set of a frame.
 GRID = "grid"
+#: Value of the dimension of time for all maps.
+CURRENT = "current"
 
 
-def capabilities(base: str, frame: str, wkt: str) -> bytes:
+@dataclass(frozen=True, slots=True)
+class MatrixSet:
+    """A tile matrix set: ``cells_m`` are the edges of its cells at each level, metres.
+
+    Attributes
+    ----------
+    name : str
+    crs : str
+        URN; of a CRS without a name its WKT, which GDAL accepts.
+    half_side_m : float
+        Distance of its sides from the origin of the CRS.
+    """
+
+    name: str
+    crs: str
+    half_side_m: float
+    cells_m: tuple[float, ...]
+
+
+def matrix_sets(wkt: str, grid: BodyGrid | None) -> tuple[MatrixSet, ...]:
+    """Return the grid of a body, if there is one, and that of a frame, whose CRS has no name.
+
+    QGIS knows CRSs by their names only; it shows the second grid in the CRS of the project.
+    """
+    of_frame = MatrixSet(GRID, wkt, HALF_SIDE_M, tuple(cell_m(z) for z in range(LAST_LEVEL + 1)))
+    if grid is None:
+        return (of_frame,)
+    cells = tuple(grid.cell_m(z) for z in range(LAST_BODY_LEVEL + 1))
+    return MatrixSet(grid.name, grid.urn, grid.half_side_m, cells), of_frame
+
+
+def capabilities(
+    base: str,
+    frame: str,
+    sets: Sequence[MatrixSet],
+    boxes: Mapping[str, Sequence[float]],
+    times: Sequence[str],
+) -> bytes:
     """Return the WMTS capabilities document with all layers.
 
     Parameters
@@ -28,8 +70,12 @@ def capabilities(base: str, frame: str, wkt: str) -> bytes:
     base : str
         Address of the server, without a slash at the end.
     frame : str
-    wkt : str
-        CRS of the frame; GDAL accepts it in place of a CRS name.
+    sets : sequence of MatrixSet
+        The first one is that of programs which do not choose.
+    boxes : mapping of str to 4 floats
+        West, south, east and north of the maps of a product type, in the CRS of the first set.
+    times : sequence of str
+        Start of the first and end of the last capture.
     """
     ET.register_namespace("", _WMTS)
     ET.register_namespace("ows", _OWS)
@@ -51,27 +97,52 @@ def capabilities(base: str, frame: str, wkt: str) -> bytes:
     for name, style in LAYER_STYLES.items():
         layer = ET.SubElement(contents, f"{{{_WMTS}}}Layer")
         _text(layer, _OWS, "Title", style.title)
+        if LAYERS[name] in boxes and sets[0].name != GRID:
+            west, south, east, north = boxes[LAYERS[name]]
+            box = ET.SubElement(layer, f"{{{_OWS}}}BoundingBox", {"crs": sets[0].crs})
+            _text(box, _OWS, "LowerCorner", f"{west!r} {south!r}")
+            _text(box, _OWS, "UpperCorner", f"{east!r} {north!r}")
         _text(layer, _OWS, "Identifier", name)
         style_element = ET.SubElement(layer, f"{{{_WMTS}}}Style", {"isDefault": "true"})
         _text(style_element, _OWS, "Identifier", "default")
+        legend = {"format": "image/png", f"{{{_XLINK}}}href": f"{base}/tiles/{name}/legend.png"}
+        ET.SubElement(style_element, f"{{{_WMTS}}}LegendURL", legend)
         _text(layer, _WMTS, "Format", "image/png")
-        link = ET.SubElement(layer, f"{{{_WMTS}}}TileMatrixSetLink")
-        _text(link, _WMTS, "TileMatrixSet", GRID)
-        address = f"{base}/tiles/{name}/{{TileMatrix}}/{{TileCol}}/{{TileRow}}.png?frame={quote(frame)}"
-        ET.SubElement(
-            layer,
-            f"{{{_WMTS}}}ResourceURL",
-            {"format": "image/png", "resourceType": "tile", "template": address},
-        )
-    grid = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
-    _text(grid, _OWS, "Identifier", GRID)
-    _text(grid, _OWS, "SupportedCRS", wkt)
-    for z in range(LAST_LEVEL + 1):
-        matrix = ET.SubElement(grid, f"{{{_WMTS}}}TileMatrix")
+        _add_time(layer, times)
+        for matrix_set in sets:
+            link = ET.SubElement(layer, f"{{{_WMTS}}}TileMatrixSetLink")
+            _text(link, _WMTS, "TileMatrixSet", matrix_set.name)
+        template = f"{base}/tiles/{name}/{{TileMatrix}}/{{TileCol}}/{{TileRow}}.png?frame={quote(frame)}"
+        address = f"{template}&grid={{TileMatrixSet}}&time={{Time}}"
+        resource = {"format": "image/png", "resourceType": "tile", "template": address}
+        ET.SubElement(layer, f"{{{_WMTS}}}ResourceURL", resource)
+    for matrix_set in sets:
+        _add_matrix_set(contents, matrix_set)
+    end = {f"{{{_XLINK}}}href": f"{base}/wmts/1.0.0/WMTSCapabilities.xml?frame={quote(frame)}"}
+    ET.SubElement(root, f"{{{_WMTS}}}ServiceMetadataURL", end)
+    return _document(root)
+
+
+def _add_time(layer: ET.Element, times: Sequence[str]) -> None:
+    """Add the dimension of time: all maps, or those that were captured until a time."""
+    dimension = ET.SubElement(layer, f"{{{_WMTS}}}Dimension")
+    _text(dimension, _OWS, "Identifier", "Time")
+    _text(dimension, _OWS, "UOM", "ISO8601")
+    _text(dimension, _WMTS, "Default", CURRENT)
+    for value in (CURRENT, *times):
+        _text(dimension, _WMTS, "Value", value)
+
+
+def _add_matrix_set(contents: ET.Element, matrix_set: MatrixSet) -> None:
+    element = ET.SubElement(contents, f"{{{_WMTS}}}TileMatrixSet")
+    _text(element, _OWS, "Identifier", matrix_set.name)
+    _text(element, _OWS, "SupportedCRS", matrix_set.crs)
+    for z, size_m in enumerate(matrix_set.cells_m):
+        matrix = ET.SubElement(element, f"{{{_WMTS}}}TileMatrix")
         _text(matrix, _OWS, "Identifier", str(z))
         values = {
-            "ScaleDenominator": repr(cell_m(z) / _PIXEL_M),
-            "TopLeftCorner": f"{-HALF_SIDE_M!r} {HALF_SIDE_M!r}",
+            "ScaleDenominator": repr(size_m / _PIXEL_M),
+            "TopLeftCorner": f"{-matrix_set.half_side_m!r} {matrix_set.half_side_m!r}",
             "TileWidth": TILE_CELLS,
             "TileHeight": TILE_CELLS,
             "MatrixWidth": 1 << z,
@@ -79,9 +150,6 @@ def capabilities(base: str, frame: str, wkt: str) -> bytes:
         }
         for name, value in values.items():
             _text(matrix, _WMTS, name, str(value))
-    end = {f"{{{_XLINK}}}href": f"{base}/wmts/1.0.0/WMTSCapabilities.xml?frame={quote(frame)}"}
-    ET.SubElement(root, f"{{{_WMTS}}}ServiceMetadataURL", end)
-    return _document(root)
 
 
 def exception_report(message: str) -> bytes:

@@ -10,14 +10,29 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
+from pydantic import BaseModel, ConfigDict, Field
 
+from cdff_common.contract.parameters import Robot, Stamp
+from cdff_common.contract.queries import MetricBounds
+from cdff_common.errors import InputError, ProductNotFoundError
+from cdff_common.geodesy.body_grid import LAST_BODY_LEVEL, BodyGrid, BodyTile, body_grid
 from cdff_common.geometry import checked_frame
 from cdff_common.raster.tiles import HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, Tile, cell_m, tile_matrix_set
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.middleware.conditional import matches
 from services.dpm.http.models import OpenModel
 from services.dpm.http.native_models import Items
-from services.dpm.rendering.tiles import LAYER_STYLES, LAYERS, MEDIA_TYPES, TileRequest
+from services.dpm.http.ogc.wmts import CURRENT, GRID
+from services.dpm.http.stac.catalogue import span_of
+from services.dpm.rendering.tile_cells import MapState
+from services.dpm.rendering.tiles import (
+    LAYER_STYLES,
+    LAYERS,
+    MEDIA_TYPES,
+    TileRequest,
+    legend,
+    legend_png,
+)
 
 router = APIRouter(prefix="/tiles", tags=["tiles"])
 
@@ -28,11 +43,49 @@ Frame = Annotated[str, Query(max_length=128, description="Frame of the grid; def
 Value = Annotated[
     float | None, Query(allow_inf_nan=False, description="End of the colours, in the layer's unit")
 ]
-Index = Annotated[int, Path(ge=0, lt=1 << LAST_LEVEL)]
+Index = Annotated[int, Path(ge=0, lt=1 << LAST_BODY_LEVEL)]
+LayerName = Annotated[str, Path(max_length=40)]
 _BYTES: dict[int | str, dict[str, Any]] = {
     200: {"description": "256 x 256 cells", "content": {media: {} for media in MEDIA_TYPES.values()}},
     304: {"description": "Not modified"},
 }
+_PNG: dict[int | str, dict[str, Any]] = {200: {"description": "A picture", "content": {"image/png": {}}}}
+
+
+class TileParameters(BaseModel):
+    """Parameters of a tile; times, robot and quality select the maps in it."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    frame: str = Field("site", max_length=128, description="Frame of the grid; default: site")
+    grid: str = Field(
+        GRID, max_length=64, description="Grid of the frame's body, as IAU_2015_49910; default: of the frame"
+    )
+    time: Annotated[str, Field(max_length=100)] = Field(
+        CURRENT, description="Instead of t0 and t1: captures until a time, or in an interval, RFC 3339"
+    )
+    low: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
+        None, description="End of the colours, in the layer's unit"
+    )
+    high: Annotated[float, Field(allow_inf_nan=False)] | None = Field(None, description="The other end")
+    robot: Robot | None = Field(None, description="Only maps of this robot")
+    t0: Stamp | None = Field(None, description="Captures that ended at or after this: ns or RFC 3339")
+    t1: Stamp | None = Field(None, description="Captures that ended at or before this: ns or RFC 3339")
+    as_of: Stamp | None = Field(None, description="State of the maps and frames at this mission time")
+    quality: MetricBounds = Field(
+        default_factory=tuple, description="Bounds of quality metrics, such as inliers>=30,rmse_px<0.5"
+    )
+
+    @property
+    def state(self) -> MapState:
+        """The maps in the tile; raises InputError for a malformed time."""
+        t0_ns, t1_ns = self.t0, self.t1
+        if self.time != CURRENT:
+            if t0_ns is not None or t1_ns is not None:
+                raise InputError("time, and t0 or t1: give one of the two")
+            first_ns, t1_ns = span_of(self.time)
+            t0_ns = first_ns if "/" in self.time else None
+        return MapState(self.robot, t0_ns, t1_ns, self.as_of, self.quality)
 
 
 class Layer(OpenModel):
@@ -45,15 +98,17 @@ class Layer(OpenModel):
     low: float
     high: float
     tiles: list[str]
+    legend: str
+    colors: list[tuple[float, str]]
     minzoom: int
     maxzoom: int
     bounds: list[float]
 
 
 @router.get("", response_model=Items[Layer])
-def layers(request: Request, frame: Frame = "site") -> dict[str, Any]:
-    """Return the layers with address templates of their tiles."""
-    checked_frame(frame)
+def layers(context: Ctx, request: Request, frame: Frame = "site") -> dict[str, Any]:
+    """Return the layers with address templates of their tiles, colours and legends."""
+    grid = grid_in(context, checked_frame(frame))
     base = str(request.base_url).rstrip("/")
     items = [
         {
@@ -70,10 +125,12 @@ def layers(request: Request, frame: Frame = "site") -> dict[str, Any]:
             "bounds": [-HALF_SIDE_M, -HALF_SIDE_M, HALF_SIDE_M, HALF_SIDE_M],
             "tile_size": TILE_CELLS,
             "cell_m": [cell_m(z) for z in range(LAST_LEVEL + 1)],
+            "legend": f"{base}/tiles/{name}/legend.png",
+            "colors": legend(name),
         }
         for name, style in LAYER_STYLES.items()
     ]
-    return {"frame": frame, "items": items}
+    return {"frame": frame, "body_grid": None if grid is None else grid.name, "items": items}
 
 
 @router.get("/tile_matrix_set", response_model=dict[str, Any])
@@ -87,25 +144,81 @@ def matrix_set(context: Ctx, frame: Frame = "site") -> dict[str, Any]:
     return tile_matrix_set(frame, {"wkt": json.loads(crs.to_json())})
 
 
+@router.get("/grid", response_model=dict[str, Any])
+def grid_of_body(context: Ctx, frame: Frame = "site") -> dict[str, Any]:
+    """Return the grid of the body of a frame, in a CRS that an authority names, as an OGC TileMatrixSet."""
+    return body_matrix_set(required_grid(context, checked_frame(frame)))
+
+
+@router.get("/{layer}/legend.png", response_class=Response, responses=_PNG)
+def legend_of(layer: LayerName, low: Value = None, high: Value = None) -> Response:
+    """Return the colours of a layer with the values of their ends."""
+    if layer not in LAYERS:
+        raise ProductNotFoundError(f"no layer {layer!r}: expected one of {', '.join(LAYERS)}")
+    return Response(legend_png(layer, low, high), media_type="image/png")
+
+
 @router.get("/{layer}/{z}/{x}/{y}.{form}", response_class=Response, responses=_BYTES)
 def tile(
     context: Ctx,
     request: Request,
-    layer: Annotated[str, Path(max_length=40)],
-    z: Annotated[int, Path(ge=0, le=LAST_LEVEL)],
+    layer: LayerName,
+    z: Annotated[int, Path(ge=0, le=LAST_BODY_LEVEL)],
     x: Index,
     y: Index,
     form: Literal["png", "tif", "bin"],
-    frame: Frame = "site",
-    low: Value = None,
-    high: Value = None,
+    parameters: Annotated[TileParameters, Query()],
 ) -> Response:
     """Return one tile: a picture (png), or the layer's values as GeoTIFF (tif) or float32 rows from the top
-    (bin).
+    (bin). A tile with smaller cells than the maps in it shows these enlarged.
     """
-    return tile_response(
-        context, request, TileRequest(checked_frame(frame), layer, Tile(z, x, y), form, low, high)
-    )
+    frame, p = checked_frame(parameters.frame), parameters
+    address = tile_address(context, frame, p.grid, z, x, y)
+    return tile_response(context, request, TileRequest(frame, layer, address, form, p.low, p.high, p.state))
+
+
+def tile_address(context: Context, frame: str, grid: str, z: int, x: int, y: int) -> Tile | BodyTile:
+    """Return the address of a tile of a frame's grid, or of the named grid of its body; raises InputError."""
+    if grid == GRID:
+        return Tile(z, x, y)
+    of_body = required_grid(context, frame)
+    if grid != of_body.name:
+        raise InputError(f"grid={grid[:64]!r}: expected {GRID} or {of_body.name}")
+    return BodyTile(of_body, z, x, y)
+
+
+def grid_in(context: Context, frame: str) -> BodyGrid | None:
+    """Return the grid of the body of a frame; None if the frame or its body has no such CRS."""
+    location = context.places.of(frame)
+    return None if location.anchor is None or location.body is None else body_grid(location.body)
+
+
+def required_grid(context: Context, frame: str) -> BodyGrid:
+    """Return the grid of the body of a frame; raises InputError without one."""
+    grid = grid_in(context, frame)
+    if grid is None:
+        raise InputError(f"frame {frame}: it is not anchored on a body with a CRS of an authority")
+    return grid
+
+
+def body_matrix_set(grid: BodyGrid) -> dict[str, Any]:
+    """Return a body's grid as an OGC TileMatrixSet (17-083r4)."""
+    half = grid.half_side_m
+    matrices = [
+        {
+            "id": str(z),
+            "scaleDenominator": grid.cell_m(z) / 0.00028,
+            "cellSize": grid.cell_m(z),
+            "cornerOfOrigin": "topLeft",
+            "pointOfOrigin": [-half, half],
+            "tileWidth": TILE_CELLS,
+            "tileHeight": TILE_CELLS,
+            "matrixWidth": 1 << z,
+            "matrixHeight": 1 << z,
+        }
+        for z in range(LAST_BODY_LEVEL + 1)
+    ]
+    return {"id": grid.name, "title": grid.name, "crs": grid.uri, "tileMatrices": matrices}
 
 
 def tile_response(context: Context, request: Request, tile_request: TileRequest) -> Response:

@@ -10,16 +10,20 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
+from pydantic import ValidationError
 
+from cdff_common.clock import format_stamp
+from cdff_common.contract.parameters import validation_message
 from cdff_common.errors import InputError
 from cdff_common.geometry import checked_frame
-from cdff_common.raster.tiles import LAST_LEVEL, Tile
 from services.dpm.http.context import Context, Ctx
-from services.dpm.http.ogc.wmts import GRID, capabilities, exception_report
-from services.dpm.http.routes.tiles import tile_response
-from services.dpm.rendering.tiles import TileRequest
+from services.dpm.http.ogc.wmts import GRID, capabilities, exception_report, matrix_sets
+from services.dpm.http.routes.tiles import TileParameters, grid_in, tile_address, tile_response
+from services.dpm.http.stac.catalogue import Catalogue
+from services.dpm.rendering.tiles import LAYERS, TileRequest
 
 router = APIRouter(tags=["tiles"])
 
@@ -31,7 +35,7 @@ _PAIRS: dict[str, Any] = {
             "style": "form",
             "explode": True,
             "description": "Key-value pairs of WMTS: SERVICE, REQUEST (GetCapabilities or GetTile), LAYER, "
-            "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL; and FRAME, by default site",
+            "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL, TIME; and FRAME, by default site, ROBOT, AS_OF, QUALITY, LOW, HIGH",
             "schema": {"type": "object", "additionalProperties": {"type": "string", "maxLength": 128}},
         }
     ]
@@ -43,6 +47,8 @@ _BODIES: dict[int | str, dict[str, Any]] = {
     },
     304: {"description": "Not modified"},
 }
+#: Pairs that select maps and colours, in addition to those of WMTS.
+_SELECTION = ("time", "robot", "as_of", "quality", "low", "high")
 _FORMS = {"image/png": "png", "image/tiff": "tif"}
 
 
@@ -67,28 +73,43 @@ def _answer(context: Context, request: Request, pairs: dict[str, str]) -> Respon
     frame = checked_frame(pairs.get("FRAME", "site"))
     operation = pairs.get("REQUEST", "GetCapabilities")
     if operation == "GetCapabilities":
-        wkt = context.dpm.store.anchors.of(frame).wkt
-        base = str(request.base_url).rstrip("/")
-        return Response(capabilities(base, frame, wkt), media_type="application/xml")
+        return Response(_capabilities(context, request, frame), media_type="application/xml")
     if operation != "GetTile":
         raise InputError(f"REQUEST={operation[:40]!r}: expected GetCapabilities or GetTile")
-    return tile_response(context, request, _tile(pairs, frame))
+    return tile_response(context, request, _tile(context, pairs, frame))
 
 
-def _tile(pairs: dict[str, str], frame: str) -> TileRequest:
+def _capabilities(context: Context, request: Request, frame: str) -> bytes:
+    grid = grid_in(context, frame)
+    products = set(LAYERS.values())
+    found = [c for c in Catalogue(context).collections() if c.id in products]
+    boxes = {}
+    for c in found:
+        if grid is not None and c.bounds_deg is not None:
+            west, south, east, north = c.bounds_deg
+            corners = grid.from_lonlat(np.array([[west, south], [east, north]]))
+            boxes[c.id] = corners.ravel().tolist()
+    times = []
+    if found:
+        times = [format_stamp(min(c.t0_ns for c in found)), format_stamp(max(c.t1_ns for c in found))]
+    sets = matrix_sets(context.places.of(frame).wkt, grid)
+    return capabilities(str(request.base_url).rstrip("/"), frame, sets, boxes, times)
+
+
+def _tile(context: Context, pairs: dict[str, str], frame: str) -> TileRequest:
     """Return the tile of a GetTile request; raises InputError if a value is missing or unknown."""
-    if pairs.get("TILEMATRIXSET", GRID) != GRID:
-        raise InputError(f"TILEMATRIXSET={pairs['TILEMATRIXSET'][:40]!r}: expected {GRID}")
     form = pairs.get("FORMAT", "image/png").partition(";")[0]
     if form not in _FORMS:
         raise InputError(f"FORMAT={form[:40]!r}: expected one of {', '.join(_FORMS)}")
     z, row, column = (_number(pairs, name) for name in ("TILEMATRIX", "TILEROW", "TILECOL"))
-    if z > LAST_LEVEL or max(row, column) >= 1 << z:
-        raise InputError(
-            f"TILEMATRIX={z}, TILEROW={row}, TILECOL={column}: expected a level up to {LAST_LEVEL} and a "
-            "row and column of it"
-        )
-    return TileRequest(frame, pairs.get("LAYER", ""), Tile(z, column, row), _FORMS[form])
+    try:
+        given = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
+        parameters = TileParameters.model_validate(given)
+    except ValidationError as error:
+        raise InputError(validation_message(error.errors()[0])) from error
+    address = tile_address(context, frame, pairs.get("TILEMATRIXSET", GRID), z, column, row)
+    layer = pairs.get("LAYER", "")
+    return TileRequest(frame, layer, address, _FORMS[form], parameters.low, parameters.high, parameters.state)
 
 
 def _number(pairs: dict[str, str], name: str) -> int:

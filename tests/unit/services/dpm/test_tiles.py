@@ -10,12 +10,17 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from rasterio.io import MemoryFile
 
+from cdff_common.clock import ManualClock
+from cdff_common.geodesy import Anchor, FrameLocation, body
+from cdff_common.geodesy.body_grid import BodyTile, body_grid
+from cdff_common.interfaces.product import Quality, Status
 from cdff_common.raster import GridGeometry, hillshade
 from cdff_common.raster.tiles import Tile, tiles_over
 from cdff_common.types import ElevationMap
 from services.dpm.operations.dpm import Dpm
-from services.dpm.rendering.tiles import LAYERS, TileRequest, render_elevation
+from services.dpm.rendering.tiles import LAYERS, TileRequest, encoded_layer
 
 from .conftest import S, TestClient, elevation, put_arguments
 
@@ -91,8 +96,6 @@ def test_values_are_returned_as_geotiff_and_as_plain_numbers(dpm: Dpm) -> None:
     values = np.frombuffer(dpm.tiles.get(TileRequest("site", "elevation", tile, "bin")).data, "<f4").reshape(
         256, 256
     )
-    from rasterio.io import MemoryFile
-
     data = dpm.tiles.get(TileRequest("site", "elevation", tile, "tif")).data
     with MemoryFile(data) as memory, memory.open() as file:
         np.testing.assert_array_equal(file.read(1), values)
@@ -126,9 +129,9 @@ def test_a_tile_is_not_kept_if_a_map_is_inserted_while_it_is_rendered(
         monkeypatch.undo()
         dpm.writer.put(*put_arguments(elevation(3.0, 5.0), "dem", 9, resolution_m=0.1))
         dpm.store.pyramid.sync()
-        return render_elevation(*arguments)
+        return encoded_layer(*arguments)
 
-    monkeypatch.setattr("services.dpm.rendering.tiles.render_elevation", insert_and_render)
+    monkeypatch.setattr("services.dpm.rendering.tiles.encoded_layer", insert_and_render)
     outdated = dpm.tiles.get(request)
     changed = dpm.tiles.get(request)
     assert changed.etag != outdated.etag
@@ -164,3 +167,128 @@ def test_tile_matrix_set_layer_list_and_wmts_document_agree(http: TestClient) ->
     assert "/tiles/dem/{TileMatrix}/{TileCol}/{TileRow}.png" in root.findall(".//w:ResourceURL", space)[
         0
     ].get("template", "")
+
+
+def values_of(http: TestClient, path: str, **parameters: Any) -> np.ndarray:
+    answer = http.get(path, params=parameters)
+    assert answer.status_code == 200, answer.text
+    return np.frombuffer(answer.content, "<f4").reshape(256, 256)
+
+
+def test_a_tile_of_the_grid_of_the_body_shows_the_cells_at_its_place(http: TestClient, dpm: Dpm) -> None:
+    anchor = Anchor(body("mars"), 77.45, 18.44, azimuth_deg=30.0, height_m=-2500.0)
+    dpm.store.anchors.anchor("site", anchor)
+    put_hills(dpm)
+    grid = body_grid(body("mars"))
+    assert grid is not None
+    assert http.get("/tiles").json()["body_grid"] == grid.name == "IAU_2015_49910"
+    z = 18
+    ((x_m, y_m),) = grid.from_lonlat(anchor.lonlat([[2.0, 3.0]])[:, :2])
+    side = 256 * grid.cell_m(z)
+    column, row = int((x_m + grid.half_side_m) // side), int((grid.half_side_m - y_m) // side)
+    path = f"/tiles/elevation/{z}/{column}/{row}"
+    values = values_of(http, f"{path}.bin", grid=grid.name)
+    assert 0.02 < np.isfinite(values).mean() < 1.0
+    geometry = BodyTile(grid, z, column, row).geometry
+    x, y = geometry.centres_m()
+    points = anchor.points(grid.lonlat(np.column_stack([x.ravel(), y.ravel()])))
+    interpolated = BodyTile(grid, z, column, row).points(FrameLocation("site", body("mars"), anchor))
+    errors = np.hypot(interpolated[0].ravel() - points[:, 0], interpolated[1].ravel() - points[:, 1])
+    assert errors.max() < 0.01 * grid.cell_m(z)
+    window = hills(-200, 400)
+    rows, cols, inside = window.geometry.cells_of(points[:, 0], points[:, 1])
+    expected = np.where(inside, window.layer("mean")[rows, cols], np.nan).reshape(256, 256)
+    known = np.isfinite(values) & np.isfinite(expected)
+    assert known.mean() > 0.02
+    assert np.abs(values[known] - expected[known]).max() < 0.4  # neighbouring cells differ by this
+    assert np.median(np.abs(values[known] - expected[known])) < 0.02
+    with MemoryFile(http.get(f"{path}.tif?grid={grid.name}").content) as memory, memory.open() as file:
+        assert file.crs.to_authority() == ("IAU_2015", "49910")
+        assert tuple(file.bounds) == pytest.approx(tuple(geometry.bounds), abs=1e-3)
+    assert http.get(f"{path}.png?grid=IAU_2015_30110").status_code == 422
+    whole = http.get(f"/tiles/elevation/0/0/0.png?grid={grid.name}")
+    assert whole.status_code == 200
+    empty = pixels(http.get(f"/tiles/hillshade/8/0/0.png?grid={grid.name}").content)
+    assert not empty[..., 3].any()
+
+
+def test_tiles_finer_than_the_maps_show_their_cells_enlarged(http: TestClient, dpm: Dpm) -> None:
+    put_hills(dpm)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    coarse = values_of(http, f"/tiles/elevation/17/{columns[0]}/{rows[0]}.bin")
+    fine = np.block(
+        [
+            [
+                values_of(http, f"/tiles/elevation/18/{2 * columns[0] + x}/{2 * rows[0] + y}.bin")
+                for x in (0, 1)
+            ]
+            for y in (0, 1)
+        ]
+    )
+    np.testing.assert_array_equal(fine, np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1))
+    columns, rows = tiles_over(20, (1.0, 1.0, 1.0, 1.0))
+    assert np.isfinite(values_of(http, f"/tiles/elevation/20/{columns[0]}/{rows[0]}.bin")).all()
+    for layer in ("hillshade", "dem", "slope"):
+        assert pixels(http.get(f"/tiles/{layer}/20/{columns[0]}/{rows[0]}.png").content)[..., 3].mean() > 240
+
+
+def test_tiles_show_the_maps_of_a_time_robot_and_quality(
+    http: TestClient, dpm: Dpm, clock: ManualClock
+) -> None:
+    for seq, (robot, height_m, rms_m) in enumerate([("mana", 1.0, 0.1), ("minnie", 3.0, 0.5)], 1):
+        quality = Quality(Status.OK, metrics={"rms_m": rms_m})
+        value = elevation(0.0, height_m, seq * S, cells=20)
+        arguments = put_arguments(value, "dem", seq, robot, resolution_m=0.1, quality=quality)
+        dpm.writer.put(*arguments)
+        clock.advance(1.0) if hasattr(clock, "advance") else clock.set_ns(101 * S)
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    path = f"/tiles/elevation/17/{columns[0]}/{rows[0]}.bin"
+
+    def height(**parameters: Any) -> float:
+        return float(np.nanmean(values_of(http, path, **parameters)))
+
+    assert height() == pytest.approx(2.0)
+    assert height(robot="mana") == pytest.approx(1.0)
+    assert height(t1=str(1 * S)) == height(time="1970-01-01T00:00:01Z") == pytest.approx(1.0)
+    assert height(t0=str(2 * S)) == pytest.approx(3.0)
+    assert height(time="1970-01-01T00:00:02Z/..") == pytest.approx(3.0)
+    assert height(quality="rms_m<0.3") == pytest.approx(1.0)
+    assert height(as_of=str(100 * S)) == pytest.approx(1.0)
+    assert height(time="current") == pytest.approx(2.0)
+    assert not np.isfinite(values_of(http, path, robot="other")).any()
+    dpm.writer.put(*put_arguments(elevation(0.0, 5.0, S), "dem", 9, "mana", t1_ns=S, resolution_m=0.1))
+    assert height(robot="mana") == pytest.approx(3.0)  # cached tiles are dropped
+    for odd in ({"time": "yesterday"}, {"time": "1970-01-01T00:00:01Z", "t1": "1"}, {"robot": "Ä"}):
+        assert http.get(path, params=odd).status_code == 422
+    pairs = f"service=WMTS&request=GetTile&layer=elevation&tilematrix=17&tilerow={rows[0]}"
+    url = f"/wmts?{pairs}&tilecol={columns[0]}&format=image/tiff&TIME="
+    with MemoryFile(http.get(f"{url}1970-01-01T00:00:01Z").content) as memory, memory.open() as file:
+        assert np.nanmean(file.read(1)) == pytest.approx(3.0)
+    assert http.get(f"{url}yesterday").status_code == 400
+
+
+def test_layers_have_a_legend(http: TestClient) -> None:
+    for layer in http.get("/tiles").json()["items"]:
+        low, *_, high = layer["colors"]
+        assert low[0] < high[0]
+        path = layer["legend"]
+        picture = pixels(http.get(path).content)
+        assert len(np.unique(picture[..., :3].reshape(-1, 3), axis=0)) > 3
+    assert http.get("/tiles/nothing/legend.png").status_code == 404
+    assert http.get("/tiles/dem/legend.png?low=2&high=1").status_code == 422
+
+
+def test_the_wmts_document_of_an_anchored_frame_names_a_crs(http: TestClient, dpm: Dpm) -> None:
+    dpm.store.anchors.anchor("site", Anchor(body("mars"), 77.45, 18.44))
+    put_hills(dpm)
+    root = ET.fromstring(http.get("/wmts").content)
+    space = {"w": "http://www.opengis.net/wmts/1.0", "o": "http://www.opengis.net/ows/1.1"}
+    crs = [e.text for e in root.findall(".//o:SupportedCRS", space)]
+    assert crs[0] == "urn:ogc:def:crs:IAU_2015::49910"
+    (box,) = root.findall(".//w:Layer[o:Identifier='dem']/o:BoundingBox", space)
+    assert box.get("crs") == crs[0]
+    west = float(str(box.findtext("o:LowerCorner", "", space)).split()[0])
+    assert west == pytest.approx(np.radians(77.45) * 3_396_190.0, abs=100.0)
+    assert root.findtext(".//w:Dimension/w:Default", "", space) == "current"
+    assert http.get("/tiles/grid").json()["crs"] == "http://www.opengis.net/def/crs/IAU/2015/49910"
+    assert http.get("/tiles/grid?frame=other").status_code == 422
