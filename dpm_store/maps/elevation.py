@@ -145,7 +145,7 @@ class Maps:
         )
 
     def cells_in_state(self, query: Query, geometry: GridGeometry) -> dict[str, NDArray[np.float32]]:
-        """Return the layers of the patches of a search in the cells of a grid; raises InputError on too many."""
+        """Return the layers of the patches of a search in the cells of a grid; raises InputError if many."""
         selection = patches_in_state(self.patches, query)
         assembled, _ = self.pool(WindowQuery(frame=geometry.frame), selection, geometry)
         return assembled.to_layers(0)

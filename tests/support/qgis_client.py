@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``/usr/bin/python3 qgis_client.py URL PRODUCT WEST SOUTH EAST NORTH``: what QGIS reads from a DPM, as JSON.
 
-Runs in the Python of Debian's QGIS, which has none of the packages of CDFF. The box is in metres of the CRS of
-the WMTS.
+Runs in the Python of Debian's QGIS, which has none of the packages of CDFF. The box is in metres of
+the CRS of the WMTS.
 """
 
 import json

@@ -265,7 +265,7 @@ def layer_raster(
     layers: Mapping[str, NDArray[Any]],
     resolution_m: float,
 ) -> Raster:
-    """Return a layer as values, or for ``png`` as indices; the parameters are those of ``render_elevation``."""
+    """Return a layer as values, or for ``png`` as indices; parameters as of ``render_elevation``."""
     if layer in NAVIGATION:
         values = NAVIGATION[layer].value(layers)
     elif layer == RELIEF and form == "png":

@@ -47,7 +47,7 @@ class MatrixSet:
 def matrix_sets(wkt: str, grid: BodyGrid | None) -> tuple[MatrixSet, ...]:
     """Return the grid of a body, if there is one, and that of a frame, whose CRS has no name.
 
-    QGIS knows CRSs by their names only; it shows the second grid in the CRS of the project.
+    QGIS accepts CRSs by their names only; it shows the second grid in the CRS of the project.
     """
     of_frame = MatrixSet(GRID, wkt, HALF_SIDE_M, tuple(cell_m(z) for z in range(LAST_LEVEL + 1)))
     if grid is None:

@@ -35,7 +35,8 @@ _PAIRS: dict[str, Any] = {
             "style": "form",
             "explode": True,
             "description": "Key-value pairs of WMTS: SERVICE, REQUEST (GetCapabilities or GetTile), LAYER, "
-            "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL, TIME; and FRAME, by default site, ROBOT, AS_OF, QUALITY, LOW, HIGH",
+            "STYLE, FORMAT, TILEMATRIXSET, TILEMATRIX, TILEROW, TILECOL, TIME; and FRAME, by default site, "
+            "ROBOT, AS_OF, QUALITY, LOW, HIGH",
             "schema": {"type": "object", "additionalProperties": {"type": "string", "maxLength": 128}},
         }
     ]

@@ -263,7 +263,7 @@ class Catalogue:
                 found = None
         if found is None:
             raise InputError(
-                f"more than {_MOST_COUNTED} products are near the geometry: give it as bbox or intersects, or "
+                f"more than {_MOST_COUNTED} products are near the geometry: use bbox or intersects, or "
                 "a smaller one"
             )
         return Among(frozenset(found))
