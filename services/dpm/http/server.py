@@ -29,7 +29,7 @@ _PROBE_S, _HUNG_S = 5.0, 300.0
 #: Requests that are carried out at the same time; others wait. Each has its objects in memory, of which the
 #: allocator returns only a part to the system.
 _THREADS = 16
-#: Read buffer of a TLS connection. The default of 256 kB would be 100 MB for the idle connections that are kept.
+#: Read buffer of a TLS connection. The default of 256 kB would be 100 MB for the idle connections.
 _TLS_BUFFER_BYTES = 64 << 10
 
 

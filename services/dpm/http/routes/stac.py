@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``/stac``: STAC API 1.0, read only: core, collections, features and searches with filter, sort and fields."""
+"""``/stac``: STAC API 1.0, read only: core, collections, features, searches with filter, sort and fields."""
 
 from __future__ import annotations
 
