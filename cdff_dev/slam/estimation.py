@@ -19,19 +19,26 @@ from cdff_common.interfaces.product import Product, Status
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.interfaces.registry import Registry
 from cdff_common.progress import Progress
+from cdff_common.types import LidarScan
 from cdff_core.runtime import Runner
 from cdff_dev.compare.trajectory.track import Track
 from cdff_dev.compilation import compilation_notice
 from cdff_dev.logs.source import LogSource, only_stream
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.replay.wiring import robot_of, wire
-from cdff_dev.slam.methods import Method
+from cdff_dev.slam.methods import RGBD_SLAM, Method
 from cdff_dev.slam.true_poses import TruePoses, true_poses
 
 #: Largest share of FAILED poses of a result: the path after each is continued by a prediction.
 _MAX_FAILED = 0.05
 #: Largest share of FAILED poses, and of images that are not in the trajectory, if parts are merged.
 _MAX_FAILED_PARTS, _MAX_MISSING = 0.5, 0.2
+#: Share of the points of a sweep within range below which the ranges are named.
+_MIN_IN_RANGE = 0.1
+#: Largest difference of the times of an image and its depth image.
+_DEPTH_TOLERANCE_NS = 50_000_000
+#: Content without a stream that a calibration would make usable.
+_CAMERA_CONTENT = ("image", "calibration", "stereo camera")
 #: The streams of a log with more of them are named by their types.
 _MAX_NAMED = 8
 
@@ -132,15 +139,20 @@ def estimate(
     if method.type_name not in types.values():
         raise InputError(
             f"{name}: no {method.type_name} for cdff {method.name}: it has {_contents(types)}; {method.hint}"
+            + "".join(
+                f"; {unused}: {item.reason}"
+                for unused, item in log.unconverted.items()
+                if item.type_name in _CAMERA_CONTENT
+            )
         )
-    sensor = only_stream(log, [method.type_name], stream, f"type {method.type_name}")
+    sensor = sensor_stream(method, log, stream)
     robot = robot_of({sensor: types[sensor]}, None)
     dfpc = _configured(method, robot, profile)
     wired = wire(dfpc.description, types, robot, {method.port: sensor})
     outputs, cost = _run(dfpc, method, log, wired, robot)
     n = sum(outputs.statuses.values())
     if not outputs.poses or _is_incomplete(method, outputs):
-        raise RefusedError(_refusal(method, log, sensor, name, outputs))
+        raise RefusedError(_refusal(method, log, sensor, name, outputs) + _range_note(dfpc, log, sensor))
     run = {
         "log": name,
         "streams": wired,
@@ -164,6 +176,23 @@ def estimate(
         step_s=np.array(outputs.step_s),
         run=run,
     )
+
+
+def sensor_stream(method: Method, log: LogSource, stream: str | None = None) -> str:
+    """Return the stream of the sensor; of several images the only ones that have depth images in time."""
+    if stream is None and method is RGBD_SLAM:
+        images = [name for name, info in log.streams.items() if info.type_name == method.type_name]
+        with_depth = [name for name in images if _has_depths(log, name)]
+        stream = with_depth[0] if len(with_depth) == 1 else None
+    return only_stream(log, [method.type_name], stream, f"type {method.type_name}")
+
+
+def _has_depths(log: LogSource, images: str) -> bool:
+    """Return whether most images of a stream have a depth image of the same time."""
+    stamps_ns = log.stamps_ns(images)
+    depths = [log.stamps_ns(name) for name, i in log.streams.items() if i.type_name == "DistanceImage"]
+    gaps_ns = np.abs(stamps_ns[:, None] - np.concatenate(depths)[None]).min(axis=1)
+    return bool(np.mean(gaps_ns <= _DEPTH_TOLERANCE_NS) > 0.5)
 
 
 def _contents(types: Mapping[str, str]) -> str:
@@ -241,6 +270,24 @@ def _refusal(method: Method, log: LogSource, sensor: str, name: str, outputs: _O
     return (
         f"{name}: {n_failed} of {part} {method.unit} were not located ({reasons or 'no output'}); they are "
         f"{period_s:.2f} s apart: {method.dfpc} needs {method.unit} that overlap from one to the next{jumps}"
+    )
+
+
+def _range_note(dfpc: Dfpc, log: LogSource, sensor: str) -> str:
+    """Return the ranges of the first sweep if few of them are among those that the compound uses."""
+    scan = log.first_samples([sensor])[sensor].value
+    limits = (getattr(dfpc.config, name, None) for name in ("min_range_m", "max_range_m"))
+    least_m, most_m = limits
+    if not isinstance(scan, LidarScan) or least_m is None or most_m is None or not len(scan.points_m):
+        return ""
+    ranges_m = np.linalg.norm(scan.points_m, axis=1)
+    if np.mean((ranges_m > least_m) & (ranges_m < most_m)) > _MIN_IN_RANGE:
+        return ""
+    low, median, high = (f"{float(f'{r:.3g}'):g}" for r in np.quantile(ranges_m, (0.05, 0.5, 0.95)))
+    return (
+        f"; the points of the first sweep are {low} to {high} m away, half of them nearer than {median} m, "
+        f"and only those from {least_m:g} to {most_m:g} m are used: expected metres, or min_range_m and "
+        "max_range_m in a profile"
     )
 
 

@@ -167,7 +167,7 @@ class KeyframeMapper:
                 return
 
     def cloud(self, voxel_m: float) -> Float:
-        """Return the points (n, 3) of all linked keyframes in the map frame, thinned; empty without a map."""
+        """Return the points (n, 3) of all linked keyframes in the map frame, thinned; none without points."""
         clouds = [
             se3.transform_points(
                 self.keyframes.poses[key],
@@ -175,8 +175,11 @@ class KeyframeMapper:
             )
             for key in sorted(self.keyframes.linked)
         ]
+        points = np.concatenate([np.zeros((0, 3)), *clouds])
+        if not len(points):  # of sweeps without a point within range
+            return points
         edge_m = voxel_m if voxel_m > 0.0 else None
-        inputs = PointCloudDownsamplingInputs(points=np.concatenate(clouds), edge_m=edge_m)
+        inputs = PointCloudDownsamplingInputs(points=points, edge_m=edge_m)
         points_m: Float = self._thin_map.process(inputs).points
         return points_m
 

@@ -55,8 +55,8 @@ def table(results: dict[str, Any]) -> str:
         of_start = " relative to the first one" if nees["alignment"] == "origin" else ""
         lines += [
             "",
-            f"NEES of {nees['count']} poses{of_start}: mean {nees['mean']:.3f}, median {nees['median']:.3f} (expected: "
-            f"6; 95 % interval of the mean for independent errors: {low:.3f} to {high:.3f}); "
+            f"NEES of {nees['count']} poses{of_start}: mean {nees['mean']:.3f}, median "
+            f"{nees['median']:.3f} (expected: 6; 95 % interval of the mean for independent errors: {low:.3f} to {high:.3f}); "
             f"{100 * nees['inside_95']:.1f} % of the poses are inside the 95 % interval of a single pose",
         ]
     return "\n".join(lines)

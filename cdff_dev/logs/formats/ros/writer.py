@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Writer of logs as ROS messages: ROS 1 bags, ROS 2 bags and MCAP files.
 
-The topic ``/cdff/original_names`` holds the names and types of the log: the new log is read with them. Each of
-its messages has all names up to the next one, so that a file that ends early is read with them too.
+The topic ``/cdff/original_names`` holds the names and types of the log: the new log is read with them. Each
+of its messages has all names up to the next one, so that a file that ends early is read with them too.
 """
 
 from __future__ import annotations

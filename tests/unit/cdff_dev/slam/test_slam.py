@@ -11,6 +11,7 @@ from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,8 +22,8 @@ from cdff_common.formats.pose_graph import read_pose_graph
 from cdff_common.formats.tum import read_tum
 from cdff_common.formats.visual_map import read_visual_map
 from cdff_dev.logs import LogWriter, open_log
-from cdff_dev.slam.estimation import too_many_failed
-from cdff_dev.slam.methods import method_for
+from cdff_dev.slam.estimation import sensor_stream, too_many_failed
+from cdff_dev.slam.methods import RGBD_SLAM, method_for
 
 PNG = b"\x89PNG"
 PAIRS = 8
@@ -207,6 +208,39 @@ def test_a_log_without_the_sensor_is_refused_with_what_it_has(
     message = capsys.readouterr().err
     assert "(LidarScan)" in message
     assert "use cdff slam" in message
+
+
+def test_the_images_of_an_rgbd_camera_are_those_with_depth_images(tmp_path: Path) -> None:
+    for name, pixels in (("colour", np.uint8), ("depth", np.uint16)):
+        (tmp_path / name).mkdir()
+        for k in range(3):
+            cv2.imwrite(str(tmp_path / name / f"{k}.png"), np.full((48, 64), 90, pixels))
+    (tmp_path / "model").mkdir()
+    cv2.imwrite(str(tmp_path / "model" / "picture9.png"), np.full((48, 64), 90, np.uint8))
+    (tmp_path / "camera.yaml").write_text(
+        "px: 60\npy: 60\nu0: 32\nv0: 24\ndepthScale: 0.001\n", encoding="utf-8"
+    )
+    with open_log(tmp_path) as log:
+        assert [name for name in log.streams if name.endswith("frame")] == [
+            "/robot/colour.frame",
+            "/robot/model.frame",
+        ]
+        assert method_for("slam", log) is RGBD_SLAM
+        assert sensor_stream(RGBD_SLAM, log) == "/robot/colour.frame"
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.01])
+def test_scans_in_other_units_are_refused_with_their_ranges(
+    factor: float, real_data: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    for n in range(2):
+        points = np.fromfile(real_data(f"kitti_velodyne/{n:06d}.bin"), "<f4").reshape(-1, 4)
+        points[:, :3] *= np.float32(factor)
+        points[::20].tofile(scans / f"{n:06d}.bin")
+    assert main(["slam", str(scans), "--out", str(tmp_path / "out")]) == EXIT_REFUSED
+    assert "only those from 0.5 to 60 m are used: expected metres" in capsys.readouterr().err
 
 
 @pytest.mark.slow
