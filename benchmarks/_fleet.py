@@ -92,9 +92,8 @@ class Host:
         body |= {"outputs": self._outputs, "failed": 0, "mean_step_cpu_s": 0.001, "last_step_s": 0.001}
         self._bus.publish_map(keys.dfpc_status(self.robot, self.name), body)
 
-    def store_pose(self) -> None:
-        """Store the current pose of the robot in the DPM."""
-        stamp_ns = wall_ns() // 1000 * 1000
+    def store_pose(self, stamp_ns: int) -> None:
+        """Store the pose of the robot at a time in the DPM."""
         T = UncertainTransform(se3.transform(np.eye(3), [1.0, 2.0, 0.0]), np.eye(6) * 1e-4)
         child = f"{self.robot}/base"
         value = TransformWithCovariance.from_transform(T, parent="site", child=child, stamp_ns=stamp_ns)
@@ -143,10 +142,11 @@ def run_hosts(profile: Profile, rate_hz: float) -> None:
         bus.declare_alive("ground", "hosts")
         beat_s = time.monotonic()
         while not stop.wait(max(beat_s - time.monotonic(), 0.0)):
+            stamp_ns = (wall_ns() - int((time.monotonic() - beat_s) * 1e9)) // 1000 * 1000
             beat_s += 1.0 / rate_hz
             for host in hosts:
                 if host.state == "active" and host.name == "position_manager":
-                    pool.submit(host.store_pose)
+                    pool.submit(host.store_pose, stamp_ns)
             for host in hosts:
                 host.beat()
 

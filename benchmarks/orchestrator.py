@@ -15,9 +15,10 @@ the stated time. CPU times are those of this process.
 ``fleet``: for each number of robots, the CPU time in this process to describe all DFPCs, to list the
 catalogue, to plan one request and to determine the due actions. ``standing``: standing requests for poses
 of ``--fleet`` robots with a period of ``--every-s``, with stand-in hosts that store a pose of each robot at
-the same rate in the DPM. Each row has the fraction of the expected replies, their lateness (reception after
-the later of the capture and the end of the period), the number of requests with exactly one final reply,
-and CPU time, memory and threads of the processes.
+the same rate in the DPM. Each row has the fraction delivered of the poses that were captured between sending
+and end of a request, the time until the first one, their lateness (reception after the later of the capture
+and the end of the period), the number of requests with exactly one final reply, and CPU time, memory and
+threads of the processes.
 """
 
 from __future__ import annotations
@@ -376,6 +377,9 @@ class StandingRequest:
         self.late_s: list[float] = []
         self.products = self.finals = 0
         self.outcome = ""
+        self.sent_s = wall_ns() * 1e-9
+        self.end_s = self.sent_s + duration_s
+        self.first_s: float | None = None
         self._received_s = float("-inf")
         parameters = {"type": "pose", "every_s": every_s, "deadline_ms": int(duration_s * 1e3)}
         selector = f"{keys.orchestrator_rpc(robot, 'request')}?" + ";".join(
@@ -399,6 +403,8 @@ class StandingRequest:
             due_s = max(attachment["t1_ns"] * 1e-9, self._received_s + self.every_s)
             self.late_s.append(now_s - due_s)
             self._received_s, self.products = now_s, self.products + 1
+            if self.first_s is None:
+                self.first_s = now_s - self.sent_s
         if attachment["final"]:
             self.finals += 1
             self.outcome = str(attachment["kind"])
@@ -446,8 +452,14 @@ def run_standing(
         peak_threads |= Counter({name: threads(pid) for name, pid in pids.items()})
     time.sleep(1.0)
     late_s = [s for r in open_requests for s in r.late_s]
+    with Bus.open(running.endpoint, name="count", wait_s=30) as bus:
+        stored_s = {r.robot: stored_stamps_s(bus, r.robot) for r in open_requests[:robots]}
+    due = sum(sum(r.sent_s <= s < r.end_s for s in stored_s[r.robot]) for r in open_requests)
+    first_s = [duration_s if r.first_s is None else r.first_s for r in open_requests]
     figures = {
-        "products_fraction": sum(r.products for r in open_requests) * every_s / duration_s / requests,
+        "products_fraction": sum(r.products for r in open_requests) / max(due, 1),
+        "first_p50_s": statistics.median(first_s),
+        "first_p95_s": float(np.percentile(first_s, 95)),
         "late_p50_s": statistics.median(late_s) if late_s else None,
         "late_p95_s": float(np.percentile(late_s, 95)) if late_s else None,
         "exactly_one_final": sum(r.finals == 1 for r in open_requests),
@@ -459,6 +471,13 @@ def run_standing(
     for session in sessions:
         session.close()
     return figures
+
+
+def stored_stamps_s(bus: Bus, robot: str) -> list[float]:
+    """Return the capture times of the poses of a robot in the DPM, seconds."""
+    parameters = {"type": "pose", "robot": robot, "limit": 1000}
+    items = bus.call(keys.dpm_rpc("ground", "search"), parameters, timeout_s=30).body()["items"]
+    return [item["t1_ns"] * 1e-9 for item in items]
 
 
 def main() -> None:

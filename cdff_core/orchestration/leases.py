@@ -170,6 +170,10 @@ class Leases:
             for sensor in [s for s in by_sensor if s.robot == robot]:
                 del by_sensor[sensor]
 
+    def is_holder(self, holder: str) -> bool:
+        """Return whether a holder has a lease."""
+        return holder in self._held
+
     def without(self, holder: str) -> Leases:
         """Return the leases of all other holders, in which the providers of ``holder`` do not linger."""
         others = replace(
@@ -219,7 +223,11 @@ class Leases:
     def effect(self, robots: Container[str]) -> tuple[object, ...]:
         """Return what the leases require of some robots; equal before and after a change without effect."""
         return (
-            {p: not lease.holders for p, lease in self._provider_leases.items() if p.robot in robots},
+            {
+                p: (not lease.holders, lease.priority)
+                for p, lease in self._provider_leases.items()
+                if p.robot in robots
+            },
             {s: mode for s, mode in self._mode.items() if s.robot in robots},
             {p: dict(ports) for p, ports in self._chosen_sources.items() if p.robot in robots},
         )

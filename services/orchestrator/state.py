@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -77,6 +78,36 @@ class PlanProgress:
         return (*self.pending_modes, *self.inactive)
 
 
+#: Selection of a world: optimistic, priority and robots.
+_WorldKey = tuple[bool, int, frozenset[str]]
+
+
+class _Worlds:
+    """Worlds of the last requests, each until a change of one of its robots, or for ``LONGEST_S``: resource
+    usage and refused modes change without a signal.
+    """
+
+    LONGEST_S = 0.5
+
+    def __init__(self) -> None:
+        self._worlds: dict[_WorldKey, tuple[float, World]] = {}
+
+    def get(self, key: _WorldKey, now_s: float) -> World | None:
+        """Return a world that is valid now."""
+        made_s, world = self._worlds.get(key, (-math.inf, None))
+        return world if now_s - made_s <= self.LONGEST_S else None
+
+    def add(self, key: _WorldKey, world: World, now_s: float) -> None:
+        """Add a world, and remove old ones."""
+        self._worlds = {k: w for k, w in self._worlds.items() if now_s - w[0] <= self.LONGEST_S}
+        self._worlds[key] = (now_s, world)
+
+    def clear(self, robots: Collection[str]) -> None:
+        """Remove the worlds with one of these robots, or all."""
+        changed = frozenset(robots)
+        self._worlds = {k: w for k, w in self._worlds.items() if changed and not changed & k[2]}
+
+
 class SystemState:
     """Descriptions, observations and leases of all robots of a profile.
 
@@ -99,6 +130,7 @@ class SystemState:
         self._changed_modes: set[SensorId] = set()
         self._watchers = Watchers()
         self._cache = ProviderCache()
+        self._worlds = _Worlds()
         self._linger_s: dict[ProviderId, float] = {}
         self._leases = Leases(self._linger_s)
         self._left: set[str] = set()
@@ -180,6 +212,7 @@ class SystemState:
         """Signal a change of some robots, by default of all."""
         with self._changed:
             self.version += 1
+            self._worlds.clear(robots)
             self._changed.notify_all()
             self._watchers.notify(robots or None)
 
@@ -404,9 +437,11 @@ class SystemState:
         """Return the due actions, and the time of the next call if nothing changes (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
-            self._leases.expire(now_s, self._observed.active)
+            expired = self._leases.expire(now_s, self._observed.active)
             refusals = self._refusals(now_s)
             self._leases.avoid(refusals)
+            if expired or refusals:
+                self._worlds.clear(())
             o = self._observed
             world = self.world(
                 optimistic=True, robots={p.robot for p in self._leases.wanted | o.active | o.owned}
@@ -458,23 +493,37 @@ class SystemState:
     ) -> World:
         """Return the current world of the planner for a request of some priority, of all robots or of some.
 
-        The leases of ``holder``, which a new plan replaces, do not count.
+        The leases of ``holder``, which a new plan replaces, do not count. Equal requests that arrive together
+        get the same world.
         """
         with self._changed:
-            selected = self._by_robot if robots is None else robots
-            return world_of(
-                self.profile,
-                {p: d for robot in selected for p, d in self._by_robot.get(robot, {}).items()},
-                self._observed,
-                self._leases.without(holder) if holder else self._leases,
-                self._refusals(self._timing.now_s()),
-                optimistic=optimistic,
-                priority=priority,
-                measured=self._monitor.usage,
-                absent=self._absent,
-                cache=self._cache,
-                robots=robots,
-            )
+            if holder and self._leases.is_holder(holder):
+                return self._new_world(optimistic, priority, holder, robots)
+            now_s = self._timing.now_s()
+            key = (optimistic, priority, frozenset(self._by_robot if robots is None else robots))
+            world = self._worlds.get(key, now_s)
+            if world is None:
+                world = self._new_world(optimistic, priority, "", robots)
+                self._worlds.add(key, world, now_s)
+            return world
+
+    def _new_world(
+        self, optimistic: bool, priority: int, holder: str, robots: Collection[str] | None
+    ) -> World:
+        selected = self._by_robot if robots is None else robots
+        return world_of(
+            self.profile,
+            {p: d for robot in selected for p, d in self._by_robot.get(robot, {}).items()},
+            self._observed,
+            self._leases.without(holder) if holder else self._leases,
+            self._refusals(self._timing.now_s()),
+            optimistic=optimistic,
+            priority=priority,
+            measured=self._monitor.usage,
+            absent=self._absent,
+            cache=self._cache,
+            robots=robots,
+        )
 
     def progress(self, plan: Plan, holder: str) -> PlanProgress:
         """Return the progress of the plan of a holder."""

@@ -227,3 +227,18 @@ def test_the_world_of_some_robots_is_the_part_of_the_whole(state: SystemState) -
     assert part.sensors == {s: x for s, x in whole.sensors.items() if s.robot == "mana"}
     assert set(part.memory_free_mb) <= {"mana"}
     assert part.reserved == {p for p in whole.reserved if p.robot == "mana"}
+
+
+def test_equal_requests_share_a_world_until_a_change_of_their_robot(timing: SetTime) -> None:
+    state = SystemState(PROFILE, timing)
+    robots = ("mana",)
+    world = state.world(robots=robots)
+    assert state.world(robots=robots) is world
+    assert state.world(robots=robots, priority=3) is not world
+    state.notify("minnie")
+    assert state.world(robots=robots) is world
+    state.set_alive(DEM, alive=True)
+    changed = state.world(robots=robots)
+    assert changed is not world
+    timing.time_s += 0.6
+    assert state.world(robots=robots) is not changed
