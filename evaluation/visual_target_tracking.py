@@ -3,10 +3,10 @@
 """Track ViSP's castle in its grey and depth images with visual_target_tracking and default parameters.
 
 ``starts``: the guess is the true pose of the first image, and true poses with seeded errors. ``disturbed``:
-frames 8 to 11 are black, or their right half is. ``file_camera``: the principal point is that of the camera
-file. ``depth``: the same with the depth images, whose camera is next to the grey one. Errors are those of all
-used images; errors of published predictions are separate. ``principal_point``:
-differences between the measured depth and that of the mesh at the true poses, for two principal points.
+frames 8 to 11 are black, or their right half is. ``depth``: the same with the depth images, whose camera is
+next to the grey one. ``file_camera``: the principal point is that of the camera file. Errors are those of all
+used images; errors of published predictions are separate. ``principal_point``: differences between the
+measured depth and that of the mesh at the true poses, for two principal points.
 """
 
 from __future__ import annotations

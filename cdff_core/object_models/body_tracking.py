@@ -19,6 +19,7 @@ from cdff_common.interfaces.product import CovarianceKind, Quality
 from cdff_common.types import ObjectTrack, TransformWithCovariance
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.prepared import PreparedModels, body_frame
+from cdff_core.object_models.scan_detection import Hypothesis
 from cdff_core.object_models.state_filter import NewTrackConfig, StateFilter, with_rejection
 from cdff_core.object_models.state_output import state_outputs
 from cdff_core.object_models.tracked_state import TrackedState
@@ -119,6 +120,24 @@ class BodyTracking(Dfpc):
         """Continue with a prediction whose measurement was not used."""
         self._state = with_rejection(predicted) if is_contradiction else predicted
         self._unused += 1
+
+    def _use_detection(
+        self, model: ModelPreparationOutputs, found: list[Hypothesis], stamp_ns: int
+    ) -> list[str]:
+        """Correct the track by a detection that agrees with it, or start one; return the reasons.
+
+        The state has the time of the detection; the same measurement then corrects it.
+        """
+        poses = [T for hypothesis in found for T in hypothesis.T @ model.symmetries]
+        agreeing = self._agreeing(model, poses)
+        if agreeing is not None:
+            self._state = agreeing
+            return ["detected"]
+        self._start(model, stamp_ns, UncertainTransform(found[0].T))
+        reasons = ["new_track"]
+        reasons += [f"ambiguous:{len(found) - 1}"] if len(found) > 1 else []
+        reasons += [f"symmetric_model:{len(model.symmetries)}"] if len(model.symmetries) > 1 else []
+        return reasons
 
     def _agreeing(self, model: ModelPreparationOutputs, poses: Iterable[FloatArray]) -> TrackedState | None:
         """Return the state corrected by the first detected pose (4, 4) that agrees with it, if any."""

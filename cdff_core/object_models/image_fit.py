@@ -88,7 +88,9 @@ class ImageFitter:
         RefusedError
             ``few_edges:n<m`` or ``behind_camera``.
         """
-        first_px = range_px = self._range_px(model, predicted, camera_matrix)
+        first_px = range_px = search_range_px(
+            model, predicted.T, predicted.covariance[:6, :6], camera_matrix, self._max_range_px
+        )
         state = predicted
         for _ in range(self._rounds):
             measured = self._edges.process(
@@ -124,15 +126,32 @@ class ImageFitter:
         distance = state.squared_distance(predicted)
         return ImageFit(state, distance, outputs.agreement, outputs.sigma_px, len(measured.points), first_px)
 
-    def _range_px(
-        self, model: ModelPreparationOutputs, state: TrackedState, camera_matrix: FloatArray
-    ) -> float:
-        """Return the range of the search that covers the uncertainty of a state."""
-        depth_m = float(state.T[2, :3] @ model.centre_m + state.T[2, 3])
-        if depth_m <= 0.0:
-            raise RefusedError("the body is behind the camera", ["behind_camera"])
-        variances = np.diag(state.covariance)
-        across_m = math.sqrt(float(variances[:2].max()))
-        rotation_m = 0.5 * model.diameter_m * math.sqrt(float(variances[3:6].max()))
-        sigma_px = float(camera_matrix[0, 0]) * (across_m + rotation_m) / depth_m
-        return min(max(_SIGMAS * sigma_px, _MIN_RANGE_PX), self._max_range_px)
+
+def search_range_px(
+    model: ModelPreparationOutputs,
+    T: FloatArray,
+    covariance: FloatArray,
+    camera_matrix: FloatArray,
+    largest_px: float,
+) -> float:
+    """Return the range of a search that covers the uncertainty of a pose.
+
+    Parameters
+    ----------
+    T : ndarray, shape (4, 4)
+        T_camera_body.
+    covariance : ndarray, shape (6, 6)
+
+    Raises
+    ------
+    RefusedError
+        ``behind_camera``.
+    """
+    depth_m = float(T[2, :3] @ model.centre_m + T[2, 3])
+    if depth_m <= 0.0:
+        raise RefusedError("the body is behind the camera", ["behind_camera"])
+    variances = np.diag(covariance)
+    across_m = math.sqrt(max(float(variances[:2].max()), 0.0))
+    rotation_m = 0.5 * model.diameter_m * math.sqrt(max(float(variances[3:6].max()), 0.0))
+    sigma_px = float(camera_matrix[0, 0]) * (across_m + rotation_m) / depth_m
+    return min(max(_SIGMAS * sigma_px, _MIN_RANGE_PX), largest_px)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import Field
 
-from cdff_common.arrays import FloatArray
+from cdff_common.arrays import ByteArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Output, Sample
@@ -22,13 +22,17 @@ from cdff_core.imaging.grey import grey_image
 from cdff_core.object_models.body_tracking import BodyTracking, BodyTrackingConfig, order_fault
 from cdff_core.object_models.image_fit import ImageFitter
 from cdff_core.object_models.scan_detection import bounded_noise
-from cdff_core.object_models.scan_fit import ScanFitter, body_ball
+from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, body_ball
 from cdff_core.object_models.scan_parts import range_noise
 from cdff_core.object_models.state_filter import adapted
+from cdff_core.object_models.texture_fit import SeenBody, TextureFitter
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Weight of a new estimate of the noise of the depths.
 _NOISE_GAIN = 0.2
+#: Gates up to which depths that agree with the model show that the prediction was too certain, and the factor
+#: of its covariance beyond that of the difference.
+_NEAR_GATES, _MARGIN = 10.0, 4.0
 
 
 class ImageTrackingConfig(BodyTrackingConfig):
@@ -48,6 +52,10 @@ class ImageTrackingConfig(BodyTrackingConfig):
     )
     good_agreement: float = Field(
         0.5, gt=0, le=1, description="Fraction of the edge points below which a used image is DEGRADED"
+    )
+    texture: bool = Field(default=True, description="Track points of the surface from each image to the next")
+    min_texture_agreement: float = Field(
+        0.6, gt=0, le=1, description="Fraction of the tracked points below which they are not used"
     )
     guess_sigma: float = Field(
         0.02,
@@ -71,6 +79,13 @@ class ImageTrackingConfig(BodyTrackingConfig):
         (0.0, 0.0, 0.0),
         description="Rotation vector from the axes of the depth camera to those of the camera",
     )
+    depth_delay_sigma: float = Field(
+        0.0,
+        ge=0,
+        le=5,
+        description="Standard deviation of the time between a depth image and the image of its stamp, in "
+        "intervals of the images; about 0.3 for cameras that are not synchronised",
+    )
     max_depth_points: int = Field(
         1500, ge=50, le=100_000, description="Approximate number of depths near the body that are used"
     )
@@ -82,6 +97,12 @@ class ImageTrackingConfig(BodyTrackingConfig):
         gt=0,
         le=1,
         description="Fraction of the depths of the body, without those in front of it, that must agree",
+    )
+    good_depth_agreement: float = Field(
+        0.75,
+        gt=0,
+        le=1,
+        description="Fraction of these depths below which a used depth image is DEGRADED",
     )
     min_visible: float = Field(
         0.2, gt=0, le=1, description="Fraction of the depths of the body that must not be in front of it"
@@ -103,6 +124,8 @@ class ViewFit:
     is_contradiction : bool
         One of them contradicts the prediction.
     metrics : dict
+    grey : ndarray of uint8, shape (r, c), or None
+        The image.
     """
 
     state: TrackedState
@@ -110,6 +133,12 @@ class ViewFit:
     faults: list[str] = field(default_factory=list)
     is_contradiction: bool = False
     metrics: dict[str, float] = field(default_factory=dict)
+    grey: ByteArray | None = None
+
+    def add_missing(self, fault: str) -> None:
+        """Add a fault of the edges unless the depths were used: they determine the pose without edges."""
+        if not self.used:
+            self.faults.append(fault)
 
 
 class ImageTracking(BodyTracking):
@@ -123,6 +152,9 @@ class ImageTracking(BodyTracking):
         self._edges = ImageFitter(
             self.dfn("edges"), self.dfn("refine"), cfg.rounds, cfg.max_range_px, cfg.min_points
         )
+        self._texture = TextureFitter(
+            self.dfn("detect"), self.dfn("track"), self.dfn("refine_texture"), cfg.max_range_px
+        )
         self._depths = ScanFitter(None, self.dfn("registration"))
         self._R_camera_depth = se3.exp_so3(np.array(cfg.depth_rotation_rad))
         self._pairing = RgbdPairing()
@@ -133,6 +165,7 @@ class ImageTracking(BodyTracking):
         super().restart()
         self._depth_sigma_m = self.config.depth_sigma_m
         self._depth_ns = -1
+        self._seen: SeenBody | None = None
         self._pairing.clear()
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
@@ -163,13 +196,14 @@ class ImageTracking(BodyTracking):
         if self._state is None:
             yield from self._without_track(view, model)
             return
-        predicted = self._filter.predicted(self._state, sample.stamp_ns)
-        fit = self._fit(view, model, predicted)
+        predicted, transition = self._filter.prediction(self._state, sample.stamp_ns)
+        fit = self._fit(view, model, predicted, transition)
         if fit.used:
             yield from self._used_fit(view, predicted, fit, reasons)
             return
-        self._not_used(predicted, is_contradiction=fit.is_contradiction)
-        yield from self._published(sample, [*reasons, "coasting", *fit.faults], fit.metrics)
+        self._seen = None
+        self._not_used(fit.state, is_contradiction=fit.is_contradiction)
+        yield from self._without_fit(view, model, fit, reasons)
 
     def _is_newer(self, view: RgbdSamples, state: TrackedState) -> bool:
         """Return whether samples are newer than the state, or the first depth image of its time."""
@@ -181,6 +215,12 @@ class ImageTracking(BodyTracking):
         """Return the outputs without a track and a guess."""
         return self._outputs(view.newest, None, Quality.failed("no_guess"))
 
+    def _without_fit(
+        self, view: RgbdSamples, model: ModelPreparationOutputs, fit: ViewFit, reasons: list[str]
+    ) -> Iterable[Output]:
+        """Publish the prediction."""
+        return self._published(view.newest, [*reasons, "coasting", *fit.faults], fit.metrics)
+
     def _used_fit(
         self, view: RgbdSamples, predicted: TrackedState, fit: ViewFit, reasons: list[str]
     ) -> Iterable[Output]:
@@ -188,23 +228,60 @@ class ImageTracking(BodyTracking):
         self._state, self._unused = adapted(predicted, fit.state), 0
         self._used += 1
         self._last_used_ns = view.newest.stamp_ns
+        self._seen = None if fit.grey is None else SeenBody(fit.grey, self._state)
         return self._published(view.newest, [*reasons, *fit.faults], fit.metrics)
 
-    def _fit(self, view: RgbdSamples, model: ModelPreparationOutputs, predicted: TrackedState) -> ViewFit:
-        """Return the state corrected by the depths, then by the edges."""
+    def _fit(
+        self,
+        view: RgbdSamples,
+        model: ModelPreparationOutputs,
+        predicted: TrackedState,
+        transition: FloatArray,
+    ) -> ViewFit:
+        """Return the state corrected by the texture, the depths and the edges, in this order."""
         fit = ViewFit(predicted)
+        if view.image is not None:
+            check_undistorted(view.image.value)
+            fit.grey = grey_image(view.image.value)
+            self._correct_by_texture(view.image, model, transition, fit)
         if view.depth is not None:
             self._depth_ns = view.depth.stamp_ns
-            self._correct_by_depths(view.depth, model, fit)
+            delay_s = 0.0
+            if view.image is not None and self._state is not None:
+                interval_s = 1e-9 * (predicted.stamp_ns - self._state.stamp_ns)
+                delay_s = self.config.depth_delay_sigma * interval_s
+            self._correct_by_depths(view.depth, model, fit, delay_s)
         if view.image is not None:
             self._correct_by_edges(view.image, model, fit)
         return fit
 
-    def _correct_by_depths(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
-        """Correct the state of a fit by a depth image."""
+    def _correct_by_texture(
+        self, sample: Sample, model: ModelPreparationOutputs, transition: FloatArray, fit: ViewFit
+    ) -> None:
+        """Correct the prediction of a fit by the motion since the previous image.
+
+        It adds no knowledge of the pose itself: a state with this correction alone is still a prediction.
+        """
+        seen, cfg = self._seen, self.config
+        if not cfg.texture or seen is None or fit.grey is None:
+            return
+        camera_matrix = sample.value.camera_matrix
+        try:
+            found = self._texture.fit(model, seen, fit.state, transition, fit.grey, camera_matrix)
+        except RefusedError:
+            return
+        fit.metrics |= {"features": float(found.points), "texture_agreement": found.agreement}
+        is_near = found.state.squared_distance(fit.state) < self._gate
+        if found.agreement >= cfg.min_texture_agreement and is_near:
+            fit.state = found.state
+
+    def _correct_by_depths(
+        self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit, delay_sigma_s: float
+    ) -> None:
+        """Correct the state of a fit by a depth image, whose delay has a standard deviation."""
         cfg = self.config
         # With the axes of the camera and the origin of the depth camera.
-        state = replace(fit.state, T=_moved(fit.state.T, -np.array(cfg.depth_offset_m)))
+        state = replace(fit.state, T=moved(fit.state.T, -np.array(cfg.depth_offset_m)))
         points_m = self._body_points(sample, model, state)
         if len(points_m) < cfg.min_depth_points:
             fit.faults.append(f"few_depths:{len(points_m)}<{cfg.min_depth_points}")
@@ -212,7 +289,12 @@ class ImageTracking(BodyTracking):
         if not self._depth_sigma_m:
             self._depth_sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
         try:
-            found = self._depths.fit(model, state, points_m, np.zeros(len(points_m)), self._depth_sigma_m)
+            found = self._fit_depths(model, state, points_m, delay_sigma_s)
+            if self._is_underestimated(found):
+                fit.faults.append(f"depth_innovation:{found.distance:.3g}>{self._gate:.3g}")
+                factor = _MARGIN * found.distance / self._gate
+                state = replace(state, covariance=factor * state.covariance)
+                found = self._fit_depths(model, state, points_m, delay_sigma_s)
         except RefusedError as error:
             fit.faults.append(f"depth_{error.reasons[0]}")
             return
@@ -234,13 +316,24 @@ class ImageTracking(BodyTracking):
         if fault:
             fit.faults.append(fault)
             return
-        fit.state, fit.used = (
-            replace(found.state, T=_moved(found.state.T, np.array(cfg.depth_offset_m))),
-            True,
-        )
+        if found.agreement < cfg.good_depth_agreement:
+            fit.faults.append(f"depth_low_agreement:{found.agreement:.2f}<{cfg.good_depth_agreement:g}")
+        fit.state = replace(found.state, T=moved(found.state.T, np.array(cfg.depth_offset_m)))
+        fit.used = True
         if not cfg.depth_sigma_m:
             noise_m = bounded_noise(found.sigma_m, model.diameter_m)
             self._depth_sigma_m += _NOISE_GAIN * (noise_m - self._depth_sigma_m)
+
+    def _fit_depths(
+        self, model: ModelPreparationOutputs, state: TrackedState, points_m: FloatArray, delay_sigma_s: float
+    ) -> ScanFit:
+        times_s = np.zeros(len(points_m))
+        return self._depths.fit(model, state, points_m, times_s, self._depth_sigma_m, delay_sigma_s)
+
+    def _is_underestimated(self, found: ScanFit) -> bool:
+        """Return True if the depths agree with the model, and nearly with a too certain prediction."""
+        is_near = self._gate < found.distance < _NEAR_GATES * self._gate
+        return is_near and found.agreement >= self.config.good_depth_agreement
 
     def _body_points(self, sample: Sample, model: ModelPreparationOutputs, state: TrackedState) -> FloatArray:
         """Return the depths near a state as points (n, 3) in the axes of the camera."""
@@ -252,12 +345,12 @@ class ImageTracking(BodyTracking):
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit by an image."""
         cfg = self.config
-        check_undistorted(sample.value)
-        image = grey_image(sample.value).astype(np.float32)
+        assert fit.grey is not None
+        image = fit.grey.astype(np.float32)
         try:
             found = self._edges.fit(model, fit.state, image, sample.value.camera_matrix)
         except RefusedError as error:
-            fit.faults.append(error.reasons[0])
+            fit.add_missing(error.reasons[0])
             return
         fit.metrics |= {
             "points": float(found.points),
@@ -267,14 +360,14 @@ class ImageTracking(BodyTracking):
             "range_px": found.range_px,
         }
         if found.agreement < cfg.min_agreement:
-            fit.faults.append(f"low_agreement:{found.agreement:.2f}<{cfg.min_agreement:g}")
+            fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.min_agreement:g}")
             return
         if found.distance > self._gate:
             fit.faults.append(f"innovation:{found.distance:.3g}>{self._gate:.3g}")
             fit.is_contradiction = True
             return
         if found.agreement < cfg.good_agreement:
-            fit.faults.append(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
+            fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
         fit.state, fit.used = found.state, True
 
     def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
@@ -285,5 +378,6 @@ class ImageTracking(BodyTracking):
         return str(getattr(sample.value, "frame", "")) or sample.frame
 
 
-def _moved(T: FloatArray, by_m: FloatArray) -> FloatArray:
+def moved(T: FloatArray, by_m: FloatArray) -> FloatArray:
+    """Return a pose (4, 4) moved by a vector (3,) in the frame."""
     return se3.transform(T[:3, :3], T[:3, 3] + by_m)

@@ -101,6 +101,19 @@ def camera_normals(
     return np.where(face[..., None] >= 0, n[face], np.nan)
 
 
+def body_window(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[int, int, Window]:
+    """Return first row, first column and window of the part of the image with the body at T_camera_model."""
+    points = vertices_m @ T[:3, :3].T + T[:3, 3]
+    z = points[:, 2]
+    if (z <= 1e-3 * max(float(z.max()), 0.0)).any():
+        # A part is next to or behind the camera: the body may be anywhere in the image.
+        return 0, 0, camera if z.max() > 0.0 else camera.cropped(0, 0, 0, 0)
+    u, v = camera.fx * points[:, 0] / z + camera.cx, camera.fy * points[:, 1] / z + camera.cy
+    low_c, high_c = np.clip([np.floor(u.min()) - 2, np.ceil(u.max()) + 3], 0, camera.columns).astype(int)
+    low_r, high_r = np.clip([np.floor(v.min()) - 2, np.ceil(v.max()) + 3], 0, camera.rows).astype(int)
+    return int(low_r), int(low_c), camera.cropped(low_r, low_c, int(high_r - low_r), int(high_c - low_c))
+
+
 @njit(cache=True)
 def draw(
     vertices: FloatArray,

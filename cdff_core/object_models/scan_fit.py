@@ -78,8 +78,12 @@ class ScanFitter:
         points_m: FloatArray,
         times_s: FloatArray,
         sigma_m: float,
+        delay_sigma_s: float = 0.0,
     ) -> ScanFit:
         """Return the state corrected by points (n, 3) at times (n,) relative to its stamp.
+
+        ``delay_sigma_s`` is the standard deviation of an unknown delay of all points, by which the body moves
+        on with its velocity; it is estimated with the state.
 
         Raises
         ------
@@ -90,6 +94,11 @@ class ScanFitter:
         points_m, times_s = points_m[near], times_s[near]
         duration_s = float(np.ptp(times_s)) if len(times_s) else 0.0
         state, J = predicted, pose_and_rate_jacobian(predicted)
+        prior = predicted.covariance
+        if delay_sigma_s > 0.0:
+            delay = np.concatenate([predicted.velocities, np.zeros(6)])
+            J, prior = np.hstack([J, delay[:, None]]), np.pad(prior, (0, 1))
+            prior[-1, -1] = delay_sigma_s**2
         for _ in range(_MAX_ROUNDS if duration_s > 0.0 else 1):
             moved_m = self._moved(state, points_m, times_s)
             outputs = self._register.process(
@@ -97,8 +106,8 @@ class ScanFitter:
                     scan=moved_m,
                     times_s=times_s,
                     pose=state.T,
-                    prior_covariance=predicted.covariance,
-                    prior_error=predicted.difference(state),
+                    prior_covariance=prior,
+                    prior_error=np.pad(predicted.difference(state), (0, len(prior) - ERRORS)),
                     state_jacobian=J,
                     capture_m=_capture_m(model, predicted),
                     drawn_vertices=model.drawn_vertices,
@@ -108,7 +117,7 @@ class ScanFitter:
                     **surface_ports(model),
                 )
             )
-            state = state.corrected(outputs.correction, outputs.covariance)
+            state = state.corrected(outputs.correction[:ERRORS], outputs.covariance[:ERRORS, :ERRORS])
             if float(np.linalg.norm(outputs.correction[9:12])) * duration_s < _RESIDUAL_MOTION_RAD:
                 break
         distance = state.squared_distance(predicted)
@@ -151,7 +160,7 @@ def near_body(
 
 
 def body_ball(model: ModelPreparationOutputs, state: TrackedState) -> tuple[FloatArray, float]:
-    """Return centre (3,) and radius of the ball that contains the body, with the uncertainty of its centre."""
+    """Return centre (3,) and radius of the ball with the body and the uncertainty of its centre."""
     arm = state.T[:3, :3] @ model.centre_m
     J = np.hstack([np.eye(3), -se3.skew(arm)])
     sigma_m = math.sqrt(float(np.linalg.eigvalsh(J @ state.covariance[:6, :6] @ J.T)[-1]))

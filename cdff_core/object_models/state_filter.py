@@ -101,6 +101,10 @@ class StateFilter:
 
     def predicted(self, state: TrackedState, stamp_ns: int) -> TrackedState:
         """Return the state at a later time."""
+        return self.prediction(state, stamp_ns)[0]
+
+    def prediction(self, state: TrackedState, stamp_ns: int) -> tuple[TrackedState, FloatArray]:
+        """Return the state at a later time and the derivative (20, 20) of its errors."""
         outputs = self._predict.process(
             TargetStatePredictionInputs(
                 pose=state.T,
@@ -113,7 +117,7 @@ class StateFilter:
                 duration_s=1e-9 * (stamp_ns - state.stamp_ns),
             )
         )
-        return TrackedState(
+        predicted = TrackedState(
             stamp_ns,
             outputs.pose,
             outputs.velocity,
@@ -123,6 +127,7 @@ class StateFilter:
             outputs.covariance,
             state.noise_scales,
         )
+        return predicted, outputs.transition
 
     def corrected(
         self, predicted: TrackedState, T_measured: FloatArray, covariance: FloatArray

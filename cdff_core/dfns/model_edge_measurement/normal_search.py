@@ -15,7 +15,7 @@ from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.model_edge_measurement.interface import Inputs, Interface, Outputs
 from cdff_core.object_models.mesh_edges import MeshEdges, control_points, mesh_edges
-from cdff_core.object_models.rendering import Window, draw
+from cdff_core.object_models.rendering import Window, body_window, draw
 
 #: Least size of the window in which the mesh is drawn, px.
 _MIN_WINDOW = 8
@@ -50,7 +50,7 @@ class NormalSearch(Interface[NormalSearchConfig]):
         K, T = inputs.camera_matrix, np.ascontiguousarray(inputs.pose, np.float64)
         rows, columns = inputs.image.shape
         camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], rows, columns)
-        row, column, window = _window_of(inputs.vertices, T, camera)
+        row, column, window = body_window(inputs.vertices, T, camera)
         cfg = self.config
         if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
             nothing = np.zeros((0, 2))
@@ -81,19 +81,6 @@ class NormalSearch(Interface[NormalSearchConfig]):
             self._edges = mesh_edges(inputs.vertices, inputs.triangles, crease_rad)
             self._mesh = mesh
         return self._edges
-
-
-def _window_of(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[int, int, Window]:
-    """Return first row, first column and window of the part of the image with the body."""
-    points = vertices_m @ T[:3, :3].T + T[:3, 3]
-    z = points[:, 2]
-    if (z <= 1e-3 * max(float(z.max()), 0.0)).any():
-        # A part is next to or behind the camera: the body may be anywhere in the image.
-        return 0, 0, camera if z.max() > 0.0 else camera.cropped(0, 0, 0, 0)
-    u, v = camera.fx * points[:, 0] / z + camera.cx, camera.fy * points[:, 1] / z + camera.cy
-    low_c, high_c = np.clip([np.floor(u.min()) - 2, np.ceil(u.max()) + 3], 0, camera.columns).astype(int)
-    low_r, high_r = np.clip([np.floor(v.min()) - 2, np.ceil(v.max()) + 3], 0, camera.rows).astype(int)
-    return int(low_r), int(low_c), camera.cropped(low_r, low_c, int(high_r - low_r), int(high_c - low_c))
 
 
 @njit(cache=True)

@@ -78,12 +78,15 @@ class TargetStatePredictionOutputs:
         Angular rate at the end, in the body's axes, rad/s.
     covariance : ndarray of float64, shape (20,20)
         Covariance at the end.
+    transition : ndarray of float64, shape (20,20)
+        Derivative of the errors at the end with respect to those at the start.
     """
 
     pose: NDArray[np.float64]
     velocity: NDArray[np.float64]
     rate: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    transition: NDArray[np.float64]
 
 
 class TargetStatePredictionInterface(Dfn[ConfigT, TargetStatePredictionInputs, TargetStatePredictionOutputs]):

@@ -69,6 +69,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
             velocity=np.array(inputs.velocity, np.float64),
             rate=motion.rate,
             covariance=symmetrised(covariance),
+            transition=transition,
         )
 
     def _noise(self, R: FloatArray, arm: FloatArray, dt: float, scales: FloatArray) -> FloatArray:

@@ -12,7 +12,6 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import RefusedError
-from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.direction_names import direction_names
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
@@ -169,14 +168,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return self._published(sample, ["coasting", *reasons, *error.reasons], self._metrics(None))
         # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
         stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
-        names = ["new_track", *reasons]
-        names += [f"ambiguous:{len(found) - 1}"] if len(found) > 1 else []
-        names += [f"symmetric_model:{len(model.symmetries)}"] if len(model.symmetries) > 1 else []
-        agreeing = self._agreeing(model, [T for hypothesis in found for T in hypothesis.T @ model.symmetries])
-        if agreeing is not None:
-            self._state, names = agreeing, ["detected", *reasons]
-        else:
-            self._start(model, stamp_ns, UncertainTransform(found[0].T))
+        names = [*self._use_detection(model, found, stamp_ns), *reasons]
         assert self._state is not None
         predicted = self._filter.predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted, points_m, times_s)

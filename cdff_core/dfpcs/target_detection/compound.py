@@ -6,18 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from cdff_common.arrays import FloatArray
 from cdff_common.errors import InputError, RefusedError
-from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Output, Sample
-from cdff_common.interfaces.product import CovarianceKind, Quality
-from cdff_common.types import ObjectDetection, ObjectDetections, Time, TransformWithCovariance
+from cdff_common.interfaces.product import Quality
+from cdff_common.types import ObjectDetections
 from cdff_core.dfpcs.target_detection.configuration import TargetDetectionConfig
 from cdff_core.dfpcs.target_detection.interface import TargetDetectionInterface
 from cdff_core.object_models.compilation import compile_kernels
-from cdff_core.object_models.prepared import PreparedModels, body_frame
+from cdff_core.object_models.detection_output import detections_message, detections_quality
+from cdff_core.object_models.prepared import PreparedModels
 from cdff_core.object_models.scan_detection import (
     DetectionLimits,
     Hypothesis,
@@ -67,10 +65,18 @@ class TargetDetection(TargetDetectionInterface):
         found: list[Hypothesis] = []
         try:
             found, reasons = self._detect(valid_points(sample.value.points_m)[0], metrics)
-            quality = self._quality(found, reasons, metrics)
+            quality = detections_quality(found, self._models.by_name, reasons, metrics)
         except (InputError, RefusedError) as error:
             quality = Quality.from_error(error, metrics)
-        value = self._message(sample, found) if found else None
+        value = None
+        if found:
+            value = detections_message(
+                found,
+                self._models.by_name,
+                stamp_ns=sample.stamp_ns,
+                frame=sample.value.frame,
+                producer=self.name,
+            )
         self._last = value or self._last
         return [
             Output(
@@ -121,41 +127,3 @@ class TargetDetection(TargetDetectionInterface):
                     accepted[key] = hypotheses
         groups = sorted(accepted.values(), key=lambda group: -group[0].score)
         return [hypothesis for group in groups for hypothesis in group], reasons
-
-    def _quality(self, found: list[Hypothesis], reasons: list[str], metrics: dict[str, float]) -> Quality:
-        if not found:
-            return Quality.failed("not_found", *reasons, metrics=metrics)
-        alternatives = sum(hypothesis.is_alternative for hypothesis in found)
-        equivalent = max(len(self._models.by_name[hypothesis.name].symmetries) for hypothesis in found)
-        degraded = [f"ambiguous:{alternatives}"] if alternatives else []
-        degraded += [f"symmetric_model:{equivalent}"] if equivalent > 1 else []
-        metrics |= {"detections": float(len(found) - alternatives)}
-        return Quality.from_reasons(degraded, CovarianceKind.FORMAL, metrics)
-
-    def _message(self, sample: Sample, found: list[Hypothesis]) -> ObjectDetections:
-        detections = []
-        for hypothesis in found:
-            model = self._models.by_name[hypothesis.name]
-            pose = TransformWithCovariance.from_transform(
-                UncertainTransform(hypothesis.T, hypothesis.covariance),
-                parent=sample.value.frame,
-                child=body_frame(hypothesis.name),
-                stamp_ns=sample.stamp_ns,
-                producer=self.name,
-            )
-            detections.append(
-                ObjectDetection.from_pose(
-                    hypothesis.name,
-                    hypothesis.score,
-                    pose,
-                    size_m=np.ptp(model.points, axis=0),
-                    symmetric=hypothesis.T @ model.symmetries[1:],
-                )
-            )
-        return ObjectDetections(
-            time_stamp=Time.from_ns(sample.stamp_ns),
-            producer_id=self.name,
-            sensor_id=sample.value.frame,
-            frame_id=sample.value.frame,
-            detections=tuple(detections),
-        )

@@ -1,0 +1,201 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Correction of a predicted state by the motion of the texture of a body since the previous image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import BoolArray, ByteArray, FloatArray
+from cdff_common.errors import RefusedError
+from cdff_common.geometry import se3
+from cdff_common.interfaces.dfn import Dfn
+from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
+from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs
+from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
+from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.object_models.image_fit import search_range_px
+from cdff_core.object_models.rendering import Window, body_window, render
+from cdff_core.object_models.tracked_state import ERRORS, TrackedState
+
+#: Distance of a feature from the outline, and margin of the parts of the images, px.
+_INSIDE_PX, _MARGIN_PX = 4, 48
+#: Least number of tracked points.
+_MIN_POINTS = 12
+#: Smallest part of an image in which features are searched, px.
+_MIN_SIDE_PX = 33
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenBody:
+    """A grey image (r, c) with the state of the body in it."""
+
+    image: ByteArray
+    state: TrackedState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TextureFit:
+    """A corrected state, the fraction of the tracked points that agree with it, and their number."""
+
+    state: TrackedState
+    agreement: float
+    points: int
+
+
+class TextureFitter:
+    """Fit of a state to points of the surface that are tracked from the previous image.
+
+    The points are where the previous pose puts them, so that they measure the motion since then, not the
+    pose: the error of the previous pose is part of the state, with its correlation (stochastic cloning,
+    Roumeliotis and Burdick 2002, doi:10.1109/ROBOT.2002.1014801).
+
+    Parameters
+    ----------
+    detect, track, refine : Dfn
+        FeaturesExtraction2D, FeaturesTracking2D and MeasuredPoseRefinement.
+    max_range_px : float
+        Largest distance of a tracked point from its prediction.
+    """
+
+    def __init__(
+        self,
+        detect: Dfn[Any, Any, Any],
+        track: Dfn[Any, Any, Any],
+        refine: Dfn[Any, Any, Any],
+        max_range_px: float,
+    ) -> None:
+        self._detect, self._track, self._refine = detect, track, refine
+        self._max_range_px = max_range_px
+
+    def fit(
+        self,
+        model: ModelPreparationOutputs,
+        seen: SeenBody,
+        predicted: TrackedState,
+        transition: FloatArray,
+        image: ByteArray,
+        camera_matrix: FloatArray,
+    ) -> TextureFit:
+        """Return the state corrected by a grey image (r, c) after that of ``seen``.
+
+        Parameters
+        ----------
+        transition : ndarray, shape (20, 20)
+            Derivative of the errors of the predicted state with respect to those of the previous one.
+
+        Raises
+        ------
+        RefusedError
+            ``few_features:n`` or ``behind_camera``.
+        """
+        features, points_m = self._features(model, seen, camera_matrix)
+        camera = _window(camera_matrix, image)
+        in_camera = se3.transform_points(predicted.T, points_m)
+        is_ahead = in_camera[:, 2] > 1e-3 * max(float(in_camera[:, 2].max(initial=0.0)), 1e-9)
+        features, points_m, in_camera = features[is_ahead], points_m[is_ahead], in_camera[is_ahead]
+        pixels = in_camera[:, :2] / in_camera[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+        matches, is_valid = self._tracked(seen.image, image, features, pixels)
+        if np.count_nonzero(is_valid) < _MIN_POINTS:
+            raise RefusedError(
+                f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
+                [f"few_features:{np.count_nonzero(is_valid)}<{_MIN_POINTS}"],
+            )
+        points_m, pixels, matches = points_m[is_valid], pixels[is_valid], matches[is_valid]
+        prior = relative_prior(seen.state, predicted, transition)
+        outputs = self._refine.process(
+            MeasuredPoseRefinementInputs(
+                points=np.repeat(points_m, 2, axis=0),
+                pixels=np.repeat(pixels, 2, axis=0),
+                normals=np.tile(np.eye(2), (len(pixels), 1)),
+                offsets=(matches - pixels).reshape(-1, 1),
+                camera_matrix=camera_matrix,
+                pose=predicted.T,
+                limit_px=search_range_px(
+                    model, predicted.T, prior[:6, :6], camera_matrix, self._max_range_px
+                ),
+                prior_covariance=prior,
+            )
+        )
+        state = predicted.corrected(outputs.correction[6:], outputs.covariance[6:, 6:])
+        return TextureFit(state, outputs.agreement, len(pixels))
+
+    def _features(
+        self, model: ModelPreparationOutputs, seen: SeenBody, camera_matrix: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return features (n, 2) of the body in the previous image, and their points (n, 3)."""
+        row, column, window = body_window(
+            model.drawn_vertices, seen.state.T, _window(camera_matrix, seen.image)
+        )
+        if min(window.rows, window.columns) < _MIN_SIDE_PX:
+            return np.zeros((0, 2)), np.zeros((0, 3))
+        depth_m = render(model.drawn_vertices, model.drawn_triangles, seen.state.T, window).depth_m
+        part = seen.image[row : row + window.rows, column : column + window.columns]
+        found = self._detect.process(
+            FeaturesExtraction2DInputs(image=np.ascontiguousarray(part), mask=_inner(np.isfinite(depth_m)))
+        )
+        u, v = np.rint(found.features).astype(np.int64).T
+        z = depth_m[v, u]
+        x, y = (found.features - [window.cx, window.cy]).T
+        in_camera = np.stack([x / window.fx * z, y / window.fy * z, z], axis=1)
+        return found.features + np.array([column, row]), se3.transform_points(
+            se3.inverse(seen.state.T), in_camera
+        )
+
+    def _tracked(
+        self, previous: ByteArray, image: ByteArray, features: FloatArray, pixels: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Return the positions (n, 2) in the image near predicted ``pixels`` (n, 2), and their mask (n,)."""
+        if not len(features) or previous.shape != image.shape:
+            return pixels, np.zeros(len(features), bool)
+        both = np.concatenate([features, pixels])
+        limit = np.array(image.shape[::-1])
+        low = np.clip(np.floor(both.min(axis=0)) - _MARGIN_PX, 0, limit - _MIN_SIDE_PX).astype(int)
+        high = np.clip(np.ceil(both.max(axis=0)) + _MARGIN_PX, low + _MIN_SIDE_PX, limit).astype(int)
+        part = np.s_[low[1] : high[1], low[0] : high[0]]
+        outputs = self._track.process(
+            FeaturesTracking2DInputs(
+                reference=np.ascontiguousarray(previous[part]),
+                image=np.ascontiguousarray(image[part]),
+                features=features - low,
+                guess=pixels - low,
+            )
+        )
+        return outputs.matches + low, np.asarray(outputs.valid)
+
+
+def relative_prior(previous: TrackedState, predicted: TrackedState, transition: FloatArray) -> FloatArray:
+    """Return the covariance (26, 26) of the errors of the motion from the previous pose and of a state.
+
+    The first six are the error of the predicted pose minus that of the previous one, moved with the body.
+    """
+    R = predicted.T[:3, :3] @ previous.T[:3, :3].T
+    joint = np.zeros((ERRORS + 6, ERRORS + 6))
+    joint[:ERRORS, :ERRORS] = predicted.covariance
+    joint[:ERRORS, ERRORS:] = transition @ previous.covariance[:, :6]
+    joint[ERRORS:, :ERRORS] = joint[:ERRORS, ERRORS:].T
+    joint[ERRORS:, ERRORS:] = previous.covariance[:6, :6]
+    change = np.zeros((6 + ERRORS, ERRORS + 6))
+    change[:6, :6] = np.eye(6)
+    change[:6, ERRORS:] = -np.kron(np.eye(2), R)
+    change[6:, :ERRORS] = np.eye(ERRORS)
+    return np.asarray(change @ joint @ change.T)
+
+
+def _window(camera_matrix: FloatArray, image: ByteArray) -> Window:
+    K = camera_matrix
+    return Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], *image.shape)
+
+
+def _inner(mask: BoolArray) -> BoolArray:
+    """Return the pixels that are away from the outline of a mask."""
+    import cv2
+
+    side = 2 * _INSIDE_PX + 1
+    eroded = cv2.erode(
+        mask.astype(np.uint8), np.ones((side, side), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=1
+    )
+    return np.asarray(eroded, bool)

@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Track cube and dragon of ``visp_rbt_rgbd`` with model_tracking and default parameters.
+
+The true poses are only known to 1 to 2.5 cm, but the motion between two frames is known from the board in the
+colour images. The error of a frame is the difference between the motion of the estimate from the previous
+frame and that of the board: the displacement of the origin of the object, and the angle. ``runs``: without a
+guess, from the hand-made guess, and with parts of the images. ``disturbed``: frames 76 to 79 have no
+measurement or the half of the object is hidden by a screen. ``reference``: the same error of a motion that
+OpenCV estimates for the whole scene from the colour images (P3P with RANSAC of tracked corners and their
+depths), without any result of the compound: it shows how good the board is as a reference.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cdff_common.arrays import ByteArray, FloatArray
+from cdff_common.geometry import se3
+from cdff_common.interfaces.registry import Registry
+from evaluation.data_sets.rgbd_objects import INTERVAL_NS, Change, TrackedObjects
+
+PARTS = ("runs", "disturbed", "reference")
+FOLDER = "visp_rbt_rgbd"
+OBJECTS = ("dragon", "cube")
+DISTURBED = range(76, 80)
+#: A screen in front of the right half of the object, millimetres from the camera.
+_SCREEN_MM = 250
+#: Corners of the reference and their largest error, px; range of the depths, metres.
+_CORNERS, _REPROJECTION_PX, _RANGE_M = 600, 2.0, (0.2, 1.5)
+
+
+def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
+    """Return the results of each part."""
+    objects, figures = TrackedObjects(data / FOLDER), {}
+    if "runs" in parts:
+        figures["runs"] = {}
+        for name in OBJECTS:
+            for text, options in RUNS.items():
+                progress(f"model_tracking: {name}, {text}")
+                figures["runs"][f"{name}, {text}"] = summary(track(objects, name, **options))
+    if "disturbed" in parts:
+        figures["disturbed"] = {}
+        for name in OBJECTS:
+            progress(f"model_tracking: {name}, disturbed")
+            nothing = track(objects, name, depth_change=_nothing, image_change=_nothing)
+            figures["disturbed"][f"{name}, 4 frames empty"] = summary(nothing)
+            hidden = _screen(objects, name)
+            rows = track(objects, name, depth_change=hidden, image_change=hidden)
+            figures["disturbed"][f"{name}, right half hidden in 4 frames"] = summary(rows)
+    if "reference" in parts:
+        progress("model_tracking: reference")
+        figures["reference"] = reference(objects)
+    return figures
+
+
+RUNS: dict[str, dict[str, Any]] = {
+    "image and depth, no guess": {},
+    "image and depth, guess": {"with_guess": True},
+    "depth alone, no guess": {"ports": ("depth",)},
+}
+
+
+def track(
+    objects: TrackedObjects,
+    name: str,
+    *,
+    with_guess: bool = False,
+    ports: Sequence[str] = ("depth", "image"),
+    config: Mapping[str, Any] | None = None,
+    depth_change: Change | None = None,
+    image_change: Change | None = None,
+) -> list[dict[str, Any]]:
+    """Return pose, quality and errors of each frame."""
+    dfpc = Registry.default().make_dfpc("model_tracking")
+    dfpc.configure(dict(config or {}))
+    list(dfpc.step(objects.model(name)))
+    if with_guess:
+        list(dfpc.step(objects.guess(name)))
+    found: dict[int, dict[str, Any]] = {}
+    for frame in objects.frames:
+        samples = []
+        if "depth" in ports:
+            samples.append(objects.depth(frame, depth_change))
+        if "image" in ports:
+            samples.append(objects.image(frame, image_change))
+        start_s = time.process_time()
+        outputs = [output for sample in samples for output in dfpc.step(sample)]
+        cpu_s = time.process_time() - start_s
+        if frame == objects.frames[-1]:
+            outputs += dfpc.finish()
+        for output in outputs:
+            if output.port == "pose":
+                number = round(output.t1_ns / INTERVAL_NS)
+                T = None if output.value is None else output.value.transform.matrix
+                found[number] = {"T": T, "reasons": output.quality.reasons, "cpu_s": cpu_s}
+    return [_row(objects, found, previous, frame) for previous, frame in pairwise(objects.frames)]
+
+
+def _row(
+    objects: TrackedObjects, found: Mapping[int, Mapping[str, Any]], previous: int, frame: int
+) -> dict[str, Any]:
+    """Return the error of the motion from the previous frame; NaN without both poses."""
+    before, now = (
+        found.get(k, {"T": None, "reasons": ("no_output",), "cpu_s": 0.0}) for k in (previous, frame)
+    )
+    m, deg = float("nan"), float("nan")
+    if before["T"] is not None and now["T"] is not None:
+        estimate = now["T"] @ se3.inverse(before["T"])
+        m, deg = _difference(estimate, _board_motion(objects, previous, frame), before["T"][:, 3])
+    return {
+        "frame": frame,
+        "T": now["T"],
+        "mm": 1e3 * m,
+        "deg": deg,
+        "cpu_s": now["cpu_s"],
+        "reasons": list(now["reasons"]),
+        "is_coasting": "coasting" in now["reasons"] or "coasting" in before["reasons"],
+    }
+
+
+def _board_motion(objects: TrackedObjects, previous: int, frame: int) -> FloatArray:
+    return np.asarray(objects.boards[frame] @ se3.inverse(objects.boards[previous]))
+
+
+def _difference(motion: FloatArray, other: FloatArray, point: FloatArray) -> tuple[float, float]:
+    """Return the distance, metres, of a point (4,) after two motions (4, 4), and their angle, degrees."""
+    angle = se3.rotation_angle(motion[:3, :3].T @ other[:3, :3])
+    return float(np.linalg.norm((motion @ point - other @ point)[:3])), float(np.degrees(angle))
+
+
+def _nothing(frame: int, image: ByteArray) -> ByteArray:
+    return np.zeros_like(image) if frame in DISTURBED else image
+
+
+def _screen(objects: TrackedObjects, name: str) -> Change:
+    """Return the change that puts a screen in front of the right half of the object."""
+    poses = objects.by_board(name)
+
+    def change(frame: int, image: ByteArray) -> ByteArray:
+        if frame not in DISTURBED:
+            return image
+        x, _, z = poses[frame][:3, 3]
+        column = round(objects.camera_matrix[0, 0] * x / z + objects.camera_matrix[0, 2])
+        changed = image.copy()
+        changed[:, column:] = _SCREEN_MM if image.dtype == np.uint16 else 90
+        return changed
+
+    return change
+
+
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the figures of one run."""
+    used = [row for row in rows if not row["is_coasting"] and np.isfinite(row["mm"])]
+    worst = max(used, key=lambda row: row["mm"], default={"frame": 0})
+    return {
+        "motions": len(rows),
+        "used": len(used),
+        "median_mm": _rounded(np.median([row["mm"] for row in used])),
+        "largest_mm": _rounded(max(row["mm"] for row in used)),
+        "largest_in_frame": worst["frame"],
+        "median_deg": _rounded(np.median([row["deg"] for row in used])),
+        "largest_deg": _rounded(max(row["deg"] for row in used)),
+        "ok": sum(not row["reasons"] for row in rows),
+        "failed": sum(row["T"] is None for row in rows),
+        "median_cpu_ms": _rounded(1e3 * np.median([row["cpu_s"] for row in rows])),
+        "frames": {
+            str(row["frame"]): [_rounded(row["mm"]), _rounded(row["deg"]), row["reasons"]] for row in rows
+        },
+    }
+
+
+def reference(objects: TrackedObjects) -> dict[str, Any]:
+    """Return the difference between the motion of the board and that of the scene, for each frame."""
+    import cv2
+
+    point = np.array([0.0, 0.0, 0.5, 1.0])
+    result = {}
+    for previous, frame in pairwise(objects.frames):
+        first, second = (
+            cv2.cvtColor(np.asarray(objects.image(k).value.image), cv2.COLOR_BGR2GRAY)
+            for k in (previous, frame)
+        )
+        corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 6)[:, 0]
+        moved, found, _ = cv2.calcOpticalFlowPyrLK(
+            first, second, corners, corners, winSize=(21, 21), maxLevel=4
+        )
+        back, _, _ = cv2.calcOpticalFlowPyrLK(second, first, moved, moved, winSize=(21, 21), maxLevel=4)
+        depth = objects.depth(previous).value
+        z = depth.data.reshape(depth.height, depth.width)[tuple(np.rint(corners[:, ::-1]).astype(int).T)]
+        is_used = (found[:, 0] > 0) & (np.linalg.norm(back - corners, axis=1) < 0.5)
+        is_used &= (z > _RANGE_M[0]) & (z < _RANGE_M[1])
+        K = objects.camera_matrix
+        rays = np.column_stack([corners, np.ones(len(corners))]) @ np.linalg.inv(K).T
+        points = (rays * z[:, None])[is_used]
+        _, rotation, position, inliers = cv2.solvePnPRansac(
+            points, moved[is_used].astype(np.float64), K, None, reprojectionError=_REPROJECTION_PX
+        )
+        motion = se3.transform(cv2.Rodrigues(rotation)[0], position[:, 0])
+        m, deg = _difference(motion, _board_motion(objects, previous, frame), point)
+        result[str(frame)] = [_rounded(1e3 * m), _rounded(deg), len(inliers)]
+    errors = np.array([entry[:2] for entry in result.values()])
+    return {
+        "median_mm": _rounded(np.median(errors[:, 0])),
+        "largest_mm": _rounded(errors[:, 0].max()),
+        "median_deg": _rounded(np.median(errors[:, 1])),
+        "largest_deg": _rounded(errors[:, 1].max()),
+        "frames": result,
+    }
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Return the table of the page."""
+    lines = [
+        "| run | motions used | median | largest (frame) | OK, FAILED | CPU ms |",
+        "|---|---|---|---|---|---|",
+    ]
+    for part in ("runs", "disturbed"):
+        for name, row in figures.get(part, {}).items():
+            lines.append(
+                f"| {name} | {row['used']} of {row['motions']} "
+                f"| {row['median_mm']} mm, {row['median_deg']}° | "
+                f"{row['largest_mm']} mm ({row['largest_in_frame']}), {row['largest_deg']}° | "
+                f"{row['ok']}, {row['failed']} | {row['median_cpu_ms']} |"
+            )
+    if "reference" in figures:
+        row = figures["reference"]
+        lines.append(
+            f"| whole scene, OpenCV | {len(row['frames'])} | {row['median_mm']} mm, {row['median_deg']}° | "
+            f"{row['largest_mm']} mm, {row['largest_deg']}° | | |"
+        )
+    return "\n".join(lines)
+
+
+def _rounded(value: Any) -> float | None:
+    return float(f"{float(value):.3g}") if np.isfinite(value) else None
