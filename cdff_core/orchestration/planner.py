@@ -375,7 +375,20 @@ def plan(
     may provide the product itself. Providers of requests of lower priority are stopped for their memory and
     CPU only if there is no other plan.
     """
-    robots = tuple(robots)
+    arguments = (product, frozenset(robots), exclude, roots)
+    known: Plan | NoPlan | None = world.plans.get(arguments)
+    if known is None:
+        known = world.plans[arguments] = _plan(world, *arguments)
+    return known
+
+
+def _plan(
+    world: World,
+    product: str,
+    robots: frozenset[str],
+    exclude: frozenset[ProviderId],
+    roots: frozenset[ProviderId] | None,
+) -> Plan | NoPlan:
     result = _cheapest(world, product, robots, exclude, roots)
     if isinstance(result, Plan) or not world.takeable:
         return result
@@ -430,18 +443,17 @@ def _least_takes(
 def _cheapest(
     world: World,
     product: str,
-    robots: Sequence[str],
+    robots: frozenset[str],
     exclude: frozenset[ProviderId],
     roots: frozenset[ProviderId] | None,
 ) -> Plan | NoPlan:
-    robot_ids = set(robots)
     usable = world
     if exclude:
         usable = replace(world, providers={i: p for i, p in world.providers.items() if i not in exclude})
     search = _Search(usable)
     candidates = [
         (provider, port)
-        for provider, port in usable.outputs_of(product, sorted(robot_ids))
+        for provider, port in usable.outputs_of(product, sorted(robots))
         if roots is None or provider.id in roots
     ]
     candidates.sort(key=lambda pair: (0.0 if pair[0].active else pair[0].cost, pair[0].id))
@@ -449,14 +461,14 @@ def _cheapest(
         search.search_root(provider, port)
     if search.best is None or search.best_root is None:
         reasons = tuple(search.reasons) or (
-            f"no DFPC of {', '.join(sorted(robot_ids)) or 'any robot'} provides {product}",
+            f"no DFPC of {', '.join(sorted(robots)) or 'any robot'} provides {product}",
         )
         excluded = tuple(
             f"{failed} failed for this request"
             for failed in sorted(exclude)
             if product in world.providers[failed].products
         )
-        return NoPlan(reasons + excluded, possible_products(usable, robot_ids))
+        return NoPlan(reasons + excluded, possible_products(usable, robots))
     state = search.best
     order = _dependency_order(state.upstream)
     return Plan(

@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class ProviderId(NamedTuple):
@@ -151,6 +151,8 @@ class World:
     )
     #: Products with a plan, by robot; the planner fills it.
     possible: dict[str, tuple[str, ...]] = field(init=False, default_factory=dict, compare=False, repr=False)
+    #: Plans, or the reasons if there is none, by the arguments of the planner, which fills it.
+    plans: dict[Hashable, Any] = field(init=False, default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for provider in self.providers.values():

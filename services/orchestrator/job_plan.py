@@ -188,7 +188,7 @@ class JobPlan:
             self._previous_failures[sensor] = count
         if progress.problems and not reasons:
             # The problem may pass: the plan is replaced only if there is an alternative.
-            excluded = self._excluded_now | progress.problems.keys()
+            excluded = self._excluded_now | frozenset(progress.problems)
             if isinstance(self._select(match, excluded), Plan):
                 self._excluded.add(progress.problems, self.job.timing.now_s())
                 reasons += progress.problems.values()
