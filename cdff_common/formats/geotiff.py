@@ -10,16 +10,18 @@ layer names and the place in the frame are stored in the tags, so that maps are 
 from __future__ import annotations
 
 import re
+import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.errors import CdffError, InputError
+from cdff_common.errors import CdffError, InputError, StorageError
 from cdff_common.formats.file_source import Readable, Source, load
 from cdff_common.raster.geometry import MAX_CELLS, GridGeometry
 from cdff_common.raster.resample import area_means
@@ -33,6 +35,8 @@ DEM_BANDS = ("mean", "variance", "min", "max", "count", "age_s")
 _FALLBACK_FRAME = "site"
 #: Tag with cell size, xmin and ymax in the frame, of a file whose rows are rotated in its CRS.
 _GRID_TAG = "CDFF_GRID_M"
+#: Larger rasters are written in temporary files instead of memory, with a cache of GDAL of this size.
+_IN_MEMORY_BYTES, _CACHE_MB = 32 << 20, 64
 #: Relative difference of width and height up to which a cell is square.
 _SQUARE_TOLERANCE = 1e-9
 
@@ -152,6 +156,11 @@ def write_bands(
     cloud_optimized : bool
         Write a COG: tiles of 256 cells, header first, and overviews by nearest neighbour, since a mean of
         variances or counts has no meaning.
+
+    Raises
+    ------
+    StorageError
+        If the temporary files of a large raster cannot be written.
     """
     import rasterio
     import rasterio.shutil
@@ -184,20 +193,35 @@ def write_bands(
             tags[_GRID_TAG] = " ".join(map(repr, (r, x, y)))
             transform = rasterio.Affine(a * r, -b * r, a * x + b * y + c, d * r, -e * r, d * x + e * y + f)
         profile["transform"] = transform
-    with _quietly(), MemoryFile() as memory:
-        with memory.open(**profile) as file:
-            for index, (name, band) in enumerate(bands.items(), start=1):
-                file.write(np.asarray(band, dtype=np.float32), index)
-                file.set_band_description(index, name)
-            file.update_tags(**tags)
-        if not cloud_optimized:
-            return bytes(memory.read())
-        with MemoryFile() as packed:
-            with memory.open() as file:
-                rasterio.shutil.copy(
-                    file, packed.name, driver="COG", blocksize=256, overview_resampling="nearest", **packing
-                )
-            return bytes(packed.read())
+    copied = {"driver": "COG", "blocksize": 256, "overview_resampling": "nearest", **packing}
+
+    def fill(file: Any) -> None:
+        for index, (name, band) in enumerate(bands.items(), start=1):
+            file.write(np.asarray(band, dtype=np.float32), index)
+            file.set_band_description(index, name)
+        file.update_tags(**tags)
+
+    with _quietly():
+        if 4 * rows * cols * len(bands) > _IN_MEMORY_BYTES:
+            try:
+                with tempfile.TemporaryDirectory() as folder, rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
+                    plain, packed_path = Path(folder) / "plain.tif", Path(folder) / "packed.tif"
+                    with rasterio.open(plain, "w", BIGTIFF="IF_SAFER", **profile) as file:
+                        fill(file)
+                    if not cloud_optimized:
+                        return plain.read_bytes()
+                    rasterio.shutil.copy(plain, packed_path, **copied)
+                    return packed_path.read_bytes()
+            except (OSError, rasterio.errors.RasterioError) as error:
+                raise StorageError(f"GeoTIFF of {rows} x {cols} cells: {error}") from error
+        with MemoryFile() as memory:
+            with memory.open(**profile) as file:
+                fill(file)
+            if not cloud_optimized:
+                return bytes(memory.read())
+            with MemoryFile() as packed, memory.open() as file:
+                rasterio.shutil.copy(file, packed.name, **copied)
+                return bytes(packed.read())
 
 
 def read_bands(

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cdff_common.errors import CodecError, InputError
+from cdff_common.errors import CodecError, InputError, StorageError
+from cdff_common.formats import geotiff
 from cdff_common.formats.format_detection import detect
 from cdff_common.formats.geotiff import DEM_BANDS, read_bands, read_map, write_bands, write_map
 from cdff_common.formats.hillshade import classes_png, hillshade_png
@@ -237,3 +238,20 @@ def test_every_type_can_be_written_in_each_of_its_formats(
             assert to_file(value, fmt)
         with pytest.raises(InputError, match="expected one of"):
             to_file(value, "docx")
+
+
+@pytest.mark.parametrize("cloud_optimized", [True, False])
+def test_large_rasters_are_written_with_files_and_equal_those_in_memory(
+    monkeypatch: pytest.MonkeyPatch, cloud_optimized: bool
+) -> None:
+    bands = {"mean": np.random.default_rng(0).normal(size=(600, 700)).astype(np.float32)}
+    grid = GridGeometry("site", 0.1, 0.0, 60.0, 600, 700)
+    in_memory = write_bands(bands, grid, cloud_optimized=cloud_optimized)
+    monkeypatch.setattr(geotiff, "_IN_MEMORY_BYTES", 0)
+    from_file = write_bands(bands, grid, cloud_optimized=cloud_optimized)
+    assert len(from_file) == pytest.approx(len(in_memory), rel=0.01)
+    assert (b"LAYOUT=COG" in from_file) is cloud_optimized
+    np.testing.assert_array_equal(read_bands(from_file)[0]["mean"], bands["mean"])
+    monkeypatch.setattr("tempfile.tempdir", "/nonexistent")
+    with pytest.raises(StorageError, match="GeoTIFF of 600 x 700 cells"):
+        write_bands(bands, grid)
