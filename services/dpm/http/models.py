@@ -11,12 +11,16 @@ import orjson
 from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from cdff_common.errors import InputError
+
 #: Media types; the last one is that of the OpenAPI document.
 JSON, GEOJSON = "application/json", "application/geo+json"
 OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
 #: Media type and link relation of the properties that filters may use.
 SCHEMA = "application/schema+json"
 QUERYABLES = "http://www.opengis.net/def/rel/ogc/1.0/queryables"
+SCHEMA_RELATION = "http://www.opengis.net/def/rel/ogc/1.0/schema"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 #: Conformance classes of OGC API Features part 3 (19-079r2) and CQL2 (21-065r2) that are met.
 FILTER_CLASSES = (
     "http://www.opengis.net/spec/ogcapi-features-3/1.0/conf/queryables",
@@ -68,16 +72,20 @@ class Link(OpenModel):
     merge: bool | None = None
 
 
+#: Forms of answers; the last two only of features.
+FORMS = ("json", "html", "jsonfg", "gpkg")
 Form = Annotated[
-    Literal["json"] | None,
-    Field(description="Form of the answer: json (GeoJSON for features), which is the only one"),
+    Literal["json", "html"] | None,
+    Field(description="Form of the answer: json (GeoJSON for features) or html; default: as Accept prefers"),
 ]
 
 
 def as_json(
-    f: Annotated[Literal["json"] | None, Query(description="Form of the answer: json, the only one")] = None,
+    f: Annotated[str | None, Query(max_length=16, description="Form of the answer: json or html")] = None,
 ) -> None:
-    """Accept ``f=json``, which clients of OGC interfaces send; refuse another form."""
+    """Accept ``f``, which clients of OGC interfaces send; refuse an unknown form."""
+    if f not in (None, *FORMS):
+        raise InputError(f"f={f!r}: expected one of {', '.join(FORMS)}")
 
 
 class Conformance(BaseModel):

@@ -15,9 +15,25 @@ from cdff_common.clock import format_stamp
 from cdff_common.errors import InputError
 from services.dpm.http.geographic_outlines import geojson
 from services.dpm.http.models import GEOJSON, JSON, geojson_response
-from services.dpm.http.ogc.crs import CrsList
+from services.dpm.http.ogc.crs import CRS84, CrsList
 from services.dpm.http.ogc.tracks import TRACKS, TrackRecord
 from services.dpm.http.stac.catalogue import OutlinedProduct
+
+#: Media type of JSON-FG (OGC 21-045r1).
+JSONFG = "application/vnd.ogc.fg+json"
+#: Properties of footprints and of trajectories, with their types in JSON Schema.
+PROPERTIES = {
+    **dict.fromkeys(("robot", "dfpc", "port", "product", "type_name", "frame", "child"), "string"),
+    **dict.fromkeys(("t0", "t1", "status"), "string"),
+    **dict.fromkeys(("resolution_m", "zmin_m", "zmax_m"), "number"),
+    "size_bytes": "integer",
+    **dict.fromkeys(("producer", "payload", "outline_m"), "string"),
+}
+TRACK_PROPERTIES = {
+    **dict.fromkeys(("robot", "child", "parent", "source", "t0", "t1"), "string"),
+    "poses": "integer",
+    "outline_m": "string",
+}
 
 
 class FeatureWriter:
@@ -31,10 +47,26 @@ class FeatureWriter:
         None if no frame is anchored: features then have ``outline_m`` instead of a geometry.
     crs : str or None
         URI of the requested CRS.
+    properties : frozenset of str, optional
+        Names of the properties of the features; all by default.
+    has_geometry : bool
+        Whether features have a geometry.
+    is_jsonfg : bool
+        Whether features are those of JSON-FG: coordinates that are not of WGS 84 are in ``place``.
     """
 
-    def __init__(self, base: str, crs_list: CrsList | None, crs: str | None) -> None:
+    def __init__(
+        self,
+        base: str,
+        crs_list: CrsList | None,
+        crs: str | None,
+        *,
+        properties: frozenset[str] | None = None,
+        has_geometry: bool = True,
+        is_jsonfg: bool = False,
+    ) -> None:
         self._base = base
+        self._properties, self._has_geometry, self._is_jsonfg = properties, has_geometry, is_jsonfg
         self.crs_list = crs_list
         if crs_list is None and crs is not None:
             raise InputError(
@@ -49,27 +81,45 @@ class FeatureWriter:
             return bbox
         return self.crs_list.bounds_to_degrees(bbox, self.crs_list.by_uri(crs, "bbox-crs"))
 
-    def footprint(self, product: OutlinedProduct) -> dict[str, Any]:
-        """Return the footprint of a product as a feature."""
-        record, h = product.record, product.record.header
-        properties = {
+    def footprint(self, product: OutlinedProduct, collection: str) -> dict[str, Any]:
+        """Return the footprint of a product as a feature of a collection."""
+        record = product.record
+        feature = self._feature(
+            collection, record.id, product.in_frame, self._on_body(product), self.properties(product)
+        )
+        if self._is_jsonfg:
+            f = record.fields
+            self._add_place(feature, product.in_frame, f["frame"], f["t0_ns"], f["t1_ns"], record.product)
+        return feature
+
+    def row(self, product: OutlinedProduct) -> tuple[str, BaseGeometry | None, dict[str, Any]]:
+        """Return the id, geometry in degrees and properties of a product."""
+        outline = None if product.in_frame is None else shapely.to_wkt(product.in_frame, rounding_precision=4)
+        return product.record.id, self._on_body(product), self.properties(product) | {"outline_m": outline}
+
+    def properties(self, product: OutlinedProduct) -> dict[str, Any]:
+        """Return the properties of a product, of which ``outline_m`` is not one."""
+        record, f = product.record, product.record.fields
+        box_m = f.get("box_m")
+        return {
             **record.names,
             "type_name": record.type_name,
-            "frame": h.frame,
-            "child": h.child,
-            "t0": format_stamp(h.t0_ns),
-            "t1": format_stamp(h.t1_ns),
-            "status": str(h.quality.status),
-            "resolution_m": h.resolution_m,
-            "zmin_m": None if h.box_m is None else h.box_m[2],
-            "zmax_m": None if h.box_m is None else h.box_m[5],
+            "frame": f["frame"],
+            "child": f.get("child"),
+            "t0": format_stamp(f["t0_ns"]),
+            "t1": format_stamp(f["t1_ns"]),
+            "status": str(f["quality"]["status"]),
+            "resolution_m": f.get("resolution_m"),
+            "zmin_m": None if box_m is None else box_m[2],
+            "zmax_m": None if box_m is None else box_m[5],
             "size_bytes": record.size,
-            "producer": h.producer,
+            "producer": f["producer"],
             "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
         }
+
+    def _on_body(self, product: OutlinedProduct) -> BaseGeometry | None:
         is_on_body = self.crs_list is not None and product.body == self.crs_list.body
-        in_degrees = product.in_degrees if is_on_body else None
-        return self._feature(record.product, record.id, product.in_frame, in_degrees, properties)
+        return product.in_degrees if is_on_body else None
 
     def track(self, record: TrackRecord) -> dict[str, Any]:
         """Return a trajectory as a line."""
@@ -83,7 +133,10 @@ class FeatureWriter:
             "t1": format_stamp(track.t1_ns),
             "poses": track.count,
         }
-        return self._feature(TRACKS, record.id, record.in_frame, record.in_degrees, properties)
+        feature = self._feature(TRACKS, record.id, record.in_frame, record.in_degrees, properties)
+        if self._is_jsonfg:
+            self._add_place(feature, record.in_frame, track.parent, track.t0_ns, track.t1_ns, TRACKS)
+        return feature
 
     def response(self, body: dict[str, Any], links: Sequence[dict[str, str]]) -> Response:
         """Return GeoJSON with its CRS and links as headers."""
@@ -94,7 +147,33 @@ class FeatureWriter:
         }
         if self.crs is not None:
             headers["Content-Crs"] = f"<{self.crs.uri}>"
-        return geojson_response(body, headers)
+        if self._is_jsonfg:
+            body["conformsTo"] = ["http://www.opengis.net/spec/json-fg-1/1.0/conf/core"]
+            if self.crs is not None:
+                body["coordRefSys"] = self.crs.uri
+        response = geojson_response(body, headers)
+        if self._is_jsonfg:
+            response.headers["Content-Type"] = JSONFG
+        return response
+
+    def _add_place(
+        self,
+        feature: dict[str, Any],
+        in_frame: BaseGeometry | None,
+        frame: str,
+        t0_ns: int,
+        t1_ns: int,
+        feature_type: str,
+    ) -> None:
+        """Move coordinates to ``place``, those of a frame without a place on the body with its own CRS."""
+        feature["time"] = {"interval": [format_stamp(t0_ns), format_stamp(t1_ns)]}
+        feature["featureType"] = feature_type
+        feature["place"], geometry = None, feature["geometry"]
+        if geometry is not None and self.crs is not None and self.crs.uri != CRS84:
+            feature["geometry"], feature["place"] = None, geometry
+        elif geometry is None and in_frame is not None and self._has_geometry:
+            feature["place"] = geojson(in_frame)
+            feature["coordRefSys"] = f"{self._base}/crs/frame/{frame}"
 
     def _feature(
         self,
@@ -104,22 +183,24 @@ class FeatureWriter:
         in_degrees: BaseGeometry | None,
         properties: dict[str, Any],
     ) -> dict[str, Any]:
-        geometry = (
-            in_degrees
-            if in_degrees is None or self._convert is None
-            else shapely.transform(in_degrees, self._convert)
-        )
+        geometry = in_degrees if self._has_geometry else None
+        if geometry is not None and self._convert is not None:
+            geometry = shapely.transform(geometry, self._convert)
         url = f"{self._base}/collections/{collection}"
         links = [
             {"href": f"{url}/items/{feature_id}", "rel": "self", "type": GEOJSON},
             {"href": url, "rel": "collection", "type": JSON},
         ]
-        # No standard covers coordinates in a frame without a CRS.
-        outline_m = None if in_frame is None else shapely.to_wkt(in_frame, rounding_precision=4)
+        if self._properties is None or "outline_m" in self._properties:
+            # GeoJSON has no coordinates in a frame without a CRS
+            outline_m = None if in_frame is None else shapely.to_wkt(in_frame, rounding_precision=4)
+            properties = properties | {"outline_m": outline_m}
+        if self._properties is not None:
+            properties = {name: value for name, value in properties.items() if name in self._properties}
         return {
             "type": "Feature",
             "id": feature_id,
             "geometry": geojson(geometry),
-            "properties": properties | {"outline_m": outline_m},
+            "properties": properties,
             "links": links,
         }

@@ -14,6 +14,7 @@ from cdff_common.errors import InputError
 from dpm_store.history.events import ROLES
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.cql2.queryables import STAC, schema
+from services.dpm.http.html_pages import NegotiatedRoute
 from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.models import (
     FILTER_CLASSES,
@@ -49,7 +50,9 @@ from services.dpm.http.stac.searches import (
     search_body,
 )
 
-router = APIRouter(prefix="/stac", tags=["stac"], dependencies=[Depends(as_json)])
+router = APIRouter(
+    prefix="/stac", tags=["stac"], dependencies=[Depends(as_json)], route_class=NegotiatedRoute
+)
 
 _CONFORMS = [
     "https://api.stacspec.org/v1.0.0/core",

@@ -48,6 +48,8 @@ class Collection:
         Robots, DFPCs, types and statuses of the products.
     frames : tuple of str
         Frames of the products.
+    body : str
+        Name of the body of its coordinates; empty for that of the site.
     """
 
     id: str
@@ -56,12 +58,15 @@ class Collection:
     t1_ns: int
     origins: tuple[Origin, ...] = ()
     frames: tuple[str, ...] = ()
+    body: str = ""
 
     @property
     def title(self) -> str:
         """Text for users."""
-        known = product_types().get(self.id)
-        return self.id.replace("_", " ").capitalize() if known is None else known.title
+        product = self.id.partition("-")[0]
+        known = product_types().get(product)
+        title = product.replace("_", " ").capitalize() if known is None else known.title
+        return f"{title} ({self.body})" if self.body else title
 
     @property
     def description(self) -> str:

@@ -250,7 +250,7 @@ def test_large_rasters_are_written_with_files_and_equal_those_in_memory(
     monkeypatch.setattr(geotiff, "_IN_MEMORY_BYTES", 0)
     from_file = write_bands(bands, grid, cloud_optimized=cloud_optimized)
     assert len(from_file) == pytest.approx(len(in_memory), rel=0.01)
-    assert (b"LAYOUT=COG" in from_file) is cloud_optimized
+    assert (b"LAYOUT=IFDS_BEFORE_DATA" in from_file) is cloud_optimized
     np.testing.assert_array_equal(read_bands(from_file)[0]["mean"], bands["mean"])
     monkeypatch.setattr("tempfile.tempdir", "/nonexistent")
     with pytest.raises(StorageError, match="GeoTIFF of 600 x 700 cells"):
