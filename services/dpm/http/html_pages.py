@@ -27,7 +27,8 @@ _MOST_BYTES, _MOST_ELEMENTS = 4 << 20, 1000
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}</title><link rel="stylesheet" href="{root}/static/style.css"></head>
-<body><header class="top"><h1>{title}</h1></header><main>{links}<p><a href="{json}">This document as JSON</a></p>
+<body><header class="top"><h1>{title}</h1></header>
+<main>{links}<p><a href="{json}">This document as JSON</a></p>
 {body}</main></body></html>
 """
 
