@@ -11,8 +11,6 @@ import orjson
 from fastapi import Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from cdff_common.errors import InputError
-
 #: Media types; the last one is that of the OpenAPI document.
 JSON, GEOJSON = "application/json", "application/geo+json"
 OPENAPI = "application/vnd.oai.openapi+json;version=3.1"
@@ -38,10 +36,16 @@ FILTER_CLASSES = (
 StampNs = Annotated[str, Field(pattern=r"^-?\d{1,19}$")]
 Json = dict[str, Any]
 #: Responses of a route that answers with GeoJSON.
-GEOJSON_BODY: dict[int | str, Json] = {200: {"content": {GEOJSON: {}}, "description": "GeoJSON"}}
+GEOJSON_BODY: dict[int | str, Json] = {
+    200: {"content": {GEOJSON: {}, "text/html": {}}, "description": "GeoJSON, or a page"}
+}
 
+#: Further media type of the answers of a route.
+PAGE: dict[int | str, Json] = {200: {"content": {"text/html": {}}, "description": "The answer, or a page"}}
 #: Responses of a route that answers with JSON Schema.
-SCHEMA_BODY: dict[int | str, Json] = {200: {"content": {SCHEMA: {}}, "description": "JSON Schema"}}
+SCHEMA_BODY: dict[int | str, Json] = {
+    200: {"content": {SCHEMA: {}, "text/html": {}}, "description": "JSON Schema, or a page"}
+}
 
 
 class OpenModel(BaseModel):
@@ -72,8 +76,6 @@ class Link(OpenModel):
     merge: bool | None = None
 
 
-#: Forms of answers; the last two only of features.
-FORMS = ("json", "html", "jsonfg", "gpkg")
 Form = Annotated[
     Literal["json", "html"] | None,
     Field(description="Form of the answer: json (GeoJSON for features) or html; default: as Accept prefers"),
@@ -81,11 +83,12 @@ Form = Annotated[
 
 
 def as_json(
-    f: Annotated[str | None, Query(max_length=16, description="Form of the answer: json or html")] = None,
+    f: Annotated[
+        Literal["json", "html", "jsonfg", "gpkg"] | None,
+        Query(description="Form of the answer: json or html; of features also jsonfg or gpkg"),
+    ] = None,
 ) -> None:
     """Accept ``f``, which clients of OGC interfaces send; refuse an unknown form."""
-    if f not in (None, *FORMS):
-        raise InputError(f"f={f!r}: expected one of {', '.join(FORMS)}")
 
 
 class Conformance(BaseModel):

@@ -37,6 +37,7 @@ from services.dpm.http.models import (
     GEOJSON_BODY,
     JSON,
     OPENAPI,
+    PAGE,
     QUERYABLES,
     SCHEMA,
     SCHEMA_BODY,
@@ -66,7 +67,9 @@ from services.dpm.http.stac.catalogue import (
 )
 from services.dpm.http.stac.searches import FilterText, Language, filter_of, order_of, sorted_fields
 
-router = APIRouter(prefix="/ogc", tags=["ogc"], dependencies=[Depends(as_json)], route_class=NegotiatedRoute)
+router = APIRouter(
+    prefix="/ogc", tags=["ogc"], dependencies=[Depends(as_json)], route_class=NegotiatedRoute, responses=PAGE
+)
 
 _CONFORMS = [
     "http://www.opengis.net/spec/ogcapi-features-1/1.0/conf/core",

@@ -22,6 +22,7 @@ from services.dpm.http.models import (
     GEOJSON_BODY,
     JSON,
     OPENAPI,
+    PAGE,
     QUERYABLES,
     SCHEMA,
     SCHEMA_BODY,
@@ -51,7 +52,11 @@ from services.dpm.http.stac.searches import (
 )
 
 router = APIRouter(
-    prefix="/stac", tags=["stac"], dependencies=[Depends(as_json)], route_class=NegotiatedRoute
+    prefix="/stac",
+    tags=["stac"],
+    dependencies=[Depends(as_json)],
+    route_class=NegotiatedRoute,
+    responses=PAGE,
 )
 
 _CONFORMS = [

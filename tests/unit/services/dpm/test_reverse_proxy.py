@@ -159,3 +159,37 @@ def test_only_text_is_compressible() -> None:
     assert not is_compressible("text/event-stream")
     assert not is_compressible("image/tiff; application=geotiff")
     assert not is_compressible("application/octet-stream")
+
+
+HOSTILE = ["", ",", "\xff\xfe", "*" * 5000, "a/b;q=" * 2000, "text/html;q=\x00", "0" * 4000, "é" * 100]
+
+
+@pytest.mark.parametrize(
+    "name", ["Accept", "Accept-Encoding", "Range", "If-Range", "If-None-Match", "Origin"]
+)
+def test_hostile_headers_are_answered(http: TestClient, inserted_id: InsertedId, name: str) -> None:
+    dem = inserted_id("dem")
+    values = [
+        *HOSTILE,
+        "bytes=" + ",".join(f"{i}-{i}" for i in range(2000)),
+        "bytes=-0",
+        "bytes=9999999999999999999-",
+        "bytes=5-1",
+        "lines=1-2",
+    ]
+    for path in ("/stac", "/ogc/collections/dem/items", f"/api/v1/products/{dem}/payload?format=tif"):
+        for value in values:
+            try:
+                answer = http.get(path, headers={name: value.encode("utf-8", "surrogateescape")})
+            except (ValueError, UnicodeError):  # the client refuses to send it
+                continue
+            assert answer.status_code in (200, 206, 304, 400, 403, 416), (path, value[:40])
+            if answer.status_code >= 400:
+                assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_a_body_with_a_content_coding_is_not_decompressed(http: TestClient) -> None:
+    bomb = gzip.compress(b" " * (64 << 20) + b"{}")
+    headers = {"Content-Encoding": "gzip", "Content-Type": "application/json"}
+    answer = http.post("/stac/search", content=bomb, headers=headers)
+    assert answer.status_code in (400, 415, 422)
