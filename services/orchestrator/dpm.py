@@ -17,7 +17,7 @@ from cdff_common.interfaces.product import Header
 from services.orchestrator.timing import REAL, Timing
 
 #: Number of cached decoded products; products are immutable.
-_CACHED = 16
+CACHED = 16
 #: Longest duration of a call, seconds.
 _CALL_S = 5.0
 #: ``dfpc`` of products derived by the orchestrator, which are never used as a source.
@@ -94,7 +94,7 @@ class DpmClient:
         stored = self._kept(_stored(reply, robot))
         with self._lock:
             self._newest[key] = stored.header.id
-            while len(self._newest) > _CACHED:
+            while len(self._newest) > CACHED:
                 del self._newest[next(iter(self._newest))]
         return stored
 
@@ -107,7 +107,7 @@ class DpmClient:
     def _kept(self, stored: StoredProduct) -> StoredProduct:
         with self._lock:
             self._values[stored.header.id] = stored
-            while len(self._values) > _CACHED:
+            while len(self._values) > CACHED:
                 self._values.popitem(last=False)
         return stored
 

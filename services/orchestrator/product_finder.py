@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cdff_common.clock import NS_PER_S, Clock
@@ -22,7 +24,7 @@ from cdff_core.orchestration.accuracy import Accuracy, sigmas_of
 from cdff_core.orchestration.coverage import RegionCells, RegionCoverage, observed_points, reach_m
 from cdff_core.orchestration.request import ProductRequest
 from cdff_core.orchestration.world import ProviderId
-from services.orchestrator.dpm import DERIVED_DFPC, DpmClient, StoredProduct
+from services.orchestrator.dpm import CACHED, DERIVED_DFPC, DpmClient, StoredProduct
 
 #: Largest number of clouds and of maps merged to cover a region.
 _CLOUDS, _MAPS = 8, 8
@@ -84,6 +86,9 @@ class ProductFinder:
     dpm: DpmClient
     clock: Clock
     profile: Callable[[], Profile]
+    #: Matches of the last whole products by id: their delivered forms are kept with them.
+    _matches: OrderedDict[str, ProductMatch] = field(init=False, default_factory=OrderedDict)
+    _lock: threading.Lock = field(init=False, default_factory=threading.Lock)
 
     def find(
         self, request: ProductRequest, robots: Sequence[str], until_s: float
@@ -424,10 +429,18 @@ class ProductFinder:
 
     def _whole(self, stored: StoredProduct) -> ProductMatch:
         h = stored.header
-        candidate = self._candidate([h], stored.robot, None, h.resolution_m)
-        return ProductMatch(
-            candidate, (h,), stored.value, h.frame, h.child, is_unmodified=True, stored=stored
-        )
+        with self._lock:
+            match = self._matches.get(h.id)
+            if match is None or match.stored is not stored:
+                candidate = self._candidate([h], stored.robot, None, h.resolution_m)
+                match = ProductMatch(
+                    candidate, (h,), stored.value, h.frame, h.child, is_unmodified=True, stored=stored
+                )
+                self._matches[h.id] = match
+            self._matches.move_to_end(h.id)
+            while len(self._matches) > CACHED:
+                self._matches.popitem(last=False)
+            return match
 
     def _window(self, stored: StoredProduct, region: Region | None, robot: str) -> ProductMatch:
         h, elevation, coverage = stored.header, stored.value, None
