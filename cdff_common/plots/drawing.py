@@ -29,10 +29,17 @@ def widest_plane(positions_m: NDArray[Any]) -> tuple[int, int]:
     return x, y
 
 
-def draw_path(axes: Any, positions_m: NDArray[Any], plane: tuple[int, int], colour: str, label: str) -> None:
+def draw_path(
+    axes: Any,
+    positions_m: NDArray[Any],
+    plane: tuple[int, int],
+    colour: str,
+    label: str,
+    width_pt: float = 1.3,
+) -> None:
     """Draw a path ``(n, 3)`` with a dot at its start, in the plane of two axes."""
     x, y = plane
-    axes.plot(positions_m[:, x], positions_m[:, y], color=colour, lw=1.3, label=label)
+    axes.plot(positions_m[:, x], positions_m[:, y], color=colour, lw=width_pt, label=label)
     axes.plot(positions_m[:1, x], positions_m[:1, y], "o", color=colour, ms=4)
     _metres(axes, plane)
 

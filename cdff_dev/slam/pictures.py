@@ -52,7 +52,7 @@ def trajectory_picture(
     else:
         truth_m = comparison.reference.positions_m
         plane = plane or widest_plane(truth_m)
-        draw_path(above, truth_m, plane, "gray", "truth")
+        draw_path(above, truth_m, plane, "0.7", "truth", width_pt=5.0)
         draw_path(above, comparison.estimate.positions_m, plane, "C3", "estimate, aligned")
         along.plot(comparison.reference.distances_m, comparison.position_errors_m, color="C3", lw=1.2)
         along.set(xlabel="path length, m", ylabel="position error, m", ylim=(0.0, None))
