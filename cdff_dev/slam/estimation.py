@@ -148,7 +148,10 @@ def estimate(
     sensor = sensor_stream(method, log, stream)
     robot = robot_of({sensor: types[sensor]}, None)
     dfpc = _configured(method, robot, profile)
-    wired = wire(dfpc.description, types, robot, {method.port: sensor})
+    chosen = {method.port: sensor}
+    if method is RGBD_SLAM:
+        chosen["depth"] = depth_stream(log, sensor)
+    wired = wire(dfpc.description, types, robot, chosen)
     outputs, cost = _run(dfpc, method, log, wired, robot)
     n = sum(outputs.statuses.values())
     if not outputs.poses or _is_incomplete(method, outputs):
@@ -187,11 +190,41 @@ def sensor_stream(method: Method, log: LogSource, stream: str | None = None) -> 
     return only_stream(log, [method.type_name], stream, f"type {method.type_name}")
 
 
+def depth_stream(log: LogSource, images: str) -> str:
+    """Return the stream of the depth images of a stream of images.
+
+    Of several with the same times it is the only one in the frame of the images: drivers offer depth images
+    as measured, and others that are computed for the colour camera. Raises InputError if there are several.
+    """
+    names = [name for name, info in log.streams.items() if info.type_name == "DistanceImage"]
+    in_time = [name for name in names if _are_in_time(log, images, name)] or names
+    if len(in_time) > 1:
+        found = log.first_samples([images, *in_time])
+        frames = {name: s.header.frame for name, s in found.items() if s.header is not None}
+        same = [name for name in in_time if name in frames and frames[name] == frames.get(images)]
+        in_time = same if len(same) == 1 else in_time
+    if len(in_time) > 1:
+        raise InputError(
+            f"{len(in_time)} streams of depth images for {images}: {', '.join(in_time)}; expected one of "
+            "them in the frame of the images, or a log with one (cdff log cut --stream)"
+        )
+    return in_time[0]
+
+
 def _has_depths(log: LogSource, images: str) -> bool:
     """Return whether most images of a stream have a depth image of the same time."""
-    stamps_ns = log.stamps_ns(images)
-    depths = [log.stamps_ns(name) for name, i in log.streams.items() if i.type_name == "DistanceImage"]
-    gaps_ns = np.abs(stamps_ns[:, None] - np.concatenate(depths)[None]).min(axis=1)
+    names = [name for name, info in log.streams.items() if info.type_name == "DistanceImage"]
+    return any(_are_in_time(log, images, name) for name in names)
+
+
+def _are_in_time(log: LogSource, images: str, depths: str) -> bool:
+    """Return whether most images of a stream have a sample of another at the same time."""
+    stamps_ns, others_ns = log.stamps_ns(images), np.sort(log.stamps_ns(depths))
+    if not len(stamps_ns) or not len(others_ns):
+        return False
+    after = np.searchsorted(others_ns, stamps_ns).clip(0, len(others_ns) - 1)
+    nearest_ns = [others_ns[after], others_ns[(after - 1).clip(0)]]
+    gaps_ns = np.abs(np.array(nearest_ns) - stamps_ns).min(axis=0)
     return bool(np.mean(gaps_ns <= _DEPTH_TOLERANCE_NS) > 0.5)
 
 

@@ -18,6 +18,7 @@ from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import Asn1Bitstream, IMUSensors, Joints, JointState, Time, TransformWithCovariance
 from services.ros_messages.clouds import laser_scan, lidar_scan
+from services.ros_messages.depth import depth_image
 from services.ros_messages.fixes import FIX, local_frame_pose, position
 from services.ros_messages.images import frame
 from services.ros_messages.topics import Topic
@@ -143,6 +144,8 @@ LOCAL_FRAME_POSE = Conversion("TransformWithCovariance", ANCHOR_PORT, local_fram
 FRAME_TREES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 #: Message type of calibrations, which become part of the images.
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+#: Message types of images.
+IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 #: Message type of clouds, whose fields differ.
 CLOUD = "sensor_msgs/msg/PointCloud2"
 CONVERSIONS = {
@@ -159,9 +162,10 @@ CONVERSIONS = {
     "infuse_msgs/msg/Asn1Bitstream": Conversion("Asn1Bitstream", "bitstream", _bitstream),
     CLOUD: Conversion("LidarScan", "scan", lidar_scan),
     "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
-    "sensor_msgs/msg/Image": Conversion("Frame", "frame", frame),
-    "sensor_msgs/msg/CompressedImage": Conversion("Frame", "frame", frame),
+    **dict.fromkeys(IMAGES, Conversion("Frame", "frame", frame)),
 }
+#: Conversion of topics of depth images.
+DEPTH = Conversion("DistanceImage", "depth", depth_image)
 #: Fields of the other message types that no CDFF field has.
 OMITTED_FIELDS = {
     "sensor_msgs/msg/Imu": ("orientation", "covariances"),

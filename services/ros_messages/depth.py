@@ -4,10 +4,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
 from cdff_common.types import DistanceImage, Frame, Time
+from services.ros_messages.images import frame
+from services.ros_messages.topics import Topic
 
 #: Metres of the value 1 of a depth image of 16 bits in ROS (REP 118).
 DEPTH_UNIT_M = 0.001
+
+
+#: Encodings of depth images, in millimetres and metres.
+_ENCODINGS = ("16UC1", "mono16", "32FC1")
+#: Part of the format of compressed depth images in millimetres.
+_COMPRESSED = "16UC1; compressedDepth"
+
+
+def is_depth(message: Any) -> bool:
+    """Return whether an ``Image`` or ``CompressedImage`` has an encoding of depth images."""
+    if hasattr(message, "encoding"):
+        return message.encoding in _ENCODINGS
+    return str(message.format).startswith(_COMPRESSED)
+
+
+def depth_image(message: Any, topic: Topic, stamp_ns: int) -> tuple[DistanceImage, str, None]:
+    """Return a depth image; pixels without a distance are 0. Raises InputError if it is not supported."""
+    image, name, _ = frame(message, topic, stamp_ns)
+    value = distance_image(image)
+    known = np.where(np.isfinite(value.data), value.data, 0.0)
+    return replace(value, data=known), name, None
 
 
 def distance_image(frame: Frame) -> DistanceImage:

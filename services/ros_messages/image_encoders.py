@@ -30,9 +30,9 @@ _PLUMB_BOB = 5
 
 
 def frame_images(value: Frame, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
-    """Return an image, on ``image_rect`` if it has no distortion, and its calibration if it has one."""
-    distortion = value.intrinsic.dist_coeffs
-    name = "image_raw" if distortion.any() or not value.camera_matrix.any() else "image_rect"
+    """Return an image, on ``image_rect`` if it states no distortion, and its calibration if it has one."""
+    is_raw = len(value.intrinsic.dist_coeffs) or not value.camera_matrix.any()
+    name = "image_raw" if is_raw else "image_rect"
     frame_id = target.new_frame(value.frame)
     out = _image(f"{target.topic}/{name}", value, frame_id, types, stamp_ns)
     messages, camera = [out], None

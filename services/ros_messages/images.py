@@ -100,7 +100,10 @@ def camera_model(topic: Topic) -> CameraModel:
     info = topic.camera
     matrix = camera_matrix(info, "k")
     if matrix is None or not matrix.any():
-        raise InputError(f"{topic.name}: no CameraInfo with a camera matrix in its namespace")
+        raise InputError(
+            f"{topic.name}: no CameraInfo with a camera matrix in its namespace; expected one, or "
+            "--calibration FILE"
+        )
     rows, cols = int(info.height), int(info.width)
     if topic.is_rectified:
         projection = camera_matrix(info, "p")

@@ -26,18 +26,18 @@ def _is_ros(location: LogLocation) -> bool:
     return location.head(16).startswith(_MAGIC)
 
 
-def _open(location: LogLocation, _: Path | None) -> LogSource:
+def _open(location: LogLocation, calibration: Path | None) -> LogSource:
     from cdff_dev.logs.formats.ros.bags import open_files, open_folder
     from cdff_dev.logs.formats.ros.original_names import open_recording
 
     found = open_files(location.files) if location.folder is None else open_folder(location.folder)
     if len(found) == 1:
         recording = next(iter(found.values()))
-        return open_recording(recording, robot_name(Path(recording.name)))
-    return _joined(found)
+        return open_recording(recording, robot_name(Path(recording.name)), calibration)
+    return _joined(found, calibration)
 
 
-def _joined(recordings: dict[str, Recording]) -> LogSource:
+def _joined(recordings: dict[str, Recording], calibration: Path | None) -> LogSource:
     """Return several recordings as one log: each has the robot id that it has if it is opened alone."""
     from cdff_dev.logs.formats.ros.original_names import open_recording
     from cdff_dev.logs.joined import JoinedLog
@@ -45,7 +45,7 @@ def _joined(recordings: dict[str, Recording]) -> LogSource:
     logs: dict[str, LogSource] = {}
     try:
         for name, recording in recordings.items():
-            logs[Path(name).name] = open_recording(recording, robot_name(Path(name)))
+            logs[Path(name).name] = open_recording(recording, robot_name(Path(name)), calibration)
         return JoinedLog(logs)
     except BaseException:
         for log in logs.values():
@@ -54,5 +54,9 @@ def _joined(recordings: dict[str, Recording]) -> LogSource:
 
 
 FORMAT = LogFormat(
-    "ROS bag or MCAP file", ".bag, .mcap or .db3 files, or the folder of a ROS 2 bag", _is_ros, _open
+    "ROS bag or MCAP file",
+    ".bag, .mcap or .db3 files, or the folder of a ROS 2 bag",
+    _is_ros,
+    _open,
+    takes_calibration=True,
 )

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import CodecError, InputError
 from cdff_common.geometry.se3 import FloatArray
+from cdff_dev.logs.formats.ros.named_calibration import NamedCalibration
 from cdff_dev.logs.formats.ros.pairs import PairAssembly
 from cdff_dev.logs.formats.ros.recording import (
     PARSER_ERRORS,
@@ -38,13 +39,17 @@ from services.ros_messages.conversions import (
     CAMERA_INFO,
     CLOUD,
     CONVERSIONS,
+    DEPTH,
     FRAME_TREES,
+    IMAGES,
     LOCAL_FRAME_POSE,
     NO_CONVERSION,
     OMITTED_FIELDS,
     transform_matrix,
 )
+from services.ros_messages.depth import is_depth
 from services.ros_messages.fixes import FIX, LocalFrame, has_covariance, no_position
+from services.ros_messages.images import camera_model
 from services.ros_messages.topics import Topic, namespace
 
 _log = logging.getLogger(__name__)
@@ -84,6 +89,8 @@ class RosLog(LogSource):
         Local frames of positions of satellite navigation by their stream without the robot. By default the
         origin is the first position of the recording. A recording with local frames was written by CDFF: its
         messages have no field without a place in CDFF.
+    calibration : NamedCalibration, optional
+        Cameras of all images instead of those of the recording.
 
     Raises
     ------
@@ -92,9 +99,13 @@ class RosLog(LogSource):
     """
 
     def __init__(
-        self, recording: Recording, robot: str, local_frames: Mapping[str, LocalFrame] | None = None
+        self,
+        recording: Recording,
+        robot: str,
+        local_frames: Mapping[str, LocalFrame] | None = None,
+        calibration: NamedCalibration | None = None,
     ) -> None:
-        self._recording = recording
+        self._recording, self._calibration = recording, calibration
         self._local_frames = local_frames or {}
         self._split_streams: dict[str, set[str]] = {}
         try:
@@ -102,6 +113,7 @@ class RosLog(LogSource):
             self._unconverted = self._other_topics()
             if local_frames is None:
                 self._unconverted |= self._other_fields()
+                self._convert_depths()
             self._pairs = PairAssembly(self._stereo_cameras())
             self._index()
         except BaseException:
@@ -130,17 +142,42 @@ class RosLog(LogSource):
     def _converted_topics(self, robot: str) -> dict[int, Topic]:
         """Return the topics whose message type has a conversion, by the identity of their channel."""
         cameras, local_frame = self._cameras(), self._first_position()
+        images = {c.topic for c in self._recording.channels if c.type_name in IMAGES and not c.fault}
+        if self._calibration is not None and not images:
+            raise InputError(f"{self._recording.name}: no images for the calibration")
         topics = {}
         for channel in self._recording.channels:
             conversion = None if channel.fault else CONVERSIONS.get(channel.type_name)
             if conversion:
                 camera = cameras.get(namespace(channel.topic))
+                if self._calibration is not None and channel.topic in images:
+                    camera = self._calibration.info(channel.topic, images)
                 topic = Topic(channel.topic, robot, conversion, camera)
                 if channel.type_name == FIX:
                     stated = self._local_frames.get(topic.stream.removeprefix(f"/{robot}/"))
                     topic = replace(topic, local_frame=stated or local_frame)
                 topics[id(channel)] = topic
         return topics
+
+    def _convert_depths(self) -> None:
+        """Choose the conversion to distances for depth images (REP 118) with a camera without distortion."""
+        channels = [c for c in self._recording.channels if c.type_name in IMAGES and id(c) in self._topics]
+        channels = [c for c in channels if "depth" in c.topic.lower()]
+        first = self._first_messages(channels) if channels else {}
+        for channel in channels:
+            topic = self._topics[id(channel)]
+            if channel.topic not in first or not is_depth(first[channel.topic]):
+                continue
+            try:
+                is_ideal = camera_model(topic).is_ideal
+                reason = "" if is_ideal else "its camera has lens distortion"
+            except InputError as error:
+                reason = str(error)
+            if reason:
+                name = f"distances of {channel.topic}"
+                self._unconverted[name] = Unconverted("image", channel.count, f"they are images: {reason}")
+            else:
+                self._topics[id(channel)] = replace(topic, conversion=DEPTH)
 
     def _first_position(self) -> LocalFrame | None:
         """Return the local frame at the first position of the recording; None without a position."""
@@ -209,7 +246,9 @@ class RosLog(LogSource):
             if len(first) < 2:
                 continue
             try:
-                camera = stereo_topics(left, right, (first[left.name], first[right.name]), self._tree)
+                messages = first[left.name], first[right.name]
+                stereo = None if self._calibration is None else self._calibration.stereo
+                camera = stereo_topics(left, right, messages, self._tree, stereo)
             except (*PARSER_ERRORS, InputError) as error:
                 name = f"pairs of {left.name}"
                 self._unconverted[name] = Unconverted("stereo camera", 1, str(error))

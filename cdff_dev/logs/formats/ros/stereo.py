@@ -84,7 +84,11 @@ def _preference(topic: Topic) -> tuple[bool, bool, str]:
 
 
 def stereo_topics(
-    left: Topic, right: Topic, first: tuple[Any, Any], tree: Callable[[], FrameTree]
+    left: Topic,
+    right: Topic,
+    first: tuple[Any, Any],
+    tree: Callable[[], FrameTree],
+    named: StereoCalibration | None = None,
 ) -> StereoTopics:
     """Return the stereo camera of two topics.
 
@@ -95,6 +99,8 @@ def stereo_topics(
         The first message of each topic.
     tree : callable
         Returns the frame tree; it is only called if the calibrations have no baseline.
+    named : StereoCalibration, optional
+        Calibration that the user names.
 
     Raises
     ------
@@ -109,7 +115,7 @@ def stereo_topics(
     image, mode = pixels(first[0])
     rows, cols = image.shape[:2]
     check_image_size(left_camera, rows, cols, left.name)
-    T_right_left = _pose_of_calibrations(left, right)
+    T_right_left = _pose_of_calibrations(left, right) if named is None else named.T_right_left
     if T_right_left is None:
         T_right_left = _pose_of_tree(tree(), *frame_ids)
     if T_right_left is None:
