@@ -96,8 +96,12 @@ def depth_of(image: DistanceImage, min_m: float, max_m: float) -> tuple[FloatArr
         return np.where((z > 0.0) & (z >= min_m) & (z <= max_m), z, np.nan), K
 
 
-def points_near(image: DistanceImage, centre_m: FloatArray, radius_m: float, max_points: int) -> FloatArray:
+def points_near(
+    image: DistanceImage, centre_m: FloatArray, radius_m: float, max_points: int
+) -> tuple[FloatArray, int]:
     """Return at most about ``max_points`` points (n, 3) of a depth image in a ball, on a grid of its pixels.
+
+    The second result is the step of this grid, pixels.
 
     Parameters
     ----------
@@ -129,4 +133,4 @@ def points_near(image: DistanceImage, centre_m: FloatArray, radius_m: float, max
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(points - centre_m, axis=-1) < radius_m
     step = max(1, int(np.ceil(np.sqrt(np.count_nonzero(near) / max(max_points, 1)))))
-    return np.ascontiguousarray(points[::step, ::step][near[::step, ::step]])
+    return np.ascontiguousarray(points[::step, ::step][near[::step, ::step]]), step

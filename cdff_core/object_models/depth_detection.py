@@ -18,14 +18,13 @@ from cdff_common.types import DistanceImage
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfns.model_registration.interface import ModelRegistrationInputs
 from cdff_core.imaging.depth_images import depth_of, points_near
-from cdff_core.object_models.nearest_grid import NearestGrid
-from cdff_core.object_models.pose_equations import nearest_distances
 from cdff_core.object_models.rendering import Window, body_window, render
 from cdff_core.object_models.scan_detection import (
     DetectionLimits,
     Hypothesis,
     ScanDetector,
     bounded_noise,
+    on_surface,
     surface_ports,
 )
 from cdff_core.object_models.scan_parts import range_noise
@@ -259,10 +258,8 @@ class DepthDetector:
         """
         cfg = self._config
         centre_m = hypothesis.T[:3, :3] @ model.centre_m + hypothesis.T[:3, 3]
-        near_m = (
-            points_near(scene.image, centre_m @ self._R, _REACH * model.diameter_m, _CHECKED_POINTS)
-            @ self._R.T
-        )
+        depth_centre_m, radius_m = centre_m @ self._R, _REACH * model.diameter_m
+        near_m = points_near(scene.image, depth_centre_m, radius_m, _CHECKED_POINTS)[0] @ self._R.T
         outputs = self._register.process(
             ModelRegistrationInputs(
                 scan=np.ascontiguousarray(near_m),
@@ -278,7 +275,7 @@ class DepthDetector:
         )
         view = scene.comparison(model, outputs.pose, self._R, _SIGMAS * sigma_m)
         _check_visible(hypothesis.name, view, cfg)
-        score = view.agreement * _explained(model, outputs.pose, part_m, _SIGMAS * sigma_m)
+        score = view.agreement * float(np.mean(on_surface(model, outputs.pose, part_m, _SIGMAS * sigma_m)))
         if score < cfg.min_score:
             reason = f"low_score:{score:.2f}<{cfg.min_score:g}"
             raise RefusedError(f"{hypothesis.name}: {reason}", [reason])
@@ -295,12 +292,6 @@ def _check_visible(name: str, view: _Comparison, cfg: DepthDetectionConfig) -> N
     else:
         return
     raise RefusedError(f"{name}: {reason}", [reason])
-
-
-def _explained(model: ModelPreparationOutputs, T: FloatArray, part_m: FloatArray, limit_m: float) -> float:
-    """Return the fraction of the points (n, 3) of a part that are on the surface of a model at a pose."""
-    surface_m, grid = model.points, NearestGrid(model.grid_index, model.grid_low, model.grid_cell_m)
-    return float(np.mean(nearest_distances(T, np.ascontiguousarray(part_m), surface_m, grid) < limit_m))
 
 
 def separate(detections: list[tuple[DepthDetection, float]]) -> list[DepthDetection]:

@@ -15,13 +15,15 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
+from cdff_common.types import DistanceImage
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.imaging.depth_images import RgbdPairing, RgbdSamples, points_near
 from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
 from cdff_core.object_models.body_tracking import BodyTracking, BodyTrackingConfig, order_fault
 from cdff_core.object_models.image_fit import ImageFitter
-from cdff_core.object_models.scan_detection import bounded_noise
+from cdff_core.object_models.rendering import Window, silhouette_pixels
+from cdff_core.object_models.scan_detection import bounded_noise, on_surface
 from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, body_ball
 from cdff_core.object_models.scan_parts import range_noise
 from cdff_core.object_models.state_filter import adapted
@@ -104,9 +106,20 @@ class ImageTrackingConfig(BodyTrackingConfig):
         le=1,
         description="Fraction of these depths below which a used depth image is DEGRADED",
     )
+    good_visible: float = Field(
+        0.6,
+        gt=0,
+        le=1,
+        description="Fraction of the body that must have depths on it: a used depth image is DEGRADED below",
+    )
     min_visible: float = Field(
         0.2, gt=0, le=1, description="Fraction of the depths of the body that must not be in front of it"
     )
+
+
+#: Distance from the points of the surface up to which a depth is on the body: in standard deviations, and at
+#: least, in diameters, that of the points.
+_SIGMAS, _SPACING = 3.0, 0.03
 
 
 @dataclass(slots=True)
@@ -282,7 +295,7 @@ class ImageTracking(BodyTracking):
         cfg = self.config
         # With the axes of the camera and the origin of the depth camera.
         state = replace(fit.state, T=moved(fit.state.T, -np.array(cfg.depth_offset_m)))
-        points_m = self._body_points(sample, model, state)
+        points_m, step = self._body_points(sample, model, state)
         if len(points_m) < cfg.min_depth_points:
             fit.faults.append(f"few_depths:{len(points_m)}<{cfg.min_depth_points}")
             return
@@ -318,6 +331,10 @@ class ImageTracking(BodyTracking):
             return
         if found.agreement < cfg.good_depth_agreement:
             fit.faults.append(f"depth_low_agreement:{found.agreement:.2f}<{cfg.good_depth_agreement:g}")
+        visible = self._visible(sample, model, found, points_m, step)
+        fit.metrics["visible"] = visible
+        if visible < cfg.good_visible:
+            fit.faults.append(f"partly_hidden:{visible:.2f}<{cfg.good_visible:g}")
         fit.state = replace(found.state, T=moved(found.state.T, np.array(cfg.depth_offset_m)))
         fit.used = True
         if not cfg.depth_sigma_m:
@@ -335,12 +352,27 @@ class ImageTracking(BodyTracking):
         is_near = self._gate < found.distance < _NEAR_GATES * self._gate
         return is_near and found.agreement >= self.config.good_depth_agreement
 
-    def _body_points(self, sample: Sample, model: ModelPreparationOutputs, state: TrackedState) -> FloatArray:
-        """Return the depths near a state as points (n, 3) in the axes of the camera."""
+    def _body_points(
+        self, sample: Sample, model: ModelPreparationOutputs, state: TrackedState
+    ) -> tuple[FloatArray, int]:
+        """Return the depths near a state as points (n, 3) in the camera's axes, and the step of pixels."""
         centre_m, radius_m = body_ball(model, state)
         R = self._R_camera_depth
-        points_m = points_near(sample.value, centre_m @ R, radius_m, self.config.max_depth_points)
-        return np.ascontiguousarray(points_m @ R.T)
+        points_m, step = points_near(sample.value, centre_m @ R, radius_m, self.config.max_depth_points)
+        return np.ascontiguousarray(points_m @ R.T), step
+
+    def _visible(
+        self, sample: Sample, model: ModelPreparationOutputs, found: ScanFit, points_m: FloatArray, step: int
+    ) -> float:
+        """Return the number of points on the body, relative to its pixels if nothing hides it."""
+        image: DistanceImage = sample.value
+        fx, fy = 1.0 / image.scale_x, 1.0 / image.scale_y
+        camera = Window(fx, fy, -image.center_x * fx, -image.center_y * fy, image.height, image.width)
+        T = se3.transform(self._R_camera_depth.T, np.zeros(3)) @ found.state.T
+        pixels = silhouette_pixels(model.drawn_vertices, model.drawn_triangles, T, camera)
+        limit_m = max(_SIGMAS * self._depth_sigma_m, _SPACING * model.diameter_m)
+        count = int(np.count_nonzero(on_surface(model, found.state.T, points_m, limit_m)))
+        return min(count * step**2 / max(pixels, 1.0), 1.0)
 
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit by an image."""

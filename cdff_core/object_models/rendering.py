@@ -114,6 +114,21 @@ def body_window(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[
     return int(low_r), int(low_c), camera.cropped(low_r, low_c, int(high_r - low_r), int(high_c - low_c))
 
 
+def silhouette_pixels(
+    vertices_m: FloatArray, triangles: IntArray, T: FloatArray, camera: Window, largest: int = 64
+) -> float:
+    """Return the area of a mesh at T_camera_model in an image, px, from a rendering of ``largest`` pixels."""
+    _, _, window = body_window(vertices_m, T, camera)
+    scale = max(1.0, max(window.rows, window.columns) / largest)
+    rows, columns = int(camera.rows / scale), int(camera.columns / scale)
+    small = Window(camera.fx / scale, camera.fy / scale, camera.cx / scale, camera.cy / scale, rows, columns)
+    _, _, window = body_window(vertices_m, T, small)
+    if window.rows < 1 or window.columns < 1:
+        return 0.0
+    face = render(vertices_m, triangles, T, window).face
+    return scale**2 * float(np.count_nonzero(face != NO_FACE))
+
+
 @njit(cache=True)
 def draw(
     vertices: FloatArray,

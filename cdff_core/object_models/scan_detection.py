@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.arrays import FloatArray
+from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import Dfn
@@ -19,6 +19,8 @@ from cdff_core.dfns.model_pose_refinement.interface import (
 )
 from cdff_core.dfns.model_pose_search.interface import ModelPoseSearchInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.object_models.nearest_grid import NearestGrid
+from cdff_core.object_models.pose_equations import nearest_distances
 from cdff_core.object_models.scan_parts import range_noise
 
 #: Largest extent of a body relative to that of the model, and bounds of the noise relative to the model.
@@ -161,6 +163,15 @@ def surface_ports(model: ModelPreparationOutputs) -> dict[str, Any]:
         "grid_cell_m": model.grid_cell_m,
         "diameter_m": model.diameter_m,
     }
+
+
+def on_surface(
+    model: ModelPreparationOutputs, T: FloatArray, points_m: FloatArray, limit_m: float
+) -> BoolArray:
+    """Return the mask (n,) of points (n, 3) up to ``limit_m`` from the surface of a model at T."""
+    grid = NearestGrid(model.grid_index, model.grid_low, model.grid_cell_m)
+    distances_m = nearest_distances(T, np.ascontiguousarray(points_m), model.points, grid)
+    return np.asarray(distances_m < limit_m)
 
 
 def bounded_noise(sigma_m: float, diameter_m: float) -> float:

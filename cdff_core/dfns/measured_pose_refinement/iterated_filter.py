@@ -28,6 +28,13 @@ class IteratedFilterConfig(DfnConfig):
         4.0, ge=1, le=20, description="Residual from which a point has no weight at last, standard deviations"
     )
     bias_px: float = Field(0.05, ge=0, le=10, description="Error that all points share, px")
+    false_share: float = Field(
+        0.1,
+        ge=0,
+        le=1,
+        description="Fraction of the points of hidden parts that meet other edges; points without an image edge "
+        "are taken as hidden",
+    )
     inflation: float = Field(
         4.0,
         ge=1,
@@ -63,7 +70,10 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
                 )
             # With a wide limit, the points that are not explained are noise.
             sigma2 = max(cfg.sigma_px, 0.25 * float(limit_px)) ** 2
-            variance = cfg.inflation * (sigma2 + weights.sum() * cfg.bias_px**2)
+            # Points of hidden parts that meet other edges shift the pose together.
+            false_share = cfg.false_share * (len(r) - count) / count
+            bias2 = cfg.bias_px**2 + (false_share * last_px) ** 2
+            variance = cfg.inflation * (sigma2 + weights.sum() * bias2)
             information = J.T @ (J * weights[:, None]) / variance
             gradient = np.zeros(k)
             gradient[:6] = J.T @ (weights * np.where(is_near, r, 0.0)) / variance

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,6 +62,8 @@ def folder_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     ``times.txt`` next to the images, else of their names (see ``file_stamps``), else 100 ms apart. The camera
     is ``calibration``; else, of the calibrations in the folder, its ``config`` or that of the images: the one
     after whose name the images are named, else the only one, or the only one of images with or without depth.
+    The principal point of a ViSP configuration (XML) that is exactly half the size of the image is the middle
+    of the image: measured from the centre of the first pixel, as in CDFF, it is half a pixel less.
     Tables of true poses are described in ``formats.images.truth``, and true attitudes in
     ``formats.images.attitudes``. All other files are listed as not converted.
 
@@ -156,6 +159,10 @@ def _calibration_of(
             raise
         content.unconverted[found.path.name] = Unconverted("calibration", 1, str(error))
         return None
+    if found.path.suffix.lower() == ".xml" and (found.camera.cx, found.camera.cy) == (cols / 2, rows / 2):
+        # ViSP's configurations of rendered images state the middle of the image, from its corner.
+        camera = dataclasses.replace(found.camera, cx=found.camera.cx - 0.5, cy=found.camera.cy - 0.5)
+        return dataclasses.replace(found, camera=camera)
     return found
 
 

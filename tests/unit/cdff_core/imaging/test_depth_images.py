@@ -40,18 +40,19 @@ def _ms(sample: Sample | None) -> int | None:
 
 def test_the_points_are_those_of_the_ball() -> None:
     centre = np.array([0.1, -0.2, 2.0])
-    points = points_near(plane(2.0), centre, 0.3, 10_000)
+    points, step = points_near(plane(2.0), centre, 0.3, 10_000)
+    assert step == 1
     z, K = depth_of(plane(2.0), 0.0, np.inf)
     v, u = np.mgrid[:48, :64]
     every = np.stack([(u - K[0, 2]) / 60.0 * z, (v - K[1, 2]) / 60.0 * z, z], axis=-1).reshape(-1, 3)
     expected = every[np.linalg.norm(every - centre, axis=1) < 0.3]
     np.testing.assert_allclose(points, expected)
-    assert len(points_near(plane(2.0), centre, 0.3, 50)) <= 70
+    assert len(points_near(plane(2.0), centre, 0.3, 50)[0]) <= 70
 
 
 @pytest.mark.parametrize("centre", [[0.0, 0.0, 0.1], [0.0, 0.0, -3.0], [50.0, 0.0, 2.0]])
 def test_a_ball_without_points_has_none(centre: list[float]) -> None:
-    assert points_near(plane(2.0), np.array(centre), 0.5, 100).shape == (0, 3)
+    assert points_near(plane(2.0), np.array(centre), 0.5, 100)[0].shape == (0, 3)
 
 
 def test_a_cut_depth_image_is_refused() -> None:

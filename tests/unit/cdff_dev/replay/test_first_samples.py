@@ -14,7 +14,8 @@ from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import Mesh, TransformWithCovariance
+from cdff_core.runtime import Runner
 from cdff_dev.replay.engine import replay
 from cdff_dev.replay.first_samples import file_ports, with_files, with_poses
 from cdff_dev.replay.wiring import wire
@@ -90,3 +91,16 @@ def test_poses_of_a_file_are_merged_by_time_after_other_samples_of_their_time(tm
     assert list(with_poses(samples, description, None)) == samples
     with pytest.raises(InputError, match="expected a port poses"):
         list(with_poses(samples, Registry.default().dfpc("tracking_3d"), str(file)))
+
+
+@pytest.mark.parametrize("name", ["target_detection", "model_detection"])
+def test_each_of_several_models_is_accepted(name: str) -> None:
+    dfpc = Registry.default().make_dfpc(name)
+    dfpc.configure({"prepare": {"points": 1000, "views": 60, "view_pixels": 64, "grid_cells": 16}})
+    runner = Runner(dfpc)
+    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    for seq, body in enumerate(("first", "second")):
+        mesh = Mesh.from_arrays(vertices, np.array([[0, 1, 2], [0, 1, 3]]), frame=f"{body}/body", stamp_ns=0)
+        assert runner.push(Sample("model", 5, seq, mesh))
+    assert list(runner.drain()) == []
+    assert runner.counters.samples == 2

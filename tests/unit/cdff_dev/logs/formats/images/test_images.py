@@ -92,6 +92,21 @@ def test_the_shared_sets_open_by_their_path(
     assert all(s.value is not None for s in log.samples(list(log.streams)[:1]))
 
 
+@pytest.mark.parametrize(("half_px", "shift_px"), [(0.0, -0.5), (1.0, 0.0)])
+def test_a_principal_point_in_the_middle_of_rendered_images_is_from_their_corner(
+    tmp_path: Path, half_px: float, shift_px: float
+) -> None:
+    write_images(tmp_path, "1.png")
+    (frame,) = open_log(tmp_path).samples()
+    rows, cols = frame.value.image.shape[:2]
+    u0, v0 = cols / 2 + half_px, rows / 2
+    camera = f"<camera><px>50</px><py>50</py><u0>{u0}</u0><v0>{v0}</v0></camera>"
+    text = f"<?xml version='1.0'?><conf>{camera}</conf>"
+    (tmp_path / "scene.xml").write_text(text, encoding="utf-8")
+    (frame,) = open_log(tmp_path).samples()
+    np.testing.assert_allclose(frame.value.camera_matrix[:2, 2], [u0 + shift_px, v0 + shift_px])
+
+
 def test_dates_in_names_are_times(real_data: Callable[[str], Path]) -> None:
     log = open_log(real_data("rosetta_67p"))
     assert log.streams["/robot/camera.frame"].t0_ns == 1_407_269_239_000_000_000
