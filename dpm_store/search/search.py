@@ -221,7 +221,12 @@ class Search:
         values: dict[str, Any] = {}
         if few is not None:
             source, values = self._listed.c, {"ordinals": self._dialect.list_value(few)}
-        statement = select(*(source[name] for name in RECORD_COLUMNS)).where(*conditions(query, source))
+        where = conditions(query, source)
+        if query.where is not None:  # the order of many products is found without their headers
+            found = select(source.ordinal).where(*where).order_by(*ordering(query.order, source)).limit(limit)
+            ordinals = list(connection.execute(found, values).scalars())
+            source, values, where = self._listed.c, {"ordinals": self._dialect.list_value(ordinals)}, []
+        statement = select(*(source[name] for name in RECORD_COLUMNS)).where(*where)
         return connection.execute(
             statement.order_by(*ordering(query.order, source)).limit(limit), values
         ).all()
