@@ -257,6 +257,50 @@ def test_the_map_shows_tiles_pans_and_measures(page: Browser) -> None:
     page.eventually("Math.abs(map.x - 26) < 0.5")
 
 
+def test_the_map_has_robots_with_errors_outlines_scale_north_and_colours(page: Browser) -> None:
+    page.eventually("document.querySelectorAll('#map .robot-mark').length === 1")
+    page.value("look(1, 1, 17)")
+    path = "document.querySelector('#map .path').getAttribute('points')"
+    assert page.value(f"{path}.split(' ').length") == 3
+    # 3 σ of a variance of 0.01 m² are 0.3 m, in pixels of 10 cm
+    assert page.value("+document.querySelector('#map .error-ellipse').getAttribute('rx')") == pytest.approx(
+        3.0
+    )
+    (x_px,) = page.value(
+        "[document.querySelector('#map .robot-mark').getAttribute('transform').match(/\\(([-\\d.]+)/)[1] * 1]"
+    )
+    assert x_px == pytest.approx(page.value("view().clientWidth / 2") + 10.0)
+    assert page.value("document.querySelectorAll('#map .outline').length") == 0
+    page.value("document.getElementById('map-outlines').click()")
+    page.eventually("document.querySelectorAll('#map .outline').length === 2")
+    page.value("document.getElementById('map-outlines').click()")
+    assert page.value("document.querySelectorAll('#map .scale-bar').length") == 1
+    assert page.value("document.querySelector('#map .north') !== null")
+    legend = "document.getElementById('map-legend').innerText"
+    assert "-8 m" in page.value(legend)
+    assert "8 m" in page.value(legend)
+
+
+def test_the_time_of_the_map_is_chosen_with_a_slider(page: Browser) -> None:
+    page.value("look(51, 1, 17)")
+    page.eventually(f"(async () => await {DRAWN_FRACTION} > 0)()")
+    move = (
+        "(v) => { const s = document.getElementById('map-time'); "
+        "s.value = v; s.dispatchEvent(new Event('input')); }"
+    )
+    page.value(f"({move})(500)")  # the second map was captured at the end of the interval
+    assert "captures until 1970-01-01" in page.value("document.getElementById('map-time-text').innerText")
+    page.eventually(f"(async () => await {DRAWN_FRACTION} === 0)()")
+    page.value("look(1, 1, 17)")
+    page.eventually(f"(async () => await {DRAWN_FRACTION} > 0)()")
+    page.value(f"({move})(1000)")
+    assert page.value("document.getElementById('map-time-text').innerText") == "all captures"
+    page.value("look(51, 1, 17)")
+    page.eventually(f"(async () => await {DRAWN_FRACTION} > 0)()")
+    page.value("document.getElementById('map-fit').click()")
+    page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
 #: Neighbouring tiles whose common edge has a gap or an overlap.
 SEAMS = """(() => {
   const boxes = [...document.querySelectorAll('#map img')].map((i) => i.getBoundingClientRect());

@@ -6,7 +6,7 @@
 const TILE_PX = 256;
 /** Levels beyond the last one of the grid, in which its tiles are enlarged. */
 const ENLARGED_LEVELS = 3;
-const map = { layers: [], frame: "site", chosen: false, x: 0, y: 0, z: 18, finest: {}, placed: false, tiles: new Map() };
+const map = { layers: [], frame: "site", chosen: false, x: 0, y: 0, z: 18, finest: {}, placed: false, tiles: new Map(), timeMs: null };
 const view = () => byId("map");
 const layer = () => map.layers.find((known) => known.name === byId("map-layer").value) || map.layers[0];
 const sizeOf = (z) => layer().cell_m[0] / 2 ** z;
@@ -33,6 +33,7 @@ async function extent() {
   }
   const finest = held?.resolution_m ? layer().cell_m.findLastIndex((size) => size >= held.resolution_m * 0.999) : -1;
   map.finest[layer().product] = finest < 0 ? undefined : finest;
+  document.dispatchEvent(new CustomEvent("map-read", { detail: held }));
   return [held, frames];
 }
 
@@ -69,7 +70,8 @@ function draw() {
     for (let column = firstColumn; x0 + (column - firstColumn) * sidePx < view().clientWidth; column += 1) {
       if (row < 0 || column < 0 || row > last || column > last) continue;
       const address = layer().tiles[0].replace("{z}", z).replace("{x}", column).replace("{y}", row);
-      const path = address.slice(address.indexOf("/tiles/") + 1);
+      const time = map.timeMs === null ? "" : `&time=${new Date(map.timeMs).toISOString()}`;
+      const path = address.slice(address.indexOf("/tiles/") + 1) + time;
       seen.add(path);
       const image = map.tiles.get(path) || added(path);
       image.style.left = `${x0 + (column - firstColumn) * sidePx}px`;
@@ -85,6 +87,7 @@ function draw() {
     }
   }
   const enlarged = z < map.z ? `, data of ${+(sizeOf(z) * 100).toPrecision(3)} cm enlarged` : "";
+  document.dispatchEvent(new Event("map-drawn"));
   byId("map-scale").textContent = `1 pixel is ${cell() < 1 ? `${+(cell() * 100).toPrecision(3)} cm` : `${cell()} m`}${enlarged}`;
 }
 
@@ -142,7 +145,7 @@ function at(event) {
 async function identify(x, y) {
   try {
     const path = [x, y, x + 0.001, y].map((v) => v.toFixed(4)).join(",");
-    const found = await ask(`api/v1/maps/dem/profile?path=${path}&step_m=0.01&frame=${encodeURIComponent(map.frame)}`);
+    const found = await ask(`api/v1/maps/dem/profile?path=${path}&step_m=0.01&frame=${encodeURIComponent(map.frame)}${map.timeMs === null ? "" : `&t1=${new Date(map.timeMs).toISOString()}`}`);
     const [mean] = found.mean_m;
     const [sigma] = found.sigma_m;
     byId("map-note").textContent = mean === null ? `Nothing was measured at x ${metres(x)}, y ${metres(y)} m.`
