@@ -266,9 +266,8 @@ def test_the_map_has_robots_with_errors_outlines_scale_north_and_colours(page: B
     assert page.value("+document.querySelector('#map .error-ellipse').getAttribute('rx')") == pytest.approx(
         3.0
     )
-    (x_px,) = page.value(
-        "[document.querySelector('#map .robot-mark').getAttribute('transform').match(/\\(([-\\d.]+)/)[1] * 1]"
-    )
+    mark = "document.querySelector('#map .robot-mark').getAttribute('transform')"
+    (x_px,) = page.value(f"[{mark}.match(/\\(([-\\d.]+)/)[1] * 1]")
     assert x_px == pytest.approx(page.value("view().clientWidth / 2") + 10.0)
     assert page.value("document.querySelectorAll('#map .outline').length") == 0
     page.value("document.getElementById('map-outlines').click()")

@@ -13,7 +13,17 @@ router = APIRouter(include_in_schema=False)
 
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 _FILES = frozenset(
-    {"index.html", "docs.html", "style.css", "app.js", "map.js", "overlay.js", "tracks.js", "docs.js", "icon.svg"}
+    {
+        "index.html",
+        "docs.html",
+        "style.css",
+        "app.js",
+        "map.js",
+        "overlay.js",
+        "tracks.js",
+        "docs.js",
+        "icon.svg",
+    }
 )
 
 
