@@ -35,7 +35,8 @@ def register(nouns: Any) -> None:
         metavar="PORT=FILE",
         help="an input; IMAGE,CAMERA for an image with its camera, LEFT,RIGHT,CAMERA for a stereo "
         "pair, where CAMERA is a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
-        "port; ports of models may be given several times",
+        "port; ports of models may be given several times, and those of the sensors of a DFPC for files in "
+        "the order of time, or as a pattern: 'cloud=scans/*.ply'",
     )
     parser.add_argument("--implementation", help="implementation (default: the first in the description)")
     parser.add_argument("--config", metavar="FILE", help="YAML or JSON mapping of parameters")

@@ -17,7 +17,7 @@ from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status, worst
 from cdff_common.interfaces.registry import Registry
 from cdff_dev.compilation import compilation_notice
-from cdff_dev.run.inputs import ROBOT, read_inputs
+from cdff_dev.run.inputs import ROBOT, read_inputs, read_sequence
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,18 +107,13 @@ def _run_dfpc(
     dfpc = Registry.default().make_dfpc(folder)
     with compilation_notice(folder):
         dfpc.configure(config, DfpcContext(robot=ROBOT), implementation)
-    values = read_inputs(dfpc.description.input_ports, files)
-    # Models come first, so that data do not wait for the first of several models only.
-    queue = [(port, v) for port in sorted(values) if isinstance(values[port], list) for v in values[port]]
-    queue += [(port, values[port]) for port in sorted(values) if not isinstance(values[port], list)]
-    stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for _, v in queue), default=0)
+    batches = read_sequence(dfpc.description.input_ports, files)
     result = Result(folder, dfpc.description.output_ports)
     outputs: list[Output] = []
     with _measured(result):
-        for port, value in queue:
-            frame, child = _frames(value)
-            sample = Sample(port, stamp_ns, 0, value, id="", frame=frame, child=child)
-            outputs += dfpc.step(sample)
+        for seq, values in enumerate(batches):
+            for sample in _samples(values, seq):
+                outputs += dfpc.step(sample)
         outputs += dfpc.finish()
         if not outputs:
             raise RefusedError(f"{folder}: no output", ("no_output",))
@@ -129,6 +124,16 @@ def _run_dfpc(
         result.outputs.setdefault(output.port, []).append(port_value)
     result.quality = _merged_quality([output.quality for output in outputs])
     return result
+
+
+def _samples(values: Mapping[str, Any], seq: int) -> Iterator[Sample]:
+    """Yield the values of one time as samples, models first: data do not wait for the first one only."""
+    queue = [(port, v) for port in sorted(values) if isinstance(values[port], list) for v in values[port]]
+    queue += [(port, values[port]) for port in sorted(values) if not isinstance(values[port], list)]
+    stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for _, v in queue), default=0)
+    for port, value in queue:
+        frame, child = _frames(value)
+        yield Sample(port, stamp_ns, seq, value, id="", frame=frame, child=child)
 
 
 def _frames(value: Any) -> tuple[str, str]:

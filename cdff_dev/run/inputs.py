@@ -42,6 +42,8 @@ from cdff_common.types import (
     TransformWithCovariance,
 )
 from cdff_dev.logs import open_log
+from cdff_dev.logs.file_stamps import PERIOD_NS, natural_order
+from cdff_dev.logs.formats import LogLocation
 from cdff_dev.run.arrays import grey, read_array
 
 ROBOT = "robot"
@@ -61,32 +63,95 @@ class _Metadata:
     stamp_ns: int
 
 
-def read_inputs(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]]) -> dict[str, Any]:
+def read_sequence(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]]) -> list[dict[str, Any]]:
+    """Return the values of the ports at successive times, for sensors of which several files are given.
+
+    The files of a port are in the order of time, 100 ms apart, unless its poses have later stamps. Patterns
+    of files are expanded in the order of the numbers in the names. A port of poses with one file has this
+    pose at all times, another port with one file only has a value at the first time.
+
+    Raises
+    ------
+    InputError
+        As ``read_inputs``, or if the numbers of files differ.
+    """
+    port_by_name = {name: port for port in ports for name in _names(port)}
+    lists = {name: _expanded(port_by_name.get(name), texts) for name, texts in files.items()}
+    single = {n: t for n, t in lists.items() if not getattr(port_by_name.get(n), "repeated", False)}
+    counts = {name: len(texts) for name, texts in single.items() if len(texts) > 1}
+    if len(set(counts.values())) > 1:
+        found = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise InputError(f"numbers of files: {found}; expected equal ones, or one")
+    batches = []
+    for k in range(next(iter(counts.values()), 1)):
+        chosen: dict[str, str | Sequence[str]] = {}
+        for name, texts in lists.items():
+            port = port_by_name.get(name)
+            if name in counts:
+                chosen[name] = texts[k]
+            elif k == 0 or (port is not None and port.type_name in _POSE_TYPES):
+                chosen[name] = texts
+        given = {name: texts[0] for name, texts in lists.items() if texts}
+        batches.append(read_inputs(ports, chosen, k * PERIOD_NS, _are_named_by_port(port_by_name, given)))
+    return batches
+
+
+def _names(port: Port) -> tuple[str, ...]:
+    return port.name, port.attribute, *getattr(port, "aliases", ())
+
+
+def _expanded(port: Port | None, texts: str | Sequence[str]) -> list[str]:
+    """Return the files of a port; patterns of a port of sensor data are replaced by the files."""
+    found: list[str] = []
+    for text in [texts] if isinstance(texts, str) else texts:
+        is_pattern = port is not None and port.type_name in _SENSOR_TYPES and not Path(text).exists()
+        paths = LogLocation.of(text).files if is_pattern else ()
+        found += [str(path) for path in sorted(paths, key=natural_order)] or [text]
+    return found
+
+
+def _are_named_by_port(port_by_name: Mapping[str, Port], files: Mapping[str, Any]) -> bool:
+    """Return whether the frames of data have the names of their ports: of several sensors, or with a mesh."""
+    types = [port_by_name[name].type_name for name in files if name in port_by_name]
+    return sum(name in _SENSOR_TYPES for name in types) > 1 or "Mesh" in types
+
+
+def read_inputs(
+    ports: Sequence[Port],
+    files: Mapping[str, str | Sequence[str]],
+    earliest_ns: int = 0,
+    named_by_port: bool | None = None,
+) -> dict[str, Any]:
     """Return the value of each port, read from its file according to its type; a list for repeated ports.
 
     Files do not contain frames. If there is one sensor input, its frame is the child frame of the pose input,
     or ``site`` without a pose input. If there are several sensor inputs, or a mesh, the frame of each has the
     name of its port. The frame of a mesh is ``{name of the file}/body``. All stamps are the latest stamp of
-    the pose inputs, or 0.
+    the pose inputs, or ``earliest_ns``; a later time than 0 needs no required port.
+
+    Parameters
+    ----------
+    named_by_port : bool, optional
+        Whether frames have the names of the ports, if other ports have values at other times.
 
     Raises
     ------
     InputError
         If a port is unknown or missing, or a file does not have the type of its port.
     """
-    port_by_name = {name: p for p in ports for name in (p.name, p.attribute, *getattr(p, "aliases", ()))}
+    port_by_name = {name: p for p in ports for name in _names(p)}
     unknown = next((name for name in files if name not in port_by_name), None)
     if unknown is not None:
         raise InputError(f"no input port {unknown!r}; there are {', '.join(p.attribute for p in ports)}")
     lists = {name: [text] if isinstance(text, str) else list(text) for name, text in files.items()}
     for name, texts in lists.items():
         if len(texts) > 1 and not getattr(port_by_name[name], "repeated", False):
-            raise InputError(f"input {name} is given twice")
+            raise InputError(f"input {name} is given twice; several files are for the sensors of a DFPC")
     given = {port_by_name[name].attribute: (port_by_name[name], texts[0]) for name, texts in lists.items()}
     if len(given) < len(files):
         raise InputError(f"inputs {', '.join(files)}: a port is given by two of its names")
     missing = next((p for p in ports if not p.optional and p.attribute not in given), None)
-    if missing is not None:
+    if missing is not None and not earliest_ns:
         raise InputError(
             f"input port {missing.attribute} ({missing.type_name}) is missing: give {missing.attribute}=FILE"
         )
@@ -94,8 +159,8 @@ def read_inputs(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]])
         a: read_pose(t) for a, (p, t) in given.items() if p.type_name in _POSE_TYPES and _is_pose_file(t)
     }
     stamp_ns = max((pose.stamp_ns for pose in poses.values()), default=0)
-    sensor_ports = [a for a, (p, _) in given.items() if p.type_name in _SENSOR_TYPES]
-    names_by_port = len(sensor_ports) > 1 or any(p.type_name == "Mesh" for p, _ in given.values())
+    stamp_ns = max(stamp_ns, earliest_ns)
+    names_by_port = _are_named_by_port(port_by_name, given) if named_by_port is None else named_by_port
     values: dict[str, Any] = {}
     for attribute, (port, text) in given.items():
         if getattr(port, "repeated", False):

@@ -24,7 +24,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.description import Port
 from cdff_dev.run import commands
 from cdff_dev.run.arrays import read_array
-from cdff_dev.run.inputs import read_inputs
+from cdff_dev.run.inputs import read_inputs, read_sequence
 from cdff_dev.run.parameters import parameters
 from tests.support import surfaces
 
@@ -144,6 +144,41 @@ def test_a_map_is_written_as_geotiff_printed_in_words_and_drawn(
     assert document["outputs"]["map"]["value"]["metadata"]["resolution"] == 0.5
 
 
+def test_several_clouds_make_one_map(tmp_path: Path, rng: np.random.Generator) -> None:
+    points = surfaces.terrain(rng)
+    is_left = points[:, 0] < np.median(points[:, 0])
+    parts = {"scan10.ply": points[is_left], "scan9.ply": points[~is_left]}
+    for name, part in parts.items():
+        ply(tmp_path / name, part)
+    options = ["--set", "resolution_m=0.5", "--out"]
+    for name, clouds in (
+        ("whole", [f"cloud={ply(tmp_path / 'whole', points)}"]),
+        ("parts", [f"cloud={tmp_path / 'scan9.ply'}", f"cloud={tmp_path / 'scan10.ply'}"]),
+        ("pattern", [f"cloud={tmp_path}/scan*.ply"]),
+    ):
+        assert cdff_run("digital_elevation_mapping", *clouds, *options, tmp_path / name) == 0
+    whole, in_parts, by_pattern = (
+        read_map(tmp_path / name / report_of(tmp_path / name)["outputs"]["map"]["file"])
+        for name in ("whole", "parts", "pattern")
+    )
+    assert np.sum(in_parts.layer("count")) == pytest.approx(np.sum(whole.layer("count")), rel=0.05)
+    np.testing.assert_array_equal(by_pattern.layer("mean"), in_parts.layer("mean"))
+
+
+def test_numbers_of_files_that_differ_are_refused(tmp_path: Path) -> None:
+    cloud = str(ply(tmp_path / "cloud", np.ones((3, 3))))
+    poses = str(tmp_path / "pose.tum")
+    Path(poses).write_text("1.5 1 2 3 0 0 0 1\n", encoding="utf-8")
+    ports = [Port(name="cloud", type="Pointcloud"), Port(name="poses", type="TransformWithCovariance")]
+    with pytest.raises(InputError, match="cloud 3, poses 2; expected equal ones, or one"):
+        read_sequence(ports, {"cloud": [cloud] * 3, "poses": [poses] * 2})
+    batches = read_sequence(ports, {"cloud": [cloud] * 2, "poses": poses})
+    assert [b["cloud"].stamp_ns for b in batches] == [1_500_000_000] * 2
+    assert [b["poses"].parent_frame for b in batches] == ["site"] * 2
+    batches = read_sequence(ports[:1], {"cloud": [cloud] * 3})
+    assert [b["cloud"].stamp_ns for b in batches] == [0, 100_000_000, 200_000_000]
+
+
 def test_a_disparity_image_is_written_as_float_tif(tmp_path: Path, rng: np.random.Generator) -> None:
     left = rng.integers(0, 255, (120, 300)).astype(np.uint8)
     for name, image in (("left", left), ("right", np.roll(left, -8, axis=1))):
@@ -164,7 +199,7 @@ def test_a_disparity_image_is_written_as_float_tif(tmp_path: Path, rng: np.rando
         (["icp_localisation", "scene=cloud", "model=cloud", "sea=cloud"], "sea"),
         (["icp_localisation", "scene=cloud", "model=absent"], "absent"),
         (["icp_localisation", "scene=cloud", "model=noise"], "noise"),
-        (["icp_localisation", "scene=cloud", "scene=cloud"], "twice"),
+        (["point_cloud_downsampling", "points=cloud", "points=cloud"], "twice"),
         (["no_such_thing", "scene=cloud"], "no_such_thing"),
         (["icp_localisation", "scene=cloud", "model=cloud", "--set", "bogus=1"], "bogus"),
         (["icp_localisation", "scene=cloud", "model=cloud", "--implementation", "Magic"], "Magic"),
