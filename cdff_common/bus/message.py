@@ -155,7 +155,7 @@ def on_map(callback: Callable[[str, dict[str, Any]], None]) -> Callable[[Message
             if not isinstance(body, dict):
                 raise CodecError(f"got a {type(body).__name__}, expected a map")
             callback(message.key, body)
-        except (CdffError, KeyError, TypeError, ValueError) as error:
+        except (CdffError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
             malformed += 1
             logger.warning("malformed message on %s (%d so far): %s", message.key, malformed, error)
 
