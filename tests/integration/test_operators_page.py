@@ -222,7 +222,8 @@ def test_searching_by_tag_and_time(page: Browser) -> None:
 
 #: Fraction of non-transparent pixels of the map tile that has most of them.
 DRAWN_FRACTION = """(async () => {
-  const shares = await Promise.all([...document.querySelectorAll('#map img')].filter((i) => i.src).map(async (i) => {
+  const images = [...document.querySelectorAll('#map img')].filter((i) => i.src);
+  const shares = await Promise.all(images.map(async (i) => {
     await i.decode();
     const canvas = document.createElement('canvas');
     canvas.width = canvas.height = 256;

@@ -28,6 +28,7 @@ from services.dpm.http.routes import (
     layers,
     maps,
     ogc,
+    ogc_maps,
     page,
     product_types,
     products,
@@ -62,6 +63,7 @@ MODULES = (
     status,
     stac,
     ogc,
+    ogc_maps,
     page,
 )
 

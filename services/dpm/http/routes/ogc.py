@@ -80,6 +80,18 @@ _CONFORMS = [
     "http://www.opengis.net/spec/ogcapi-features-5/1.0/conf/schemas",
     "http://www.opengis.net/spec/json-fg-1/1.0/conf/core",
 ]
+#: Classes of OGC API Tiles and of the tile matrix sets that ``ogc_maps`` meets, and collections with maps.
+MAP_CLASSES = (
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/core",
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/tileset",
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/tilesets-list",
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/geodata-tilesets",
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/png",
+    "http://www.opengis.net/spec/ogcapi-tiles-1/1.0/conf/tiff",
+    "http://www.opengis.net/spec/tms/2.0/conf/json-tilematrixset",
+)
+MAPS = ("dem", "navigation_map")
+_REL = "http://www.opengis.net/def/rel/ogc/1.0"
 _SQL_TYPES = {"string": "TEXT", "number": "REAL", "integer": "INTEGER"}
 #: Largest number of features in an exported file.
 _MOST_EXPORTED = 20_000
@@ -176,6 +188,7 @@ def landing(request: Request) -> Landing:
         Link(href=f"{root}docs", rel="service-doc", type="text/html", title="The interface, to read"),
         Link(href=f"{base}/conformance", rel="conformance", type=JSON, title="Conformance classes"),
         Link(href=f"{base}/collections", rel="data", type=JSON, title="The collections"),
+        Link(href=f"{base}/tileMatrixSets", rel=f"{_REL}/tiling-schemes", type=JSON, title="Grids of tiles"),
     ]
     return Landing(
         title="CDFF data products", description="Footprints of data products, and trajectories", links=links
@@ -185,7 +198,7 @@ def landing(request: Request) -> Landing:
 @router.get("/conformance")
 def conformance() -> Conformance:
     """Return the conformance classes."""
-    return Conformance(conformsTo=_CONFORMS)
+    return Conformance(conformsTo=[*_CONFORMS, *MAP_CLASSES])
 
 
 @router.get("/collections", response_model_exclude_none=True)
@@ -452,6 +465,14 @@ def _described(c: Collection, base: str, crs: CrsList | None) -> OgcCollection:
         Link(href=f"{url}/items", rel="items", type=GEOJSON, title=c.title),
         Link(href=f"{url}/items?f=html", rel="items", type="text/html", title=f"{c.title}, to read"),
         Link(href=f"{url}/schema", rel=SCHEMA_RELATION, type=SCHEMA, title="Schema"),
+        *(
+            []
+            if c.id not in MAPS
+            else [
+                Link(href=f"{url}/map/tiles", rel=f"{_REL}/tilesets-map", type=JSON, title="Tiles"),
+                Link(href=f"{url}/coverage", rel=f"{_REL}/coverage", type="image/tiff", title="Values"),
+            ]
+        ),
         *([] if c.id == TRACKS else [Link(href=f"{url}/queryables", rel=QUERYABLES, type=SCHEMA)]),
         *([] if c.id == TRACKS else [Link(href=f"{url}/items?f=gpkg", rel="enclosure", type=GEOPACKAGE)]),
     ]

@@ -292,3 +292,42 @@ def test_the_wmts_document_of_an_anchored_frame_names_a_crs(http: TestClient, dp
     assert root.findtext(".//w:Dimension/w:Default", "", space) == "current"
     assert http.get("/tiles/grid").json()["crs"] == "http://www.opengis.net/def/crs/IAU/2015/49910"
     assert http.get("/tiles/grid?frame=other").status_code == 422
+
+
+def test_ogc_tiles_and_coverages_are_those_of_the_tiles_and_windows(http: TestClient, dpm: Dpm) -> None:
+    anchor = Anchor(body("mars"), 77.45, 18.44)
+    dpm.store.anchors.anchor("site", anchor)
+    put_hills(dpm)
+    links = {
+        link["rel"].rsplit("/", 1)[-1]: link for link in http.get("/ogc/collections/dem").json()["links"]
+    }
+    sets = http.get(links["tilesets-map"]["href"]).json()["tilesets"]
+    assert len(sets) == 2 * sum(product == "dem" for product in LAYERS.values())
+    first = sets[0]
+    assert first["crs"] == "http://www.opengis.net/def/crs/IAU/2015/49910"
+    for link in first["links"]:
+        if "templated" not in link:
+            assert http.get(link["href"]).status_code == 200
+    columns, rows = tiles_over(17, (1.0, 1.0, 1.0, 1.0))
+    in_frame = next(s for s in sets if s["title"] == "elevation in grid")
+    (template,) = [link["href"] for link in in_frame["links"] if link.get("type") == "image/png"]
+    url = template.replace("{tileMatrix}", "17").replace("{tileRow}", str(rows[0]))
+    url = url.replace("{tileCol}", str(columns[0]))
+    assert http.get(url).content == http.get(f"/tiles/elevation/17/{columns[0]}/{rows[0]}.png").content
+    assert http.get(f"{url}&time=1960-01-01T00:00:00Z").status_code == 200
+    (west, south, _), (east, north, _) = anchor.lonlat([[1.0, 1.0], [4.0, 3.0]])
+    window = {"bbox": f"{west},{south},{east},{north}"}
+    answer = http.get(links["coverage"]["href"], params=window)
+    assert answer.status_code == 200, answer.text
+    with MemoryFile(answer.content) as memory, memory.open() as file:
+        assert (file.width, file.height) == (30, 20)
+        assert file.descriptions[:2] == ("mean", "variance")
+        assert np.isfinite(file.read(1)).mean() > 0.9
+    coarse = http.get(links["coverage"]["href"], params=window | {"resolution_m": 0.5})
+    with MemoryFile(coarse.content) as memory, memory.open() as file:
+        assert file.res == pytest.approx((0.5, 0.5))
+    for odd in ("bbox=1,2,3", "bbox=5,0,4,1", "bbox=77,18,78,nan", ""):
+        assert http.get(f"/ogc/collections/dem/coverage?{odd}").status_code == 400
+    assert http.get("/ogc/collections/dem/coverage?bbox=0,0,1,1").status_code == 404
+    assert http.get("/ogc/collections/pose/coverage?bbox=0,0,1,1").status_code == 404
+    assert http.get("/ogc/tileMatrixSets/nothing").status_code == 404
