@@ -52,8 +52,8 @@ def compare(
     ----------
     estimate, reference : Track
     align : str
-        See ``alignment.apply_alignment``. Relative errors and drift depend only on its scale. The NEES is that
-        of poses relative to the first one (``origin``), without alignment for ``none``.
+        See ``alignment.apply_alignment``. Relative errors and drift depend only on its scale. The NEES is
+        that of poses relative to the first one (``origin``), without alignment for ``none``.
     max_difference_s : float
         Largest difference of matched stamps.
     delta, delta_unit, all_pairs

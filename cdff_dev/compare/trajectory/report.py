@@ -53,10 +53,11 @@ def table(results: dict[str, Any]) -> str:
     if nees and nees["count"]:
         low, high = nees["band_95"]
         of_start = " relative to the first one" if nees["alignment"] == "origin" else ""
+        values = f"mean {nees['mean']:.3f}, median {nees['median']:.3f}"
         lines += [
             "",
-            f"NEES of {nees['count']} poses{of_start}: mean {nees['mean']:.3f}, median "
-            f"{nees['median']:.3f} (expected: 6; 95 % interval of the mean for independent errors: {low:.3f} to {high:.3f}); "
+            f"NEES of {nees['count']} poses{of_start}: {values} (expected: "
+            f"6; 95 % interval of the mean for independent errors: {low:.3f} to {high:.3f}); "
             f"{100 * nees['inside_95']:.1f} % of the poses are inside the 95 % interval of a single pose",
         ]
     return "\n".join(lines)
