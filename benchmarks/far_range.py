@@ -75,7 +75,7 @@ def sphere(rings: int = 76) -> tuple[np.ndarray, np.ndarray]:
 
 
 def half_lit_disc(rng: np.random.Generator, side: int = 160, radius: float = 60.0) -> np.ndarray:
-    """Return a window with a disc whose light falls by the cosine of the Sun's zenith angle, from the right."""
+    """Return a window with a disc lit from the right, by the cosine of the Sun's zenith angle."""
     v, u = np.indices((side, side)) - 0.5 * (side - 1)
     inside = u * u + v * v < radius * radius
     light = np.where(inside, np.maximum(u / radius, 0.0), 0.0)

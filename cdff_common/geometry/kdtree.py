@@ -286,7 +286,7 @@ def nearest_rows(
 
 @njit(cache=True)
 def scratch() -> tuple[Int, Float]:  # pragma: no cover - compiled
-    """Return the stacks for ``nearest_row``, ``nearest_two`` and ``nearest_rows``, to be reused by many queries."""
+    """Return the stacks for ``nearest_row``, ``nearest_two`` and ``nearest_rows``, for many queries."""
     return np.empty(_DEPTH, np.int64), np.empty((_DEPTH, 4))
 
 

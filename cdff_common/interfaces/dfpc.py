@@ -161,7 +161,7 @@ class LocalStore:
         self._items: dict[str, Callable[[], Any]] = {}
 
     def offer(self, item: str, value: Callable[[], Any]) -> None:
-        """Add an item to the store; ``value()`` returns its current ``cdff_common.types`` object, or None if it is empty."""
+        """Add an item to the store; ``value()`` returns its ``cdff_common.types`` object, None if it is empty."""
         self._items[item] = value
 
     @property

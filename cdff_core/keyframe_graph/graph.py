@@ -170,7 +170,7 @@ class KeyframeGraph(Generic[K]):
     def to_graph(
         self, keys: Iterable[int] | None = None, *, frame: str = "map", producer: str = ""
     ) -> PoseGraph:
-        """Return a graph of some keyframes (default: all) and of the edges between them; the root is fixed."""
+        """Return a graph of some keyframes (default: all) and the edges between them; the root is fixed."""
         keys = sorted(self.keyframes if keys is None else keys)
         inside = set(keys)
         edges = {e: T for e, T in self.edges.items() if e[0] in inside}

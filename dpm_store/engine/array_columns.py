@@ -26,5 +26,5 @@ def unpack(matrix: bytes, covariance: bytes | None) -> UncertainTransform:
 
 
 def to_lists(T: UncertainTransform) -> dict[str, Any]:
-    """Return the rows of the matrix as ``T``, and those of the covariance or None, for JSON and MessagePack."""
+    """Return the rows of the matrix as ``T``, and those of the covariance or None, as plain data."""
     return {"T": T.matrix.tolist(), "covariance": None if T.covariance is None else T.covariance.tolist()}

@@ -128,7 +128,7 @@ class Database:
 
     @contextmanager
     def deletion(self, connection: Connection | None = None) -> Iterator[Connection]:
-        """Run a write transaction that frees space: allowed on a full disk; the log is shortened afterwards."""
+        """Run a write transaction that frees space, also on a full disk; the log is shortened afterwards."""
         if connection is not None:
             yield connection
             return

@@ -57,7 +57,7 @@ def revisions(context: Ctx, frame: str) -> dict[str, Any]:
     openapi_extra=allowed("operator"),
 )
 def revise(context: Ctx, frame: str, body: Revision) -> Any:
-    """Add a revision of the transform to the parent. It applies to all products in the frame and its descendants."""
+    """Add a revision of the transform to the parent, for all products in the frame and its descendants."""
     return jsonable(context.dpm.frames.set_frame(frame, body, body.producer))
 
 

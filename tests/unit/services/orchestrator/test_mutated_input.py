@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mutated requests, answers of the instrument control unit, and heartbeats: each request has exactly one final
-reply or refusal, and afterwards the service works as before.
+"""Mutated requests, answers of the instrument control unit, and heartbeats: each request has exactly one
+final reply or refusal, and afterwards the service works as before.
 
 The service runs in virtual time on the simulated mission.
 """
@@ -35,7 +35,8 @@ REQUESTS: tuple[Mapping[str, str], ...] = (
     {"type": "pose", "robot": "any", "frame": "site", "child": "mana/base", "explain": "true"},
 )
 TEXTS = (
-    "", " ", "0", "-1", "1e400", "nan", "inf", "-0.0", "9" * 40, "true", "null", "None", "mana", "site", "a/b/c",
+    "", " ", "0", "-1", "1e400", "nan", "inf", "-0.0", "9" * 40, "true", "null", "None", "mana", "site",
+    "a/b/c",
     "bbox:0,0", "bbox:0,0,1e308,1e308", "polygon:0,0,1,1", "circle:0,0,-1", "near:mana/base,1", "near:x,1",
     "2026-01-01T00:00:00Z", "é" * 300, "x" * 5000, "\x00", "uper", "tif", "any", "ground", "calibrated",
 )  # fmt: skip

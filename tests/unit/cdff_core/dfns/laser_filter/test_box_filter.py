@@ -60,7 +60,7 @@ def test_the_box_is_fixed_to_the_body_and_not_to_the_laser() -> None:
 
 @pytest.mark.req("CDFF-CORE-060")
 def test_the_transform_is_the_pose_of_the_laser_in_the_body() -> None:
-    """A laser rotated by +90° points its first beam to the left of the body: the transform is T_body_laser."""
+    """A laser rotated by +90° points its first beam to the left of the body: it is T_body_laser."""
     box = {"min_corner_m": (-0.1, 0.9, -0.1), "max_corner_m": (0.1, 1.1, 0.1)}
     assert _removed(_scan([1.0, 1.0, 1.0, 1.0]), _pose(orient=ROTATION_90_DEG_ABOUT_Z), **box) == [0]
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Range of a resolved target: an interval without its attitude, and the statement whether it is informative."""
+"""Range of a resolved target: an interval without its attitude, and whether it is informative."""
 
 from __future__ import annotations
 
