@@ -85,9 +85,7 @@ class CoverageParameters(BaseModel):
     datetime: Annotated[str, Field(max_length=100)] | None = Field(
         None, description="Captures that ended at or before a time, RFC 3339"
     )
-    resolution_m: Resolution | None = Field(
-        None, description="Cell size, metres; coarser maps keep their cells"
-    )
+    resolution_m: Resolution | None = Field(None, description="Cell size, metres, of finer maps")
     frame: str = Field("site", max_length=128, description="Frame of the cells")
     robot: Robot | None = Field(None, description="Only maps of this robot")
     as_of: Stamp | None = Field(None, description="State of the maps and frames at this mission time")
