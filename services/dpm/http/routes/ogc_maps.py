@@ -79,8 +79,10 @@ class CoverageParameters(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    bbox: Annotated[str, Field(max_length=400)] = Field(
-        description="West, south, east, north: degrees on the body of the frame; metres in one without"
+    bbox: Annotated[str, Field(max_length=400)] | None = Field(
+        None,
+        description="West, south, east, north: degrees on the body of the frame, metres in one without; "
+        "default: all maps",
     )
     datetime: Annotated[str, Field(max_length=100)] | None = Field(
         None, description="Captures that ended at or before a time, RFC 3339"
@@ -172,7 +174,8 @@ def coverage(
     _layers_of(collection)
     frame, p = checked_frame(parameters.frame), parameters
     _, t1_ns = span_of(p.datetime)
-    window: Json = {"frame": frame, "region": _region(context, frame, p.bbox)}
+    window: Json = {"frame": frame}
+    window["region"] = None if p.bbox is None else _region(context, frame, p.bbox)
     window |= {"t1": None if t1_ns is None else str(t1_ns), "robot": p.robot}
     window |= {"resolution_m": p.resolution_m, "as_of": None if p.as_of is None else str(p.as_of)}
     window = {name: value for name, value in window.items() if value is not None}
