@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the DFNs and of the compound that track a known body in images, with ViSP's castle.
+"""Cost of the DFNs and compounds that detect and track a known body in images: ViSP's castle and dragon.
 
 NUMBA_NUM_THREADS=1 python benchmarks/visual_tracking.py [--data DIR] [--rounds N] [--out FILE]
 """
@@ -11,6 +11,7 @@ import argparse
 import itertools
 import os
 import platform
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, Mesh, TransformWithCovariance
 from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
+from evaluation.data_sets.rgbd_objects import TrackedObjects
 from evaluation.visual_target_tracking import CAMERA_MATRIX, FOLDER, INTERVAL_NS, grey_images, truth
 
 RANGE_PX = 12.0
@@ -73,11 +75,39 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
         output, _ = dfpc.step(Sample("image", stamp_ns, 0, frame))
         assert output.value is not None, output.quality.reasons
 
-    return {
+    return _objects(data, rounds) | {
         "control_points": len(found.points),
         "ModelEdgeMeasurement": measure(partial(edges.process, of_edges), rounds),
         "MeasuredPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
         "VisualTargetTracking": measure(step, rounds),
+    }
+
+
+def _objects(data: Path, rounds: int) -> dict[str, Any]:
+    """Return the costs of model_detection and model_tracking for an object at rest."""
+    objects = TrackedObjects(data / "visp_rbt_rgbd")
+    frame = objects.frames[0]
+    detection, tracking = (Registry.default().make_dfpc(n) for n in ("model_detection", "model_tracking"))
+    for dfpc in (detection, tracking):
+        dfpc.configure()
+        list(dfpc.step(objects.model("dragon")))
+    depth, image = objects.depth(frame), objects.image(frame)
+    stamps_ns = itertools.count(0, INTERVAL_NS)
+
+    def detect() -> None:
+        (output,) = detection.step(depth)
+        assert output.value is not None, output.quality.reasons
+
+    def track() -> None:
+        stamp_ns = next(stamps_ns)
+        samples = [replace(sample, stamp_ns=stamp_ns) for sample in (depth, image)]
+        (output, *_) = [output for sample in samples for output in tracking.step(sample)]
+        assert output.value is not None, output.quality.reasons
+
+    track()
+    return {
+        "ModelDetection": measure(detect, max(rounds // 5, 1)),
+        "ModelTracking": measure(track, rounds),
     }
 
 

@@ -8,7 +8,8 @@ frame and that of the board: the displacement of the origin of the object, and t
 guess, from the hand-made guess, and with parts of the images. ``disturbed``: frames 76 to 79 have no
 measurement or the half of the object is hidden by a screen. ``reference``: the same error of a motion that
 OpenCV estimates for the whole scene from the colour images (P3P with RANSAC of tracked corners and their
-depths), without any result of the compound: it shows how good the board is as a reference.
+depths), without any result of the compound: it shows how good the board is as a reference. ``m3t``: the two
+frames of ``m3t_pair``, where a bottle hides a part of a triangle, and the answer of DLR's tracker M3T.
 """
 
 from __future__ import annotations
@@ -22,12 +23,16 @@ from typing import Any
 import numpy as np
 
 from cdff_common.arrays import ByteArray, FloatArray
-from cdff_common.geometry import se3
+from cdff_common.camera import read_camera
+from cdff_common.formats.meshes.read import read_mesh
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
-from evaluation.data_sets.rgbd_objects import INTERVAL_NS, Change, TrackedObjects
+from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from evaluation.data_sets.rgbd_objects import INTERVAL_NS, Change, TrackedObjects, distance_image
 
-PARTS = ("runs", "disturbed", "reference")
-FOLDER = "visp_rbt_rgbd"
+PARTS = ("runs", "disturbed", "reference", "m3t")
+FOLDER, M3T = "visp_rbt_rgbd", "m3t_pair"
 OBJECTS = ("dragon", "cube")
 DISTURBED = range(76, 80)
 #: A screen in front of the right half of the object, millimetres from the camera.
@@ -38,7 +43,8 @@ _CORNERS, _REPROJECTION_PX, _RANGE_M = 600, 2.0, (0.2, 1.5)
 
 def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] = PARTS) -> dict[str, Any]:
     """Return the results of each part."""
-    objects, figures = TrackedObjects(data / FOLDER), {}
+    figures: dict[str, Any] = {}
+    objects = TrackedObjects(data / FOLDER)
     if "runs" in parts:
         figures["runs"] = {}
         for name in OBJECTS:
@@ -57,6 +63,9 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
     if "reference" in parts:
         progress("model_tracking: reference")
         figures["reference"] = reference(objects)
+    if "m3t" in parts:
+        progress("model_tracking: m3t")
+        figures["m3t"] = m3t(data / M3T)
     return figures
 
 
@@ -193,7 +202,8 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
         )
         back, _, _ = cv2.calcOpticalFlowPyrLK(second, first, moved, moved, winSize=(21, 21), maxLevel=4)
         depth = objects.depth(previous).value
-        z = depth.data.reshape(depth.height, depth.width)[tuple(np.rint(corners[:, ::-1]).astype(int).T)]
+        row, column = corners[:, ::-1].astype(int).T
+        z = depth.data.reshape(depth.height, depth.width)[row, column]
         is_used = (found[:, 0] > 0) & (np.linalg.norm(back - corners, axis=1) < 0.5)
         is_used &= (z > _RANGE_M[0]) & (z < _RANGE_M[1])
         K = objects.camera_matrix
@@ -213,6 +223,57 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
         "largest_deg": _rounded(errors[:, 1].max()),
         "frames": result,
     }
+
+
+def m3t(folder: Path) -> dict[str, Any]:
+    """Return the differences from M3T's answer after two frames: millimetres, degrees, and reasons."""
+    import cv2
+
+    def matrix(file: str, name: str) -> FloatArray:
+        storage = cv2.FileStorage(str(folder / file), cv2.FILE_STORAGE_READ)
+        return np.asarray(storage.getNode(name).mat())
+
+    color, depth = ("_sequence/color_camera.yaml", "_sequence/depth_camera.yaml")
+    T_start = matrix("_body/triangle_static_detector.yaml", "link2world_pose")
+    T_body_mesh, T_camera_depth = (
+        matrix("_body/triangle.yaml", "geometry2body_pose"),
+        matrix(depth, "camera2world_pose"),
+    )
+    lines = (folder / "expected_after_two_frames.txt").read_text().splitlines()[2:6]
+    T_m3t = np.array([[float(word) for word in line.split(",") if word.strip()] for line in lines])
+    mesh = read_mesh(folder / "_body" / "triangle.obj")
+    vertices = se3.transform_points(T_body_mesh, np.asarray(mesh.vertices, np.float64))
+    model = Mesh.from_arrays(vertices, mesh.triangles, frame="triangle/body", stamp_ns=0)
+    guess = TransformWithCovariance.from_transform(
+        UncertainTransform(T_start), parent="camera", child="triangle/body", stamp_ns=0
+    )
+    K, K_depth = (read_camera(folder / file).matrix for file in (color, depth))
+    offset = {
+        "depth_offset_m": tuple(T_camera_depth[:3, 3].tolist()),
+        "depth_rotation_rad": tuple(se3.log_so3(se3.normalise_rotation(T_camera_depth[:3, :3])).tolist()),
+    }
+    result = {}
+    for name, ports in (("image and depth", ("depth", "image")), ("image alone", ("image",))):
+        dfpc = Registry.default().make_dfpc("model_tracking")
+        dfpc.configure(offset)
+        samples = [Sample("model", 0, 0, model), Sample("guess", 0, 0, guess)]
+        for k, number in enumerate((200, 201)):
+            raw, pixels = (
+                np.asarray(cv2.imread(str(folder / "_sequence" / f"{kind}_camera_image_{number}.png"), -1))
+                for kind in ("depth", "color")
+            )
+            stamp_ns = k * INTERVAL_NS
+            frame = Frame.from_image(pixels, sensor="camera", stamp_ns=stamp_ns, mode="BGR", camera_matrix=K)
+            values = {"depth": distance_image(raw, K_depth, k), "image": frame}
+            samples += [Sample(port, stamp_ns, k, values[port], frame="camera") for port in ports]
+        outputs = [output for sample in samples for output in dfpc.step(sample)]
+        last = [output for output in outputs if output.port == "pose"][-1]
+        T = last.value.transform.matrix
+        m, deg = _difference(T, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
+        sigma_mm = 1e3 * float(np.sqrt(last.value.transform.covariance[2, 2]))
+        result[name] = [_rounded(1e3 * m), _rounded(deg), list(last.quality.reasons), _rounded(sigma_mm)]
+    m, deg = _difference(T_start, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
+    return result | {"start": [_rounded(1e3 * m), _rounded(deg), [], None]}
 
 
 def table(figures: dict[str, Any]) -> str:
@@ -235,6 +296,13 @@ def table(figures: dict[str, Any]) -> str:
             f"| whole scene, OpenCV | {len(row['frames'])} | {row['median_mm']} mm, {row['median_deg']}° | "
             f"{row['largest_mm']} mm, {row['largest_deg']}° | | |"
         )
+    if "m3t" in figures:
+        lines += ["", "| m3t_pair | difference from M3T | reasons | standard deviation of the range |"]
+        lines += ["|---|---|---|---|"]
+        lines += [
+            f"| {name} | {mm} mm, {deg}° | {', '.join(reasons)} | {'' if sigma is None else f'{sigma} mm'} |"
+            for name, (mm, deg, reasons, sigma) in figures["m3t"].items()
+        ]
     return "\n".join(lines)
 
 

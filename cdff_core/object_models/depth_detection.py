@@ -38,6 +38,9 @@ _REACH = 0.6
 _MIN_RANK, _SIGMAS = 0.2, 3.0
 #: Tolerance of a depth, in diameters, above which any object of this size would agree.
 _RESOLVED = 0.07
+#: Pixels of the diameter at the median depth below which a model is not searched, and its largest diameter in
+#: median depths.
+_LEAST_PIXELS, _LARGEST = 5.0, 20.0
 #: Centres of two objects are further apart than this, in diameters of the larger model.
 _APART = 0.3
 
@@ -199,7 +202,9 @@ class DepthDetector:
         grid_m = self._grid(image)
         count = int(np.count_nonzero(np.isfinite(grid_m[..., 2])))
         if count < cfg.min_points:
-            raise RefusedError(f"{count} depths", [f"few_points:{count}<{cfg.min_points}"])
+            hint = ["wrong_unit"] if np.count_nonzero(image.data > cfg.max_depth_m) > count else []
+            raise RefusedError(f"{count} depths", [f"few_points:{count}<{cfg.min_points}", *hint])
+        _check_scale(model, image, grid_m)
         parts, on_planes = scene_parts(grid_m, model.diameter_m, cfg.min_points, seed=self._seed)
         scene = _Scene(image, grid_m @ self._R, on_planes)
         flat = grid_m.reshape(-1, 3)
@@ -281,6 +286,19 @@ class DepthDetector:
             raise RefusedError(f"{hypothesis.name}: {reason}", [reason])
         registered = replace(hypothesis, T=outputs.pose, covariance=outputs.covariance, score=score)
         return registered, len(near_m)
+
+
+def _check_scale(model: ModelPreparationOutputs, image: DistanceImage, grid_m: FloatArray) -> None:
+    """Raise RefusedError if a model is much smaller than a pixel or larger than the scene."""
+    depth_m = float(np.nanmedian(grid_m[..., 2]))
+    pixels = model.diameter_m / (depth_m * image.scale_x)
+    if pixels < _LEAST_PIXELS:
+        hint = ["wrong_unit"] if pixels < 1.0 else []
+        raise RefusedError("the model is too small in the image", [f"too_small:{pixels:.2g}px", *hint])
+    if model.diameter_m > _LARGEST * depth_m:
+        raise RefusedError(
+            "the model is larger than the scene", [f"too_large:{model.diameter_m:.3g}m", "wrong_unit"]
+        )
 
 
 def _check_visible(name: str, view: _Comparison, cfg: DepthDetectionConfig) -> None:

@@ -11,8 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from cdff_common.arrays import ByteArray, FloatArray
-from cdff_common.errors import RefusedError
+from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
+from cdff_common.geometry.direction_names import direction_names
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality
 from cdff_common.types import DistanceImage
@@ -139,6 +140,10 @@ class ViewFit:
     metrics : dict
     grey : ndarray of uint8, shape (r, c), or None
         The image.
+    weak : list of str
+        Directions that the used depths do not constrain.
+    has_edges : bool
+        The edges were used.
     """
 
     state: TrackedState
@@ -147,6 +152,8 @@ class ViewFit:
     is_contradiction: bool = False
     metrics: dict[str, float] = field(default_factory=dict)
     grey: ByteArray | None = None
+    weak: list[str] = field(default_factory=list)
+    has_edges: bool = False
 
     def add_missing(self, fault: str) -> None:
         """Add a fault of the edges unless the depths were used: they determine the pose without edges."""
@@ -266,6 +273,8 @@ class ImageTracking(BodyTracking):
             self._correct_by_depths(view.depth, model, fit, delay_s)
         if view.image is not None:
             self._correct_by_edges(view.image, model, fit)
+        if not fit.has_edges:
+            fit.faults += [f"degenerate:{name}" for name in fit.weak]
         return fit
 
     def _correct_by_texture(
@@ -295,7 +304,11 @@ class ImageTracking(BodyTracking):
         cfg = self.config
         # With the axes of the camera and the origin of the depth camera.
         state = replace(fit.state, T=moved(fit.state.T, -np.array(cfg.depth_offset_m)))
-        points_m, step = self._body_points(sample, model, state)
+        try:
+            points_m, step = self._body_points(sample, model, state)
+        except InputError as error:
+            fit.faults.append(f"bad_depth:{error}")
+            return
         if len(points_m) < cfg.min_depth_points:
             fit.faults.append(f"few_depths:{len(points_m)}<{cfg.min_depth_points}")
             return
@@ -335,6 +348,8 @@ class ImageTracking(BodyTracking):
         fit.metrics["visible"] = visible
         if visible < cfg.good_visible:
             fit.faults.append(f"partly_hidden:{visible:.2f}<{cfg.good_visible:g}")
+        if len(found.weak_directions):
+            fit.weak = direction_names(found.weak_directions)
         fit.state = replace(found.state, T=moved(found.state.T, np.array(cfg.depth_offset_m)))
         fit.used = True
         if not cfg.depth_sigma_m:
@@ -400,7 +415,7 @@ class ImageTracking(BodyTracking):
             return
         if found.agreement < cfg.good_agreement:
             fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
-        fit.state, fit.used = found.state, True
+        fit.state, fit.used, fit.has_edges = found.state, True, True
 
     def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
         """Return the standard deviations (6,) of a guess without covariance, metres and rad."""

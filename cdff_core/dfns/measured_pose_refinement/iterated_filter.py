@@ -32,8 +32,7 @@ class IteratedFilterConfig(DfnConfig):
         0.1,
         ge=0,
         le=1,
-        description="Fraction of the points of hidden parts that meet other edges; points without an image edge "
-        "are taken as hidden",
+        description="Fraction of hidden points, those without an image edge, that meet other edges",
     )
     inflation: float = Field(
         4.0,

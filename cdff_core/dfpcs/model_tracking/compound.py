@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cdff_common.errors import RefusedError
+from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfpc import Output
 from cdff_common.interfaces.product import Quality
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
@@ -76,11 +76,11 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         """Detect the object in the depth image: correct the track, or start one."""
         try:
             found = self._detect(view, model)
-        except RefusedError as error:
+        except (InputError, RefusedError) as error:
             self._images_to_detection = self.config.detect_after
             if self._used == 0:
                 self._state = None
-                quality = Quality.failed("not_found", *faults, *error.reasons)
+                quality = Quality.failed("not_found", *faults, *Quality.from_error(error).reasons)
                 return self._outputs(view.newest, None, quality)
             return self._published(view.newest, ["coasting", *faults, "not_found"], {})
         stamp_ns = view.newest.stamp_ns
