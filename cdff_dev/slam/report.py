@@ -30,7 +30,8 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
         if (frames := truth["frames"])["truth"] != frames["estimate"]:
             lines.append(
                 f"the true poses are of {frames['truth']}, the estimates of {frames['estimate']}; "
-                "the log does not state the pose of one in the other, which is part of the errors"
+                "the log does not state the pose of one in the other, which is part of the errors; a profile "
+                "does (--profile FILE)"
             )
     else:
         lines.append(f"no comparison: {truth}")
