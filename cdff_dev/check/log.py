@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cdff_common.contract.foreign_names import is_anchor
+from cdff_common.contract.foreign_names import is_anchor, is_mount
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.profile_checks.faults import Severity, nearest_frame, nearest_name, one_of
@@ -162,6 +162,7 @@ def _unknown_streams(profile: Profile, reports: dict[str, StreamReport]) -> Iter
             robot is None
             or sensor == _TRUTH
             or is_anchor(name)
+            or is_mount(name)
             or sensor in {entry.name for entry in robot.dfpcs}
         ):
             continue

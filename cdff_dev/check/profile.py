@@ -97,6 +97,7 @@ def report(path: str, log: str | None) -> ProfileReport:
 
 def _comparison(profile: Profile, log: str) -> tuple[list[StreamFinding], tuple[str, ...]]:
     """Return the findings of the comparison of the sensors of each robot, and its estimates in words."""
+    from cdff_dev.check.mounts import mount_findings
     from cdff_dev.check.sensors import comparison_findings, comparison_lines, sensor_comparison
     from cdff_dev.logs import open_log
 
@@ -104,6 +105,7 @@ def _comparison(profile: Profile, log: str) -> tuple[list[StreamFinding], tuple[
     lines: list[str] = []
     with closing(open_log(log)) as source:
         for robot in profile.robots:
+            findings += mount_findings(source, robot)
             monitor = sensor_comparison(source, robot)
             if monitor is not None:
                 findings += comparison_findings(monitor, robot.id)

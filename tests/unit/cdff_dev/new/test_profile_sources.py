@@ -163,7 +163,9 @@ def test_the_picture_of_the_page_is_the_one_of_this_code() -> None:
     assert PICTURE.read_text(encoding="utf-8") == picture()
 
 
-def test_the_places_of_sensors_in_a_recording_are_their_mounts(tmp_path: Path) -> None:
+def test_the_places_of_sensors_in_a_recording_are_their_mounts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     T = se3.transform(se3.exp_so3(np.array([0.0, 0.3, 0.0])), np.array([0.1, 0.2, 0.3]))
     with LogWriter(tmp_path / "run.msg") as log:
         scan = LidarScan.from_arrays(
@@ -183,3 +185,13 @@ def test_the_places_of_sensors_in_a_recording_are_their_mounts(tmp_path: Path) -
     assert edge["translation_m"] == pytest.approx([0.1, 0.2, 0.3])
     assert edge["quaternion_xyzw"] == pytest.approx([0.0, np.sin(0.15), 0.0, np.cos(0.15)], abs=1e-6)
     assert robot["sensors"]["lidar"]["streams"] == {"scan": "LidarScan"}
+    check = ["check", "--profile", str(tmp_path / "p.yaml"), "--log", str(tmp_path / "run.msg")]
+    capsys.readouterr()
+    assert main(check) == 0
+    assert "its place" not in capsys.readouterr().out
+    text = (tmp_path / "p.yaml").read_text(encoding="utf-8")
+    (tmp_path / "p.yaml").write_text(text.replace("[0.10000, ", "[0.50000, "), encoding="utf-8")
+    assert main(check) == 0
+    assert "warning: /mana/lidar: its place in mana/base differs from that of the log by 0.400 m" in (
+        capsys.readouterr().out
+    )
