@@ -198,9 +198,11 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
         )
         corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 6)[:, 0]
         moved, found, _ = cv2.calcOpticalFlowPyrLK(
-            first, second, corners, corners, winSize=(21, 21), maxLevel=4
+            first, second, corners, corners.copy(), winSize=(21, 21), maxLevel=4
         )
-        back, _, _ = cv2.calcOpticalFlowPyrLK(second, first, moved, moved, winSize=(21, 21), maxLevel=4)
+        back, _, _ = cv2.calcOpticalFlowPyrLK(
+            second, first, moved, moved.copy(), winSize=(21, 21), maxLevel=4
+        )
         depth = objects.depth(previous).value
         row, column = corners[:, ::-1].astype(int).T
         z = depth.data.reshape(depth.height, depth.width)[row, column]

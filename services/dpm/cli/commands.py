@@ -41,7 +41,10 @@ def register(nouns: Any) -> None:
     put.add_argument("--type", help="pose trajectory pointcloud dem …; default: by the suffix")
     put.add_argument("--dfpc", default="manual", help="producer; default: manual")
     put.add_argument("--port", help="default: the type")
-    put.add_argument("--frame", help="frame of a file that states none; default: site")
+    put.add_argument("--frame", help="frame of a file that states none; default: site, of a mesh ROBOT/body")
+    put.add_argument(
+        "--unit", default="m", choices=("m", "mm", "cm", "km"), help="unit of the vertices of a mesh"
+    )
     put.add_argument(
         "-t", "--t", help="time of capture: nanoseconds or RFC 3339; default: that in the file, else now"
     )

@@ -17,6 +17,8 @@ from cdff_common.codecs.wire_types import wire_type
 from cdff_common.contract.products import product_of_suffix, product_type
 from cdff_common.errors import InputError
 from cdff_common.formats.file_source import load
+from cdff_common.formats.meshes.arrays import UNITS
+from cdff_common.formats.meshes.read import MESH_FORMATS
 from cdff_common.interfaces.product import Header, product_id
 
 _TIMEOUT_S = 60.0
@@ -29,6 +31,7 @@ _READABLE = {
     "PoseTrajectory": ("tum",),
     "PoseGraph": ("g2o",),
     "Frame": ("png", "pgm", "ppm"),
+    "Mesh": MESH_FORMATS,
 }
 
 
@@ -47,7 +50,13 @@ def put(bus: Bus, args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{args.file}: no product has files {suffix!r}: expected --type TYPE")
     stamp_ns = None if args.t is None else parse_stamp(args.t, "t")
     value = read_value(
-        args.file, suffix, product, frame=args.frame, robot=args.robot, stamp_ns=stamp_ns or now_ns
+        args.file,
+        suffix,
+        product,
+        frame=args.frame,
+        robot=args.robot,
+        stamp_ns=stamp_ns or now_ns,
+        unit=args.unit,
     )
     if stamp_ns is None:
         stamp_ns = value.stamp_ns or now_ns
@@ -83,15 +92,20 @@ def put(bus: Bus, args: argparse.Namespace) -> dict[str, Any]:
     return body
 
 
-def read_value(path: Path, suffix: str, product: str, *, frame: str | None, robot: str, stamp_ns: int) -> Any:
+def read_value(
+    path: Path, suffix: str, product: str, *, frame: str | None, robot: str, stamp_ns: int, unit: str = "m"
+) -> Any:
     """Return the value of a file, of the type of ``product``.
 
     Parameters
     ----------
     frame : str or None
-        Frame of a file that states none; default ``site``, for images and children of poses ``{robot}/base``.
+        Frame of a file that states none; default ``site``, for images and children of poses ``{robot}/base``,
+        for a mesh ``{robot}/body``, where the robot is the object.
     stamp_ns : int
         Time of a file that states none.
+    unit : str
+        Unit of the vertices of a mesh.
     """
     from cdff_common import types
 
@@ -133,6 +147,8 @@ def read_value(path: Path, suffix: str, product: str, *, frame: str | None, robo
 
             stamps_ns, matrices = read_tum(path)
             return types.PoseTrajectory.from_arrays(stamps_ns, matrices, None, parent=site, child=base)
+        case "Mesh":
+            return _mesh(path, frame or f"{robot}/body", unit, stamp_ns)
         case "PoseGraph":
             from cdff_common.formats.pose_graph import read_pose_graph
 
@@ -170,3 +186,13 @@ def _cloud(path: Path, suffix: str) -> Any:
     return {"ply": read_ply, "pcd": read_pcd, "las": read_las, "laz": read_las, "bin": read_kitti_bin}[
         suffix
     ](path)
+
+
+def _mesh(path: Path, frame: str, unit: str, stamp_ns: int) -> Any:
+    """Return a mesh in metres in the frame of its body; the content selects the format."""
+    from cdff_common.formats.meshes.read import read_mesh
+    from cdff_common.types import Mesh
+
+    mesh = read_mesh(path)
+    vertices_m = UNITS[unit] * np.asarray(mesh.vertices, np.float64)
+    return Mesh.from_arrays(vertices_m, mesh.triangles, frame=frame, stamp_ns=stamp_ns)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from cdff_common.bus import Request
-from cdff_common.codecs import encode
+from cdff_common.codecs import decode, encode
 from cdff_common.errors import InputError, StorageError
 from cdff_common.formats.payload import to_file
-from cdff_common.types import PoseTrajectory
+from cdff_common.types import Mesh, PoseTrajectory
 from dpm_store import Query
 from services.dpm.bus import service
 from services.dpm.cli.commands import register
@@ -121,3 +121,28 @@ def test_a_missing_or_unsuitable_file_is_refused_with_the_alternatives(
         with pytest.raises(InputError, match=message):
             run(str(file), *options)
     assert not dpm.store.search(Query()).items
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "ply"])
+def test_a_mesh_of_an_object_is_a_product_in_its_own_frame(
+    run: Put, dpm: Dpm, tmp_path: Path, suffix: str
+) -> None:
+    corners = np.array([[0.0, 0.0, 0.0], [100.0, 0.0, 0.0], [0.0, 200.0, 0.0], [0.0, 0.0, 300.0]])
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    path = tmp_path / f"Tool-1.{suffix}"
+    if suffix == "obj":
+        vertices, faces = io.StringIO(), io.StringIO()
+        np.savetxt(vertices, corners, fmt="v %g %g %g")
+        np.savetxt(faces, triangles + 1, fmt="f %d %d %d")
+        path.write_text(vertices.getvalue() + faces.getvalue(), encoding="utf-8")
+    elif suffix == "ply":
+        path.write_bytes(to_file(Mesh.from_arrays(corners, triangles, frame="f", stamp_ns=0), "ply"))
+    else:
+        facets = np.zeros(4, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+        facets["corners"] = corners[triangles]
+        path.write_bytes(bytes(80) + np.uint32(4).tobytes() + facets.tobytes())
+    result = run(str(path), "--type", "mesh", "--unit", "mm")
+    record = dpm.store.get(result["id"])
+    assert (record.product, record.header.frame) == ("mesh", "mana/body")
+    mesh = decode("Mesh", dpm.store.payload(record.id), "uper")
+    np.testing.assert_allclose(np.ptp(np.asarray(mesh.data.vertices), axis=0), [0.1, 0.2, 0.3], rtol=1e-6)
