@@ -66,7 +66,7 @@ class ProductOutlines:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self.of = functools.cache(store.anchors.of)
+        self.of = functools.lru_cache(maxsize=1000)(store.anchors.of)  # callers choose the names
         self._roots = self._anchored_frames()
         self.body: Body | None = self.of(self._roots[0]).body if self._roots else None
 
