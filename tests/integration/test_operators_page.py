@@ -200,23 +200,23 @@ def test_the_page_shows_the_stored_products(page: Browser) -> None:
 
 def test_searching_by_region_filters_the_list_and_a_bad_region_shows_the_reason(page: Browser) -> None:
     search = "document.getElementById('filter').requestSubmit()"
-    page.value(f"document.querySelector('[name=region]').value = 'circle:51,1,2'; {search}")
+    page.value(f"document.querySelector('#filter [name=region]').value = 'circle:51,1,2'; {search}")
     page.eventually("document.querySelectorAll('.card').length === 1")
-    page.value(f"document.querySelector('[name=region]').value = 'circle:1'; {search}")
+    page.value(f"document.querySelector('#filter [name=region]').value = 'circle:1'; {search}")
     page.eventually("document.getElementById('filter-error').innerText.includes('expected')")
-    page.value(f"document.querySelector('[name=region]').value = ''; {search}")
+    page.value(f"document.querySelector('#filter [name=region]').value = ''; {search}")
     page.eventually("document.querySelectorAll('.card').length === 3")
     assert page.value("document.getElementById('filter-error').innerText") == ""
 
 
 def test_searching_by_tag_and_time(page: Browser) -> None:
     search = "document.getElementById('filter').requestSubmit()"
-    page.value(f"document.querySelector('[name=tag]').value = 'crater'; {search}")
+    page.value(f"document.querySelector('#filter [name=tag]').value = 'crater'; {search}")
     page.eventually("document.querySelectorAll('.card').length === 1")
-    page.value("document.querySelector('[name=tag]').value = ''")
-    page.value(f"document.querySelector('[name=t0]').value = '2000000000'; {search}")
+    page.value("document.querySelector('#filter [name=tag]').value = ''")
+    page.value(f"document.querySelector('#filter [name=t0]').value = '2000000000'; {search}")
     page.eventually("document.querySelectorAll('.card').length === 2")
-    page.value(f"document.querySelector('[name=t0]').value = ''; {search}")
+    page.value(f"document.querySelector('#filter [name=t0]').value = ''; {search}")
     page.eventually("document.querySelectorAll('.card').length === 3")
 
 
@@ -299,6 +299,34 @@ def test_the_time_of_the_map_is_chosen_with_a_slider(page: Browser) -> None:
     page.eventually(f"(async () => await {DRAWN_FRACTION} > 0)()")
     page.value("document.getElementById('map-fit').click()")
     page.eventually("Math.abs(map.x - 26) < 0.5")
+
+
+def test_a_product_is_requested_with_a_form(page: Browser) -> None:
+    form = "document.getElementById('request-form')"
+    page.eventually(f"[...{form}.elements.type.options].some((o) => o.value === 'dem')")
+    page.value(f"{form}.elements.type.value = 'dem'; {form}.elements.region.value = 'circle:0,0,5'")
+    status = "document.getElementById('request-status').innerText"
+    page.value(f"{form}.requestSubmit()")  # this server has no bus
+    page.eventually(f"{status}.includes('without the bus')")
+    page.value("""(() => {
+      window.realFetch = window.fetch;
+      window.fetch = async (path, options) => {
+        if (path !== 'api/v1/requests' || !options || options.method !== 'POST') return window.realFetch(path, options);
+        window.requested = JSON.parse(options.body);
+        return new Response(JSON.stringify({ kind: 'reference', id: 'abc', coverage: 0.5 }), { status: 200 });
+      };
+    })()""")
+    page.value(f"{form}.elements.resolution_m.value = '0.05'; {form}.requestSubmit()")
+    page.eventually(f"{status}.includes('50 % of the region')")
+    page.value("window.fetch = window.realFetch")
+    requested = page.value("window.requested")
+    assert requested == {
+        "type": "dem",
+        "robot": "any",
+        "region": "circle:0,0,5",
+        "resolution_m": "0.05",
+        "deadline_ms": 60000,
+    }
 
 
 #: Neighbouring tiles whose common edge has a gap or an overlap.

@@ -20,6 +20,7 @@ _FILES = frozenset(
         "app.js",
         "map.js",
         "overlay.js",
+        "request_form.js",
         "tracks.js",
         "docs.js",
         "icon.svg",
