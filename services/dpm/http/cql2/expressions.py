@@ -12,10 +12,11 @@ from cdff_common.contract.limits import LATEST_NS
 from cdff_common.errors import InputError
 from dpm_store.search.filters import Call
 from services.dpm.http.cql2.queryables import GEOMETRY, NUMBER, TEXT, TIME, Queryable, queryable
-from services.dpm.http.cql2.text import parse_text
 
 TEXT_LANGUAGE, JSON_LANGUAGE = "cql2-text", "cql2-json"
 LANGUAGES = (TEXT_LANGUAGE, JSON_LANGUAGE)
+#: Longest text of a filter; longer ones, such as those with large polygons, are sent as JSON.
+MAX_TEXT = 20_000
 #: Largest depth and number of operators, of values in a list, of letters of a value, of wildcards.
 _DEPTH, _OPERATORS, _LISTED, _LETTERS, _WILDCARDS = 20, 200, 1000, 1000, 8
 _COMPARISONS = ("=", "<>", "<", "<=", ">", ">=")
@@ -47,7 +48,12 @@ def parse_filter(data: Any, names: Mapping[str, Queryable], touching: Touching, 
     if language == TEXT_LANGUAGE and not isinstance(data, str):
         raise InputError("filter: expected a text, as filter-lang states")
     if isinstance(data, str):
-        data = _json_of(data) if language == JSON_LANGUAGE else parse_text(data)
+        if language == JSON_LANGUAGE:
+            data = _json_of(data)
+        else:
+            from services.dpm.http.cql2.text import parse_text  # the parser takes 0.1 s to import
+
+            data = parse_text(data)
     return _Reader(names, touching).condition(data, 0)
 
 

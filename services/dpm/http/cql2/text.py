@@ -15,9 +15,8 @@ from lark import Lark, Transformer, v_args
 from lark.exceptions import UnexpectedInput
 
 from cdff_common.errors import InputError
+from services.dpm.http.cql2.expressions import MAX_TEXT
 
-#: Longest text of a filter; longer ones, such as those with large polygons, are sent as JSON.
-MAX_TEXT = 20_000
 _DIMENSIONS = ("Point", "LineString", "Polygon", "MultiPoint", "MultiLineString", "MultiPolygon")
 _SHAPES = {name.upper(): name for name in (*_DIMENSIONS, "GeometryCollection")}
 

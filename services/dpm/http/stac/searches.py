@@ -14,9 +14,8 @@ from dpm_store import Query
 from dpm_store.products.records import Order
 from dpm_store.search.filters import Call
 from dpm_store.search.filters import Field as Column
-from services.dpm.http.cql2.expressions import LANGUAGES, parse_filter
+from services.dpm.http.cql2.expressions import LANGUAGES, MAX_TEXT, parse_filter
 from services.dpm.http.cql2.queryables import STAC, Queryable, queryable
-from services.dpm.http.cql2.text import MAX_TEXT
 from services.dpm.http.models import Form, Json
 from services.dpm.http.search_places import both, geometry_of, touching_place
 from services.dpm.http.stac.catalogue import Catalogue, FeaturePage, numbers_of, page_size, span_of
