@@ -69,13 +69,15 @@ def test_a_deletion_with_an_unknown_parameter_deletes_nothing(
     "path", ["", "/conformance", "/collections", "/collections/dem", "/collections/dem/items"]
 )
 @pytest.mark.parametrize("interface", ["/ogc", "/stac"])
-def test_json_is_the_only_accepted_media_type(
+def test_json_is_the_default_form_and_unknown_forms_are_refused(
     http: TestClient, inserted_id: InsertedId, interface: str, path: str
 ) -> None:
     default, with_format = http.get(f"{interface}{path}"), http.get(f"{interface}{path}?f=json")
     assert (default.status_code, with_format.status_code) == (200, 200)
     assert with_format.json().keys() == default.json().keys()
-    refused = http.get(f"{interface}{path}?f=html")
+    page = http.get(f"{interface}{path}?f=html")
+    assert (page.status_code, page.headers["content-type"]) == (200, "text/html; charset=utf-8")
+    refused = http.get(f"{interface}{path}?f=kml")
     assert refused.status_code == 400
     assert "json" in refused.json()["detail"]
 
