@@ -138,6 +138,8 @@ class AsyncClient:
                 pending.add_done_callback(lambda _: self._pool.submit(answers.close))
 
     explain = _in_pool(Client.explain)
+    schedule = _in_pool(Client.schedule)
+    scheduled = _in_pool(Client.scheduled)
     search = _in_pool(Client.search)
     get = _in_pool(Client.get)
     pose = _in_pool(Client.pose)

@@ -21,7 +21,7 @@ from cdff_common.client.request_options import RequestOptions, parameters_of
 from cdff_common.client.stored_product import StoredProduct
 from cdff_common.clock import from_datetime, monotonic_s
 from cdff_common.codecs import CODECS, decode_payload, parse_encoding
-from cdff_common.contract.queries import SearchParameters
+from cdff_common.contract.queries import RequestParameters, SearchParameters
 from cdff_common.errors import (
     CdffError,
     CodecError,
@@ -200,6 +200,43 @@ class Client:
         finally:
             stopped.set()
             thread.join()
+
+    def schedule(
+        self,
+        product: str,
+        t0: int | datetime,
+        t1: int | datetime,
+        *,
+        robot: str = "any",
+        every_s: float | None = None,
+        **options: Unpack[RequestOptions],
+    ) -> dict[str, Any]:
+        """Request a product that is captured in a time window in the future; return at once.
+
+        Parameters
+        ----------
+        product, robot, options
+            As in ``request``.
+        t0, t1 : int or datetime
+            Window of the end of capture, mission time: nanoseconds, or with a time zone.
+        every_s : float, optional
+            Least time between two products; by default there is one.
+
+        Returns
+        -------
+        dict
+            ``request`` (its id, for ``scheduled`` and ``cancel``), ``plan`` or the reasons ``why_not`` there is
+            none now.
+        """
+        query = parameters_of(product, robot, **options)
+        window = {"t0": t0, "t1": t1, "every_s": every_s}
+        checked = RequestParameters.parse(query | {k: v for k, v in window.items() if v is not None})
+        return self._orchestrator(robot, "request", checked.to_parameters())
+
+    def scheduled(self, robot: str = "any") -> list[dict[str, Any]]:
+        """Return the scheduled requests with their states and the ids of their products."""
+        scheduled: list[dict[str, Any]] = self._orchestrator(robot, "jobs", {"limit": 1})["scheduled"]
+        return scheduled
 
     def explain(
         self, product: str, *, robot: str = "any", deadline_s: float = 20.0, **options: Unpack[RequestOptions]

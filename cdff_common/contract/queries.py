@@ -382,6 +382,10 @@ class RequestParameters(Parameters):
     frame: Frame = Field("site", description="Frame of the answer; for a pose the parent")
     child: Frame | None = Field(None, description="Child frame of a pose; default: the robot's base")
     t: Stamp | None = Field(None, description="Mission time: nanoseconds or RFC 3339; default: the newest")
+    t0: Stamp | None = Field(
+        None, description="Start of the capture of a scheduled request, mission time; with t1"
+    )
+    t1: Stamp | None = Field(None, description="End of the capture of a scheduled request")
     max_age_s: Age | None = Field(None, description="Largest age")
     resolution_m: Resolution | None = Field(None, description="Cell size, metres")
     min_coverage: Annotated[Number, Field(ge=0, le=1)] = Field(

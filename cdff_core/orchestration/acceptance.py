@@ -109,6 +109,8 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
         violations.append(f"time: captured {ahead_s:.3f} s ahead of the mission clock")
     elif is_timed and request.t_ns is None and ahead_s > _AHEAD_REMARK_S:
         remarks.append(f"time: ahead of the mission clock by {ahead_s:.3f} s; the clock of a sensor is wrong")
+    if request.window_ns is not None and not request.window_ns[0] <= candidate.t1_ns <= request.window_ns[1]:
+        violations.append("time: captured outside of the requested window")
     if is_timed and age_s > request.max_age_s:
         violations.append(f"age: {age_s:.3f} s old, asked at most {request.max_age_s:g} s")
     if request.region is not None and candidate.coverage is not None:

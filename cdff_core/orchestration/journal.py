@@ -25,6 +25,8 @@ class RecoveredState:
     #: Providers that the orchestrator has activated and not deactivated.
     owned: set[ProviderId] = field(default_factory=set)
     modes: set[SensorId] = field(default_factory=set)  # sensors whose mode was changed
+    #: Scheduled requests that have not ended, by their id: the record, with the ids of the ``products``.
+    scheduled: dict[str, dict[str, Any]] = field(default_factory=dict)
     jobs: int = 0  # number of accepted jobs
     #: Last ended jobs, oldest first, as entries of a job list.
     ended: list[dict[str, Any]] = field(default_factory=list)
@@ -44,7 +46,8 @@ class RecoveredState:
             for provider in sorted(self.owned)
         ]
         modes = [{"kind": "mode", "sensor": str(s), "ok": True} for s in sorted(self.modes)]
-        return [*jobs, *owned, *modes]
+        scheduled = [{**record, "kind": "schedule"} for record in self.scheduled.values()]
+        return [*jobs, *owned, *modes, *scheduled]
 
 
 def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
@@ -74,10 +77,23 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
                 state.owned.add(parse_provider_id(str(record["dfpc"])))
             elif record["action"] in ("deactivate", "clean_up"):
                 state.owned.discard(parse_provider_id(str(record["dfpc"])))
+        elif kind == "schedule":
+            _add_schedule(state.scheduled, record)
         elif kind == "mode" and record.get("ok"):
             state.modes.add(SensorId(*parse_provider_id(str(record["sensor"]))))
     state.held = {provider for providers in leases.values() for provider in providers}
     return state
+
+
+def _add_schedule(scheduled: dict[str, dict[str, Any]], record: Mapping[str, Any]) -> None:
+    """Add a record of a scheduled request to those that have not ended."""
+    name, action = str(record["request"]), record["action"]
+    if action == "add":
+        scheduled[name] = {"products": [], **record}
+    elif action == "product" and name in scheduled:
+        scheduled[name]["products"].append(str(record["product"]))
+    elif action == "end":
+        scheduled.pop(name, None)
 
 
 def _job_summary(record: Mapping[str, Any]) -> dict[str, Any]:

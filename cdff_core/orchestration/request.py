@@ -42,6 +42,8 @@ class ProductRequest:
     region: Region | None = None  # in ``region_frame``; None: unrestricted
     region_frame: str = "site"
     t_ns: int | None = None  # mission time of a pose, or latest capture time of other products; None: now
+    #: Window of the end of capture of a scheduled request, mission time; None: now.
+    window_ns: tuple[int, int] | None = None
     #: Largest age, from the end of capture to the mission time; infinite if not requested.
     max_age_s: float = math.inf
     #: Resolution to which finer data are aggregated; coarser data are delivered as they are.
@@ -87,6 +89,8 @@ class ProductRequest:
             "region": None if self.region is None else self.region.text,
             "region_frame": self.region_frame,
             "t_ns": self.t_ns,
+            "t0_ns": None if self.window_ns is None else self.window_ns[0],
+            "t1_ns": None if self.window_ns is None else self.window_ns[1],
             "max_age_s": None if math.isinf(self.max_age_s) else self.max_age_s,
             "resolution_m": self.resolution_m,
             "min_coverage": self.min_coverage,
@@ -131,6 +135,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         region=p.region,
         region_frame=p.region_frame or p.frame,
         t_ns=p.t,
+        window_ns=_window(p),
         max_age_s=math.inf if p.max_age_s is None else p.max_age_s,
         resolution_m=p.resolution_m,
         min_coverage=p.min_coverage,
@@ -150,6 +155,20 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         every_s=p.every_s,
         progress=sends_progress if p.progress is None else p.progress,
     )
+
+
+def _window(p: RequestParameters) -> tuple[int, int] | None:
+    """Return the window of a scheduled request; raises InputError."""
+    if p.t0 is None and p.t1 is None:
+        return None
+    if p.t0 is None or p.t1 is None:
+        missing = "t0" if p.t0 is None else "t1"
+        raise InputError(f"{missing} is missing: a scheduled request has both t0 and t1")
+    if p.t1 <= p.t0:
+        raise InputError(f"t1={p.t1}: expected later than t0={p.t0}")
+    if p.t is not None:
+        raise InputError(f"t={p.t}: a scheduled request with t0 and t1 has no t")
+    return p.t0, p.t1
 
 
 def parse_robot(robot: str | None, scope: str, *, any_robot: bool = False) -> str:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cdff_common.client import Answer, Client
 
 #: Kinds of records in the history, and the printed fields.
-AUDIT_KINDS = ("start", "job", "lease", "activation", "mode", "decision")
+AUDIT_KINDS = ("start", "job", "schedule", "lease", "activation", "mode", "decision")
 _FIELDS = (
     *("job", "holder", "state", "dfpc", "sensor", "mode", "action", "ok", "providers"),
     *("displaced_by", "no_plan", "reason"),
@@ -50,6 +50,11 @@ def register_request(nouns: Any) -> None:
         type=partial(parse_stamp, name="--t"),
         help="mission time of the product: RFC 3339 or nanoseconds; default: the newest",
     )
+    for name, what in (("--t0", "start"), ("--t1", "end")):
+        parse = partial(parse_stamp, name=name)
+        parser.add_argument(
+            name, type=parse, help=f"{what} of the capture of a scheduled request, mission time"
+        )
     parser.add_argument("--max-age-s", type=float, help="largest age of the product, seconds")
     parser.add_argument("--resolution-m", type=float, help="size of cells or spacing of points, metres")
     parser.add_argument("--min-coverage", type=float, help="least covered fraction of the region, 0 to 1")
@@ -145,6 +150,8 @@ def run_request(args: argparse.Namespace) -> int:
 
     if args.every_s is None and args.count is not None:
         raise InputError(f"--count {args.count}: expected together with --every-s")
+    if (args.t0 is None) != (args.t1 is None):
+        raise InputError("--t0 and --t1 are the window of a scheduled request: expected both")
     if args.count is not None and args.count < 1:
         raise InputError(f"--count {args.count}: expected at least 1")
     args.format = args.format or format_of(args.out, args.type)
@@ -158,6 +165,10 @@ def run_request(args: argparse.Namespace) -> int:
             explanation = client.explain(args.type, robot=args.robot, deadline_s=args.deadline_s, **options)
             args.print_text = _print_explanation
             _show(explanation, args)
+        elif args.t0 is not None:
+            window = {"t0": args.t0, "t1": args.t1, "every_s": args.every_s}
+            args.print_text = _print_scheduled
+            _show(client.schedule(args.type, robot=args.robot, **window, **options), args)
         elif args.every_s is None:
             show = _progress if sys.stderr.isatty() and not args.json else None
             answer = client.request(
@@ -170,6 +181,12 @@ def run_request(args: argparse.Namespace) -> int:
                 for answer in islice(answers, args.count):
                     _output(answer, args)
     return 0
+
+
+def _print_scheduled(scheduled: dict[str, Any], _: argparse.Namespace) -> None:
+    print(f"request {scheduled['request']} is scheduled")
+    for reason in () if scheduled["plan"] else scheduled["why_not"]:
+        print(f"no plan now: {reason}")
 
 
 def _show(data: dict[str, Any], args: argparse.Namespace) -> None:
@@ -264,12 +281,12 @@ def run_orchestrator(args: argparse.Namespace) -> int:
 
 
 def _jobs(client: Client, args: argparse.Namespace) -> dict[str, Any]:
-    return {"jobs": client.jobs(args.robot, limit=args.limit)}
+    return {"jobs": client.jobs(args.robot, limit=args.limit), "scheduled": client.scheduled(args.robot)}
 
 
 def _print_jobs(data: dict[str, Any], _: argparse.Namespace) -> None:
     rows = []
-    for job in data["jobs"]:
+    for job in (*data["scheduled"], *data["jobs"]):
         request = job["request"]
         region = f" {request['region']}" if request["region"] else ""
         reason = f"  ({job['reason']})" if job["reason"] else ""

@@ -8,6 +8,7 @@ import logging
 import uuid
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from cdff_common.interfaces.profile import Profile
 from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
-from cdff_core.orchestration.request import parse_request, parse_robot, requested_type
+from cdff_core.orchestration.request import ProductRequest, parse_request, parse_robot, requested_type
 from services.alarms import Alarms
 from services.orchestrator.dpm import DpmClient
 from services.orchestrator.history import HistoryForwarder
@@ -39,6 +40,7 @@ from services.orchestrator.product_finder import ProductFinder
 from services.orchestrator.reconciler import Reconciler
 from services.orchestrator.reply import ReplyBuilder
 from services.orchestrator.request_flow import RequestFlow
+from services.orchestrator.schedule import Schedule
 from services.orchestrator.state import SystemState
 from services.orchestrator.system_monitor import SystemMonitor
 from services.orchestrator.timing import REAL, Timing
@@ -97,7 +99,7 @@ class Orchestrator:
         self._journal.listen(self._metrics.on_record)
         self._state = SystemState(profile, timing)
         self._jobs = JobRegistry(self._journal, capacity, timing=timing)
-        self._recover()
+        scheduled = self._recover()
         clock, dpm = bus.mission_clock, DpmClient(bus, timing)
         finder = ProductFinder(dpm, clock, lambda: self._state.profile)
         self._planning = RequestPlanner(self._state, finder, clock, timing)
@@ -105,6 +107,10 @@ class Orchestrator:
         self._flow = RequestFlow(
             self._state, finder, self._planning, reply_builder, self._jobs, self._journal, clock, timing
         )
+        self._schedule = Schedule(
+            self._flow.run, lambda job: self._jobs.get(job).cancel(), self._journal, clock, self.loops, timing
+        )
+        self._schedule.recover(scheduled)
         self._monitor = SystemMonitor(bus, self._state, self.loops, timing)
         self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, self.mode_alarms, timing)
         # Two orchestrators of a mission serve different robots: each has its own history.
@@ -119,6 +125,7 @@ class Orchestrator:
         self._monitor.start()
         self._reconciler.start()
         self._history.start()
+        self._schedule.start()
         for scope in scopes:
             self._serve(scope)
         for scope in scopes:
@@ -173,6 +180,7 @@ class Orchestrator:
         """End the open requests as retriable and stop; active DFPCs stay active, and the next orchestrator
         finds them in the journal.
         """
+        self._schedule.close()
         self._jobs.stop(_STOP_S)
         self._request_pool.close()
         self._reconciler.close()
@@ -180,8 +188,10 @@ class Orchestrator:
         self._history.close()
         self._journal.close()
 
-    def _recover(self) -> None:
-        """Recover from the journal: open jobs have failed, and their providers start to linger."""
+    def _recover(self) -> list[dict[str, Any]]:
+        """Recover from the journal: open jobs have failed, and their providers start to linger; return the
+        scheduled requests.
+        """
         recovered = recover(self._journal.records())
         if self._journal.size > _COMPACTION_BYTES:
             self._journal.compact(recovered.records())
@@ -192,6 +202,7 @@ class Orchestrator:
             "start", open_jobs=len(recovered.open_jobs), owned=[str(m) for m in sorted(recovered.owned)]
         )
         self._state.recover(recovered.owned, recovered.modes)
+        return list(recovered.scheduled.values())
 
     # -- endpoints
 
@@ -203,21 +214,50 @@ class Orchestrator:
             if request.robot not in (*self._state.profile.robot_ids, "any"):
                 raise self._unknown_robot(request.robot)
             description = request.describe()
+            if request.window_ns is not None and not request.explain:
+                return self._add_scheduled(request, call)
             return self._planning.explain(request) if request.explain else self._flow.run(request)
         except CdffError as error:
             error.request, error.asked = request_id, description
             raise
 
+    def _add_scheduled(self, request: ProductRequest, call: Request) -> Reply:
+        """Schedule a request, and reply at once with the plan that is possible now."""
+        explanation = self._planning.explain(request).body()
+        plan = explanation["plan"]
+        parameters = {**call.parameters, "request": request.id}
+        self._schedule.add(request, parameters, call.scope, None if plan is None else plan["ready_s"])
+        body = {"request": request.id, "state": "scheduled", "asked": request.describe(), "plan": plan}
+        return Reply.of(
+            body | {"why_not": explanation["why_not"]}, kind="scheduled", final=True, request=request.id
+        )
+
     def _on_jobs(self, call: Request) -> Reply:
         p = JobsParameters.parse(call.parameters)
         if p.job is not None:
-            return Reply.of({"jobs": [self._jobs.describe(p.job)]})
+            return Reply.of({"jobs": [self._job(p.job)]})
+        robots = self._robots(call)
         return Reply.of(
-            {"jobs": self._jobs.listed(self._robots(call), p.limit), "leases": self._state.leases()}
+            {
+                "jobs": self._jobs.listed(robots, p.limit),
+                "scheduled": self._schedule.listed(robots),
+                "leases": self._state.leases(),
+            }
         )
 
+    def _job(self, job: str) -> dict[str, Any]:
+        """Return a scheduled request, or a job, as plain data."""
+        try:
+            return self._schedule.get(job).describe()
+        except ProductNotFoundError:
+            return self._jobs.describe(job)
+
     def _on_cancel(self, call: Request) -> Reply:
-        job = self._jobs.get(JobParameters.parse(call.parameters).job)
+        job_id = JobParameters.parse(call.parameters).job
+        with suppress(ProductNotFoundError):
+            scheduled = self._schedule.cancel(job_id)
+            return Reply.of({"job": job_id, "state": scheduled.state})
+        job = self._jobs.get(job_id)
         job.cancel()
         return Reply.of({"job": job.id, "state": str(job.state)})
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
+from cdff_common.clock import wall_ns
 from cdff_common.errors import UnavailableError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.raster import GridGeometry
@@ -301,3 +303,22 @@ def test_the_command_line_requests_products_writes_files_and_lists_jobs_and_cata
     assert json.loads(capsys.readouterr().out)["type"] == "TransformWithCovariance"
     assert main(["request", "dem", "--robot", "mana", "--region", "circle:900,0,1", "--deadline-s", "3"]) == 1
     assert capsys.readouterr().err.startswith("cdff: no dem of mana as asked")
+
+
+def test_a_scheduled_request_is_fulfilled_in_its_window(filled_endpoint: str) -> None:
+    with Client(filled_endpoint) as client, Bus.open(filled_endpoint, name="producer", wait_s=20) as bus:
+        start_ns = wall_ns() // 1000 * 1000 + 1_000_000_000
+        window = (start_ns, start_ns + 30_000_000_000)
+        scheduled = client.schedule("pose", *window, robot="minnie", max_sigma_m=0.5)
+        assert scheduled["state"] == "scheduled"
+        (job,) = client.scheduled("minnie")
+        assert (job["job"], job["result"]) == (scheduled["request"], None)
+        for _ in range(2):  # before and in the window
+            base = TransformWithCovariance.from_transform(
+                T_SITE_BASE, parent="site", child="minnie/base", stamp_ns=wall_ns() // 1000 * 1000
+            )
+            put(bus, "pose", base, robot="minnie", child="minnie/base")
+            time.sleep(1.5)
+        eventually(lambda: client.scheduled("minnie")[0]["state"] == "done", 20, "the scheduled pose")
+        (product,) = client.scheduled("minnie")[0]["result"]["products"]
+        assert window[0] <= client.get(product).value.stamp_ns <= window[1]

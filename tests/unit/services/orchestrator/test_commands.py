@@ -53,6 +53,9 @@ class ClientDouble:
             "delivered": {"newest_ns": STAMP_NS},
         }
 
+    def scheduled(self, *_: object, **__: object) -> list[dict[str, Any]]:
+        return []
+
     def jobs(self, *_: object, **__: object) -> list[dict[str, Any]]:
         return [{"job": "a", "since_ns": STAMP_NS}]
 

@@ -13,10 +13,16 @@ from typing import Any
 import pytest
 
 from cdff_common.bus import Reply
-from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
+from cdff_common.errors import (
+    CdffError,
+    DeadlineError,
+    FrameNotFoundError,
+    OverloadedError,
+    UnavailableError,
+)
 from cdff_common.interfaces.registry import Registry
 from cdff_core.orchestration.world import ProviderId, SensorId
-from services.orchestrator import service
+from services.orchestrator import schedule, service
 from tests.support import orchestrator_mission
 from tests.support.orchestrator_stage import DEM, Stage, provider_of
 
@@ -145,6 +151,116 @@ def test_a_request_of_higher_priority_takes_the_cpu_of_a_standing_one_which_resu
     assert stage.run_until(lambda: stereo.state == "active", 40.0), "it resumes"
     count = len(low)
     assert stage.run_until(lambda: any(r.attachment["kind"] == "product" for r in low[count:]), 20.0)
+
+
+def schedule_pose(stage: Stage, after_s: float, duration_s: float, **parameters: str) -> tuple[int, int, str]:
+    """Schedule a pose of slam in a window from now; return the window and the id of the request."""
+    start_ns = stage.mission.clock.now_ns() + int(after_s * 1e9)
+    window = (start_ns, start_ns + int(duration_s * 1e9))
+    request = {
+        "type": "pose",
+        "robot": "mana",
+        "max_sigma_m": "0.1",
+        "t0": str(window[0]),
+        "t1": str(window[1]),
+    }
+    reply = stage.final_answer(stage.send(**{**request, "request": "later", **parameters}))
+    assert reply.attachment["kind"] == "scheduled"
+    assert reply.body()["plan"]["provider"] == "mana/slam"
+    return *window, "later"
+
+
+def restart(stage: Stage, pause_s: float = 3.0) -> None:
+    """Stop the orchestrator in an orderly way, and start it again after a pause."""
+    stage.timing.start(stage.orchestrator.close, "close")
+    stage.run(pause_s)
+    stage.start_orchestrator()
+    stage.run(1.0)
+
+
+def scheduled_job(stage: Stage, name: str) -> dict[str, Any]:
+    (job,) = stage.call("jobs", job=name)["jobs"]
+    return dict(job)
+
+
+def captured_ns(stage: Stage, job: dict[str, Any]) -> list[int]:
+    """Return the capture times of those products of a scheduled request that the DPM still holds."""
+    known = {x.header.id: x.header.t1_ns for products in stage.mission.products.values() for x in products}
+    return [known[product] for product in job["result"]["products"] if product in known]
+
+
+def test_a_scheduled_request_starts_shortly_before_its_window_and_delivers_in_it(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    stage.run(6.0)
+    slam = stage.process("slam")
+    t0_ns, t1_ns, name = schedule_pose(stage, 300.0, 60.0)
+    stage.run(200.0)
+    assert slam.state == "inactive"
+    assert scheduled_job(stage, name)["state"] == "scheduled"
+    assert stage.run_until(lambda: scheduled_job(stage, name)["state"] == "done", 200.0)
+    (t_ns,) = captured_ns(stage, scheduled_job(stage, name))
+    assert t0_ns <= t_ns <= t1_ns
+    assert stage.run_until(lambda: slam.state == "inactive", 60.0)
+
+
+def test_a_scheduled_request_continues_after_a_restart_of_the_orchestrator(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    stage.run(6.0)
+    t0_ns, t1_ns, name = schedule_pose(stage, 60.0, 100.0, every_s="10")
+    schedule_pose(stage, 20.0, 10.0, request="missed")
+    restart(stage, pause_s=40.0)
+    stage.run(60.0)
+    assert scheduled_job(stage, "missed")["state"] == "missed"
+    running = scheduled_job(stage, name)
+    assert running["state"] == "running"
+    count = len(running["result"]["products"])
+    assert count > 0
+    restart(stage)
+    assert stage.run_until(lambda: scheduled_job(stage, name)["state"] == "done", 150.0)
+    done = scheduled_job(stage, name)
+    assert len(done["result"]["products"]) > count
+    times_ns = captured_ns(stage, done)
+    assert times_ns
+    assert all(t0_ns <= t_ns <= t1_ns for t_ns in times_ns)
+
+
+def test_a_scheduled_request_without_a_plan_is_tried_until_the_end_of_its_window(stage: Stage) -> None:
+    stage.run(6.0)
+    now_ns = stage.mission.clock.now_ns()
+    stage.mission.icu.lose("minnie", "lidar", "no power")
+    window = {"t0": str(now_ns + 20 * 10**9), "t1": str(now_ns + 100 * 10**9)}
+    for name in ("tried", "stopped"):
+        stage.final_answer(stage.send(type="dem", robot="minnie", request=name, **window))
+    stage.run(50.0)
+    tried = scheduled_job(stage, "tried")
+    assert tried["state"] == "running"
+    assert "sensor minnie/lidar is lost: no power" in tried["reason"]
+    stage.call("cancel", job="stopped")
+    stage.mission.icu.recover("minnie", "lidar")
+    assert stage.run_until(lambda: scheduled_job(stage, "tried")["state"] == "done", 40.0)
+    assert scheduled_job(stage, "stopped")["state"] == "cancelled"
+
+
+def test_a_scheduled_request_is_cancelled_or_refused(stage: Stage) -> None:
+    stage.process("position").sigma_m = 0.5
+    stage.run(6.0)
+    *_, name = schedule_pose(stage, 100.0, 10.0)
+    again = {"type": "pose", "robot": "mana", "request": name}
+    now_ns = stage.mission.clock.now_ns()
+    window = {"t0": str(now_ns + 10**11), "t1": str(now_ns + 2 * 10**11)}
+    for parameters, text in (
+        ({**again, **window}, "is scheduled"),
+        ({**again, "t0": "0", "t1": "1000"}, "expected later than now"),
+    ):
+        error = stage.final_answer(stage.send(**parameters))
+        assert isinstance(error, CdffError)
+        assert text in str(error)
+    for i in range(schedule.MAX_OVERLAPPING - 1):
+        stage.final_answer(stage.send(**{**again, **window, "request": f"r{i}"}))
+    full = stage.final_answer(stage.send(**{**again, **window, "request": "full"}))
+    assert isinstance(full, OverloadedError)
+    assert stage.call("cancel", job=name)["state"] == "cancelled"
+    assert scheduled_job(stage, name)["state"] == "cancelled"
 
 
 @pytest.mark.req("CDFF-SUP-027")
