@@ -162,4 +162,6 @@ def _pixel_spacing(points_m: FloatArray) -> float:
     """Return the distance of neighbouring pixels as a tangent."""
     with np.errstate(invalid="ignore", divide="ignore"):
         tangent = points_m[..., 0] / points_m[..., 2]
-        return float(np.nanmedian(np.abs(np.diff(tangent, axis=1))))
+        steps = np.abs(np.diff(tangent, axis=1))
+    steps = steps[np.isfinite(steps)]
+    return float(np.median(steps)) if len(steps) else 0.0
