@@ -193,9 +193,12 @@ def table(figures: dict[str, Any]) -> str:
     if "tyol" in figures:
         row = figures["tyol"]
         is_right = row.get("add_of_diameter", 1.0) < ADD_LIMIT
+        text = "refused: low score"
+        if "add_mm" in row:
+            text = f"ADD {row['add_mm']} mm, {100.0 * row['add_of_diameter']:.3g} %"
         lines.append(
             f"| basket of TYO-L | {int(is_right)} of 1 | {int('add_mm' in row and not is_right)} | "
-            f"ADD {row.get('add_mm')} mm, {100.0 * row.get('add_of_diameter', float('nan')):.3g} % | "
+            f"{text} | "
             f"{row['cpu_s']} |"
         )
     for name, row in figures.get("absent", {}).items():

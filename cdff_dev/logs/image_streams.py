@@ -102,23 +102,34 @@ def depth_stream(
         raise InputError(f"{files[0].parent}: depth images with lens distortion, expected none")
 
     def read(i: int) -> DistanceImage:
-        raw = read_image(files[i])
-        if raw.ndim != 2 or raw.dtype != np.uint16:
-            raise CodecError(f"{files[i]}: {raw.dtype} {raw.shape}, expected a depth image of 16 bits")
-        distances = np.where(raw == _NO_DEPTH, 0, raw) * unit_m
-        return DistanceImage(
-            ref_time=Time.from_ns(int(stamps_ns[i])),
-            width=raw.shape[1],
-            height=raw.shape[0],
-            scale_x=1.0 / camera.fx,
-            scale_y=1.0 / camera.fy,
-            center_x=-camera.cx / camera.fx,
-            center_y=-camera.cy / camera.fy,
-            data=distances.ravel(),
-        )
+        return read_depth_image(files[i], camera, unit_m, int(stamps_ns[i]))
 
     return IndexedStream(
         "DistanceImage", stamps_ns, read, headers(name, stamps_ns, frame=sensor, producer=sensor)
+    )
+
+
+def read_depth_image(path: Path, camera: CameraModel, unit_m: float, stamp_ns: int) -> DistanceImage:
+    """Read a depth image of 16 bits; 0 and 65535 are no measurement.
+
+    Raises
+    ------
+    CodecError
+        If the file is not an image of one channel with 16 bits.
+    """
+    raw = read_image(path)
+    if raw.ndim != 2 or raw.dtype != np.uint16:
+        raise CodecError(f"{path}: {raw.dtype} {raw.shape}, expected a depth image of 16 bits")
+    distances = np.where(raw == _NO_DEPTH, 0, raw) * unit_m
+    return DistanceImage(
+        ref_time=Time.from_ns(stamp_ns),
+        width=raw.shape[1],
+        height=raw.shape[0],
+        scale_x=1.0 / camera.fx,
+        scale_y=1.0 / camera.fy,
+        center_x=-camera.cx / camera.fx,
+        center_y=-camera.cy / camera.fy,
+        data=distances.ravel(),
     )
 
 

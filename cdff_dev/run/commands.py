@@ -33,8 +33,8 @@ def register(nouns: Any) -> None:
         "inputs",
         nargs="*",
         metavar="PORT=FILE",
-        help="an input; IMAGE,CAMERA for an image with its camera, LEFT,RIGHT,CAMERA for a stereo "
-        "pair, where CAMERA is a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
+        help="an input; IMAGE,CAMERA for an image or depth image with its camera, LEFT,RIGHT,CAMERA for a "
+        "stereo pair, where CAMERA is a calibration file of OpenCV, Kalibr or KITTI; a number for a numeric "
         "port; ports of models may be given several times, and those of the sensors of a DFPC for files in "
         "the order of time, or as a pattern: 'cloud=scans/*.ply'",
     )

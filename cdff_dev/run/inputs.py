@@ -205,7 +205,7 @@ def _pose_message(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
 
 def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
     name = port.type_name
-    if name in ("Frame", "FramePair") and "," in text and not Path(text).exists():
+    if name in ("Frame", "FramePair", "DistanceImage") and "," in text and not Path(text).exists():
         return _with_calibration(port, text.split(","), metadata)
     if Path(text).is_dir():
         return _from_log(name, Path(text))
@@ -316,6 +316,8 @@ def _with_calibration(port: Port, files: list[str], metadata: _Metadata) -> Any:
         raise InputError(f"{port.attribute}={','.join(files)}: expected {form}")
     calibration, names = files[images], files[images + 1 :]
     try:
+        if port.type_name == "DistanceImage":
+            return _depth_image(Path(files[0]), Path(calibration), names[0] if names else "", metadata)
         if images == 1:
             s = load(files[0])
             return with_camera(_from_file("Frame", s, detect(s), metadata), calibration, *names)
@@ -331,6 +333,19 @@ def _with_calibration(port: Port, files: list[str], metadata: _Metadata) -> Any:
         )
     except InputError as error:
         raise InputError(f"{port.attribute}={error}") from error
+
+
+def _depth_image(path: Path, calibration: Path, name: str, metadata: _Metadata) -> Any:
+    """Return a depth image of 16 bits; the calibration states the unit of its values."""
+    from cdff_common.camera import check_image_size, read_camera, read_depth_unit
+    from cdff_dev.logs.image_streams import read_depth_image
+
+    camera, unit_m = read_camera(calibration, name), read_depth_unit(calibration)
+    if unit_m is None:
+        raise InputError(f"{calibration}: no depthScale, expected the metres of a depth value of 1")
+    image = read_depth_image(path, camera, unit_m, metadata.stamp_ns)
+    check_image_size(camera, image.height, image.width, str(calibration))
+    return image
 
 
 _IMAGE_FORMATS = ("png", "jpg", "pgm", "ppm", "tif", "npz")

@@ -246,3 +246,18 @@ def test_an_image_name_may_contain_a_comma(tmp_path: Path) -> None:
     path = tmp_path / "a,b"
     path.write_bytes(write_png(np.zeros(SHAPE, np.uint8)))
     assert read_inputs([IMAGE], {"image": str(path)})["image"].image.shape == SHAPE
+
+
+def test_a_depth_image_has_the_unit_of_its_camera_file(tmp_path: Path) -> None:
+    raw = np.array([[0, 1500, 65535] * 12] * 36, np.uint16)
+    cv2.imwrite(str(tmp_path / "depth.png"), raw)
+    camera = {"px": 50.0, "py": 60.0, "u0": 17.0, "v0": 18.0, "w": 36, "h": 36}
+    port = Port(name="depth", type="DistanceImage")
+    (tmp_path / "camera.json").write_text(json.dumps(camera | {"depthScale": 0.001}), encoding="utf-8")
+    files = f"{tmp_path / 'depth.png'},{tmp_path / 'camera.json'}"
+    value = read_inputs([port], {"depth": files})["depth"]
+    np.testing.assert_allclose(value.data[:3], [0.0, 1.5, 0.0])
+    np.testing.assert_allclose([value.scale_x, value.center_y], [1.0 / 50.0, -18.0 / 60.0])
+    (tmp_path / "camera.json").write_text(json.dumps(camera), encoding="utf-8")
+    with pytest.raises(InputError, match="depthScale"):
+        read_inputs([port], {"depth": files})
