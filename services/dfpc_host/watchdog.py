@@ -61,7 +61,8 @@ class StepWatchdog:
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s
         self._step_started_s: float | None = None
-        self._worked_at_s = self._checked_at_s = 0.0
+        self._worked_at_s = 0.0
+        self._checked_at_s: float | None = None
         self._at_last_work = self._at_start = ThreadTimes(0.0, 0.0)
 
     def problem(self, step_started_s: float | None, now_s: float, times: ThreadTimes | None) -> str:
@@ -74,7 +75,8 @@ class StepWatchdog:
         times : ThreadTimes or None
             Times of the thread of the step.
         """
-        stopped_s = max(now_s - self._checked_at_s - _LONGEST_INTERVAL_S, 0.0)
+        interval_s = 0.0 if self._checked_at_s is None else now_s - self._checked_at_s
+        stopped_s = max(interval_s - _LONGEST_INTERVAL_S, 0.0)
         self._checked_at_s = now_s
         if step_started_s is None or times is None:
             self._step_started_s = None
@@ -82,7 +84,8 @@ class StepWatchdog:
         if step_started_s != self._step_started_s:
             self._step_started_s, self._worked_at_s = step_started_s, now_s
             self._at_last_work = self._at_start = times
-        self._worked_at_s += stopped_s
+        else:
+            self._worked_at_s += stopped_s
         worked_s = times.runnable_s - self._at_last_work.runnable_s
         if worked_s >= _WORKING_FRACTION * self._timeout_s:
             self._worked_at_s, self._at_last_work = now_s, times

@@ -211,7 +211,7 @@ def test_gdal_reads_the_tiles_as_a_map_in_the_frame_of_the_site(system: System, 
     import rasterio
     from rasterio.windows import from_bounds
 
-    address = f"WMTS:{system.http}/tiles/wmts.xml,layer=hillshade,tilematrix=17"
+    address = f"WMTS:{system.http}/tiles/wmts.xml,layer=hillshade,tilematrixset=grid,tilematrix=17"
     with rasterio.Env(GDAL_DEFAULT_WMS_CACHE_PATH=str(tmp_path)), rasterio.open(address) as file:
         assert "Site on mars" in file.crs.to_wkt()
         assert file.res == pytest.approx((0.1, 0.1))

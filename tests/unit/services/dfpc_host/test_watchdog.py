@@ -7,6 +7,8 @@ from __future__ import annotations
 import threading
 import time
 
+import pytest
+
 from services.dfpc_host.watchdog import ENDLESS_TIMEOUTS, StepWatchdog, ThreadTimes
 
 TIMEOUT_S = 10.0
@@ -19,11 +21,12 @@ def test_a_step_on_a_slow_machine_is_not_ended() -> None:
         assert not watchdog.problem(0.0, float(now_s), ThreadTimes(now_s / 20, float(now_s)))
 
 
-def test_a_step_that_waits_is_ended_after_the_timeout() -> None:
+@pytest.mark.parametrize("first_s", [0.0, 8000.0])
+def test_a_step_that_waits_is_ended_after_the_timeout(first_s: float) -> None:
     watchdog = StepWatchdog(TIMEOUT_S)
     waiting = ThreadTimes(3.0, 4.0)
-    assert not any(watchdog.problem(0.0, float(now_s), waiting) for now_s in range(11))
-    assert "without computing" in watchdog.problem(0.0, 10.5, waiting)
+    assert not any(watchdog.problem(first_s, first_s + t, waiting) for t in range(11))
+    assert "without computing" in watchdog.problem(first_s, first_s + 10.5, waiting)
 
 
 def test_a_new_step_has_the_whole_timeout() -> None:
