@@ -17,8 +17,10 @@ catalogue, to plan one request and to determine the due actions. ``standing``: s
 of ``--fleet`` robots with a period of ``--every-s``, with stand-in hosts that store a pose of each robot at
 the same rate in the DPM. Each row has the fraction delivered of the poses that were captured between sending
 and end of a request, the time until the first one, their lateness (reception after the later of the capture
-and the end of the period), the number of requests with exactly one final reply, and CPU time, memory and
-threads of the processes.
+and the end of the period), the number of requests with exactly one final reply, and of the processes the CPU
+time, the memory (before, at the end, and 20 s later) and the threads.
+
+``idle``: CPU time per second of all processes of two rovers without a request, and their memory.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import yaml
 import zenoh
 from _fleet import fleet_profile
@@ -56,6 +59,8 @@ from cdff_common.codecs import encode, encoding_string
 from cdff_common.errors import CdffError, OverloadedError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.product import Header, product_id
+from cdff_common.interfaces.profile import load_profile
+from cdff_common.resources import deploy_folder
 from cdff_common.types import Pointcloud, TransformWithCovariance
 from cdff_core.orchestration.planner import Plan, plan
 from cdff_core.orchestration.request import parse_request
@@ -68,6 +73,7 @@ from cdff_core.orchestration.world import (
     SensorState,
     World,
 )
+from cdff_dev.missions.stage import Stage
 from services.orchestrator.planning import RequestPlanner
 from services.orchestrator.product_finder import ProductFinder
 from services.orchestrator.state import SystemState
@@ -83,6 +89,8 @@ robots:
 """
 RAW = "cdff/benchmark/raw"
 DEADLINE_S = 60.0
+#: Time in which processes return freed memory, seconds.
+SETTLED_S = 20.0
 
 
 def free_endpoint() -> str:
@@ -451,6 +459,8 @@ def run_standing(
         time.sleep(0.5)
         peak_threads |= Counter({name: threads(pid) for name, pid in pids.items()})
     time.sleep(1.0)
+    memory_mb_at_end = {name: memory_mb(pid) for name, pid in pids.items()}
+    time.sleep(SETTLED_S)
     late_s = [s for r in open_requests for s in r.late_s]
     with Bus.open(running.endpoint, name="count", wait_s=30) as bus:
         stored_s = {r.robot: stored_stamps_s(bus, r.robot) for r in open_requests[:robots]}
@@ -465,12 +475,37 @@ def run_standing(
         "exactly_one_final": sum(r.finals == 1 for r in open_requests),
         "ended": dict(Counter(r.outcome for r in open_requests)),
         "cpu_s": {name: round(cpu_s(pid) - before_s[name], 2) for name, pid in pids.items()},
-        "memory_mb": {name: [memory_before_mb[name], memory_mb(pid)] for name, pid in pids.items()},
+        "memory_mb": {
+            name: [memory_before_mb[name], memory_mb_at_end[name], memory_mb(pid)]
+            for name, pid in pids.items()
+        },
         "threads": dict(peak_threads),
     }
     for session in sessions:
         session.close()
     return figures
+
+
+def idle(duration_s: float) -> dict[str, Any]:
+    """Return the CPU time and the memory of a system of two rovers without a request and without samples."""
+    path = deploy_folder() / "profiles" / "two_rovers.yaml"
+    connect, http = f"tcp/{free_endpoint()}", free_endpoint()
+    with (
+        Stage(load_profile(path), path, connect, http) as stage,
+        Bus.open(connect, name="wait", wait_s=60) as bus,
+    ):
+        stage.wait_ready(bus)
+        time.sleep(SETTLED_S)
+        processes = psutil.Process(stage.supervisor_pid).children(recursive=True)
+        processes.append(psutil.Process(stage.supervisor_pid))
+        before_s = sum(sum(p.cpu_times()[:2]) for p in processes)
+        time.sleep(duration_s)
+        used_s = sum(sum(p.cpu_times()[:2]) for p in processes) - before_s
+        return {
+            "processes": len(processes),
+            "cpu_fraction_of_one_core": used_s / duration_s,
+            "memory_mb": {" ".join(p.cmdline()[2:5]): round(p.memory_info().rss / 1e6, 1) for p in processes},
+        }
 
 
 def stored_stamps_s(bus: Bus, robot: str) -> list[float]:
@@ -488,7 +523,7 @@ def main() -> None:
     parser.add_argument("--calls", type=int, default=300)
     parser.add_argument("--requests", type=int, default=1000)
     parser.add_argument("--clients", type=int, default=50)
-    parts = ("planning", "served", "fleet", "standing")
+    parts = ("planning", "served", "fleet", "standing", "idle")
     parser.add_argument("--only", nargs="+", choices=parts, default=parts)
     parser.add_argument("--standing", nargs="+", type=int, default=(10, 50, 200, 500, 2000))
     parser.add_argument("--robots", nargs="+", type=int, default=(1, 10, 100))
@@ -508,6 +543,8 @@ def main() -> None:
         figures |= served(args.calls, args.requests, args.clients)
     if "fleet" in args.only:
         figures["fleet"] = [fleet(robots) for robots in args.robots]
+    if "idle" in args.only:
+        figures["idle"] = idle(args.duration_s)
     if "standing" in args.only:
         figures["standing"] = [
             standing(requests, args.fleet, args.every_s, args.duration_s) for requests in args.standing
