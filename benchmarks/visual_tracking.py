@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of the DFNs and compounds that detect and track a known body in images: ViSP's castle and dragon.
+"""Measure the cost of the DFNs and compounds that detect and track a known body in images of ViSP.
 
 NUMBA_NUM_THREADS=1 python benchmarks/visual_tracking.py [--data DIR] [--rounds N] [--out FILE]
 """

@@ -413,3 +413,16 @@ class RequestParameters(Parameters):
     priority: Annotated[Whole, Field(ge=0, le=9)] = Field(5, description="9 is served first")
     progress: Flag | None = Field(None, description="Send progress replies")
     request: str | None = Field(None, pattern=rf"^{REQUEST_ID}$", description="Name of the request")
+
+    @model_validator(mode="after")
+    def _window_is_whole(self) -> Self:
+        if self.t0 is None and self.t1 is None:
+            return self
+        if self.t0 is None or self.t1 is None:
+            missing = "t0" if self.t0 is None else "t1"
+            raise InputError(f"{missing} is missing: a scheduled request has both t0 and t1")
+        if self.t1 <= self.t0:
+            raise InputError(f"t1={self.t1}: expected later than t0={self.t0}")
+        if self.t is not None:
+            raise InputError(f"t={self.t}: a scheduled request with t0 and t1 has no t")
+        return self

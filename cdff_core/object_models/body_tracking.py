@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal
 
@@ -93,9 +94,9 @@ class BodyTracking(Dfpc):
         """The prepared model; None before one has arrived."""
         return self._models.by_name.get(self._name)
 
+    @abstractmethod
     def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
         """Return the standard deviations (6,) of a guess without covariance, metres and rad."""
-        raise NotImplementedError
 
     def _start_from_guess(self, model: ModelPreparationOutputs, stamp_ns: int) -> list[str]:
         """Start a track with the guess, if there is one; return the reasons."""

@@ -102,7 +102,17 @@ def camera_normals(
 
 
 def body_window(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[int, int, Window]:
-    """Return first row, first column and window of the part of the image with the body at T_camera_model."""
+    """Return the part of the image that contains a body: its first row and column, and its camera.
+
+    Parameters
+    ----------
+    vertices_m : NDArray[np.float64], shape (n, 3)
+        Vertices of the body in its own frame, metres.
+    T : NDArray[np.float64], shape (4, 4)
+        ``T_camera_model``, metres.
+    camera : Window
+        Camera of the whole image, pixels.
+    """
     points = vertices_m @ T[:3, :3].T + T[:3, 3]
     z = points[:, 2]
     if (z <= 1e-3 * max(float(z.max()), 0.0)).any():

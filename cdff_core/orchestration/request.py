@@ -135,7 +135,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         region=p.region,
         region_frame=p.region_frame or p.frame,
         t_ns=p.t,
-        window_ns=_window(p),
+        window_ns=None if p.t0 is None or p.t1 is None else (p.t0, p.t1),
         max_age_s=math.inf if p.max_age_s is None else p.max_age_s,
         resolution_m=p.resolution_m,
         min_coverage=p.min_coverage,
@@ -155,20 +155,6 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         every_s=p.every_s,
         progress=sends_progress if p.progress is None else p.progress,
     )
-
-
-def _window(p: RequestParameters) -> tuple[int, int] | None:
-    """Return the window of a scheduled request; raises InputError."""
-    if p.t0 is None and p.t1 is None:
-        return None
-    if p.t0 is None or p.t1 is None:
-        missing = "t0" if p.t0 is None else "t1"
-        raise InputError(f"{missing} is missing: a scheduled request has both t0 and t1")
-    if p.t1 <= p.t0:
-        raise InputError(f"t1={p.t1}: expected later than t0={p.t0}")
-    if p.t is not None:
-        raise InputError(f"t={p.t}: a scheduled request with t0 and t1 has no t")
-    return p.t0, p.t1
 
 
 def parse_robot(robot: str | None, scope: str, *, any_robot: bool = False) -> str:

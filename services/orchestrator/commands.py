@@ -147,11 +147,10 @@ def run_request(args: argparse.Namespace) -> int:
     """Send a request, print the reply and write its payload."""
     from cdff_common.client import Client  # heavy: zenoh and the types
     from cdff_common.client.request_options import RequestOptions, parameters_of
+    from cdff_common.contract.queries import RequestParameters
 
     if args.every_s is None and args.count is not None:
         raise InputError(f"--count {args.count}: expected together with --every-s")
-    if (args.t0 is None) != (args.t1 is None):
-        raise InputError("--t0 and --t1 are the window of a scheduled request: expected both")
     if args.count is not None and args.count < 1:
         raise InputError(f"--count {args.count}: expected at least 1")
     args.format = args.format or format_of(args.out, args.type)
@@ -159,14 +158,16 @@ def run_request(args: argparse.Namespace) -> int:
         check_file(args.out)
     _check_plot(args)
     options = cast("RequestOptions", {name: getattr(args, name) for name in RequestOptions.__annotations__})
-    parameters_of(args.type, args.robot, **options)  # a malformed request is reported without a router
+    # A malformed request is reported without a router.
+    window = {"t0": args.t0, "t1": args.t1, "every_s": args.every_s}
+    window = {name: value for name, value in window.items() if value is not None}
+    RequestParameters.parse(parameters_of(args.type, args.robot, **options) | window)
     with Client(args.connect, name="cdff request") as client:
         if args.explain:
             explanation = client.explain(args.type, robot=args.robot, deadline_s=args.deadline_s, **options)
             args.print_text = _print_explanation
             _show(explanation, args)
         elif args.t0 is not None:
-            window = {"t0": args.t0, "t1": args.t1, "every_s": args.every_s}
             args.print_text = _print_scheduled
             _show(client.schedule(args.type, robot=args.robot, **window, **options), args)
         elif args.every_s is None:

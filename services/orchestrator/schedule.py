@@ -17,12 +17,13 @@ from typing import Any
 
 from cdff_common.bus import Pause, Reply
 from cdff_common.bus.pause import without_pauses
-from cdff_common.clock import NS_PER_S, Clock, format_stamp
+from cdff_common.clock import NS_PER_S, Clock, format_stamp, wall_ns
 from cdff_common.errors import (
     CdffError,
     InputError,
     OverloadedError,
     ProductNotFoundError,
+    StorageError,
     UnavailableError,
 )
 from cdff_common.loops import Loops
@@ -54,6 +55,8 @@ class ScheduledRequest:
         As received; they are in the journal.
     start_ns : int
         Mission time at which it is executed.
+    accepted_ns : int
+        Wall time at which it arrived.
     state : str
         scheduled, running, done, failed, cancelled or missed.
     products : list of str
@@ -64,6 +67,7 @@ class ScheduledRequest:
     parameters: Mapping[str, str]
     scope: str
     start_ns: int
+    accepted_ns: int
     state: str = "scheduled"
     reason: str = ""
     products: list[str] = field(default_factory=list)
@@ -80,7 +84,7 @@ class ScheduledRequest:
             "job": self.request.id,
             "state": self.state,
             "reason": self.reason,
-            "accepted_ns": self.start_ns,
+            "accepted_ns": self.accepted_ns,
             "remaining_s": None,
             "request": self.request.describe(),
             "plan": None,
@@ -144,7 +148,8 @@ class Schedule:
         if end_ns <= now_ns:
             raise InputError(f"t1={format_stamp(end_ns)}: expected later than now, {format_stamp(now_ns)}")
         lead_s = _UNKNOWN_LEAD_S if ready_s is None else ready_s + _LEAD_S
-        entry = ScheduledRequest(request, dict(parameters), scope, start_ns - int(lead_s * NS_PER_S))
+        begin_ns = start_ns - int(lead_s * NS_PER_S)
+        entry = ScheduledRequest(request, dict(parameters), scope, begin_ns, wall_ns())
         with self._lock:
             known = self._entries.get(request.id)
             if known is not None and known.state not in _ENDED:
@@ -162,17 +167,29 @@ class Schedule:
                     retry_after_s=max((first_end_ns - now_ns) / NS_PER_S, 1.0),
                 )
             self._entries[request.id] = entry
-        self._write(entry, "add", parameters=entry.parameters, scope=scope, start_ns=entry.start_ns)
+        try:
+            self._write(entry, "add", parameters=entry.parameters, scope=scope, start_ns=entry.start_ns)
+        except StorageError:  # it is not kept, and the client learns it
+            with self._lock:
+                self._entries.pop(request.id, None)
+            raise
         self._added.set()
         return entry
 
     def recover(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Continue with the requests in records of the journal that have not ended."""
         for record in records:
-            request = parse_request(dict(record["parameters"]), str(record["scope"]))
-            entry = ScheduledRequest(
-                request, dict(record["parameters"]), str(record["scope"]), int(record["start_ns"])
-            )
+            parameters, scope = dict(record["parameters"]), str(record["scope"])
+            try:
+                request = parse_request(parameters, scope)
+            except InputError as error:  # kept by another version
+                logger.warning("scheduled request %s cannot be continued: %s", record["request"], error)
+                self._journal.append(
+                    "schedule", action="end", request=record["request"], state="failed", reason=str(error)
+                )
+                continue
+            accepted_ns = int(record.get("at_ns", record["start_ns"]))
+            entry = ScheduledRequest(request, parameters, scope, int(record["start_ns"]), accepted_ns)
             entry.products = [str(product) for product in record.get("products", ())]
             self._entries[request.id] = entry
 
@@ -242,6 +259,9 @@ class Schedule:
                 self._stop.wait(min(_ATTEMPT_S, remaining_s))
             except CdffError as error:
                 self._set(entry, "failed", str(error))
+            except Exception as error:  # an unexpected error of one request must not leave it running
+                logger.exception("scheduled request %s failed", entry.request.id)
+                self._set(entry, "failed", f"{type(error).__name__}: {error}")
             if self._stop.is_set():
                 return  # the next process continues it
         logger.info("scheduled request %s: %s %s", entry.request.id, entry.state, entry.reason)

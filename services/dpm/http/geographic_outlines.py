@@ -109,7 +109,7 @@ class ProductOutlines:
             if location.anchor is None:
                 continue
             in_frame = np.array([outlines[i] for i in indices], dtype=object)
-            # a store may contain such boxes from before they were refused
+            # Boxes farther away are refused today, but an older store may contain them.
             usable = np.abs(shapely.bounds(in_frame)).max(axis=1) <= FARTHEST_BOX_M
             degrees = shapely.transform(in_frame[usable], lambda xy, of=location: of.lonlat(xy)[:, :2])
             is_finite = np.isfinite(shapely.bounds(degrees)).all(axis=1)

@@ -88,7 +88,7 @@ def as_json(
         Query(description="Form of the answer: json or html; of features also jsonfg or gpkg"),
     ] = None,
 ) -> None:
-    """Accept ``f``, which clients of OGC interfaces send; refuse an unknown form."""
+    """Check the parameter ``f`` of OGC clients; an unknown form is refused."""
 
 
 class Conformance(BaseModel):

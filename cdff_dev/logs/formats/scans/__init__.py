@@ -55,6 +55,9 @@ def _is_bundle(path: Path) -> bool:
         return False
     from cdff_common.formats.bundle_problem import looks_like_libmv
 
+    with path.open("rb") as file:
+        if file.read(1) not in (b"v", b"V"):  # a scan is not read whole for this
+            return False
     return looks_like_libmv(path.read_bytes())
 
 

@@ -107,7 +107,7 @@ _SEARCH_BODY = TypeAdapter(SearchBody)
 
 
 def search_body(parameters: PageParameters, **other: Any) -> SearchBody:
-    """Return a search in the URL as a search with a body; raises InputError."""
+    """Return the parameters of a GET search in the form of a POST search; raises InputError."""
     shared = {name: getattr(parameters, name) for name in ("datetime", "limit", "token", "filter")}
     fields = None
     if parameters.fields is not None:

@@ -122,7 +122,7 @@ def check_requests(stage: Stage, count: int) -> Counter[str]:
 
 
 def check_unit_answers(stage: Stage, count: int) -> Counter[str]:
-    """Let the instrument control unit answer demands and queries with mutated bodies."""
+    """Send requests while the instrument control unit answers with mutated bodies; count the outcomes."""
     r, outcomes = random.Random(8), Counter[str]()
     modes = stage.mission.icu.modes("mana")
     event = {"robot": "mana", "confirmed": True, **next(iter(modes["sensors"].values()))}

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from cdff_common.bus import Reply
+from cdff_common.clock import ManualClock
 from cdff_common.errors import (
     CdffError,
     DeadlineError,
@@ -21,8 +22,10 @@ from cdff_common.errors import (
     UnavailableError,
 )
 from cdff_common.interfaces.registry import Registry
+from cdff_common.loops import Loops
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator import schedule, service
+from services.orchestrator.journal import Journal
 from tests.support import orchestrator_mission
 from tests.support.orchestrator_stage import DEM, Stage, provider_of
 
@@ -239,6 +242,30 @@ def test_a_scheduled_request_without_a_plan_is_tried_until_the_end_of_its_window
     stage.mission.icu.recover("minnie", "lidar")
     assert stage.run_until(lambda: scheduled_job(stage, "tried")["state"] == "done", 40.0)
     assert scheduled_job(stage, "stopped")["state"] == "cancelled"
+
+
+def test_a_scheduled_request_that_is_no_longer_valid_ends_as_failed(tmp_path: Path) -> None:
+    record = {"request": "old", "parameters": {"type": "nosuch"}, "scope": "mana", "start_ns": 0}
+    journal = Journal(tmp_path / "journal.jsonl")
+    kept = schedule.Schedule(lambda _: iter(()), lambda _: None, journal, ManualClock(0), Loops())
+    kept.recover([record])
+    assert kept.listed({"mana"}) == []
+    (end,) = journal.records()
+    assert (end["action"], end["state"]) == ("end", "failed")
+    assert "nosuch" in end["reason"]
+    journal.close()
+
+
+def test_an_unexpected_error_ends_a_scheduled_request(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> Any:
+        raise KeyError("simulated")
+
+    monkeypatch.setattr(stage.orchestrator._schedule, "_run_request", fail)
+    now_ns = stage.mission.clock.now_ns()
+    window = {"t0": str(now_ns + 10**9), "t1": str(now_ns + 10**11)}
+    stage.final_answer(stage.send(type="pose", robot="mana", request="broken", **window))
+    assert stage.run_until(lambda: scheduled_job(stage, "broken")["state"] == "failed", 30.0)
+    assert "KeyError" in scheduled_job(stage, "broken")["reason"]
 
 
 def test_a_scheduled_request_is_cancelled_or_refused(stage: Stage) -> None:

@@ -47,7 +47,7 @@ def detected(dfpc: Dfpc, image: DistanceImage) -> Output:
 
 
 def error(T: np.ndarray, T_true: np.ndarray) -> tuple[float, float]:
-    """Return the errors of position, metres, and rotation, degrees."""
+    """Return the position error, metres, and the rotation error, degrees."""
     angle = se3.rotation_angle(T[:3, :3].T @ T_true[:3, :3])
     return float(np.linalg.norm(T[:3, 3] - T_true[:3, 3])), float(np.degrees(angle))
 

@@ -46,7 +46,7 @@ def depth(k: int, rng: np.random.Generator, T: np.ndarray | None = None) -> Samp
 
 
 def poses_of(dfpc: Dfpc, samples: list[Sample]) -> dict[int, Output]:
-    """Return the poses by the number of the image."""
+    """Return the output with the pose of each image, by the number of the image."""
     outputs = [output for sample in samples for output in dfpc.step(sample)] + list(dfpc.finish())
     return {round(output.t1_ns / 1e8): output for output in outputs if output.port == "pose"}
 
