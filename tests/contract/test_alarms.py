@@ -15,7 +15,7 @@ from services.orchestrator.mode_alarms import REMEDIES
 
 ROOT = Path(__file__).resolve().parents[2]
 SECTION = (ROOT / "docs" / "dpm-operation.md").read_text().partition("\n## Alarms")[2].partition("\n## ")[0]
-EXPLANATIONS, _, LISTED_TESTS = SECTION.partition("\nEach is raised by a test:")
+EXPLANATIONS, _, LISTED_TESTS = SECTION.partition("\nEach alarm is raised by a test:")
 KINDS = re.findall(r"^\| `(\w+)` \|", EXPLANATIONS, re.MULTILINE)
 TESTS = dict(re.findall(r"^\| `(\w+)` \| `(test_\w+)` \|$", LISTED_TESTS, re.MULTILINE))
 
