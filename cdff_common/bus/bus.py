@@ -22,7 +22,7 @@ from cdff_common.bus.session import open_client, open_router
 from cdff_common.bus.subscription import Subscription
 from cdff_common.bus.verbs import RPC, VerbTable
 from cdff_common.clock import monotonic_s
-from cdff_common.errors import UnavailableError
+from cdff_common.errors import CdffError, UnavailableError
 from cdff_common.loops import Loops
 from cdff_common.mission_clock import MissionClock
 
@@ -198,11 +198,13 @@ class Bus:
         backlog: int = 64,
         busy_limit_s: float | None = None,
         pool: ThreadPoolExecutor | HandlerPool | None = None,
+        stands_in: bool = False,
     ) -> rpc.CallServer:
         """Answer calls of ``key`` with ``handler`` in a pool of ``workers`` threads, or in ``pool``.
 
         Further ``backlog`` calls wait for a thread, or are paused by their handlers (``pause.Pause``). A call
-        that takes longer than ``busy_limit_s`` is a problem of ``loops``.
+        that takes longer than ``busy_limit_s`` is a problem of ``loops``. A server that ``stands_in`` answers
+        only while no other process serves the prefix of the verb.
         """
         prefix, is_verb, verb = key.partition(RPC)
         session = None if is_verb else self._session
@@ -211,14 +213,16 @@ class Bus:
             rpc.CallServer(session, key, handler, workers, backlog, self._calls, work, pool)
         )
         if is_verb:
-            self._verb_table(prefix).add(verb, server)
+            self._verb_table(prefix, stands_in).add(verb, server)
         return server
 
-    def _verb_table(self, prefix: str) -> VerbTable:
+    def _verb_table(self, prefix: str, stands_in: bool) -> VerbTable:
         with self._lock:
             table = self._verb_tables.get(prefix)
             if table is None:
-                table = VerbTable(self._session, self._calls, prefix, lambda: self._announced)
+                table = VerbTable(
+                    self._session, self._calls, prefix, lambda: self._announced, complete=not stands_in
+                )
                 self._verb_tables[prefix] = table
                 self._declarations.append(table)
         return table
@@ -242,6 +246,16 @@ class Bus:
         with waiting():
             *_, final = self.call_stream(key, parameters, **options)
         return final
+
+    def call_in_background(
+        self,
+        key: str,
+        parameters: Mapping[str, object] | None,
+        on_end: Callable[[Reply | CdffError], None],
+        **options: Unpack[rpc.CallOptions],
+    ) -> None:
+        """Call, and pass the final reply or the error to ``on_end``; see ``rpc.call_in_background``."""
+        rpc.call_in_background(self._session, key, parameters, on_end, **options)
 
     @property
     def zid(self) -> str:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from typing import TypedDict
+from typing import Any, TypedDict, Unpack
 
 import zenoh
 
@@ -44,18 +44,24 @@ logger = logging.getLogger(__name__)
 STOPPING_RETRY_S = 1.0
 #: Time in which a session removes a router whose link is lost, and interval of the checks, seconds.
 _LINK_LOSS_S, _PAUSE_S = 0.2, 0.01
+#: Default timeout of a call, seconds.
+_TIMEOUT_S = 5.0
 
 #: A handler may yield pauses between its replies, see ``pause``.
 Handler = Callable[[Request], Reply | Iterable[Reply | Pause]]
 
 
 class CallOptions(TypedDict, total=False):
-    """Optional arguments of a call: payload with its encoding, attachment and timeout (5 s)."""
+    """Optional arguments of a call: payload with its encoding, attachment and timeout (5 s).
+
+    With ``elsewhere``, servers of the calling process do not answer.
+    """
 
     payload: bytes
     encoding: str
     attachment: bytes
     timeout_s: float
+    elsewhere: bool
 
 
 class CallResources:
@@ -274,11 +280,7 @@ def call_stream(
     session: zenoh.Session,
     key: str,
     parameters: Mapping[str, object] | None,
-    *,
-    payload: bytes = b"",
-    encoding: str = "",
-    attachment: bytes = b"",
-    timeout_s: float = 5.0,
+    **options: Unpack[CallOptions],
 ) -> Iterator[Reply]:
     """Yield the replies to a call as they arrive, the final one last.
 
@@ -295,38 +297,105 @@ def call_stream(
     CdffError
         The class of the error code in the reply.
     """
+    answered = False
+    for item in _get(session, key, parameters, zenoh.handlers.DefaultHandler(), options):
+        reply = _reply_of(item, key, options)
+        answered = True
+        yield reply
+        if reply.final:
+            return
+    raise _no_final_reply(session, key, answered)
+
+
+def call_in_background(
+    session: zenoh.Session,
+    key: str,
+    parameters: Mapping[str, object] | None,
+    on_end: Callable[[Reply | CdffError], None],
+    **options: Unpack[CallOptions],
+) -> None:
+    """Call without a thread that waits: ``on_end`` gets the final reply, or the error of ``call_stream``.
+
+    It is called once, in a thread of Zenoh, which it must not block. Other replies are ignored. Raises
+    InputError or UnavailableError if the call cannot be sent.
+    """
+    answered = False
+    is_over = False
+
+    def end(result: Reply | CdffError) -> None:
+        nonlocal is_over
+        if not is_over:
+            is_over = True
+            on_end(result)
+
+    def take(item: zenoh.Reply) -> None:
+        nonlocal answered
+        answered = True
+        try:
+            reply = _reply_of(item, key, options)
+        except CdffError as error:
+            end(error)
+            return
+        if reply.final:
+            end(reply)
+
+    def finish() -> None:
+        if not is_over:
+            what = _BROKEN_OFF if answered else _NO_SERVICE
+            end(NoAnswerError(f"{key}: {what}"))
+
+    _get(session, key, parameters, zenoh.handlers.Callback(take, finish, indirect=False), options)
+
+
+_BROKEN_OFF = "the answer broke off before the final reply; is the service running?"
+_NO_SERVICE = "no service answers; is the service running?"
+
+
+def _get(
+    session: zenoh.Session,
+    key: str,
+    parameters: Mapping[str, object] | None,
+    handler: Any,
+    options: CallOptions,
+) -> Any:
+    """Send a call; return the object through which its handler delivers the replies."""
     selector = key_argument(key) + (f"?{format_parameters(parameters)}" if parameters else "")
     try:
-        replies = session.get(
+        return session.get(
             selector,
-            payload=payload or None,
-            encoding=encoding_argument(encoding),
-            attachment=attachment or None,
-            timeout=timeout_s,
+            handler,
+            payload=options.get("payload") or None,
+            encoding=encoding_argument(options.get("encoding", "")),
+            attachment=options.get("attachment") or None,
+            timeout=options.get("timeout_s", _TIMEOUT_S),
             consolidation=zenoh.ConsolidationMode.NONE,
             target=zenoh.QueryTarget.BEST_MATCHING,
+            allowed_destination=(
+                zenoh.Locality.REMOTE if options.get("elsewhere") else zenoh.Locality.DEFAULT
+            ),
             priority=zenoh.Priority.INTERACTIVE_HIGH,
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
         )
     except zenoh.ZError as error:
         raise UnavailableError(f"{key} is not called: {error}") from error
-    answered = False
-    for item in replies:
-        if item.ok is None:
-            assert item.err is not None
-            data = item.err.payload.to_bytes()
-            if data == b"Timeout":
-                raise DeadlineError(f"{key}: no final answer within {timeout_s:g} s")
-            raise error_of(unpack(data))
-        sample = item.ok
-        reply_attachment = unpack(sample.attachment.to_bytes()) if sample.attachment is not None else {}
-        answered = True
-        reply = Reply(sample.payload.to_bytes(), str(sample.encoding), reply_attachment, str(sample.key_expr))
-        yield reply
-        if reply.final:
-            return
+
+
+def _reply_of(item: zenoh.Reply, key: str, options: CallOptions) -> Reply:
+    """Return a reply; raises the error that it carries."""
+    if item.ok is None:
+        assert item.err is not None
+        data = item.err.payload.to_bytes()
+        if data == b"Timeout":
+            raise DeadlineError(f"{key}: no final answer within {options.get('timeout_s', _TIMEOUT_S):g} s")
+        raise error_of(unpack(data))
+    sample = item.ok
+    attachment = unpack(sample.attachment.to_bytes()) if sample.attachment is not None else {}
+    return Reply(sample.payload.to_bytes(), str(sample.encoding), attachment, str(sample.key_expr))
+
+
+def _no_final_reply(session: zenoh.Session, key: str, answered: bool) -> NoAnswerError:
+    """Return the error of a call whose replies ended before the final one."""
     if not _has_router(session):
-        raise NoAnswerError(f"{key}: the connection to the router is lost; the call may be repeated")
-    what = "the answer broke off before the final reply" if answered else "no service answers"
-    raise NoAnswerError(f"{key}: {what}; is the service running?")
+        return NoAnswerError(f"{key}: the connection to the router is lost; the call may be repeated")
+    return NoAnswerError(f"{key}: {_BROKEN_OFF if answered else _NO_SERVICE}")

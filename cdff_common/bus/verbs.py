@@ -26,6 +26,8 @@ class VerbTable:
     is_ready : callable
         Returns whether the service has announced itself. Until then an unknown verb is answered with
         UNAVAILABLE, since it may be added later; afterwards with INVALID_ARGUMENT.
+    complete : bool
+        False for a process that answers only while no complete table of another process has the prefix.
     """
 
     def __init__(
@@ -34,12 +36,14 @@ class VerbTable:
         resources: CallResources,
         prefix: str,
         is_ready: Callable[[], bool],
+        *,
+        complete: bool = True,
     ) -> None:
         self._resources = resources
         self._prefix = prefix
         self._is_ready = is_ready
         self._verbs: dict[str, CallServer] = {}
-        self._queryable = session.declare_queryable(f"{prefix}{RPC}**", direct(self._take), complete=True)
+        self._queryable = session.declare_queryable(f"{prefix}{RPC}**", direct(self._take), complete=complete)
 
     def add(self, verb: str, server: CallServer) -> None:
         """Add a verb; ``call/*`` matches every one-chunk name below ``call``."""

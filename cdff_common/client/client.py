@@ -383,7 +383,8 @@ class Client:
         """Raise ProductNotFoundError if an orchestrator runs, but none for this robot."""
         if robot == "any":
             return
-        scopes = {key.split("/")[2] for key in self._bus.alive(keys.alive("*", "orchestrator"))}
+        services = ("orchestrator", "orchestrator_ground")  # the second stands in for that of a robot
+        scopes = {key.split("/")[2] for s in services for key in self._bus.alive(keys.alive("*", s))}
         if keys.GROUND in scopes and robot not in scopes:
             robots = ", ".join(sorted(scopes - {keys.GROUND}))
             raise ProductNotFoundError(f"no robot {robot!r}: expected any or one of {robots}")

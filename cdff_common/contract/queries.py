@@ -39,6 +39,7 @@ from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.raster.cell_selection import Choice, Disagreement, NavigationChoice
 
 Deliver = Literal["auto", "inline", "reference"]
+RequestDeliver = Literal["auto", "inline", "reference", "none"]
 MetricBounds = Annotated[
     tuple[MetricBound, ...],
     BeforeValidator(parse_metric_bounds),
@@ -404,7 +405,9 @@ class RequestParameters(Parameters):
     status: Literal["OK"] | None = Field(None, description="OK: no DEGRADED product")
     as_type: str | None = Field(None, alias="as", description="ASN.1 type of the answer")
     format: str = Field("uper", description="Codec or file format")
-    deliver: Deliver = Field("auto", description="Payload, its id, or the id above 1 MB")
+    deliver: RequestDeliver = Field(
+        "auto", description="Payload, its id, the id above 1 MB, or none: the product stays in the DPM"
+    )
     deadline_ms: Deadline = Field(DEFAULT_DEADLINE_MS, description="Time until the final answer")
     explain: Flag = Field(False, description="Describe the plan without running it")
     every_s: Annotated[Number, Field(ge=0, le=3600)] | None = Field(

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import base64
 import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationInfo, model_validator
 
-from cdff_common.contract.names import NAME, RESERVED_SCOPES, ROBOT_ID
+from cdff_common.contract.names import GROUND, NAME, RESERVED_SCOPES, ROBOT_ID
 from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, rotation_forms, se3
@@ -445,6 +446,9 @@ class Profile(StrictModel):
         Name of the only identity that may publish the mission clock on a secured bus.
     sign : bool
         Products carry a signature by the identity of their producer (``CDFF_IDENTITY``).
+    orchestration : "ground" or "robots"
+        One orchestrator for all, or one for each robot, which works without the ground, and one on the ground,
+        which delegates to them.
     """
 
     name: Name
@@ -458,6 +462,7 @@ class Profile(StrictModel):
     merging: MergingConfig | None = None
     clock: Name = "player"
     sign: bool = False
+    orchestration: Literal["ground", "robots"] = "ground"
 
     @model_validator(mode="after")
     def _robots_are_unique(self, info: ValidationInfo) -> Profile:
@@ -509,6 +514,21 @@ def read_mask(path: Path) -> str:
         raise ConfigurationError(
             f"mask {path}: cannot be read ({error.strerror}), expected an image such as a PNG"
         ) from error
+
+
+def scopes_of(robots: Iterable[str], scope: str) -> tuple[str, ...]:
+    """Return the scopes that a service with ``--scope`` serves: a robot, or all robots and ``ground``."""
+    return (scope,) if scope not in ("", GROUND) else (*robots, GROUND)
+
+
+def profile_of_scope(profile: Profile, scope: str) -> Profile:
+    """Return the part of a profile for a service with ``--scope``; raises ConfigurationError for an unknown one."""
+    if scope in ("", GROUND):
+        return profile
+    if scope not in profile.robot_ids:
+        robots = ", ".join(profile.robot_ids)
+        raise ConfigurationError(f"--scope {scope}: profile {profile.name} has ground and {robots}")
+    return profile.model_copy(update={"robots": (profile.robot(scope),)})
 
 
 def load_profile(path: str | Path, *, complete: bool = False) -> Profile:

@@ -77,6 +77,10 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
                 state.owned.add(parse_provider_id(str(record["dfpc"])))
             elif record["action"] in ("deactivate", "clean_up"):
                 state.owned.discard(parse_provider_id(str(record["dfpc"])))
+        elif kind == "control" and record["action"] == "hand_back":
+            robot = str(record["robot"])
+            state.owned = {p for p in state.owned if p.robot != robot}
+            state.modes = {s for s in state.modes if s.robot != robot}
         elif kind == "schedule":
             _add_schedule(state.scheduled, record)
         elif kind == "mode" and record.get("ok"):

@@ -54,7 +54,7 @@ class ProductRequest:
     accuracy: AccuracyBounds = NO_BOUNDS
     type_name: str = ""  # ASN.1 type to deliver
     format: str = "uper"  # codec or file format
-    deliver: str = "auto"  # ``auto`` (inline up to 1 MB), ``inline`` or ``reference``
+    deliver: str = "auto"  # ``auto`` (inline up to 1 MB), ``inline``, ``reference`` or ``none``
     deadline_s: float = DEFAULT_DEADLINE_MS / 1000  # time until the final reply, seconds
     explain: bool = False  # explain the request instead of executing it
     #: 0 to 9; higher priorities are admitted first and may take sensor modes from lower ones.
@@ -77,6 +77,16 @@ class ProductRequest:
         near = None if self.region is None else self.region.near_frame
         region_frame = self.region_frame if self.region is not None else None
         return frozenset(f for f in (self.frame, self.child, region_frame, near) if f is not None)
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the parameters of this request, from which ``parse_request`` makes an equal one."""
+        description = self.describe()
+        t_ns, t0_ns, t1_ns = (description.pop(name) for name in ("t_ns", "t0_ns", "t1_ns"))
+        description["deadline_ms"] = round(1000 * description.pop("deadline_s"), 3)
+        named = description | {"t": t_ns, "t0": t0_ns, "t1": t1_ns, "progress": str(self.progress).lower()}
+        if not self.is_spatial:
+            del named["region_frame"], named["min_coverage"]
+        return {name: value for name, value in named.items() if value is not None}
 
     def describe(self) -> dict[str, Any]:
         """Return plain data for the journal, job lists and replies."""

@@ -18,7 +18,7 @@ from cdff_common.bus import Bus, Reply, Request, keys
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.contract.queries import FaultParameters, ModeParameters, RobotParameters
 from cdff_common.heartbeat import add_check
-from cdff_common.interfaces.profile import load_profile
+from cdff_common.interfaces.profile import load_profile, profile_of_scope, scopes_of
 from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.process import run_service
 from cdff_core.orchestration.request import parse_robot
@@ -42,15 +42,18 @@ def main(argv: list[str] | None = None) -> int:
         metavar="seed=N,spread=X,refuses=P",
         help="seed, relative spread of the switching times, and probability of refusal",
     )
+    parser.add_argument(
+        "--scope", default="", metavar="ROBOT", help="only the sensors of one robot; default: of all robots"
+    )
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
-        profile = load_profile(args.profile)
+        profile = profile_of_scope(load_profile(args.profile), args.scope)
         with Bus.open(args.connect, name="icu", wait_s=None, stop=stop) as bus:
             faults = Faults.of_text(args.faults)
             unit = SimulatedIcu(profile, lambda robot, event: _publish(bus, robot, event), faults)
-            service = _Service(bus, unit)
-            scopes = (*profile.robot_ids, keys.GROUND)
+            service = _Service(bus, unit, args.scope)
+            scopes = scopes_of(profile.robot_ids, args.scope)
             for scope in scopes:
                 service.serve(scope)
             add_check(bus.loops.problem)
@@ -69,8 +72,8 @@ def main(argv: list[str] | None = None) -> int:
 class _Service:
     """Calls of the unit under each scope; robots may join and leave."""
 
-    def __init__(self, bus: Bus, unit: SimulatedIcu) -> None:
-        self._bus, self._unit = bus, unit
+    def __init__(self, bus: Bus, unit: SimulatedIcu, scope: str) -> None:
+        self._bus, self._unit, self._scope = bus, unit, scope
         self._scopes: set[str] = set()
 
     def serve(self, scope: str) -> None:
@@ -88,6 +91,8 @@ class _Service:
     def set_robot(self, joined: RobotProfile) -> None:
         """Simulate the sensors of a robot that has joined or changed, unless it has a unit of its own."""
         robot = joined.robot.id
+        if self._scope not in ("", robot):
+            return
         token = keys.alive(robot, "icu")
         if not self._bus.has_token(token) and token in self._bus.alive(token):
             logger.info("robot %s has an instrument control unit of its own", robot)

@@ -38,7 +38,7 @@ _GROUND_OFFERS = (
     "*/event/*",
     "*/dpm/**",
     *(f"*/{service}/@rpc/**" for service in ("dpm", "orchestrator", "icu")),
-    *(f"*/@alive/{service}" for service in ("dpm", "orchestrator", "icu")),
+    *(f"*/@alive/{service}" for service in ("dpm", "orchestrator", "orchestrator_ground", "icu")),
     f"{GROUND}/supervisor/@rpc/**",
     f"{GROUND}/@alive/*",
     f"{GROUND}/alarms/*",

@@ -13,7 +13,7 @@ import threading
 from cdff_common.bus import Bus, keys
 from cdff_common.cli import add_connect_option, add_profile_option
 from cdff_common.heartbeat import add_check
-from cdff_common.interfaces.profile import load_profile
+from cdff_common.interfaces.profile import load_profile, profile_of_scope, scopes_of
 from cdff_common.memory import freeze_heap
 from cdff_common.output import make_folder
 from cdff_common.process import cap_threads, data_dir_of, lock_file, run_service
@@ -40,20 +40,31 @@ def main(argv: list[str] | None = None) -> int:
         default=CAPACITY,
         help=f"largest number of open requests; default: {CAPACITY}",
     )
+    parser.add_argument(
+        "--scope",
+        default="",
+        metavar="ROBOT|ground",
+        help="robot of this orchestrator, or ground if the robots have their own; default: all robots and ground",
+    )
     args = parser.parse_args(argv)
 
     def body(stop: threading.Event) -> None:
-        profile = load_profile(args.profile)
+        profile = profile_of_scope(load_profile(args.profile), args.scope)
         load_formats()
         with Bus.open(args.connect, name="orchestrator", wait_s=None, stop=stop) as bus:
-            folder = make_folder(data_dir_of(args.data_dir) / "orchestrator")
+            name = "_".join(("orchestrator", args.scope)) if args.scope else "orchestrator"
+            folder = make_folder(data_dir_of(args.data_dir) / name)
             # Before the journal is opened: the current leader may write it.
             owner = str(ProcessIdentity.own())
             lock_file(
                 folder / "lock", owner, lambda other: f"{folder} belongs to another orchestrator, {other}"
             )
-            claim(bus, profile.robot_ids)
-            orchestrator = Orchestrator(bus, profile, folder / "journal.jsonl", args.capacity)
+            claim(
+                bus, (keys.GROUND,) if args.scope == keys.GROUND else scopes_of(profile.robot_ids, args.scope)
+            )
+            orchestrator = Orchestrator(
+                bus, profile, folder / "journal.jsonl", args.capacity, scope=args.scope
+            )
             add_check(orchestrator.loops.problem)
             add_check(bus.loops.problem)
             alarms, loop = orchestrator.alarms, orchestrator.loops.add("alarms")
@@ -61,7 +72,7 @@ def main(argv: list[str] | None = None) -> int:
                 memory_check(alarms, "orchestrator", memory_budget_mb()),
                 orchestrator.mode_alarms.update,
             )
-            reporter = AlarmReporter(bus, keys.GROUND, "orchestrator", alarms, loop, checks)
+            reporter = AlarmReporter(bus, args.scope or keys.GROUND, "orchestrator", alarms, loop, checks)
             roster = RobotRoster(bus, profile, orchestrator, orchestrator.loops)
             try:
                 orchestrator.start()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cdff_common.client import Answer, Client
 
 #: Kinds of records in the history, and the printed fields.
-AUDIT_KINDS = ("start", "job", "schedule", "lease", "activation", "mode", "decision")
+AUDIT_KINDS = ("start", "job", "schedule", "lease", "activation", "mode", "decision", "control")
 _FIELDS = (
     *("job", "holder", "state", "dfpc", "sensor", "mode", "action", "ok", "providers"),
     *("displaced_by", "no_plan", "reason"),

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.codecs import decode_payload, encode_payload
-from cdff_common.errors import DeadlineError, InputError, ProductNotFoundError
+from cdff_common.errors import DeadlineError, InputError, NoAnswerError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.product import Header
 from services.orchestrator.timing import REAL, Timing
@@ -37,14 +37,28 @@ class StoredProduct:
 
 
 class DpmClient:
-    """Calls of ``dpm/@rpc/…`` under the scope ``ground``; replies do not depend on the scope.
+    """Calls of ``dpm/@rpc/…``; replies do not depend on the scope.
 
     Every method takes its time limit (``until_s``, monotonic seconds) and raises the error of the DPM,
     UnavailableError if it is unreachable, or DeadlineError if no time is left.
+
+    Parameters
+    ----------
+    without_dpm : callable, optional
+        Returns the newest product of a type, and of a child frame, if the DPM is unreachable; None if there is none.
+    scope : str
+        Scope under which the identity of this process may call; default: ground.
     """
 
-    def __init__(self, bus: Bus, timing: Timing = REAL) -> None:
-        self._bus = bus
+    def __init__(
+        self,
+        bus: Bus,
+        timing: Timing = REAL,
+        without_dpm: Callable[[str, str | None], StoredProduct | None] = lambda product, child: None,
+        scope: str = keys.GROUND,
+    ) -> None:
+        self._bus, self._scope = bus, scope
+        self._without_dpm = without_dpm
         self._timing = timing
         self._lock = timing.lock()
         self._values: OrderedDict[str, StoredProduct] = OrderedDict()
@@ -58,7 +72,7 @@ class DpmClient:
             raise DeadlineError("no time left to query the DPM")
         query = {k: v for k, v in parameters.items() if v is not None}
         timeout_s = min(remaining_s, _CALL_S)
-        return self._bus.call(keys.dpm_rpc(keys.GROUND, verb), query, timeout_s=timeout_s, **more)
+        return self._bus.call(keys.dpm_rpc(self._scope, verb), query, timeout_s=timeout_s, **more)
 
     def search(self, until_s: float, **parameters: object) -> list[dict[str, Any]]:
         """Return metadata of products, newest end of capture first."""
@@ -89,6 +103,13 @@ class DpmClient:
             reply = self._call("get", query | {"known": cached and known}, until_s)
         except ProductNotFoundError:
             return None
+        except NoAnswerError:
+            if {name for name, value in query.items() if value is not None} - {"robot", "type", "child"}:
+                raise
+            substitute = self._without_dpm(str(query["type"]), parameters.get("child"))  # type: ignore[arg-type]
+            if substitute is None:
+                raise
+            return substitute
         if cached is not None and reply.attachment.get("kind") == "reference":
             return cached
         stored = self._kept(_stored(reply, robot))

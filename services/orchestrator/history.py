@@ -38,10 +38,20 @@ class HistoryForwarder:
     origin : str
         Name of this journal in the history.
     timing : Timing, optional
+    scope : str
+        Scope under which the identity of this process may call the DPM; default: ground.
     """
 
-    def __init__(self, bus: Bus, journal: Journal, origin: str, loops: Loops, timing: Timing = REAL) -> None:
-        self._bus = bus
+    def __init__(
+        self,
+        bus: Bus,
+        journal: Journal,
+        origin: str,
+        loops: Loops,
+        timing: Timing = REAL,
+        scope: str = keys.GROUND,
+    ) -> None:
+        self._bus, self._scope = bus, scope
         self._journal = journal
         self._origin = origin
         self._timing = timing
@@ -120,7 +130,7 @@ class HistoryForwarder:
     def _call(self, batch: list[dict[str, Any]]) -> int:
         """Send entries; return the number of the last acknowledged entry."""
         body = pack({"origin": self._origin, "entries": batch})
-        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), payload=body, timeout_s=_TIMEOUT_S)
+        reply = self._bus.call(keys.dpm_rpc(self._scope, "history"), payload=body, timeout_s=_TIMEOUT_S)
         try:
             return int(reply.body()["last"])
         except (CodecError, KeyError, TypeError, ValueError) as error:

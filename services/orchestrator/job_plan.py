@@ -12,6 +12,7 @@ from cdff_core.orchestration.acceptance import Assessment
 from cdff_core.orchestration.lifecycle import JobState
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.world import ProviderId
+from services.orchestrator.delegations import Delegations
 from services.orchestrator.exclusions import Exclusions
 from services.orchestrator.jobs import Job, JobRegistry
 from services.orchestrator.journal import Journal
@@ -53,6 +54,7 @@ class JobPlan:
     jobs: JobRegistry
     journal: Journal
     clock: Clock
+    delegations: Delegations | None = None
     plan: Plan | None = None
     impossible: str = ""
     held_fraction: float | None = None
@@ -198,6 +200,8 @@ class JobPlan:
         """Replace the lease of the job by the needs of a plan."""
         job = self.job
         self.state.hold(job.id, plan, job.request.priority)
+        if self.delegations is not None:
+            self.delegations.hold(job, plan)
         providers = [str(m) for m in plan.order]
         # A loss of power ends the DFPCs, too.
         self.journal.append("lease", durable=False, action="acquire", holder=job.id, providers=providers)

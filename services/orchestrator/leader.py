@@ -53,9 +53,8 @@ class ProcessIdentity:
         return f"process {self.pid} on {self.host} since {format_stamp(self.since_ns)}"
 
 
-def claim(bus: Bus, robots: tuple[str, ...]) -> ProcessIdentity:
-    """Claim the lead of some robots; raises UnavailableError naming the current leader."""
-    scopes = (*robots, keys.GROUND)
+def claim(bus: Bus, scopes: tuple[str, ...]) -> ProcessIdentity:
+    """Claim the lead of some scopes; raises UnavailableError naming the current leader."""
     own = ProcessIdentity.own()
     for scope in scopes:
         bus.declare_token(keys.lead(scope, own.name))

@@ -57,7 +57,7 @@ class Reconciler:
         self._version, self._wait_s = -1, 0.0
         self._stop = timing.event()
         self._lock = timing.lock()
-        self._busy: set[object] = set()
+        self._busy: set[ProviderId | SensorId] = set()
         self._pool = timing.pool(_WORKERS, "control")
         self._thread: threading.Thread | None = None
 
@@ -72,6 +72,11 @@ class Reconciler:
         if self._thread is not None:
             self._thread.join(timeout=2.0)
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def is_acting_on(self, robot: str) -> bool:
+        """Return True while an action for a robot is executed."""
+        with self._lock:
+            return any(subject.robot == robot for subject in self._busy)
 
     def _run(self) -> None:
         self._loop.run(self._wait, self._submit_actions)

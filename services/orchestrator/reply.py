@@ -169,7 +169,7 @@ class ReplyBuilder:
             summary["frame_covariance"] = moved_by.covariance.tolist()
         attachment = {
             **header.to_dict(),
-            "kind": "reference" if inline is None else "product",
+            "kind": _kind(request, inline),
             "robot": robot,
             "job": job,
             "request": request.id,
@@ -179,6 +179,8 @@ class ReplyBuilder:
         }
         if inline is not None:
             return Reply(*inline, {**attachment, "sha256": form.sha256})
+        if request.deliver == "none":
+            return Reply(b"", "", attachment)
         file_format = request.format if product.type_name != _TOO_LARGE else "tif"
         body = {
             "id": header.id,
@@ -197,6 +199,11 @@ class ReplyBuilder:
         def lookup(parent: str, child: str, t_ns: int) -> UncertainTransform:
             return self.dpm.pose(match.candidate.robot, parent, child, t_ns, until_s)
 
+        if request.deliver == "none":
+            native = product_type(request.product).types[0]
+            return DeliveredForm(
+                ConvertedProduct(match.value, native, match.frame, match.child), match.sources[0], None, ""
+            )
         product = converted(request, match, lookup)
         native = product_type(request.product).types[0]
         is_unconverted = product.type_name == native and product.frame == match.frame and not product.reasons
@@ -242,6 +249,13 @@ class ReplyBuilder:
             )
         self.dpm.put(header, t.value, robot, request.product, until_s)
         return header
+
+
+def _kind(request: ProductRequest, inline: tuple[bytes, str] | None) -> str:
+    """Return the kind of a final reply."""
+    if inline is not None:
+        return "product"
+    return "stored" if request.deliver == "none" else "reference"
 
 
 def _type_difference(request: ProductRequest, t: ConvertedProduct, delivered_type: str) -> str:

@@ -19,6 +19,7 @@ from cdff_common.errors import CdffError, DeadlineError, UnavailableError
 from cdff_core.orchestration.acceptance import Assessment
 from cdff_core.orchestration.lifecycle import FINAL_STATES, JobState
 from cdff_core.orchestration.request import ProductRequest
+from services.orchestrator.delegations import Delegations
 from services.orchestrator.job_plan import JobPlan
 from services.orchestrator.jobs import Job, JobRegistry
 from services.orchestrator.journal import Journal
@@ -126,6 +127,7 @@ class RequestFlow:
     journal: Journal
     clock: Clock
     timing: Timing = REAL
+    delegations: Delegations | None = None
     _shared: SharedQueries = field(init=False)
 
     def __post_init__(self) -> None:
@@ -159,6 +161,8 @@ class RequestFlow:
             if job.plan is not None:
                 self.journal.append("lease", durable=False, action="release", holder=job.id, providers=[])
                 self.state.release(job.id)
+                if self.delegations is not None:
+                    self.delegations.release(job.id)
 
     def _start(self, job: Job) -> _RequestRun:
         deadline_s = job.request.deadline_s
@@ -173,6 +177,7 @@ class RequestFlow:
             jobs=self.jobs,
             journal=self.journal,
             clock=self.clock,
+            delegations=self.delegations,
         )
         return _RequestRun(job, robots, margin_s, plan)
 

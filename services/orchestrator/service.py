@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -22,12 +22,15 @@ from cdff_common.contract.queries import (
     RobotParameters,
 )
 from cdff_common.errors import CdffError, ProductNotFoundError
-from cdff_common.interfaces.profile import Profile
+from cdff_common.interfaces.profile import Profile, profile_of_scope, scopes_of
 from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import recover
 from cdff_core.orchestration.request import ProductRequest, parse_request, parse_robot, requested_type
 from services.alarms import Alarms
+from services.orchestrator.bus_products import BusProducts
+from services.orchestrator.control import Control, parse_hand_over, record_changes
+from services.orchestrator.delegations import Delegations
 from services.orchestrator.dpm import DpmClient
 from services.orchestrator.history import HistoryForwarder
 from services.orchestrator.jobs import JobRegistry
@@ -57,16 +60,23 @@ _REQUEST_THREADS, _CALL_THREADS = 16, 8
 _RUNNING = 4
 #: Additional calls of requests: refusals, explanations and requests that displace a job.
 _EXTRA_CALLS = 32
+#: Longest wait for an orchestrator of a robot, seconds.
+_ELSEWHERE_S = 1.0
 #: Longest wait for the end of the open requests when the process stops, seconds.
 _STOP_S = 1.0
 #: Size above which the journal is compacted at the start, bytes.
 _COMPACTION_BYTES = 16 << 20
 
 
+#: Service in the liveliness tokens of the scopes in which the ground stands in for the robots' own orchestrators.
+STAND_IN = "orchestrator_ground"
+
+
 class Orchestrator:
     """Service ``request jobs cancel renew catalogue stat`` for every robot of a profile and for ``ground``.
 
-    Further robots may join and leave; it is a ``RosterListener``.
+    Further robots may join and leave; it is a ``RosterListener``. With a scope it is one of several: see
+    ``control``.
 
     Parameters
     ----------
@@ -77,6 +87,9 @@ class Orchestrator:
         Largest number of open requests; further ones are refused as OVERLOADED.
     timing : Timing, optional
         Time and threads; default: those of the system.
+    scope : str
+        ``ground`` for the orchestrator of a ground whose robots have their own, the id of a robot for one of those;
+        empty for the only orchestrator.
 
     Attributes
     ----------
@@ -85,9 +98,17 @@ class Orchestrator:
     """
 
     def __init__(
-        self, bus: Bus, profile: Profile, journal_path: Path, capacity: int = CAPACITY, timing: Timing = REAL
+        self,
+        bus: Bus,
+        profile: Profile,
+        journal_path: Path,
+        capacity: int = CAPACITY,
+        timing: Timing = REAL,
+        scope: str = "",
     ) -> None:
         self._bus = bus
+        self._scope = scope
+        profile = profile_of_scope(profile, scope)
         self._ground_robots = profile.robot_ids
         self._scopes: set[str] = set()
         self._capacity = capacity
@@ -100,12 +121,28 @@ class Orchestrator:
         self._state = SystemState(profile, timing)
         self._jobs = JobRegistry(self._journal, capacity, timing=timing)
         scheduled = self._recover()
-        clock, dpm = bus.mission_clock, DpmClient(bus, timing)
+        own_scope = scope or keys.GROUND
+        dpm, self._bus_products = DpmClient(bus, timing), None
+        if own_scope != keys.GROUND:
+            self._bus_products = BusProducts(bus, scope, self._state)
+            dpm = DpmClient(bus, timing, self._bus_products.newest, scope)
+        clock = bus.mission_clock
+        self._delegations = (
+            Delegations(bus, self._state, self.loops, timing) if scope == keys.GROUND else None
+        )
         finder = ProductFinder(dpm, clock, lambda: self._state.profile)
         self._planning = RequestPlanner(self._state, finder, clock, timing)
         reply_builder = ReplyBuilder(dpm, clock)
         self._flow = RequestFlow(
-            self._state, finder, self._planning, reply_builder, self._jobs, self._journal, clock, timing
+            self._state,
+            finder,
+            self._planning,
+            reply_builder,
+            self._jobs,
+            self._journal,
+            clock,
+            timing,
+            self._delegations,
         )
         self._schedule = Schedule(
             self._flow.run, lambda job: self._jobs.get(job).cancel(), self._journal, clock, self.loops, timing
@@ -113,15 +150,27 @@ class Orchestrator:
         self._schedule.recover(scheduled)
         self._monitor = SystemMonitor(bus, self._state, self.loops, timing)
         self._reconciler = Reconciler(bus, self._state, self._journal, self.loops, self.mode_alarms, timing)
+        self._control = (
+            None
+            if self._delegations is None
+            else Control(
+                bus, self._state, self._reconciler, self._delegations, self._journal, self.loops, timing
+            )
+        )
         # Two orchestrators of a mission serve different robots: each has its own history.
-        origin = "orchestrator/" + profile.robot_ids[0]
-        self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing)
+        origin = "orchestrator/" + (scope or profile.robot_ids[0])
+        self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing, own_scope)
         self._request_pool = HandlerPool(_REQUEST_THREADS, _RUNNING, "request")
         self._call_pool = ThreadPoolExecutor(_CALL_THREADS, thread_name_prefix="call")
 
     def start(self) -> None:
         """Start all parts; the liveliness tokens come last, when the service is ready."""
-        scopes = (*self._ground_robots, keys.GROUND)
+        scopes = scopes_of(self._ground_robots, self._scope)
+        if self._control is not None and self._delegations is not None:
+            self._delegations.start()
+            self._control.start()
+        if self._bus_products is not None:
+            self._bus_products.start()
         self._monitor.start()
         self._reconciler.start()
         self._history.start()
@@ -129,11 +178,20 @@ class Orchestrator:
         for scope in scopes:
             self._serve(scope)
         for scope in scopes:
-            self._bus.declare_alive(scope, "orchestrator")
+            self._bus.declare_alive(scope, self._service_of(scope))
         logger.info("orchestrating %s", ", ".join(self._ground_robots))
+
+    def _stands_in(self, scope: str) -> bool:
+        """Return True if the orchestrator of a robot has precedence in its scope."""
+        return self._scope == keys.GROUND and scope != keys.GROUND
+
+    def _service_of(self, scope: str) -> str:
+        """Return the service in the liveliness token of a scope."""
+        return STAND_IN if self._stands_in(scope) else "orchestrator"
 
     def _serve(self, scope: str) -> None:
         self._scopes.add(scope)
+        stands_in = self._stands_in(scope)
         # Further calls are answered with OVERLOADED at once, not after the deadline.
         self._bus.serve(
             keys.orchestrator_rpc(scope, "request"),
@@ -141,15 +199,20 @@ class Orchestrator:
             workers=_REQUEST_THREADS,
             backlog=self._capacity + _EXTRA_CALLS,
             pool=self._request_pool,
+            stands_in=stands_in,
         )
-        for verb, handler in {
+        handlers = {
             "jobs": self._on_jobs,
             "cancel": self._on_cancel,
             "renew": self._on_renew,
             "catalogue": self._on_catalogue,
             "stat": self._on_stat,
-        }.items():
-            self._bus.serve(keys.orchestrator_rpc(scope, verb), handler, pool=self._call_pool)
+        }
+        if self._scope == scope != keys.GROUND:
+            handlers["hand_over"] = self._on_hand_over
+        for verb, handler in handlers.items():
+            key = keys.orchestrator_rpc(scope, verb)
+            self._bus.serve(key, handler, pool=self._call_pool, stands_in=stands_in)
 
     def set_robot(self, joined: RobotProfile) -> None:
         """Orchestrate a robot that has joined, or another revision of its profile.
@@ -162,19 +225,23 @@ class Orchestrator:
             If another orchestrator leads the robot.
         """
         robot = joined.robot.id
-        if robot not in self._ground_robots:
+        if self._scope not in ("", keys.GROUND, robot):
+            return  # it has an orchestrator of its own
+        if robot not in self._ground_robots and self._control is None:
             claim_robot(self._bus, robot)
+        if self._control is not None and robot not in self._scopes:
+            self._control.follow(robot)
         self._state.set_robot(joined)
         if robot not in self._scopes:
             self._serve(robot)
         self._monitor.follow(robot)
         if robot not in self._ground_robots:
-            self._bus.declare_alive(robot, "orchestrator")
+            self._bus.declare_alive(robot, self._service_of(robot))
 
     def remove_robot(self, robot: str) -> None:
         """Stop planning with a robot that has left; its scope answers, and its stored products are served."""
         self._state.remove_robot(robot)
-        self._bus.withdraw_token(keys.alive(robot, "orchestrator"))
+        self._bus.withdraw_token(keys.alive(robot, self._service_of(robot)))
 
     def close(self) -> None:
         """End the open requests as retriable and stop; active DFPCs stay active, and the next orchestrator
@@ -183,6 +250,9 @@ class Orchestrator:
         self._schedule.close()
         self._jobs.stop(_STOP_S)
         self._request_pool.close()
+        if self._control is not None and self._delegations is not None:
+            self._control.close()
+            self._delegations.close()
         self._reconciler.close()
         self._monitor.close()
         self._history.close()
@@ -235,15 +305,34 @@ class Orchestrator:
     def _on_jobs(self, call: Request) -> Reply:
         p = JobsParameters.parse(call.parameters)
         if p.job is not None:
-            return Reply.of({"jobs": [self._job(p.job)]})
+            try:
+                return Reply.of({"jobs": [self._job(p.job)]})
+            except ProductNotFoundError as error:
+                return self._answer_elsewhere(call, error)
         robots = self._robots(call)
-        return Reply.of(
-            {
-                "jobs": self._jobs.listed(robots, p.limit),
-                "scheduled": self._schedule.listed(robots),
-                "leases": self._state.leases(),
-            }
-        )
+        jobs, scheduled = self._jobs.listed(robots, p.limit), self._schedule.listed(robots)
+        for body in self._answers_elsewhere("jobs", {"limit": p.limit}, robots):
+            jobs += [job for job in body["jobs"] if job["request"].get("deliver") != "none"]
+            scheduled += body["scheduled"]
+        return Reply.of({"jobs": jobs[: p.limit], "scheduled": scheduled, "leases": self._state.leases()})
+
+    def _answers_elsewhere(
+        self, verb: str, parameters: Mapping[str, object], robots: Iterable[str]
+    ) -> Iterator[dict[str, Any]]:
+        """Yield the answers of the orchestrators that control some robots; those out of contact are omitted."""
+        for robot in sorted(robots):
+            if not self._state.controls(robot):
+                with suppress(CdffError):
+                    key = keys.orchestrator_rpc(robot, verb)
+                    yield self._bus.call(key, parameters, timeout_s=_ELSEWHERE_S, elsewhere=True).body()
+
+    def _answer_elsewhere(self, call: Request, error: ProductNotFoundError) -> Reply:
+        """Return the answer of the orchestrator that has a job; raises ``error`` if none does."""
+        verb = call.key.rsplit("/", 1)[1]
+        parameters = {name: value for name, value in call.parameters.items() if name != "robot"}
+        for body in self._answers_elsewhere(verb, parameters, self._robots(call)):
+            return Reply.of(body)
+        raise error
 
     def _job(self, job: str) -> dict[str, Any]:
         """Return a scheduled request, or a job, as plain data."""
@@ -257,14 +346,28 @@ class Orchestrator:
         with suppress(ProductNotFoundError):
             scheduled = self._schedule.cancel(job_id)
             return Reply.of({"job": job_id, "state": scheduled.state})
-        job = self._jobs.get(job_id)
+        try:
+            job = self._jobs.get(job_id)
+        except ProductNotFoundError as error:
+            return self._answer_elsewhere(call, error)
         job.cancel()
         return Reply.of({"job": job.id, "state": str(job.state)})
 
     def _on_renew(self, call: Request) -> Reply:
         p = RenewParameters.parse(call.parameters)
-        job = self._jobs.renew(p.job, p.deadline_ms / 1000)
+        try:
+            job = self._jobs.renew(p.job, p.deadline_ms / 1000)
+        except ProductNotFoundError as error:
+            return self._answer_elsewhere(call, error)
         return Reply.of({"job": job.id, "remaining_s": round(job.remaining_s(), 3)})
+
+    def _on_hand_over(self, call: Request) -> Reply:
+        """Take the DFPCs and sensors over that the ground has switched in the absence of this process."""
+        call.check_no_parameters()
+        owned, sensors = parse_hand_over(call.body(), self._scope)
+        record_changes(self._journal, owned, sensors, "handed over")
+        self._state.recover(owned, sensors)
+        return Reply.of({"robot": self._scope, "owned": len(owned), "sensors": len(sensors)})
 
     def _on_catalogue(self, call: Request) -> Reply:
         p = CatalogueParameters.parse(call.parameters)

@@ -134,6 +134,7 @@ class SystemState:
         self._linger_s: dict[ProviderId, float] = {}
         self._leases = Leases(self._linger_s)
         self._left: set[str] = set()
+        self._elsewhere: set[str] = set()
         self._absent: set[ProviderId] = set()
         for robot in profile.robots:
             self._add_dfpcs(robot)
@@ -206,6 +207,27 @@ class SystemState:
         self._leases.remove_robot(robot)
         self._absent.update(providers)
 
+    # -- control of robots
+
+    def controls(self, robot: str) -> bool:
+        """Return True if this orchestrator controls a robot; otherwise the robot's own one does."""
+        with self._changed:
+            return robot not in self._elsewhere
+
+    def set_control(self, robot: str, controlled: bool) -> None:
+        """Begin or end the control of a robot: only then are its DFPCs and sensors switched."""
+        with self._change(robot):
+            (self._elsewhere.discard if controlled else self._elsewhere.add)(robot)
+
+    def take_changes(self, robot: str) -> tuple[set[ProviderId], set[SensorId]]:
+        """Return the owned DFPCs and changed sensors of a robot, which become those of its next owner."""
+        with self._changed:
+            owned = {p for p in self._observed.owned if p.robot == robot}
+            sensors = {s for s in self._changed_modes if s.robot == robot}
+            self._observed.owned -= owned
+            self._changed_modes -= sensors
+            return owned, sensors
+
     # -- change signal
 
     def notify(self, *robots: str) -> None:
@@ -256,6 +278,12 @@ class SystemState:
             return frozenset(
                 str(o["product"]) for o in self._descriptions[provider]["outputs"] if o["product"]
             )
+
+    def product_of(self, provider: ProviderId, port: str) -> str:
+        """Return the product of an output port; empty if it has none, or there is no such DFPC."""
+        with self._changed:
+            outputs = self._descriptions.get(provider, {}).get("outputs", ())
+            return next((str(o["product"]) for o in outputs if o["port"] == port), "")
 
     def set_description(self, provider: ProviderId, description: Mapping[str, Any]) -> None:
         """Record the description reported by a DFPC."""
@@ -367,12 +395,13 @@ class SystemState:
             self._changed_modes.add(sensor)
 
     def recover(self, owned: Iterable[ProviderId], changed_modes: Iterable[SensorId]) -> None:
-        """Record the DFPCs and modes that an earlier process changed; its DFPCs of the profile linger."""
+        """Record the DFPCs and modes that another process changed; its DFPCs of the profile linger."""
         sensors = {SensorId(robot.id, name) for robot in self.profile.robots for name in robot.sensors}
+        owned = set(owned)
         with self._change():
-            self._observed.owned |= set(owned)
+            self._observed.owned |= owned
             self._changed_modes |= sensors.intersection(changed_modes)
-            self._leases.acquire("restart", self._observed.owned & self._descriptions.keys(), {})
+            self._leases.acquire("restart", owned & self._descriptions.keys(), {})
             self._leases.release("restart", self._timing.now_s())
 
     def add_failure(self, subject: ProviderId | SensorId, reason: str) -> None:
@@ -437,20 +466,25 @@ class SystemState:
         """Return the due actions, and the time of the next call if nothing changes (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
-            expired = self._leases.expire(now_s, self._observed.active)
+            # A process that is not observed yet, after a restart of this one, may be active.
+            unknown = self._descriptions.keys() - self._observed.alive
+            expired = self._leases.expire(now_s, self._observed.active | unknown)
             refusals = self._refusals(now_s)
             self._leases.avoid(refusals)
             if expired or refusals:
                 self._worlds.clear(())
             o = self._observed
-            world = self.world(
-                optimistic=True, robots={p.robot for p in self._leases.wanted | o.active | o.owned}
-            )
-            sources = {m: s for m in self._leases.wanted if (s := self._leases.chosen_sources(m))}
+            wanted = {p for p in self._leases.wanted if p.robot not in self._elsewhere}
+            world = self.world(optimistic=True, robots={p.robot for p in wanted | o.active | o.owned})
+            sources = {m: s for m in wanted if (s := self._leases.chosen_sources(m))}
             upstream = upstream_providers(world, sources)
             actions = next_actions(
-                wanted=dependency_order(sorted(self._leases.wanted), upstream),
-                wanted_modes={**self._idle_modes(world), **self._leases.wanted_modes()},
+                wanted=dependency_order(sorted(wanted), upstream),
+                wanted_modes={
+                    s: mode
+                    for s, mode in {**self._idle_modes(world), **self._leases.wanted_modes()}.items()
+                    if s.robot not in self._elsewhere
+                },
                 uses=sensors_used(world, sources),
                 upstream=upstream,
                 observed=self._observed,
@@ -472,10 +506,10 @@ class SystemState:
 
     def _idle_modes(self, world: World) -> dict[SensorId, str]:
         """Return the initial modes of changed sensors without a lease that no other active DFPC uses."""
-        unwanted = self._observed.active - self._leases.wanted
-        wired = {p: self._observed.wired[p] for p in unwanted if self._observed.wired.get(p)}
+        users = {p for p in self._observed.active | self._leases.wanted if not self._leases.holders(p)}
+        wired = {p: self._observed.wired[p] for p in users if self._observed.wired.get(p)}
         sensors = sensors_used(world, wired)
-        sensors_in_use = {s for p in unwanted & sensors.keys() for s in sensors[p]}
+        sensors_in_use = {s for p in users & sensors.keys() for s in sensors[p]}
         return {
             s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode
             for s in self._changed_modes - sensors_in_use - self._leases.wanted_modes().keys()

@@ -105,6 +105,7 @@ def plan(
             own = environment | {VARIABLE: str(Identity.read(secrets / tokens[0][0]).folder)}
         return ProcessSpec(name, (sys.executable, "-m", module, *arguments), own, tokens)
 
+    scope_of_ground = ("--scope", GROUND) if profile.orchestration == "robots" else ()
     uplink_arguments = ("--uplink", uplink) if uplink else ()
     specs = [
         spec("router", "services.router", "--scope", host, *uplink_arguments, tokens=((host, "router"),))
@@ -112,13 +113,20 @@ def plan(
     if GROUND in selected_scopes:
         specs += [
             spec("dpm", "services.dpm", "--http", http, *dpm_options, tokens=((GROUND, "dpm"),)),
-            spec("orchestrator", "services.orchestrator", tokens=((GROUND, "orchestrator"),)),
-            spec("icu", "services.icu", tokens=((GROUND, "icu"),)),
+            spec(
+                "orchestrator", "services.orchestrator", *scope_of_ground, tokens=((GROUND, "orchestrator"),)
+            ),
         ]
+        if not scope_of_ground:
+            specs.append(spec("icu", "services.icu", tokens=((GROUND, "icu"),)))
         if profile.merging is not None:
             specs.append(spec("map_merging", "services.map_merging", tokens=((GROUND, "map_merging"),)))
     for robot in profile.robots:
         if robot.id in selected_scopes:
+            for service in ("orchestrator", "icu") if scope_of_ground else ():
+                own = ("--scope", robot.id)
+                token = ((robot.id, service),)
+                specs.append(spec(f"{robot.id}_{service}", f"services.{service}", *own, tokens=token))
             for gateway, settings in _gateway_settings(robot, profile_path).items():
                 options = ("--robot", robot.id, "--settings", str(settings))
                 own_token = ((robot.id, gateway),)

@@ -107,6 +107,21 @@ def test_no_container_runs_as_root() -> None:
             assert user == "cdff", stage
 
 
+def test_the_override_for_several_orchestrators_has_one_for_each_robot_and_one_on_the_ground() -> None:
+    override = yaml.safe_load((ROOT / "docker-compose.orchestrators.yml").read_text(encoding="utf-8"))[
+        "services"
+    ]
+    scopes = {name: service["command"][-1] for name, service in override.items()}
+    assert scopes == {"orchestrator": "ground"} | {
+        f"{robot}_orchestrator": robot for robot in PROFILE.robot_ids
+    }
+    for robot in PROFILE.robot_ids:
+        own, ground = override[f"{robot}_orchestrator"], SERVICES["orchestrator"]
+        assert own["healthcheck"]["test"][-1] == f"{robot}/orchestrator"
+        for name in ("build", "image", "volumes", "depends_on", "environment", "restart"):
+            assert own[name] == ground[name], name
+
+
 SECURED: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.secure.yml").read_text(encoding="utf-8"))
 
 

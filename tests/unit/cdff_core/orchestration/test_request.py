@@ -96,6 +96,21 @@ def test_every_product_can_be_requested_in_every_codec(product: str) -> None:
         assert parse_request({"type": product, "format": codec}, "mana").format == codec
 
 
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"type": "pose", "t": "1700000000000001000", "child": "mana/lidar", "status": "OK"},
+        {"type": "dem", "region": "near:mana/base,3", "min_coverage": "0.25", "every_s": "0.5"},
+        {"type": "pointcloud", "deliver": "none", "max_age_s": "2.5", "progress": "false", "priority": "9"},
+        {"type": "track", "t0": "1000", "t1": "2000", "max_sigma_m": "0.1", "covariance_kind": "formal"},
+    ],
+)
+def test_the_parameters_of_a_request_make_an_equal_request(parameters: dict[str, str]) -> None:
+    request = parse_request({"deadline_ms": "1234.5", **parameters}, "mana")
+    again = parse_request({name: str(value) for name, value in request.parameters().items()}, "ground")
+    assert again == request
+
+
 def test_a_description_of_a_request_is_plain_data() -> None:
     description = parse_request({"type": "dem", "region": "near:mana/base,5"}, "mana").describe()
     assert description["region"] == "near:mana/base,5"

@@ -38,6 +38,21 @@ def test_a_robot_with_its_own_machine_has_its_own_router_linked_to_the_ground() 
     assert "--uplink" not in ground[0].argv
 
 
+def test_each_robot_of_a_profile_with_several_orchestrators_has_one_and_a_control_unit() -> None:
+    profile = load_profile(PROFILE).model_copy(update={"orchestration": "robots"})
+
+    def names(*scopes: str) -> dict[str, tuple[str, ...]]:
+        specs = plan(profile, PROFILE, connect="tcp/a:1", http="b:2", data_dir=Path("data"), scopes=scopes)
+        return {s.name: s.argv[3:] for s in specs}
+
+    ground, mana = names("ground"), names("mana")
+    assert ground["orchestrator"] == ("--scope", "ground")
+    assert "icu" not in ground
+    assert list(mana) == ["router", "mana_orchestrator", "mana_icu", *ROVERS[:2]]
+    assert mana["mana_orchestrator"] == mana["mana_icu"] == ("--scope", "mana")
+    assert len(names()) == len(GROUND) - 1 + 4 + len(ROVERS)
+
+
 def test_an_unknown_scope_is_refused() -> None:
     with pytest.raises(
         ConfigurationError, match="scope 'manna': profile two_rovers has ground, mana, minnie"
