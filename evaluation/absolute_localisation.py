@@ -241,7 +241,7 @@ def mola(path: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 def mola_covariance(
     globe: np.ndarray, progress: Callable[[str], None], shifts: int = SHIFTS
 ) -> tuple[dict[str, Any], dict[str, list[float]]]:
-    """Return a summary and the squared errors (two degrees of freedom) of the DFPC on two plain grids."""
+    """Return a summary, and the NEES (2 degrees of freedom) of each answer, on two plain grids."""
     dfpc = Registry.default().make_dfpc("absolute_localisation")
     figures: dict[str, Any] = {}
     all_squared: dict[str, list[float]] = {}
@@ -349,7 +349,7 @@ def table(figures: dict[str, Any]) -> str:
         f"cells; within 0.2 cells {rate_text(figures['mola']['within_0.2_cells'])}.",
         "",
         "| two grids of MOLA | answered | false | error median, 95 %, maximum "
-        "| squared error mean, median (2 expected) |",
+        "| NEES, mean and median (2 expected) |",
         "|---" * 5 + "|",
     ]
     rows = figures["mola_covariance"] | {
@@ -367,7 +367,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     """Return the rows of the table of results on real sensors."""
     return [
         RealRow(
-            f"{name}, squared error by covariance (2 expected)",
+            f"{name}, NEES of the horizontal position (2 expected)",
             "",
             str(row["squared_error"]),
             "",

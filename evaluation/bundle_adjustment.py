@@ -76,7 +76,7 @@ def compare_solvers(problem: BundleProblem) -> dict[str, Any]:
 
 
 def consistency(trials: int) -> dict[str, Any]:
-    """Return the mean squared error relative to the stated covariance of poses and points; 1 is expected.
+    """Return the NEES of poses and points, divided by its expected value, so that 1 is expected.
 
     Two cameras are fixed at their true poses, so that errors and covariances have the same gauge.
     """
@@ -137,7 +137,7 @@ def draw(figures: dict[str, Any]) -> bytes:
         [
             Panel("cost / lowest cost", names, ratios, 1.01),
             Panel("CPU s", names, times, 1.1 * top),
-            Panel("squared error / covariance, 1 expected", ["poses", "points"], {"cdff": nees}, 2.0),
+            Panel("NEES / expected value", ["poses", "points"], {"cdff": nees}, 2.0),
         ]
     )
 
@@ -157,7 +157,7 @@ def table(figures: dict[str, Any]) -> str:
     for quantity in ("poses", "points"):
         r = figures["covariances"][quantity]
         lines.append(
-            f"Squared error of {quantity} over stated covariance: {r['mean']} ({r['low']} to {r['high']}) of "
-            f"the expected value, {figures['covariances']['trials']} simulated rings of 8 cameras."
+            f"NEES of the {quantity} divided by its expected value: {r['mean']} (95 %: {r['low']} to "
+            f"{r['high']}), from {figures['covariances']['trials']} simulated rings of 8 cameras."
         )
     return "\n".join(lines)

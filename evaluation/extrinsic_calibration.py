@@ -106,7 +106,7 @@ def table(figures: dict[str, Any]) -> str:
     """Return the table of the directions."""
     lines = [
         "| sensor | direction | drives that determine it | error, RMS | stated, median "
-        "| squared error / variance | largest error |",
+        "| mean NEES (1 expected) | largest error |",
         "|---|---|---|---|---|---|---|",
     ]
     for sensor, directions in figures["sensors"].items():

@@ -31,7 +31,7 @@ PAIRS = (60, 120, 300, 900)
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return the squared errors relative to the stated covariances (simulated data)."""
+    """Return the NEES per degree of freedom of each model (simulated data)."""
     cv2.setNumThreads(1)
     progress(f"feature_matching_models: {TRIALS} trials")
     return model_consistency(TRIALS)
@@ -158,7 +158,10 @@ def _ratio(values: list[float]) -> dict[str, float]:
 
 def table(figures: dict[str, Any]) -> str:
     """Return the table with one row for each model."""
-    lines = ["| model | trials | squared error over covariance, mean | its 95 % interval |", "|---" * 4 + "|"]
+    lines = [
+        "| model | trials | NEES per degree of freedom, mean (1 expected) | its 95 % interval |",
+        "|---" * 4 + "|",
+    ]
     for name, row in figures.items():
         ratio = row["nees_ratio"]
         lines.append(f"| {name} | {row['trials']} | {ratio['mean']} | {ratio['low']} to {ratio['high']} |")

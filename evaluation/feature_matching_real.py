@@ -3,7 +3,7 @@
 """Compare the relative poses of feature matching with OpenCV (SIFT, MAGSAC++) on real pairs, in one run.
 
 The pose of a stereo rig is its calibration, that of a moving camera the reference of the set. The poses of
-the kitchen belong to the depth camera: the squared error is relative to the sum of the covariances of result
+the kitchen belong to the depth camera: the NEES is computed with the sum of the covariances of result
 and reference, the errors in degrees contain those of the reference.
 
 The kitchen's camera is not calibrated: its nominal matrix is used with the errors of such cameras.
@@ -168,7 +168,7 @@ def table(figures: dict[str, Any]) -> str:
     """Return the table with one row for each set and method."""
     heads = ("set", "method", "poses (OK)", "matches", "within 1.5 px of the true line")
     heads += ("rotation error", "direction error, median (maximum)", "about the common mean, median")
-    heads += ("squared error per dof, median (mean)", "CPU s")
+    heads += ("NEES per degree of freedom, median (mean)", "CPU s")
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, methods in figures.items():
         for method in ("cdff", "opencv"):
@@ -192,8 +192,8 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     """Return the rows of the table of results on real sensors."""
     return [
         RealRow(
-            f"{name.replace('_', ' ')}, {row['pairs']} pairs: median error of the direction, mean squared error "
-            "per degree of freedom (1 expected), CPU time",
+            f"{name.replace('_', ' ')}, {row['pairs']} pairs: median error of the direction, mean NEES per "
+            "degree of freedom (1 expected), CPU time",
             "",
             f"{row['cdff']['direction_median_deg']}°, {row['cdff']['squared_error_mean']}, "
             f"{row['cdff']['cpu_s']} s",

@@ -76,7 +76,7 @@ def evaluate_drive(drive: HardDrive) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of poses and of elevation maps."""
     lines = [
-        "| scenario | compound | faults | end error | RMS error | squared error by covariance, end (median) "
+        "| scenario | compound | faults | end error | RMS error | NEES (6 expected), end (median) "
         "| DEGRADED | FAILED | OK poses beyond 3 σ |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

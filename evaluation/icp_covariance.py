@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare the errors of icp_localisation with the covariances it states, on real and on simulated clouds.
 
-Each trial yields the squared error ``e^T C^-1 e`` (NEES). Its mean is 6 if the covariance is correct, and
+Each trial yields the NEES ``e^T C^-1 e``. Its mean is 6 if the covariance is correct, and
 less if the covariance is too large.
 
 Halves: the points of one real scan are divided into two random halves. One is the model, moved by 0.3 m and
@@ -11,7 +11,7 @@ viewpoint, so that the result contains noise and sampling, but no difference bet
 halves of the road and of its copy, with a guess 0.3 m and 2 degrees off.
 
 Next scans: two successive scans, with the truth of the data set, whose own error (centimetres, 0.1 degrees)
-is part of the squared error. Simulated scans: held-out seeds of ``icp_localisation``.
+is part of the NEES. Simulated scans: held-out seeds of ``icp_localisation``.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ PAGE = "icp_localisation"
 
 HALVES, SIMULATED_SEEDS = 6, range(3000, 3020)
 STEP_M, STEP_DEG = 0.3, 2.0
-#: Largest mean squared error of a set for a calibrated covariance.
+#: Largest mean NEES of a set for a calibrated covariance.
 LIMIT = 15.0
 #: Scene, model, true T_scene_model and guess.
 Trial = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors and squared errors of each implementation on each set."""
+    """Return errors and NEES of each implementation on each set."""
     dfpcs = {name: make_dfpc(name) for name in IMPLEMENTATIONS}
     results: dict[str, Any] = {}
     for name, (is_real, trials) in _sets(data).items():
@@ -124,7 +124,7 @@ def _displaced(T: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def _run(dfpc: Any, trial: Trial) -> tuple[float, float, float, str] | None:
-    """Return the error, m, its stated standard deviation, m, the squared error and the covariance kind."""
+    """Return the error, m, its stated standard deviation, m, the NEES and the covariance kind."""
     scene, model, T_true, guess = trial
     output, _ = localise(dfpc, scene, model, guess)
     if output.value is None:
@@ -153,10 +153,10 @@ def _summary(rows: list[tuple[float, float, float, str] | None]) -> dict[str, An
 
 
 def table(figures: dict[str, Any]) -> str:
-    """Return the table of the squared errors of all implementations on all sets."""
+    """Return the table of the NEES of all implementations on all sets."""
     names = " | ".join(f"`{i}`" for i in IMPLEMENTATIONS)
     lines = [
-        f"| mean squared error (6 expected), largest error | {names} |",
+        f"| mean NEES (6 expected), largest error | {names} |",
         "|---" * (1 + len(IMPLEMENTATIONS)) + "|",
     ]
     for name, rows in figures["sets"].items():
@@ -175,7 +175,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     names = ("KITTI 94, halves", "Devon Island, halves")
     return [
         RealRow(
-            f"{name}, squared error by covariance (6 expected), {' / '.join(IMPLEMENTATIONS)}",
+            f"{name}, mean NEES (6 expected), {' / '.join(IMPLEMENTATIONS)}",
             previous,
             " / ".join(str(figures["sets"][name][i]["mean_nees"]) for i in IMPLEMENTATIONS),
             "",

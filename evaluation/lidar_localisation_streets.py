@@ -6,7 +6,7 @@ The guess is 2 m and 20 degrees of heading off, in random directions. With halve
 divided into map and sweep; the truth is exact. Maps of several sweeps contain one half of the points of each
 sweep, at the poses of the data set or of ``lidar_slam``; the other half of the last one is the sweep.
 Vegetation (simulated): noise of 10 cm is added to all points above the road of all clouds. The truth of
-successive scans is that of the data set (centimetres, 0.1 degrees), whose error is part of the squared error
+successive scans is that of the data set (centimetres, 0.1 degrees), whose error is part of the NEES
 (6 expected).
 """
 
@@ -43,7 +43,7 @@ Street = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors and squared errors per street, and the answers to sweeps that are not on the map."""
+    """Return errors and NEES per street, and the answers to sweeps that are not on the map."""
     drive = [data / "kitti_velodyne" / f"{i:06d}.bin" for i in range(3)]
     first = read_kitti_bin(drive[0]).points_m.astype(np.float64)
     poses = _poses_by_lidar_slam(drive)
@@ -74,7 +74,7 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _squared_errors(results: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures that ``cdff check`` reads: squared errors on measured sweeps without added noise.
+    """Return the figures that ``cdff check`` reads: NEES on measured sweeps without added noise.
 
     Each trial with halves has its own pair of clouds; the other trials differ only in the guess. Maps of
     several sweeps are left out: they too contain one half of the sweep, so there is no difference of views.
@@ -142,7 +142,7 @@ def _rough(points_m: FloatArray, seed: int) -> FloatArray:
 
 
 def _localise_from_guess(street: Street, seed: int) -> tuple[float, float, float] | None:
-    """Return the error in metres and degrees and the squared error; None if the sweep is refused."""
+    """Return the error in metres and degrees and the NEES; None if the sweep is refused."""
     map_m, sweep_m, T_true = street
     output = localise(map_m, sweep_m, inaccurate_guess(T_true, seed))
     if output.value is None:
@@ -169,7 +169,7 @@ def _summary(rows: list[tuple[float, float, float] | None]) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the table of the streets."""
     lines = [
-        "| map and sweep | localised | largest error | mean squared error (6 expected) |",
+        "| map and sweep | localised | largest error | mean NEES (6 expected) |",
         "|---" * 4 + "|",
     ]
     for name, row in figures["streets"].items():
@@ -189,7 +189,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     previous = {"the same with vegetation": "refused", "small_gicp's pair": "refused"}
     return [
         RealRow(
-            f"{name}, guess 2 m and 20° off: localised, error, squared error (6 expected)",
+            f"{name}, guess 2 m and 20° off: localised, error, mean NEES (6 expected)",
             previous.get(name, ""),
             f"{row['localised']} of {row['trials']}, {1e3 * row['max_error_m']:.1f} mm, {row['mean_nees']}",
             "",

@@ -43,7 +43,7 @@ KITTI_RANGE_M, DRIVE_RANGE_M = (0.5, 100.0), (0.5, 60.0)
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return errors and CPU times of both programs, and squared errors normalised by the covariance."""
+    """Return errors and CPU times of both programs, and the NEES."""
     python = peer_python("kiss_icp")
     figures: dict[str, Any] = {"real": {}, "simulated": {}}
     *_, T_94_95 = kitti_pair(data)
@@ -131,7 +131,7 @@ def errors(stamps: list[int], poses: FloatArray, truth: dict[int, FloatArray]) -
 
 
 def squared_errors(published: list[tuple[int, Output]], truth: dict[int, FloatArray]) -> dict[str, float]:
-    """Return mean and maximum of the squared errors normalised by the covariance (6 expected)."""
+    """Return mean and maximum of the NEES (6 expected)."""
     T_first, values = se3.inverse(truth[published[0][0]]), []
     for stamp, output in published[1:]:
         e = pose_error(T_first @ truth[stamp], output.value.transform.matrix)
@@ -148,7 +148,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
     """Return the rows of the table of results on real sensors."""
     return [
         RealRow(
-            f"KITTI {name}: error, squared error (6 expected), CPU time",
+            f"KITTI {name}: error, NEES (6 expected), CPU time",
             "",
             f"{100 * row['lidar_slam']['rmse_m']:.1f} cm, {row['lidar_slam']['squared_error']['mean']}, "
             f"{1e3 * row['lidar_slam']['cpu_s']:.0f} ms",

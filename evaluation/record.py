@@ -50,7 +50,7 @@ def write(
 def squared_error(
     mean: float, degrees_of_freedom: int, trials: int, pairs: int | None = None
 ) -> dict[str, Any]:
-    """Return the entry of ``figures.real.{implementation}.{data set}`` for a mean squared error e' P^-1 e.
+    """Return the entry of ``figures.real.{implementation}.{data set}`` for a mean NEES e' P^-1 e.
 
     ``pairs`` is the number of different pairs of clouds or maps, if some trials differ only in the guess.
     ``cdff check`` refuses a covariance called calibrated without such entries.

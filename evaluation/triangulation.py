@@ -198,7 +198,7 @@ def draw(figures: dict[str, Any]) -> bytes:
     return chart(
         [
             Panel("RMSE relative to GTSAM (grey: up to 1.02)", list(rows), {"cdff": ratio}, 1.5, (0.0, 1.02)),
-            Panel("squared error / stated covariance", list(rows), {"cdff": nees}, 2.0),
+            Panel("NEES per degree of freedom", list(rows), {"cdff": nees}, 2.0),
             Panel("all dense depths within 1, 2, 3 sigma, %", ["1", "2", "3"], fractions, 100.0),
         ]
     )
@@ -207,7 +207,7 @@ def draw(figures: dict[str, Any]) -> bytes:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables: sparse points and GTSAM; dense depths and ground truth."""
     head = (
-        "| simulated, 0.5 px noise | points | RMSE cdff | RMSE GTSAM | ratio | error² / covariance | "
+        "| simulated, 0.5 px noise | points | RMSE cdff | RMSE GTSAM | ratio | NEES per degree of freedom | "
         "points per CPU s | GTSAM's |"
     )
     lines = [head, "|---" * 8 + "|"]
@@ -221,7 +221,7 @@ def table(figures: dict[str, Any]) -> str:
     lines += [
         "",
         "| measured | density | pixels | fraction | RMS of disparities | median error / σ_z, 1 if Gaussian "
-        "| error² / σ_z² | within 1, 2, 3 σ_z |",
+        "| mean NEES (1 expected) | within 1, 2, 3 σ_z |",
         "|---" * 8 + "|",
     ]
     for name, row in figures["dense_measured"].items():

@@ -71,7 +71,7 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
         limits = [f"{100 * m:g} cm, {deg:g}°" for m, deg in LIMITS[part]]
         lines += [
             f"| {name} | queries | median | {' | '.join(limits)} "
-            "| refused | false fixes | NEES / 6 | CPU s |",
+            "| refused | false fixes | NEES / 6 (1 expected) | CPU s |",
             "|---" * (7 + len(limits)) + "|",
         ]
         for method, f in figures.get(part, {}).items():

@@ -3,7 +3,7 @@
 """Compare the motions of visual odometry between stereo pairs of EuRoC V1_01 with their covariance (real).
 
 No parameter of the covariance was chosen on this set. The motion of each pair to the next one is estimated
-alone. The squared error is ``e^T (P + R)^-1 e`` with the error ``e`` (6,) of ``pose_error``, the stated
+alone. The NEES is ``e^T (P + R)^-1 e`` with the error ``e`` (6,) of ``pose_error``, the stated
 covariance P and the covariance R of the reference; 6 is expected, 3 for translation or rotation alone.
 """
 
@@ -35,7 +35,7 @@ _BUDGETS: dict[str, dict[str, Any] | None] = {"with the error budget": None, "no
 
 
 def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Return the squared errors with and without the error budget."""
+    """Return the NEES with and without the error budget."""
     views = euroc.stereo_views(data / euroc.FOLDER)
     motions = [(a, b) for a, b in pairwise(views) if b.stamp_s - a.stamp_s < _MAX_GAP_S]
     results = {}
@@ -59,7 +59,7 @@ def _true_motion(a: euroc.StereoView, b: euroc.StereoView) -> FloatArray:
 def _squared_errors(
     a: euroc.StereoView, b: euroc.StereoView, parameters: dict[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the status, and the squared errors of the pose, its translation and its rotation."""
+    """Return the status, and the NEES of the pose, its translation and its rotation."""
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(parameters, DfpcContext(robot="euroc"))
     outputs: list[Output] = []
@@ -108,8 +108,8 @@ def _combine(rows: list[dict[str, Any]]) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the table with one row for each budget."""
     lines = [
-        f"**EuRoC V1_01 (real)**, {figures['motions']} motions of {figures['length_median_m']} m in the "
-        "median; squared errors of the OK outputs, mean (median, largest).",
+        f"**EuRoC V1_01 (real)**, {figures['motions']} motions of {figures['length_median_m']} m in "
+        "the median; NEES of the OK outputs: mean (median, largest).",
         "",
         "| covariance | OK, DEGRADED, FAILED | pose (6 expected) | translation (3) | rotation (3) |",
         "|---|---|---|---|---|",

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Evaluate visual odometry on a KITTI drive with pasted objects, calibration errors and stereo faults.
 
-The squared error by covariance is that of the motion between the first and the last pose: ``e^T P^-1 e`` with
+The NEES is that of the motion between the first and the last pose: ``e^T P^-1 e`` with
 the error ``e`` (6,) of ``pose_error`` and the stated covariance P; 6 is expected.
 """
 
@@ -134,7 +134,7 @@ def run(
 
 
 def score(outputs: Sequence[Output], truth: FloatArray) -> dict[str, Any]:
-    """Return counts by status, reasons, end error and squared error by covariance of the last pose."""
+    """Return counts by status, reasons, end error and NEES of the last pose."""
     located = [i for i, output in enumerate(outputs) if output.value is not None and i > 0]
     counts = Counter(output.quality.status.value for output in outputs)
     reasons = sorted({reason.split(":")[0] for output in outputs for reason in output.quality.reasons})
@@ -202,8 +202,8 @@ def table(figures: dict[str, Any]) -> str:
     """Return the tables of the page: objects, and errors of the calibration."""
     lines = [
         f"**Objects and calibration errors** ({figures['data']}; objects on all pairs, errors from pair "
-        f"{figures['first_pair']}, where the measured reference starts). The squared error by covariance of "
-        "the end pose is expected to be 6.",
+        f"{figures['first_pair']}, where the measured reference starts). The NEES of the end "
+        "pose is expected to be 6.",
         "",
         "| pasted object over 22 % of the image | OK, DEGRADED, FAILED | end error |",
         "|---|---|---|",
@@ -212,7 +212,7 @@ def table(figures: dict[str, Any]) -> str:
         f"Over more than half of the image, {_LARGE_OBJECT_PAIRS} pairs (the first has no motion); simulated "
         "wheels measure the reference times 1.05:",
         "",
-        "| pasted object | coverage | no prior: OK, DEGRADED, FAILED | end error | squared error | "
+        "| pasted object | coverage | no prior: OK, DEGRADED, FAILED | end error | NEES | "
         "with wheels: OK, DEGRADED, FAILED | end error |",
         "|---|---|---|---|---|---|---|",
         *[
@@ -222,8 +222,7 @@ def table(figures: dict[str, Any]) -> str:
             for name, row in figures["large_objects"].items()
         ],
         "",
-        "| error | OK, DEGRADED, FAILED | reasons | end error | squared error by covariance | "
-        "largest error, σ |",
+        "| error | OK, DEGRADED, FAILED | reasons | end error | NEES (6 expected) | largest error, σ |",
         "|---|---|---|---|---|---|",
     ]
     for name, row in figures["errors"].items():
@@ -256,7 +255,7 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
             "≤ 5 % or flagged",
         ),
         RealRow(
-            "KITTI 06, squared error by covariance (6 expected)",
+            "KITTI 06, NEES (6 expected)",
             str(errors["none, without the error budget"]["squared_error"]),
             str(errors["none"]["squared_error"]),
             "",

@@ -72,7 +72,7 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
     for part, name in (("kitchen", "7-Scenes kitchen"), ("euroc", "EuRoC V1_01"), ("kitti", "KITTI 06")):
         lines += [
             f"| {name} | images | in the part | ATE online | ATE final | scale | rotation | keyframes, loops "
-            "| NEES / 6 | CPU s |",
+            "| NEES / 6 (1 expected) | CPU s |",
             "|---" * 10 + "|",
         ]
         lines += [_row(method, f) for method, f in figures.get(part, {}).items()]
@@ -422,7 +422,7 @@ def _nees(
     truth: dict[int, FloatArray],
     truth_sigmas: tuple[float, float],
 ) -> float:
-    """Return the mean normalised squared error of the poses relative to the first one, per freedom."""
+    """Return the mean NEES per degree of freedom of the poses relative to the first one."""
     first = min(stamp for stamp in poses if stamp in truth)
     T_first = se3.inverse(truth[first])
     noise = 2.0 * np.diag(np.repeat([truth_sigmas[0], np.radians(truth_sigmas[1])], 3) ** 2.0)

@@ -67,7 +67,7 @@ def _fault(figures: dict[str, Any]) -> str:
         return f"{', '.join(sorted(missing))} is missing"
     largest = _LARGEST_RATIO * figures["degrees_of_freedom"]
     if not figures["squared_error"] <= largest:
-        return f"the squared error by covariance is {figures['squared_error']}: expected at most {largest:g}"
+        return f"the NEES is {figures['squared_error']}: expected at most {largest:g}"
     return ""
 
 
@@ -80,7 +80,7 @@ def _joint_fault(data_sets: list[dict[str, Any]]) -> str:
     ratio = sum(n * r for n, r in zip(pairs, ratios, strict=True)) / sum(pairs)
     if ratio < _SMALLEST_RATIO:
         return (
-            f"the squared error by covariance per degree of freedom is {ratio:.3g}: expected at least "
+            f"the NEES per degree of freedom is {ratio:.3g}: expected at least "
             f"{_SMALLEST_RATIO:g}; the covariance is too large"
         )
     return ""

@@ -136,7 +136,7 @@ def as_samples(results: Sequence[Product], port: str) -> list[Sample]:
 
 
 def pose_scores(drive: HardDrive, results: Sequence[Product], sensor: str | None) -> dict[str, Any]:
-    """Return errors of poses, squared errors by covariance (6 expected), and the counts by status.
+    """Return errors of poses, NEES (6 expected), and the counts by status.
 
     Parameters
     ----------

@@ -184,7 +184,8 @@ def _real(row: dict[str, Any]) -> list[str]:
 def thinned_table(figures: dict[str, Any]) -> str:
     """Return the tables of sweeps with few points or rings, and of fast turns."""
     lines = [
-        f"| sweeps | points | error | squared error | CPU | OK / DEGRADED / FAILED | {PEER}: error | CPU |",
+        "| sweeps | points | error | NEES (6 expected) | CPU | OK / DEGRADED / FAILED "
+        f"| {PEER}: error | CPU |",
         "|---" * 8 + "|",
     ]
     for name, row in (figures["real"] | figures["simulated"]).items():

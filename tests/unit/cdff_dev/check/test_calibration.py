@@ -54,7 +54,7 @@ def test_nothing_is_required_of_a_formal_covariance(tmp_path: Path) -> None:
         ({"Accurate": {"kitti 94": {"trials": 6}}}, "degrees_of_freedom, squared_error is missing"),
         (
             {"Accurate": {"kitti 94": GOOD, "devon": GOOD | {"squared_error": 74.0}}},
-            "on devon the squared error",
+            "on devon the NEES",
         ),
     ],
 )
