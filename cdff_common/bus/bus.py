@@ -14,6 +14,7 @@ from typing import Any, Self, Unpack
 import zenoh
 
 from cdff_common.bus import keys, rpc
+from cdff_common.bus.foreign import ForeignBus
 from cdff_common.bus.handler_pool import HandlerPool, waiting
 from cdff_common.bus.identity import Identity
 from cdff_common.bus.message import Message, Reply, encoding_argument, key_argument, on_map, pack
@@ -256,6 +257,11 @@ class Bus:
     ) -> None:
         """Call, and pass the final reply or the error to ``on_end``; see ``rpc.call_in_background``."""
         rpc.call_in_background(self._session, key, parameters, on_end, **options)
+
+    @property
+    def foreign(self) -> ForeignBus:
+        """Messages and calls of other systems in this session."""
+        return ForeignBus(self._session, self._add_declaration, self.loops)
 
     @property
     def zid(self) -> str:

@@ -8,6 +8,7 @@ import queue
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 import zenoh
 
@@ -49,9 +50,10 @@ class Subscription:
         )
         self._thread.start()
         # In the thread of Zenoh: ``_take`` only appends, and another thread would cost a switch per message.
-        self._subscriber = session.declare_subscriber(
-            keyexpr, zenoh.handlers.Callback(self._take, indirect=False)
-        )
+        self._subscriber = self._declare(session, keyexpr)
+
+    def _declare(self, session: zenoh.Session, keyexpr: str) -> Any:
+        return session.declare_subscriber(keyexpr, zenoh.handlers.Callback(self._take, indirect=False))
 
     @property
     def failed(self) -> int:

@@ -173,6 +173,7 @@ class DfpcLifeCycle(ABC):
             "state": str(self.state),
             "wired": dict(self.wired),
             "config_hash": "" if self.runner is None else self.dfpc.config_hash,
+            "parameters": {} if self.runner is None else self.dfpc.config.model_dump(mode="json"),
             "operations": [op.name for op in self.description.operations],
             "store": [] if self.runner is None else list(self.dfpc.store.items),
         }

@@ -13,6 +13,7 @@ import threading
 
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option
+from cdff_common.client import Client
 from cdff_common.errors import ConfigurationError
 from cdff_common.extras import import_extra
 from cdff_common.heartbeat import add_check
@@ -36,9 +37,10 @@ def main(argv: list[str] | None = None) -> int:
     def body(stop: threading.Event) -> None:
         import_extra("rosbags")
         from services.gateway_ros2.gateway import SERVICE, Gateway
-        from services.gateway_ros2.settings import load_settings
+        from services.gateway_ros2.settings import Ros2Settings
+        from services.gateways.settings import load_settings
 
-        settings = load_settings(args.settings)
+        settings = load_settings(args.settings, Ros2Settings)
         if args.robot not in (None, settings.robot):
             raise ConfigurationError(
                 f"{args.settings}: robot {settings.robot!r}, expected {args.robot!r}, whose profile names it"
@@ -47,8 +49,9 @@ def main(argv: list[str] | None = None) -> int:
         with (
             Bus.open(args.connect, name=SERVICE, wait_s=None, stop=stop) as bus,
             Bus.open(robot_connect, name=f"{SERVICE} robot", wait_s=None, stop=stop) as robot_bus,
+            Client(args.connect, name=SERVICE) as client,
         ):
-            gateway = Gateway(settings, bus, robot_bus)
+            gateway = Gateway(settings, bus, robot_bus, client)
             add_check(bus.loops.problem)
             add_check(robot_bus.loops.problem)
             bus.declare_alive(settings.robot, SERVICE)

@@ -1,28 +1,40 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The gateway: two connections, to the bus and to the router of the robot, and the topics between them."""
+"""The gateway: two connections, to the bus and to the router of the robot, and what passes between them."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from contextlib import ExitStack
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from typing import Any
 
-from cdff_common.bus import Bus, Message, keys
+from cdff_common.bus import Bus, Message, Subscription, keys
+from cdff_common.client import Client
+from cdff_common.errors import CdffError
 from services.gateway_ros2 import rmw_zenoh
-from services.gateway_ros2.inputs import InputLink
-from services.gateway_ros2.outputs import FrameTree, OutputLink, Publishers
-from services.gateway_ros2.settings import GatewaySettings
+from services.gateway_ros2.actions import ActionServer, Goal
+from services.gateway_ros2.parameters import ParameterServer
+from services.gateway_ros2.robot_node import RobotNode
+from services.gateway_ros2.settings import Ros2Settings
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.inputs import InputLink
+from services.gateways.outputs import OutputLink, StaticTransforms
+from services.gateways.request_types import ACTIONS, SERVICES
+from services.gateways.requests import ProductRequests
+from services.gateways.settings import RequestEntry
 from services.ros_messages.conversions import CAMERA_INFO
 from services.ros_messages.message_types import RosTypes
-from services.ros_messages.type_hashes import message_hash
+from services.ros_messages.service_types import ActionType, ServiceType
 
 logger = logging.getLogger(__name__)
 
 SERVICE = "gateway_ros2"
 #: Interval of the status, seconds.
 _STATUS_S = 1.0
+#: Threads of a service for requests.
+_REQUEST_WORKERS = 4
 
 
 class Gateway:
@@ -30,42 +42,26 @@ class Gateway:
 
     Parameters
     ----------
-    settings : GatewaySettings
+    settings : Ros2Settings
     bus : Bus
         Bus of CDFF.
     robot_bus : Bus
         Connection to the router of the robot.
+    client : Client
+        For requests; a connection to the bus of its own.
     """
 
-    def __init__(self, settings: GatewaySettings, bus: Bus, robot_bus: Bus) -> None:
-        self._settings, self._bus, self._robot_bus = settings, bus, robot_bus
+    def __init__(self, settings: Ros2Settings, bus: Bus, robot_bus: Bus, client: Client) -> None:
+        self._settings, self._bus, self._client = settings, bus, client
         self._types = RosTypes(2)
-        self._node = rmw_zenoh.Node(settings.domain, robot_bus.zid, settings.node)
+        self._node = RobotNode(robot_bus, settings.domain, settings.node, self._types)
+        self._names = FrameNames(settings.robot, settings.frames)
         self._type_conflicts: dict[str, str] = {}
-        self._entities = 0
-        self._inputs = [
-            InputLink(entry, settings.robot, settings.frames, self._types, self._hash(entry.type), bus)
-            for entry in settings.inputs
-        ]
-        robot_bus.declare_token(self._node.token)
-        self._subscriptions: dict[str, Any] = {}
-        for link in self._inputs:
-            entry = link.entry
-            self._subscribe(entry.topic, entry.type, entry.qos, link.on_message, entry.queue)
-            if entry.camera_info is not None:
-                self._subscribe(entry.camera_info, CAMERA_INFO, entry.qos, link.on_camera_info, 1)
-        publishers = Publishers(robot_bus, self._node, self._types, self._entities + 1)
-        frame_tree = FrameTree()
-        self._outputs = [
-            OutputLink(entry, settings.robot, settings.frames, self._types, publishers, frame_tree)
-            for entry in settings.outputs
-        ]
-        for output in self._outputs:
-            # Images have topics below the listed one, which are declared with the first image.
-            if output.entry.type not in ("sensor_msgs/msg/Image",):
-                publishers.declare(output.entry.topic, output.entry.type)
-            dfpc, port = output.entry.product.split("/")
-            bus.subscribe(keys.product(settings.robot, dfpc, port), output.on_message)
+        self._subscriptions: dict[str, Subscription] = {}
+        self._inputs, self._outputs = self._make_inputs(), self._make_outputs()
+        self._actions: list[ActionServer] = []
+        self._requests = [self._serve(entry) for entry in settings.requests]
+        self._parameters = ParameterServer(self._node, settings.robot, settings.parameters, bus)
         robot_bus.watch_alive(f"@ros2_lv/{settings.domain}/*/*/*/MP/**", self._on_publisher)
 
     def run(self, stop: threading.Event) -> None:
@@ -73,6 +69,8 @@ class Gateway:
         with ExitStack() as stack:
             for link in self._inputs:
                 stack.callback(link.close)
+            for action in self._actions:
+                stack.callback(action.close)
             while True:
                 key = keys.gateway_status(self._settings.robot, SERVICE)
                 self._bus.publish_latched(key, self.status())
@@ -90,30 +88,102 @@ class Gateway:
             busy = link.sensor.status.dropped
             if busy:
                 counters["dropped"]["bus"] = busy
-            inputs[link.entry.topic] = {"type": link.entry.type, "stream": link.entry.stream, **counters}
+            entry = link.entry
+            name = f"{entry.topic} {entry.stream}" if entry.is_frame_tree else entry.topic
+            inputs[name] = {"type": entry.type, "stream": entry.stream, **counters}
         outputs = [
             {"product": o.entry.product, "topic": o.entry.topic, "type": o.entry.type, **o.counters.to_map()}
             for o in self._outputs
         ]
-        conflicts = dict(self._type_conflicts)
-        return {"node": self._node.name, "inputs": inputs, "outputs": outputs, "type_conflicts": conflicts}
+        requests = [
+            {"name": r.entry.name, "type": r.entry.type, **r.counters.to_map()} for r in self._requests
+        ]
+        return {
+            "node": self._node.node.name,
+            "inputs": inputs,
+            "outputs": outputs,
+            "requests": requests,
+            "parameters": self._parameters.to_map(),
+            "type_conflicts": dict(self._type_conflicts),
+        }
 
-    def _hash(self, type_name: str) -> str:
-        return message_hash(self._types.store.fielddefs, type_name)
+    def _make_inputs(self) -> list[InputLink]:
+        tree = FrameTree()
+        links = [
+            InputLink(entry, self._names, self._types, self._bus, tree) for entry in self._settings.inputs
+        ]
+        by_topic: dict[str, list[InputLink]] = {}
+        for link in links:
+            by_topic.setdefault(link.entry.topic, []).append(link)
+        for topic, same in by_topic.items():
+            entry = same[0].entry
+            receive = _receiver(same, self._node.hash_of(entry.type))
+            quality, depth = entry.service_quality, entry.queue
+            self._subscriptions[topic] = self._node.subscribe(topic, entry.type, quality, receive, depth)
+            if entry.camera_info is not None:
+                self._subscribe_calibration(same[0], entry.camera_info, quality)
+        return links
 
-    def _subscribe(self, topic: str, type_name: str, qos: str, callback: Any, depth: int) -> None:
-        self._entities += 1
-        qos_text = rmw_zenoh.QOS_SENSOR_DATA if qos == "sensor_data" else rmw_zenoh.QOS_DEFAULT
-        token = self._node.entity_token(
-            self._entities, "MS", topic, type_name, self._hash(type_name), qos_text
-        )
-        self._robot_bus.declare_token(token)
-        key = rmw_zenoh.data_key(self._node.domain, topic, type_name, "*")
+    def _subscribe_calibration(self, link: InputLink, topic: str, quality: str) -> None:
+        def on_message(message: Message) -> None:
+            link.on_camera_info(message.payload)
 
-        def receive(message: Message) -> None:
-            callback(message)
+        self._node.subscribe(topic, CAMERA_INFO, quality, on_message, 1)
 
-        self._subscriptions[topic] = self._robot_bus.subscribe(key, receive, depth=depth)
+    def _make_outputs(self) -> list[OutputLink]:
+        tree, static = FrameTree(), StaticTransforms()
+        links = [
+            OutputLink(entry, self._names, self._types, self._node, tree, static)
+            for entry in self._settings.outputs
+        ]
+        for link in links:
+            entry = link.entry
+            # Images have topics below the listed one, which are declared with the first image.
+            if entry.type not in ("sensor_msgs/msg/Image",):
+                self._node.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
+            dfpc, port = entry.product.split("/")
+            self._bus.subscribe(keys.product(self._settings.robot, dfpc, port), link.on_message)
+        return links
+
+    def _serve(self, entry: RequestEntry) -> ProductRequests:
+        """Declare the service or action of an entry."""
+        types = self._types
+        if entry.type in SERVICES:
+            service = ServiceType.register(types, entry.type, SERVICES[entry.type].definition)
+            requests = ProductRequests(entry, service.response, self._names, types, self._client)
+
+            def handle(request: Any, respond: Callable[[Any], None]) -> None:
+                respond(requests.answer(request))
+
+            self._node.serve(entry.name, service, handle, workers=_REQUEST_WORKERS)
+            return requests
+        action = ActionType.register(types, entry.type, ACTIONS[entry.type].definition)
+        result = action.name.replace("/action/", "/msg/") + "_Result"
+        requests = ProductRequests(entry, result, self._names, types, self._client)
+        feedback_type = types.store.types[action.name.replace("/action/", "/msg/") + "_Feedback"]
+
+        def execute(goal: Goal, publish: Callable[[Any], None]) -> tuple[Any, bool]:
+            job = ""
+
+            def cancel() -> None:
+                with suppress(CdffError):  # the request has ended
+                    if job:
+                        requests.cancel(job)
+
+            def on_progress(body: Any) -> None:
+                nonlocal job
+                job = str(body.get("job", ""))
+                fields = {name: str(body.get(name) or "") for name in ("state", "reason")}
+                publish(feedback_type(**fields, remaining_s=float(body.get("remaining_s") or 0.0)))
+                if goal.cancelled.is_set():
+                    cancel()
+
+            goal.cancel = cancel
+            answer = requests.answer(goal.request, on_progress)
+            return answer, bool(answer.success)
+
+        self._actions.append(ActionServer(self._node, entry.name, action, execute, requests.no_answer))
+        return requests
 
     def _on_publisher(self, token: str, is_alive: bool) -> None:
         """Compare the type of a publisher of the robot with that of the settings."""
@@ -129,3 +199,18 @@ class Gateway:
             logger.warning("%s: published as %s, expected %s", topic, kind, expected[topic])
         else:
             self._type_conflicts.pop(topic, None)
+
+
+def _receiver(links: list[InputLink], type_hash: str) -> Callable[[Message], None]:
+    """Return the callback of a subscription, which passes messages of the right type to links."""
+
+    def receive(message: Message) -> None:
+        found = message.key.rpartition("/")[2]
+        for link in links:
+            if found not in (type_hash, rmw_zenoh.NO_HASH):
+                link.counters.receive(len(message.payload))
+                link.drop("type_hash", f"type hash {found}, expected {type_hash} of {link.entry.type}")
+            else:
+                link.on_message(message.payload)
+
+    return receive

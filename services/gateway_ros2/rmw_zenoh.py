@@ -7,10 +7,11 @@ As published in https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md.
 
 from __future__ import annotations
 
-import hashlib
 import struct
 from dataclasses import dataclass
 from typing import Literal
+
+import xxhash
 
 from cdff_common.errors import CodecError
 
@@ -18,14 +19,52 @@ from cdff_common.errors import CodecError
 ENCODING = "application/cdr"
 #: Type hash of ROS 2 Humble, which has none.
 NO_HASH = "TypeHashNotSupported"
-#: Quality of service in tokens: reliable, 10 messages; and best effort, 5 messages.
-QOS_DEFAULT, QOS_SENSOR_DATA = "::,10:,:,:,,", "2::,5:,:,:,,"
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 _NONE = "%"
+#: Depth that tokens do not state.
+_DEFAULT_DEPTH = 42
+_NS_PER_S = 1_000_000_000
 
 Kind = Literal["MP", "MS", "SS", "SC"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """Quality of service in tokens.
+
+    Attributes
+    ----------
+    reliable : bool
+    latched : bool
+        Transient local: late subscribers receive the last messages.
+    keep_all : bool
+    depth : int
+        Messages that are kept, unless all are.
+    deadline_ns : int or None
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    keep_all: bool = False
+    depth: int = 10
+    deadline_ns: int | None = None
+
+    def __str__(self) -> str:
+        """Return the text in a token, in which defaults are empty."""
+        depth = "" if self.keep_all or self.depth == _DEFAULT_DEPTH else str(self.depth)
+        deadline = (
+            "," if self.deadline_ns is None else ",".join(map(str, divmod(self.deadline_ns, _NS_PER_S)))
+        )
+        first = (
+            f"{'' if self.reliable else 2}:{1 if self.latched else ''}:{2 if self.keep_all else ''},{depth}"
+        )
+        return f"{first}:{deadline}:,:,,"
+
+
+QOS_DEFAULT, QOS_SENSOR_DATA = Quality(), Quality(reliable=False, depth=5)
+QOS_LATCHED = Quality(latched=True, depth=1)
 
 
 def dds_type(type_name: str) -> str:
@@ -35,7 +74,7 @@ def dds_type(type_name: str) -> str:
 
 
 def data_key(domain: int, topic: str, type_name: str, type_hash: str) -> str:
-    """Return the key of the messages of a topic; with the hash ``*`` those of any version of its type."""
+    """Return the key of a topic or a service; with the hash ``*`` that of any version of its type."""
     return f"{domain}/{topic.strip('/')}/{dds_type(type_name)}/{type_hash}"
 
 
@@ -62,17 +101,18 @@ class Node:
         return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/{_NONE}/{_NONE}/{self.name}"
 
     def entity_token(
-        self, number: int, kind: Kind, topic: str, type_name: str, type_hash: str, qos: str
+        self, number: int, kind: Kind, topic: str, type_name: str, type_hash: str, quality: Quality
     ) -> str:
         """Return the token of a publisher (MP), subscriber (MS), service (SS) or client (SC) of the node."""
         start = f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{kind}/{_NONE}/{_NONE}/{self.name}"
         name = f"/{topic.strip('/')}".replace("/", _NONE)
-        return f"{start}/{name}/{dds_type(type_name)}/{type_hash}/{qos}"
+        return f"{start}/{name}/{dds_type(type_name)}/{type_hash}/{quality}"
 
 
 def gid_of(token: str) -> bytes:
-    """Return the id of a publisher, 16 bytes that are unique for its token."""
-    return hashlib.blake2b(token.encode(), digest_size=_GID_BYTES).digest()
+    """Return the id of a publisher, service or client: XXH3 of its token, its low 64 bits first."""
+    value = xxhash.xxh3_128_intdigest(token.encode())
+    return value.to_bytes(_GID_BYTES, "little")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from services.ros_messages.clouds import laser_scan, lidar_scan
 from services.ros_messages.depth import depth_image
 from services.ros_messages.fixes import FIX, local_frame_pose, position
 from services.ros_messages.images import frame
+from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID, elevation_map, navigation_map
 from services.ros_messages.topics import Topic
 
 #: Value, frame and child frame of a sample.
@@ -163,6 +164,8 @@ CONVERSIONS = {
     CLOUD: Conversion("LidarScan", "scan", lidar_scan),
     "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
     **dict.fromkeys(IMAGES, Conversion("Frame", "frame", frame)),
+    OCCUPANCY_GRID: Conversion("NavigationMap", "map", navigation_map),
+    GRID_MAP: Conversion("ElevationMap", "map", elevation_map),
 }
 #: Conversion of topics of depth images.
 DEPTH = Conversion("DistanceImage", "depth", depth_image)

@@ -14,6 +14,8 @@ from cdff_common.types import IMUSensors, Joints, LidarScan, TransformWithCovari
 from services.ros_messages.encoding import Encoded, Encoder, Target, single
 from services.ros_messages.fixes import FIX, fix_fields
 from services.ros_messages.image_encoders import depth_images, frame_images, pair_images
+from services.ros_messages.map_encoders import grid_map, occupancy_grid
+from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
 from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 
@@ -194,6 +196,8 @@ ENCODERS: dict[str, dict[str, Encoder]] = {
     "Frame": {"sensor_msgs/msg/Image": frame_images},
     "FramePair": {"sensor_msgs/msg/Image": pair_images},
     "DistanceImage": {"sensor_msgs/msg/Image": depth_images},
+    "NavigationMap": {BITSTREAM: bitstream, OCCUPANCY_GRID: occupancy_grid},
+    "ElevationMap": {BITSTREAM: bitstream, GRID_MAP: grid_map},
 }
 
 

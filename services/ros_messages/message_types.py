@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of ROS 1 and ROS 2 made from values by name, for the writers of logs."""
+"""Messages of ROS 1 and ROS 2 made from values by name, for writers of logs and gateways."""
 
 from __future__ import annotations
 
@@ -11,11 +11,24 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 BITSTREAM = "infuse_msgs/msg/Asn1Bitstream"
-#: Definitions of types that the type stores lack: that of the InFuse robots, and the frame tree of ROS 1.
+#: Definitions of types that the type stores lack: that of the InFuse robots, the frame tree of ROS 1, grid maps.
 _DEFINITIONS = {
     BITSTREAM: "std_msgs/Header header\nstring type\nuint8 serialization_method\nuint8[] data\n",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
+    "grid_map_msgs/msg/GridMapInfo": """{header}float64 resolution
+float64 length_x
+float64 length_y
+geometry_msgs/Pose pose
+""",
+    "grid_map_msgs/msg/GridMap": """{header_2}GridMapInfo info
+string[] layers
+string[] basic_layers
+std_msgs/Float32MultiArray[] data
+uint16 outer_start_index
+uint16 inner_start_index
+""",
 }
+_HEADER = "std_msgs/Header header\n"
 _NS_PER_S = 1_000_000_000
 
 
@@ -38,9 +51,10 @@ class RosTypes:
     def __init__(self, version: int) -> None:
         self.version = version
         self.store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_JAZZY)
+        headers = {"header": _HEADER if version == 1 else "", "header_2": "" if version == 1 else _HEADER}
         for name, definition in _DEFINITIONS.items():
             if name not in self.store.types:
-                self.store.register(get_types_from_msg(definition, name))
+                self.store.register(get_types_from_msg(definition.format(**headers), name))
 
     def make(self, name: str, /, **fields: Any) -> Any:
         """Return a message of ``package/Type``; fields of CameraInfo are in lower case as in ROS 2."""
@@ -74,3 +88,9 @@ class RosTypes:
         if self.version == 1:
             return self.store.serialize_ros1(message, type_name)
         return self.store.serialize_cdr(message, type_name)
+
+    def deserialize(self, data: bytes, type_name: str) -> Any:
+        """Return the message in bytes; raises errors of rosbags and of Python on others."""
+        if self.version == 1:
+            return self.store.deserialize_ros1(data, type_name)
+        return self.store.deserialize_cdr(data, type_name)

@@ -58,7 +58,9 @@ def message_hash(definitions: Definitions, name: str) -> str:
     return _hash(name, _descriptions(definitions, (name,)))
 
 
-def service_hash(definitions: Definitions, name: str, definition: str) -> str:
+def service_hash(
+    definitions: Definitions, name: str, definition: str, parts: tuple[str, str] | None = None
+) -> str:
     """Return the hash of a service type.
 
     Parameters
@@ -69,15 +71,19 @@ def service_hash(definitions: Definitions, name: str, definition: str) -> str:
         Such as ``std_srvs/srv/SetBool``.
     definition : str
         Text of the ``.srv`` file: request, a line of three hyphens, response.
+    parts : tuple of str, optional
+        Names of request and response in ``definitions``, instead of the text.
     """
-    request, _, response = f"{definition}\n".partition("---\n")
-    package, _, last = name.split("/")
-    parts = {}
-    for suffix, text in (("Request", request), ("Response", response)):
-        parsed: Definitions = get_types_from_msg(text, f"{package}/msg/{last}_{suffix}")
-        parts[f"{name}_{suffix}"] = parsed[f"{package}/msg/{last}_{suffix}"]
-    descriptions = _descriptions({**definitions, **parts}, (*parts, _SERVICE_EVENT))
-    ends = {"request": f"{name}_Request", "response": f"{name}_Response"}
+    own: dict[str, Any] = {}
+    if parts is None:
+        request, _, response = f"{definition}\n".partition("---\n")
+        package, _, last = name.split("/")
+        for suffix, text in (("Request", request), ("Response", response)):
+            parsed: Definitions = get_types_from_msg(text, f"{package}/msg/{last}_{suffix}")
+            own[f"{name}_{suffix}"] = parsed[f"{package}/msg/{last}_{suffix}"]
+        parts = (f"{name}_Request", f"{name}_Response")
+    descriptions = _descriptions({**definitions, **own}, (*parts, _SERVICE_EVENT))
+    ends = dict(zip(("request", "response"), parts, strict=True))
     event = f"{name}_Event"
     descriptions[event] = _description(
         event,

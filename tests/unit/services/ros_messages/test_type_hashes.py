@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from services.ros_messages.message_types import RosTypes
+from services.ros_messages.service_types import ActionType, ServiceType
 from services.ros_messages.type_hashes import message_hash, service_hash
 
 _OFFICIAL: dict[str, str] = json.loads((Path(__file__).parent / "kilted_hashes.json").read_text())
@@ -67,3 +69,20 @@ def test_a_hash_is_that_of_ros_2(name: str) -> None:
 def test_the_service_set_bool_has_the_hash_in_the_keys_of_other_implementations() -> None:
     found = service_hash(_DEFINITIONS, "std_srvs/srv/SetBool", "bool data\n---\nbool success\nstring message")
     assert found == "RIHS01_abe9e4bb6b41b40e6789712c00ec8871923e089af3f667a79992a428cff2da0a"
+
+
+def test_the_services_and_topics_of_an_action_have_the_hashes_of_ros_2() -> None:
+    """Values of the type descriptions in ros-kilted-test-msgs 2.3.0 and ros-kilted-nav-msgs 5.5.1."""
+    types = RosTypes(2)
+    definition = "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n"
+    action = ActionType.register(types, "test_msgs/action/Fibonacci", definition)
+    assert action.send_goal.type_hash == (
+        "RIHS01_d807633803e38e164276573cd97e9fbd71e109c290bbf4cc312a0a1c9da7bbd9"
+    )
+    assert action.get_result.type_hash == (
+        "RIHS01_5d30fdeb21d20e117aa5f36c7b4f0b6874f1a8cf7a9c038d58f1156c5737b209"
+    )
+    assert action.feedback_type == "test_msgs/action/Fibonacci_FeedbackMessage"
+    assert action.feedback_hash == ("RIHS01_37487bae8cea358366b97003c1ef1ca7ce7c08df36f9e8cca496624226aee64e")
+    get_map = ServiceType.register(types, "nav_msgs/srv/GetMap", "---\nOccupancyGrid map\n")
+    assert get_map.type_hash == "RIHS01_c8ae77c9995b3554b5ba80e4d4d443f970ac65143102a1d893ec24fc07b31147"

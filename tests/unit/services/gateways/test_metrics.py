@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from services.dpm.http.metrics import gateway_lines
-from services.gateway_ros2.counters import TopicCounters
+from services.gateways.counters import TopicCounters
 
 
 def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:

@@ -1,0 +1,187 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Topics of the robot that become samples of sensors on the bus."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+
+from cdff_common import types
+from cdff_common.bus import Bus
+from cdff_common.client import Sensor
+from cdff_common.clock import MAX_STAMP_NS, monotonic_s
+from cdff_common.errors import CdffError, InputError
+from cdff_common.types import TransformWithCovariance
+from services.gateways.counters import RateLimit, TopicCounters
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.settings import InputTopic
+from services.ros_messages.conversions import CAMERA_INFO, CONVERSIONS
+from services.ros_messages.maps import header_of
+from services.ros_messages.message_types import RosTypes
+from services.ros_messages.topics import Topic
+
+logger = logging.getLogger(__name__)
+
+#: Errors of the decoder for damaged messages; MemoryError for stated lengths that no message has.
+DECODER_ERRORS = (
+    ArithmeticError,
+    AssertionError,
+    LookupError,
+    MemoryError,
+    SerdeError,
+    TypeError,
+    ValueError,
+    struct.error,
+)
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class _RobotTopic(Topic):
+    """A topic of the robot with the frames of CDFF by their ``frame_id``."""
+
+    frames: Mapping[str, str] = field(default_factory=dict)
+
+    def frame(self, frame_id: str) -> str:
+        """Return the frame in CDFF."""
+        return self.frames.get(frame_id) or super(_RobotTopic, self).frame(frame_id)
+
+
+class InputLink:
+    """A topic and the sensor stream that it becomes.
+
+    Parameters
+    ----------
+    entry : InputTopic
+    names : FrameNames
+    ros_types : RosTypes
+    bus : Bus
+        Bus of the samples.
+    tree : FrameTree
+        Frames of all transforms of the robot's frame trees.
+    """
+
+    def __init__(
+        self, entry: InputTopic, names: FrameNames, ros_types: RosTypes, bus: Bus, tree: FrameTree
+    ) -> None:
+        self.entry, self.counters = entry, TopicCounters()
+        self._ros_types, self._tree, self._names = ros_types, tree, names
+        conversion = CONVERSIONS[entry.type]
+        self._topic = _RobotTopic(entry.topic, names.robot, conversion, frames=names.frames)
+        self._rate = RateLimit(entry.max_hz)
+        self.sensor = Sensor(
+            entry.stream,
+            getattr(types, conversion.type_name),
+            frame=entry.frame,
+            child=entry.child,
+            robot=names.robot,
+            bus=bus,
+            on_clock_fault=entry.on_clock_fault,
+        )
+
+    def close(self) -> None:
+        """Send the waiting samples."""
+        self.sensor.close()
+
+    def on_camera_info(self, data: bytes) -> None:
+        """Take the calibration for the images that follow."""
+        info = self._decoded(data, CAMERA_INFO)
+        if info is not None:
+            self._topic = replace(self._topic, camera=info)
+
+    def on_message(self, data: bytes) -> None:
+        """Convert a message and send it as a sample; a message with a fault is counted and dropped."""
+        start_s = monotonic_s()
+        self.counters.receive(len(data))
+        if not self._rate.admits(start_s):
+            self.drop("rate", f"more than {self.entry.max_hz:g} messages per second")
+            return
+        decoded = self._decoded(data, self.entry.type)
+        if decoded is None:
+            return
+        try:
+            part = self._part(decoded)
+            if part is None:
+                return
+            value, stamp_ns = self._converted(part)
+            own_ns = getattr(value, "stamp_ns", 0)
+            is_sent = self.sensor.publish(value) if own_ns else self.sensor.publish(value, stamp_ns)
+        except (CdffError, *DECODER_ERRORS) as error:
+            self.drop("content", f"{type(error).__name__}: {error}")
+            return
+        if is_sent:
+            self.counters.forward(monotonic_s() - start_s)
+        else:
+            fault = self.sensor.status.last_fault
+            is_off = not self.sensor.mode.on
+            self.drop("sensor_off" if is_off else "clock", "sensor is off" if is_off else str(fault))
+
+    def drop(self, reason: str, detail: str) -> None:
+        """Count a message that does not become a sample, and log the first with a reason."""
+        if self.counters.drop(reason, detail):
+            logger.warning("%s: dropped (%s): %s", self.entry.topic, reason, detail)
+
+    def _part(self, decoded: Any) -> Any:
+        """Return the message, or of a frame tree the transform between the frames of the entry, or None."""
+        split = self._topic.conversion.split
+        if split is None:
+            return decoded
+        found = None
+        for transform in split(decoded):
+            parent, child = (
+                self._names.of_cdff(name.lstrip("/"))
+                for name in (transform.header.frame_id, transform.child_frame_id)
+            )
+            is_listed = (parent, child) == (self.entry.frame, self.entry.child)
+            try:
+                self._tree.add(parent, child)
+            except InputError as error:
+                self.drop("frame_tree", str(error))
+            else:
+                found = transform if is_listed else found
+        return found
+
+    def _converted(self, message: Any) -> tuple[Any, int]:
+        """Return a message as a value, and its stamp."""
+        stamp_ns = _stamp_ns(message)
+        value, frame, child = self._topic.conversion.convert(message, self._topic, stamp_ns)
+        if isinstance(value, TransformWithCovariance):
+            numbers = (value.data.translation, value.data.orientation)
+            if not all(np.isfinite(part).all() for part in numbers):
+                raise InputError("pose that is not finite")
+        if (frame, child) != (self.entry.frame, self.entry.child):
+            raise InputError(
+                f"frames {frame} and {child}: expected {self.entry.frame} and {self.entry.child}; "
+                "see frames in the settings"
+            )
+        return value, stamp_ns
+
+    def _decoded(self, data: bytes, type_name: str) -> Any:
+        """Return a message; count one with a fault, and return None."""
+        if len(data) > self.entry.max_bytes:
+            self.drop("size", f"{len(data)} bytes, expected at most {self.entry.max_bytes}")
+            return None
+        try:
+            message = self._ros_types.deserialize(data, type_name)
+            if self._topic.conversion.split is None:
+                _stamp_ns(message)
+        except (CdffError, *DECODER_ERRORS) as error:
+            self.drop("decoding", f"{len(data)} bytes of {type_name}: {error}")
+            return None
+        return message
+
+
+def _stamp_ns(message: Any) -> int:
+    """Return the stamp of a message, a multiple of 1 µs; raises InputError without one."""
+    stamp = header_of(message).stamp
+    stamp_ns: int = (stamp.sec * _NS_PER_S + stamp.nanosec) // 1000 * 1000
+    if not 0 < stamp_ns <= MAX_STAMP_NS:
+        raise InputError(f"stamp {stamp_ns} ns: expected a time of capture since 1970")
+    return stamp_ns

@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Products on the bus that become topics of the robot."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Any, Protocol
+
+from cdff_common.bus import Message
+from cdff_common.clock import monotonic_s
+from cdff_common.codecs import decode_payload
+from cdff_common.errors import CdffError, InputError
+from cdff_common.interfaces.product import Header, Status
+from cdff_common.types import TransformWithCovariance
+from services.gateways.counters import RateLimit, TopicCounters
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.settings import TF, OutputTopic
+from services.ros_messages.encoders import encoder, transform_message
+from services.ros_messages.encoding import Outgoing, Target
+from services.ros_messages.message_types import RosTypes
+
+logger = logging.getLogger(__name__)
+
+
+class Publisher(Protocol):
+    """A node of the robot's network that publishes messages."""
+
+    def publish(self, out: Outgoing, *, latched: bool) -> None:
+        """Publish a message; a latched one is sent to subscribers that join later, too."""
+
+
+class StaticTransforms:
+    """Latched transforms of a topic: its last message holds all of them, as its late subscribers receive it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._by_child: dict[tuple[str, str], Any] = {}
+
+    def merged(self, topic: str, transform: Any) -> list[Any]:
+        """Add a transform, and return all of the topic."""
+        with self._lock:
+            self._by_child[topic, transform.child_frame_id] = transform
+            return [t for (name, _), t in self._by_child.items() if name == topic]
+
+
+class OutputLink:
+    """A product and the topic that it becomes.
+
+    Parameters
+    ----------
+    entry : OutputTopic
+    names : FrameNames
+    ros_types : RosTypes
+    publisher : Publisher
+    tree : FrameTree
+        Frames of all transforms that the gateway publishes.
+    static : StaticTransforms
+        Latched transforms of all its topics.
+    """
+
+    def __init__(
+        self,
+        entry: OutputTopic,
+        names: FrameNames,
+        ros_types: RosTypes,
+        publisher: Publisher,
+        tree: FrameTree,
+        static: StaticTransforms,
+    ) -> None:
+        self.entry, self.counters = entry, TopicCounters()
+        self._names, self._ros_types, self._publisher = names, ros_types, publisher
+        self._rate = RateLimit(entry.max_hz)
+        self._tree, self._static = tree, static
+        self._cameras: dict[str, Any] = {}
+
+    def on_message(self, message: Message) -> None:
+        """Convert a product and publish it; one with a fault is counted and dropped."""
+        start_s = monotonic_s()
+        self.counters.receive(len(message.payload))
+        if not self._rate.admits(start_s):
+            self._drop("rate", f"more than {self.entry.max_hz:g} messages per second")
+            return
+        try:
+            header = Header.from_attachment(message.attachment)
+            if header.quality.status is Status.FAILED:
+                self._drop("failed", f"its producer reports FAILED: {', '.join(header.quality.reasons)}")
+                return
+            for out in self._messages(decode_payload(message.payload, message.encoding), header):
+                self._publisher.publish(out, latched=self.entry.is_latched)
+        except CdffError as error:
+            self._drop("content", f"{type(error).__name__}: {error}")
+            return
+        self.counters.forward(monotonic_s() - start_s)
+
+    def _messages(self, value: Any, header: Header) -> tuple[Outgoing, ...]:
+        target = Target(
+            self.entry.topic,
+            self._names.robot,
+            header.frame or "",
+            self._names.of_robot,
+            self._names.frames,
+            self._cameras,
+        )
+        if self.entry.type == TF:
+            return (self._frame_tree(value, target, header.t1_ns),)
+        encode = encoder(value.ASN1_NAME, self.entry.type)
+        return tuple(encode(value, target, self._ros_types, header.t1_ns).messages)
+
+    def _frame_tree(self, value: Any, target: Target, stamp_ns: int) -> Outgoing:
+        if not isinstance(value, TransformWithCovariance):
+            raise InputError(f"a {type(value).__name__} as {TF}: expected a TransformWithCovariance")
+        self._tree.add(value.parent_frame, value.child_frame)
+        transform = transform_message(value, target, self._ros_types, stamp_ns)
+        is_static = self.entry.is_latched
+        transforms = self._static.merged(self.entry.topic, transform) if is_static else [transform]
+        message = self._ros_types.make("tf2_msgs/TFMessage", transforms=transforms)
+        return Outgoing(self.entry.topic, TF, message)
+
+    def _drop(self, reason: str, detail: str) -> None:
+        if self.counters.drop(reason, detail):
+            logger.warning("%s: dropped (%s): %s", self.entry.product, reason, detail)

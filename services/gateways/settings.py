@@ -1,0 +1,231 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Settings of a gateway: the topics and requests that may pass, by direction, and their limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import Field, PositiveFloat, ValidationError, model_validator
+
+from cdff_common.contract.products import requestable_products
+from cdff_common.errors import ConfigurationError
+from cdff_common.interfaces.dfn import StrictModel
+from cdff_common.interfaces.profile import RobotId
+from cdff_common.interfaces.sensor_profile import FrameId, Name
+from cdff_common.interfaces.yaml_file import read_mapping
+from services.gateways.request_types import ACTIONS, SERVICES
+from services.ros_messages.conversions import CONVERSIONS, FRAME_TREES
+from services.ros_messages.encoders import ENCODERS
+from services.ros_messages.fixes import FIX
+from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
+from services.ros_messages.message_types import BITSTREAM
+
+#: Message type of frame trees.
+TF = FRAME_TREES[0]
+_OUTGOING = {message for messages in ENCODERS.values() for message in messages} - {FIX} | {BITSTREAM, TF}
+_INCOMING = set(CONVERSIONS) - {FIX}
+#: Message types whose topics are latched by default.
+_MAPS = (OCCUPANCY_GRID, GRID_MAP)
+#: Topic of the transforms that do not change.
+STATIC_TRANSFORMS = "/tf_static"
+
+Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
+Pair = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[a-z][a-z0-9_]*$")]
+
+
+class InputTopic(StrictModel):
+    """A topic of the robot whose messages become samples.
+
+    Attributes
+    ----------
+    topic, type : str
+        Topic, and its message type such as ``sensor_msgs/msg/Imu``. A frame tree (``/tf``, ``/tf_static``) may
+        be listed several times, once for each transform.
+    stream : str
+        Sensor and stream on the bus, such as ``imu/sample``.
+    frame, child : str
+        Frame of the samples; for a pose the parent and the child frame.
+    camera_info : str or None
+        For images the topic of the calibration.
+    qos : "sensor_data", "default" or "latched"
+        Quality of service of the subscription. Latched, the default for ``/tf_static`` and maps, receives the
+        last message from before the start of the gateway.
+    max_bytes : int
+        Largest message, bytes; larger ones are dropped.
+    max_hz : float
+        Largest rate, messages per second, with bursts of at most as many as in 0.2 s; others are dropped.
+    queue : int
+        Messages that can wait; with more the oldest is dropped.
+    on_clock_fault : "refuse" or "report"
+        Treatment of stamps that are not after the previous one, ahead of mission time or late: the sample is
+        not sent, or it is sent with quality DEGRADED.
+    """
+
+    topic: Topic
+    type: str
+    stream: Pair
+    frame: FrameId
+    child: FrameId | None = None
+    camera_info: Topic | None = None
+    qos: Literal["sensor_data", "default", "latched"] | None = None
+    max_bytes: Annotated[int, Field(gt=0, le=1 << 30)] = 64 << 20
+    max_hz: PositiveFloat = 1000.0
+    queue: Annotated[int, Field(ge=1, le=1000)] = 16
+    on_clock_fault: Literal["refuse", "report"] = "refuse"
+
+    @model_validator(mode="after")
+    def _type_is_known(self) -> InputTopic:
+        if self.type not in _INCOMING:
+            raise ValueError(f"type {self.type!r}: expected one of {', '.join(sorted(_INCOMING))}")
+        return self
+
+    @property
+    def is_frame_tree(self) -> bool:
+        """True if the messages of the topic hold the transforms of many frames."""
+        return self.type in FRAME_TREES
+
+    @property
+    def service_quality(self) -> Literal["sensor_data", "default", "latched"]:
+        """Quality of service, or its default for the topic."""
+        is_latched = self.type in _MAPS or self.topic == STATIC_TRANSFORMS
+        return self.qos or ("latched" if is_latched else "default" if self.is_frame_tree else "sensor_data")
+
+
+class OutputTopic(StrictModel):
+    """A product that becomes a topic of the robot.
+
+    Attributes
+    ----------
+    product : str
+        DFPC and port, such as ``position_manager/pose``.
+    topic, type : str
+        Topic, and its message type. ``tf2_msgs/msg/TFMessage`` for a pose is a transform of the frame tree;
+        ``infuse_msgs/msg/Asn1Bitstream`` holds any type.
+    latched : bool
+        Send the last message to subscribers that join later, as default for maps and ``/tf_static``.
+    max_hz : float
+        Largest rate, messages per second; others are dropped.
+    """
+
+    product: Pair
+    topic: Topic
+    type: str = BITSTREAM
+    latched: bool | None = None
+    max_hz: PositiveFloat = 1000.0
+
+    @model_validator(mode="after")
+    def _type_is_known(self) -> OutputTopic:
+        if self.type not in _OUTGOING:
+            raise ValueError(f"type {self.type!r}: expected one of {', '.join(sorted(_OUTGOING))}")
+        return self
+
+    @property
+    def is_latched(self) -> bool:
+        """Whether the topic is latched."""
+        default = self.type in _MAPS or self.topic == STATIC_TRANSFORMS
+        return default if self.latched is None else self.latched
+
+
+class RequestEntry(StrictModel):
+    """A service or an action of the gateway by which the robot requests products.
+
+    Attributes
+    ----------
+    name, type : str
+        Name, and its type: ``grid_map_msgs/srv/GetGridMap`` (a DEM), ``nav_msgs/srv/GetMap`` (a navigation map),
+        ``cdff_msgs/srv/Request`` and ``cdff_msgs/action/Request`` (any listed product).
+    products : list of str
+        Products that may be requested by a type for any product.
+    region : str or None
+        Region of a type that has none, such as ``near:mana/base,10``.
+    deadline_s : float
+        Longest time of a request.
+    max_hz : float
+        Largest rate, requests per second; others are refused.
+    """
+
+    name: Topic
+    type: str
+    products: tuple[str, ...] = ()
+    region: str | None = None
+    deadline_s: Annotated[float, Field(gt=0.0, le=600.0)] = 20.0
+    max_hz: PositiveFloat = 20.0
+
+    @model_validator(mode="after")
+    def _is_known(self) -> RequestEntry:
+        known = {**SERVICES, **ACTIONS}
+        if self.type not in known:
+            raise ValueError(f"type {self.type!r}: expected one of {', '.join(known)}")
+        unknown = sorted(set(self.products) - set(requestable_products()))
+        if unknown:
+            raise ValueError(f"product {unknown[0]!r}: expected some of {', '.join(requestable_products())}")
+        if bool(self.products) != known[self.type].has_any_product:
+            expected = "a list of products" if known[self.type].has_any_product else "no products"
+            raise ValueError(f"{self.type}: expected {expected}")
+        return self
+
+
+class GatewaySettings(StrictModel):
+    """Settings of the gateway of a robot. Nothing passes that is not listed.
+
+    Attributes
+    ----------
+    robot : str
+        Robot id.
+    node : str
+        Name of the gateway's node.
+    frames : mapping of str to frame
+        Frames of CDFF by their ``frame_id`` of the robot. Without an entry ``lidar`` is ``{robot}/lidar``.
+    inputs : list of InputTopic
+    outputs : list of OutputTopic
+        Empty: the gateway publishes nothing on the robot.
+    requests : list of RequestEntry
+        Empty: the robot can request nothing.
+    """
+
+    robot: RobotId
+    node: Name = "cdff_gateway"
+    frames: dict[str, FrameId] = {}
+    inputs: tuple[InputTopic, ...] = ()
+    outputs: tuple[OutputTopic, ...] = ()
+    requests: tuple[RequestEntry, ...] = ()
+
+    @model_validator(mode="after")
+    def _is_unambiguous(self) -> GatewaySettings:
+        incoming = [entry.topic for entry in self.inputs if not entry.is_frame_tree]
+        trees = {entry.topic for entry in self.inputs if entry.is_frame_tree}
+        streams = [entry.stream for entry in self.inputs]
+        for what, names in (("topic", [*incoming, *trees]), ("stream", streams)):
+            if len(set(names)) != len(names):
+                raise ValueError(f"inputs have a {what} twice: {', '.join(names)}")
+        self._check_directions({*incoming, *trees})
+        if len(set(self.frames.values())) != len(self.frames):
+            raise ValueError("frames: two names of the robot for one frame")
+        names = [entry.name for entry in self.requests]
+        if len(set(names)) != len(names):
+            raise ValueError(f"requests have a name twice: {', '.join(names)}")
+        return self
+
+    def _check_directions(self, incoming: set[str]) -> None:
+        """Refuse a topic in both directions, but a frame tree, of which each side has its own transforms."""
+        poses = {e.topic for e in self.outputs if e.type == TF} & {
+            e.topic for e in self.inputs if e.is_frame_tree
+        }
+        both = sorted({entry.topic for entry in self.outputs} & incoming - poses)
+        if both:
+            raise ValueError(f"topic {both[0]} is input and output: its messages would circulate")
+
+
+Settings = TypeVar("Settings", bound=GatewaySettings)
+
+
+def load_settings(path: str | Path, model: type[Settings]) -> Settings:
+    """Read the settings of a gateway; raises ConfigurationError with file, key and expectation."""
+    try:
+        return model.model_validate(read_mapping(Path(path)))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"])) or "settings"
+        raise ConfigurationError(f"{path}: {key}: {first['msg']}") from error

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Settings of the gateway: topics that may pass, refused with the reason; limits of a rate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rosbags.typesys import get_types_from_msg
+
+from cdff_common.errors import ConfigurationError
+from services.gateway_ros2.settings import Ros2Settings
+from services.gateways.counters import RateLimit
+from services.gateways.request_types import ACTIONS, REQUEST_ACTION, REQUEST_SERVICE, SERVICES
+from services.gateways.settings import load_settings
+from services.ros_messages.message_types import BITSTREAM, RosTypes
+
+_IMU = "{topic: /imu/data, type: sensor_msgs/msg/Imu, stream: imu/sample, frame: mana/imu}"
+_EDGE = "{topic: /tf, type: tf2_msgs/msg/TFMessage, stream: tf/STREAM, frame: mana/odom, child: mana/CHILD}"
+_TWICE = _IMU.replace("imu/sample", "imu/other")
+
+
+def _load(tmp_path: Path, text: str) -> Ros2Settings:
+    path = tmp_path / "gateway.yaml"
+    path.write_text(f"robot: mana\n{text}\n")
+    return load_settings(path, Ros2Settings)
+
+
+def test_without_outputs_the_gateway_only_reads(tmp_path: Path) -> None:
+    settings = _load(tmp_path, f"inputs: [{_IMU}]")
+    assert settings.outputs == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (f"inputs: [{_IMU.replace('msg/Imu', 'msg/Range')}]", "expected one of .*sensor_msgs/msg/Imu"),
+        (f"inputs: [{_IMU.replace('/imu/data', '/imu/*')}]", r"inputs\.0\.topic"),
+        (f"inputs: [{_IMU}, {_TWICE}]", "a topic twice"),
+        (f"inputs: [{_IMU}]\noutputs: [{{product: a/b, topic: /imu/data}}]", "circulate"),
+        ("outputs: [{product: a/b, topic: /x, type: std_msgs/msg/Char}]", "expected one of"),
+        ("frames: {a: mana/base, b: mana/base}", "two names"),
+        ("speed: 3", "speed"),
+        (
+            "requests: [{name: /dem, type: nav_msgs/srv/GetPlan}]",
+            "expected one of grid_map_msgs/srv/GetGridMap",
+        ),
+        ("requests: [{name: /ask, type: cdff_msgs/srv/Request}]", "expected a list of products"),
+        ("requests: [{name: /ask, type: cdff_msgs/srv/Request, products: [soil]}]", "product 'soil'"),
+        ("requests: [{name: /dem, type: nav_msgs/srv/GetMap, products: [dem]}]", "expected no products"),
+    ],
+)
+def test_settings_with_a_fault_are_refused_with_the_key(tmp_path: Path, text: str, reason: str) -> None:
+    with pytest.raises(ConfigurationError, match=reason):
+        _load(tmp_path, text)
+
+
+def test_a_rate_limit_admits_a_burst_and_then_its_rate() -> None:
+    limit = RateLimit(10.0)
+    burst = [limit.admits(100.0) for _ in range(5)]
+    assert burst == [True, True, True, False, False]
+    assert [limit.admits(100.0 + 0.1 * i) for i in range(1, 4)] == [True, True, True]
+    assert sum(limit.admits(200.0 + 0.01 * i) for i in range(1000)) == pytest.approx(100, abs=4)
+
+
+def test_a_frame_tree_may_be_listed_once_for_each_transform_and_in_both_directions(tmp_path: Path) -> None:
+    edges = [_EDGE.replace("STREAM", name).replace("CHILD", name) for name in ("base", "mast")]
+    out = "{product: a/b, topic: /tf, type: tf2_msgs/msg/TFMessage}"
+    settings = _load(tmp_path, f"inputs: [{', '.join(edges)}]\noutputs: [{out}]")
+    assert [entry.stream for entry in settings.inputs] == ["tf/base", "tf/mast"]
+    assert settings.inputs[0].service_quality == "default"
+
+
+def test_maps_and_static_transforms_are_latched_by_default(tmp_path: Path) -> None:
+    static = _EDGE.replace("/tf,", "/tf_static,").replace("STREAM", "base").replace("CHILD", "base")
+    outputs = [
+        "{product: a/b, topic: /map, type: nav_msgs/msg/OccupancyGrid}",
+        "{product: a/c, topic: /map_once, type: nav_msgs/msg/OccupancyGrid, latched: false}",
+        "{product: a/d, topic: /pose, type: geometry_msgs/msg/PoseStamped}",
+    ]
+    settings = _load(tmp_path, f"inputs: [{static}]\noutputs: [{', '.join(outputs)}]")
+    assert settings.inputs[0].service_quality == "latched"
+    assert [entry.is_latched for entry in settings.outputs] == [True, False, False]
+
+
+def test_the_package_of_ros_for_the_robot_has_the_definitions_of_the_gateway() -> None:
+    folder = Path(__file__).resolve().parents[4] / "deploy" / "ros"
+    definitions = {**SERVICES, **ACTIONS}
+    for name, suffix in ((REQUEST_SERVICE, "srv"), (REQUEST_ACTION, "action")):
+        text = (folder / "cdff_msgs" / suffix / f"Request.{suffix}").read_text(encoding="utf-8")
+        assert text == definitions[name].definition
+    text = (folder / "infuse_msgs" / "msg" / "Asn1Bitstream.msg").read_text(encoding="utf-8")
+    types = get_types_from_msg(text, BITSTREAM)
+    assert types[BITSTREAM] == RosTypes(2).store.fielddefs[BITSTREAM]
