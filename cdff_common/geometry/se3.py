@@ -198,45 +198,6 @@ def vector_from_transform(T: ArrayLike) -> FloatArray:
     return np.concatenate([m[..., :3, 3], log_so3(m[..., :3, :3])], axis=-1)
 
 
-def adjoint(T: ArrayLike) -> FloatArray:
-    """Return the adjoints ``(..., 6, 6)`` of transforms: ``T Exp(x) T^-1 == Exp(adjoint(T) @ x)``.
-
-    ``Ad = [[R, [t]x R], [0, R]]`` ([1]_ eq. 175).
-    """
-    m = np.asarray(T, dtype=np.float64)
-    R = m[..., :3, :3]
-    out = np.zeros((*m.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = R
-    out[..., :3, 3:] = skew(m[..., :3, 3]) @ R
-    return out
-
-
-def inverse_right_jacobian_se3(xi: ArrayLike) -> FloatArray:
-    """Return the inverse right Jacobians ``(..., 6, 6)`` of SE(3) at twists ``(..., 6)`` ([1]_ eq. 163, 179,
-    180).
-
-    ``Log(Exp(xi) Exp(x)) = xi + inverse_right_jacobian_se3(xi) @ x`` to first order in x.
-    """
-    a = -np.asarray(xi, dtype=np.float64)
-    P, F = skew(a[..., :3]), skew(a[..., 3:])
-    theta = np.linalg.norm(a[..., 3:], axis=-1)[..., None, None]
-    small = theta < 1e-2
-    t = np.where(small, 1.0, theta)
-    b = np.where(small, 1.0 / 6.0 - theta**2 / 120.0, (t - np.sin(t)) / t**3)
-    c = np.where(small, 1.0 / 24.0 - theta**2 / 720.0, (t**2 + 2.0 * np.cos(t) - 2.0) / (2.0 * t**4))
-    d = np.where(
-        small, 1.0 / 120.0 - theta**2 / 2520.0, (2.0 * t - 3.0 * np.sin(t) + t * np.cos(t)) / (2.0 * t**5)
-    )
-    FP, PF = F @ P, P @ F
-    FPF = FP @ F
-    Q = 0.5 * P + b * (FP + PF + FPF) + c * (F @ FP + PF @ F - 3.0 * FPF) + d * (FPF @ F + F @ FPF)
-    inverse_left = np.linalg.inv(left_jacobian_so3(a[..., 3:]))
-    out = np.zeros((*a.shape[:-1], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = inverse_left
-    out[..., :3, 3:] = -inverse_left @ Q @ inverse_left
-    return out
-
-
 def inverse(T: ArrayLike) -> FloatArray:
     """Return the inverse transforms ``T_b_a = [[R^T, -R^T t], [0, 1]]``, shape (..., 4, 4)."""
     m = np.asarray(T, dtype=np.float64)

@@ -13,7 +13,9 @@ from cdff_common.arrays import FloatArray
 def rotated(
     R: FloatArray, x: float, y: float, z: float
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
-    """Return the product of the upper left 3x3 block of a matrix and a vector."""
+    """Return the product of the upper left 3x3 block of a matrix and a vector; the transpose of the matrix
+    rotates back.
+    """
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,

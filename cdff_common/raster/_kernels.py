@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from cdff_common.geometry.small_vectors import rotated
 from cdff_common.raster._auxiliary_kernels import first_us_of, pool_auxiliary
 
 Float = NDArray[np.float64]
@@ -182,8 +183,7 @@ def target_cell(
     """
     x = (col + 0.25 + 0.5 * (quarter % 2)) * fine
     y = (row - 0.25 - 0.5 * (quarter // 2)) * fine
-    rx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z
-    ry = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z
+    rx, ry, rz = rotated(T, x, y, z)
     # A rotation error (wx, wy, wz) of the frame raises the point by wx ry - wy rx.
     variance = (
         covariance[2, 2]
@@ -194,7 +194,7 @@ def target_cell(
     return (
         top - 1 - math.floor((ry + T[1, 3]) / coarse),
         math.floor((rx + T[0, 3]) / coarse) - left,
-        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+        rz + T[2, 3],
         max(variance, 0.0),
     )
 

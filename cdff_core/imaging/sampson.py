@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray
+from cdff_common.geometry.small_vectors import rotated
 
 
 def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
@@ -49,11 +50,8 @@ def _distances(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArra
     out = np.empty(len(source))
     for i in range(len(source)):
         x, y, u, v = source[i, 0], source[i, 1], sink[i, 0], sink[i, 1]
-        a = F[0, 0] * x + F[0, 1] * y + F[0, 2]
-        b = F[1, 0] * x + F[1, 1] * y + F[1, 2]
-        c = F[2, 0] * x + F[2, 1] * y + F[2, 2]
-        d = F[0, 0] * u + F[1, 0] * v + F[2, 0]
-        e = F[0, 1] * u + F[1, 1] * v + F[2, 1]
+        a, b, c = rotated(F, x, y, 1.0)
+        d, e, _ = rotated(F.T, u, v, 1.0)
         norm = math.sqrt(a * a + b * b + d * d + e * e)
         out[i] = (u * a + v * b + c) / max(norm, 1e-300)
     return out
@@ -68,11 +66,8 @@ def _derivatives(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatAr
     out = np.empty((len(source), 1, 9))
     for i in range(len(source)):
         x, y, u, v = source[i, 0], source[i, 1], sink[i, 0], sink[i, 1]
-        a = F[0, 0] * x + F[0, 1] * y + F[0, 2]
-        b = F[1, 0] * x + F[1, 1] * y + F[1, 2]
-        c = F[2, 0] * x + F[2, 1] * y + F[2, 2]
-        d = F[0, 0] * u + F[1, 0] * v + F[2, 0]
-        e = F[0, 1] * u + F[1, 1] * v + F[2, 1]
+        a, b, c = rotated(F, x, y, 1.0)
+        d, e, _ = rotated(F.T, u, v, 1.0)
         norm = max(math.sqrt(a * a + b * b + d * d + e * e), 1e-300)
         r = (u * a + v * b + c) / norm / norm
         p, q = (u - r * a) / norm, (v - r * b) / norm

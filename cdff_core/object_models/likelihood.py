@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross
 from cdff_core.object_models.rendering import draw
 from cdff_core.object_models.scan_view import ScanView
 
@@ -148,7 +149,7 @@ def _depth_at(
     a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    nx, ny, nz = cross(ux, uy, uz, vx, vy, vz)
     along = nx * tangent[0] + ny * tangent[1] + nz
     if along == 0.0:
         return at_pixel

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross, rotated
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_row
 from cdff_core.object_models.rendering import Window, draw
 
@@ -30,9 +31,7 @@ def nearest_distances(
     out = np.empty(len(points))
     for i in range(len(points)):
         px, py, pz = points[i, 0] - T[0, 3], points[i, 1] - T[1, 3], points[i, 2] - T[2, 3]
-        x = T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz
-        y = T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz
-        z = T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz
+        x, y, z = rotated(T.T, px, py, pz)
         q = surface[nearest_row(grid, x, y, z)]
         out[i] = np.sqrt((x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2)
     return out
@@ -60,14 +59,10 @@ def nearest_equations(
     total, limit2 = 0.0, scale * scale
     for i in range(len(points)):
         px, py, pz = points[i, 0] - T[0, 3], points[i, 1] - T[1, 3], points[i, 2] - T[2, 3]
-        x = T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz
-        y = T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz
-        z = T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz
+        x, y, z = rotated(T.T, px, py, pz)
         row = nearest_row(grid, x, y, z)
         n, q = normals[row], surface[row]
-        nx = T[0, 0] * n[0] + T[0, 1] * n[1] + T[0, 2] * n[2]
-        ny = T[1, 0] * n[0] + T[1, 1] * n[1] + T[1, 2] * n[2]
-        nz = T[2, 0] * n[0] + T[2, 1] * n[1] + T[2, 2] * n[2]
+        nx, ny, nz = rotated(T, n[0], n[1], n[2])
         if nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2] >= 0.0:
             continue
         ex, ey, ez = x - q[0], y - q[1], z - q[2]
@@ -76,7 +71,7 @@ def nearest_equations(
             continue
         w = (1.0 - distance2 / limit2) ** 2
         J[0], J[1], J[2] = nx, ny, nz
-        J[3], J[4], J[5] = py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx
+        J[3], J[4], J[5] = cross(px, py, pz, nx, ny, nz)
         _add(J, times[i], w, n[0] * ex + n[1] * ey + n[2] * ez, A, b)
         total += w
     _mirror(A)
@@ -142,7 +137,7 @@ def rendered_equations(
         a, p, q = scratch[corners[0]], scratch[corners[1]], scratch[corners[2]]
         gx, gy, gz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
         hx, hy, hz = q[0] - a[0], q[1] - a[1], q[2] - a[2]
-        nx, ny, nz = gy * hz - gz * hy, gz * hx - gx * hz, gx * hy - gy * hx
+        nx, ny, nz = cross(gx, gy, gz, hx, hy, hz)
         norm = np.sqrt(nx * nx + ny * ny + nz * nz)
         slope = np.sqrt(1.0 + u * u + v * v)
         along = nx * u + ny * v + nz
@@ -161,7 +156,7 @@ def rendered_equations(
         x, y, z = u * depth - T[0, 3], v * depth - T[1, 3], depth - T[2, 3]
         nx, ny, nz = nx * s, ny * s, nz * s
         J[0], J[1], J[2] = nx, ny, nz
-        J[3], J[4], J[5] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+        J[3], J[4], J[5] = cross(x, y, z, nx, ny, nz)
         _add(J, times[i], w, r, A, b)
         total += w
     _mirror(A)
@@ -182,9 +177,10 @@ def _add_miss(
 ) -> float:  # pragma: no cover - compiled
     """Add the distance of a ray that misses the model from its outline; return the weight."""
     p = point - T[:3, 3]
-    in_model = np.array([T[0, k] * p[0] + T[1, k] * p[1] + T[2, k] * p[2] for k in range(3)])
-    q = surface[nearest_row(grid, in_model[0], in_model[1], in_model[2])]
-    e = np.array([T[k, 0] * q[0] + T[k, 1] * q[1] + T[k, 2] * q[2] + T[k, 3] - point[k] for k in range(3)])
+    x, y, z = rotated(T.T, p[0], p[1], p[2])
+    q = surface[nearest_row(grid, x, y, z)]
+    x, y, z = rotated(T, q[0], q[1], q[2])
+    e = np.array([x, y, z]) + T[:3, 3] - point
     # Only the part across the ray: a ray that misses has no range to compare.
     ray = point / np.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
     e -= (e[0] * ray[0] + e[1] * ray[1] + e[2] * ray[2]) * ray
@@ -194,7 +190,7 @@ def _add_miss(
     n = -e / distance
     J = np.empty(6)
     J[0], J[1], J[2] = n[0], n[1], n[2]
-    J[3], J[4], J[5] = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
+    J[3], J[4], J[5] = cross(p[0], p[1], p[2], n[0], n[1], n[2])
     w: float = miss * (1.0 - (distance / limit) ** 2) ** 2
     _add(J, t, w, distance, A, b)
     return w

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray
+from cdff_common.geometry.small_vectors import cross, rotated
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_row
 
 #: Weight of the distance between the points relative to that across the surface: it keeps the poses apart
@@ -113,14 +114,10 @@ def normal_equations(
     b[:] = 0.0
     J = np.empty(6)
     limit2, used = scale * scale, 0
-    sx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
-    sy = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
-    sz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
     for i in range(len(scan)):
         px, py, pz = scan[i, 0] - T[0, 3], scan[i, 1] - T[1, 3], scan[i, 2] - T[2, 3]
-        x = T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz
-        y = T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz
-        z = T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz
+        x, y, z = rotated(T.T, px, py, pz)
         row = nearest_row(grid, x, y, z)
         n = normals[row]
         q = points[row]
@@ -132,7 +129,7 @@ def normal_equations(
             continue
         w = (1.0 - distance2 / limit2) ** 2
         r = n[0] * ex + n[1] * ey + n[2] * ez
-        J[0], J[1], J[2] = y * n[2] - z * n[1], z * n[0] - x * n[2], x * n[1] - y * n[0]
+        J[0], J[1], J[2] = cross(x, y, z, n[0], n[1], n[2])
         J[3], J[4], J[5] = n[0], n[1], n[2]
         for c in range(6):
             wj = w * J[c]
@@ -155,9 +152,10 @@ def normal_equations(
         A[5, 1] -= v * x
         for c in range(3):
             A[3 + c, 3 + c] += v
-        b[0] -= v * (y * ez - z * ey)
-        b[1] -= v * (z * ex - x * ez)
-        b[2] -= v * (x * ey - y * ex)
+        cx, cy, cz = cross(x, y, z, ex, ey, ez)
+        b[0] -= v * cx
+        b[1] -= v * cy
+        b[2] -= v * cz
         b[3] -= v * ex
         b[4] -= v * ey
         b[5] -= v * ez
@@ -232,14 +230,10 @@ def _cost(
     one_sided: bool,
 ) -> float:  # pragma: no cover - compiled
     total, limit2 = 0.0, scale * scale
-    sx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
-    sy = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
-    sz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
     for i in range(len(scan)):
         px, py, pz = scan[i, 0] - T[0, 3], scan[i, 1] - T[1, 3], scan[i, 2] - T[2, 3]
-        x = T[0, 0] * px + T[1, 0] * py + T[2, 0] * pz
-        y = T[0, 1] * px + T[1, 1] * py + T[2, 1] * pz
-        z = T[0, 2] * px + T[1, 2] * py + T[2, 2] * pz
+        x, y, z = rotated(T.T, px, py, pz)
         row = nearest_row(grid, x, y, z)
         q, n = points[row], normals[row]
         if one_sided and n[0] * (sx - q[0]) + n[1] * (sy - q[1]) + n[2] * (sz - q[2]) <= 0.0:

@@ -53,11 +53,6 @@ class SymmetryGroup:
     transforms: FloatArray
     axis: FloatArray | None = None
 
-    @property
-    def is_trivial(self) -> bool:
-        """True if the body has no symmetry."""
-        return len(self.transforms) == 1
-
 
 def symmetry_group(surface: VisibleSurface, grid: NearestGrid, tolerance: float) -> SymmetryGroup:
     """Return the symmetry group of a surface.

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross
 
 ANGLES = 15  # bins of each angle of a feature, over 180 degrees
 ROTATIONS = 36  # bins of the rotation about the normal
@@ -123,9 +124,7 @@ def _aligning_rotation(n: FloatArray) -> FloatArray:  # pragma: no cover - compi
     length = math.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
     R[1, 0], R[1, 1], R[1, 2] = x, y, z
-    R[2, 0] = n[1] * z - n[2] * y
-    R[2, 1] = n[2] * x - n[0] * z
-    R[2, 2] = n[0] * y - n[1] * x
+    R[2, 0], R[2, 1], R[2, 2] = cross(n[0], n[1], n[2], x, y, z)
     return R
 
 

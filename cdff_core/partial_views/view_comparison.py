@@ -13,6 +13,7 @@ from numba import njit
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry import se3
+from cdff_common.geometry.small_vectors import rotated
 from cdff_core.partial_views.model_surface import ModelSurface
 from cdff_core.partial_views.range_image import RangeImage
 
@@ -128,9 +129,7 @@ def _counts(
     for k in range(len(poses)):
         T = poses[k]
         # Direction from the origin of the model to the sensor, in the frame of the model.
-        dx = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
-        dy = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
-        dz = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+        dx, dy, dz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
         view, largest = 0, -np.inf
         for i in range(len(directions)):
             dot = directions[i, 0] * dx + directions[i, 1] * dy + directions[i, 2] * dz
@@ -139,10 +138,8 @@ def _counts(
         for i in range(len(points)):
             if not visible[view, i]:
                 continue
-            p, q, r = points[i, 0], points[i, 1], points[i, 2]
-            x = T[0, 0] * p + T[0, 1] * q + T[0, 2] * r + T[0, 3]
-            y = T[1, 0] * p + T[1, 1] * q + T[1, 2] * r + T[1, 3]
-            z = T[2, 0] * p + T[2, 1] * q + T[2, 2] * r + T[2, 3]
+            x, y, z = rotated(T, points[i, 0], points[i, 1], points[i, 2])
+            x, y, z = x + T[0, 3], y + T[1, 3], z + T[2, 3]
             if z <= 0.0:
                 out[k, 3] += 1
                 continue

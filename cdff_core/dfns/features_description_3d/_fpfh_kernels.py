@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross
 
 BINS = 11
 
@@ -44,12 +45,12 @@ def simplified_histograms(
             else:
                 phi = cos_p
             ux, uy, uz = normals[origin, 0], normals[origin, 1], normals[origin, 2]
-            vx, vy, vz = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
+            vx, vy, vz = cross(dx, dy, dz, ux, uy, uz)
             length = math.sqrt(vx * vx + vy * vy + vz * vz)
             if length < 1e-12:
                 continue
             vx, vy, vz = vx / length, vy / length, vz / length
-            wx, wy, wz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+            wx, wy, wz = cross(ux, uy, uz, vx, vy, vz)
             nx, ny, nz = normals[other, 0], normals[other, 1], normals[other, 2]
             alpha = vx * nx + vy * ny + vz * nz
             theta = math.atan2(wx * nx + wy * ny + wz * nz, ux * nx + uy * ny + uz * nz)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray
+from cdff_common.geometry.small_vectors import rotated
 
 #: Number of points after which a pose is rejected if the mean difference is above this fraction of the
 #: cut-off.
@@ -51,15 +52,15 @@ def residuals(
             for i in range(len(points)):
                 x = cosine * points[i, 0] - sine * points[i, 1]
                 y = sine * points[i, 0] + cosine * points[i, 1]
-                z = points[i, 2]
-                row = int(np.floor((T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3] - origin[0]) / cell))
-                column = int(np.floor((T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3] - origin[1]) / cell))
+                x, y, z = rotated(T, x, y, points[i, 2])
+                row = int(np.floor((x + T[0, 3] - origin[0]) / cell))
+                column = int(np.floor((y + T[1, 3] - origin[1]) / cell))
                 if row < 0 or column < 0 or row >= rows or column >= columns:
                     continue
                 height = heights[row, column]
                 if np.isnan(height):
                     continue
-                difference = abs(T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3] - height)
+                difference = abs(z + T[2, 3] - height)
                 total += min(difference, cutoff)
                 count += 1
                 if count == _EARLY_POINTS and total > _EARLY_LIMIT * cutoff * count:

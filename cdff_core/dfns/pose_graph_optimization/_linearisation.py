@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
+from cdff_common.geometry.small_vectors import cross
 
 #: Angle below which functions of the angle are computed by their series, radians.
 _SMALL = 1e-2
@@ -156,8 +157,8 @@ def _logarithm(E: FloatArray, e: FloatArray) -> None:  # pragma: no cover - comp
     c = _quadratic_coefficient(angle)
     tx, ty, tz = E[0, 3], E[1, 3], E[2, 3]
     # J_l(phi)^-1 t = t - phi x t / 2 + c phi x (phi x t)
-    ux, uy, uz = y * tz - z * ty, z * tx - x * tz, x * ty - y * tx
-    vx, vy, vz = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
+    ux, uy, uz = cross(x, y, z, tx, ty, tz)
+    vx, vy, vz = cross(x, y, z, ux, uy, uz)
     e[0], e[1], e[2] = tx - 0.5 * ux + c * vx, ty - 0.5 * uy + c * vy, tz - 0.5 * uz + c * vz
     e[3], e[4], e[5] = x, y, z
 
@@ -223,7 +224,7 @@ def _adjoint_of_inverse(T: FloatArray, out: FloatArray) -> None:  # pragma: no c
         for j in range(3):
             out[i, j] = out[3 + i, 3 + j] = T[j, i]
             out[3 + i, j] = 0.0
-        out[i, 3], out[i, 4], out[i, 5] = w * y - v * z, u * z - w * x, v * x - u * y
+        out[i, 3], out[i, 4], out[i, 5] = cross(x, y, z, u, v, w)
 
 
 @njit(cache=True)

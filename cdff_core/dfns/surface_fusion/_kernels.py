@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from cdff_common.arrays import ByteArray, Float32Array, FloatArray, IntArray
+from cdff_common.geometry.small_vectors import rotated
 
 CountArray = NDArray[np.uint16]
 
@@ -77,9 +78,7 @@ def disagreement(
 
     An image contradicts a voxel if it measures another distance, or hides a surface that faces the camera.
     """
-    center_x = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
-    center_y = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
-    center_z = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    center_x, center_y, center_z = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
     compared = contradicted = 0
     for b in range(len(slots)):
         slot = slots[b]

@@ -68,11 +68,6 @@ class CameraPath:
         """True if the velocity is known: after two measured poses without a gap between them."""
         return bool(self._twist.any())
 
-    @property
-    def measured_ns(self) -> int:
-        """Time of the last measured pose, nanoseconds; raises RefusedError if there is none."""
-        return self._last()[0]
-
     def across_gap(self, stamp_ns: int) -> UncertainTransform:
         """Return the predicted pose with the covariance of the motion unobserved by the camera."""
         last_ns, last = self._last()

@@ -102,17 +102,3 @@ def test_many_transforms_are_checked_as_one_is(rng: np.random.Generator) -> None
     assert expected == [False] * 6 + [True] * 6
     assert se3.are_transforms(T).tolist() == expected
     assert se3.are_transforms(np.zeros((0, 4, 4))).tolist() == []
-
-
-def test_the_inverse_right_jacobian_is_the_derivative_of_the_logarithm(rng: np.random.Generator) -> None:
-    xi = rng.normal(size=(20, 6)) * np.array([1e-4, 1e-2, 0.3, 1.0])[np.arange(20) % 4, None]
-    step = 1e-6 * np.eye(6)
-    T = se3.exp_se3(xi)[:, None]
-    numeric = (se3.log_se3(T @ se3.exp_se3(step)) - se3.log_se3(T @ se3.exp_se3(-step))) / 2e-6
-    np.testing.assert_allclose(se3.inverse_right_jacobian_se3(xi), np.swapaxes(numeric, 1, 2), atol=1e-8)
-
-
-def test_the_adjoint_transforms_a_motion_to_the_other_frame(rng: np.random.Generator) -> None:
-    T, x = se3.exp_se3(rng.normal(size=(5, 6))), 0.1 * rng.normal(size=(5, 6))
-    transformed = se3.exp_se3((se3.adjoint(T) @ x[..., None])[..., 0])
-    np.testing.assert_allclose(T @ se3.exp_se3(x) @ se3.inverse(T), transformed, atol=1e-12)
