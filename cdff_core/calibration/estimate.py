@@ -45,9 +45,9 @@ class Mount:
 
     @classmethod
     def of_covariance(
-        cls, T: FloatArray, covariance: FloatArray, pairs: int, rms_m: float, rms_rad: float
+        cls, T: FloatArray, covariance: FloatArray, pairs: int, *, rms_m: float, rms_rad: float
     ) -> Mount:
-        """Return the mount of an estimate, with the undetermined directions by their standard deviations."""
+        """Return the mount; directions whose standard deviation exceeds its limit are undetermined."""
         symmetric = 0.5 * (covariance + covariance.T)
         sigma = np.sqrt(np.diag(symmetric))
         undetermined = tuple(n for n, s, limit in zip(DIRECTIONS, sigma, LIMITS, strict=True) if s > limit)

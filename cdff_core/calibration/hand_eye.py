@@ -67,7 +67,7 @@ def hand_eye(pairs: MotionPairs, guess: FloatArray | None = None) -> Mount:
             ("motion",),
         )
     starts = [guess] if guess is not None else [se3.transform(R, np.zeros(3)) for R in _start_rotations()]
-    results = [_iterated(pairs, start) for start in starts]
+    results = [_fit_from(pairs, start) for start in starts]
     X, scale, _, weights = min(results, key=lambda result: float(np.log(result[2]).sum()))
     residuals = _residuals(pairs, X, scale)
     covariance = _covariance(_jacobians(pairs, X), residuals, weights)[:6, :6]
@@ -75,12 +75,15 @@ def hand_eye(pairs: MotionPairs, guess: FloatArray | None = None) -> Mount:
         X,
         covariance,
         len(pairs),
-        float(np.sqrt((residuals[:, :3] ** 2).sum(axis=1).mean())),
-        float(np.sqrt((residuals[:, 3:] ** 2).sum(axis=1).mean())),
+        rms_m=float(np.sqrt((residuals[:, :3] ** 2).sum(axis=1).mean())),
+        rms_rad=float(np.sqrt((residuals[:, 3:] ** 2).sum(axis=1).mean())),
     )
 
 
 def _start_rotations() -> list[FloatArray]:
+    """Return initial rotations: a sensor, camera axes and a sensor upside
+    down, each at several yaw angles.
+    """
     yaws = np.arange(_STARTS) * 2.0 * np.pi / _STARTS
     camera = se3.matrix_from_quaternion_xyzw([-0.5, 0.5, -0.5, 0.5])
     down = se3.exp_so3([np.pi, 0.0, 0.0])
@@ -89,7 +92,7 @@ def _start_rotations() -> list[FloatArray]:
 
 
 def _residuals(pairs: MotionPairs, X: FloatArray, scale: float) -> FloatArray:
-    """Return ``(n, 6)``: translation of ``A X`` minus ``X B``, and the same of the rotation vectors."""
+    """Return the residuals ``(n, 6)`` of ``A X = X B``: of the translation, then of the rotation vector."""
     A, B = pairs.base, pairs.sensor
     left = A[:, :3, :3] @ X[:3, 3] + scale * A[:, :3, 3]
     rotation = se3.log_so3(A[:, :3, :3]) - se3.log_so3(B[:, :3, :3]) @ X[:3, :3].T
@@ -97,7 +100,9 @@ def _residuals(pairs: MotionPairs, X: FloatArray, scale: float) -> FloatArray:
 
 
 def _jacobians(pairs: MotionPairs, X: FloatArray) -> FloatArray:
-    """Return the derivatives ``(n, 6, 7)`` by translation and left rotation of ``X``, and by the scale."""
+    """Return the derivatives ``(n, 6, 7)`` with respect to translation and left rotation of ``X``, and the
+    scale.
+    """
     A, B, R = pairs.base, pairs.sensor, X[:3, :3]
     J = np.zeros((len(A), 6, 7))
     J[:, :3, :3] = A[:, :3, :3] - np.eye(3)
@@ -107,7 +112,7 @@ def _jacobians(pairs: MotionPairs, X: FloatArray) -> FloatArray:
     return J
 
 
-def _iterated(pairs: MotionPairs, start: FloatArray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
+def _fit_from(pairs: MotionPairs, start: FloatArray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
     """Return mount, scale, standard deviations ``(6,)`` of the residuals and their weights ``(n, 6)``.
 
     The standard deviation of each component of the residuals is estimated with the mount: planar odometry has

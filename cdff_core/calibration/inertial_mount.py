@@ -247,7 +247,7 @@ def _iterated(windows: list[_Window], R: FloatArray) -> tuple[Mount, float]:
     spread = clusters.T @ clusters * len(windows) / (len(windows) - 1)
     covariance = inverse @ (spread + WEAK_PRIOR) @ inverse + np.diag(np.square(_SYSTEMATIC))
     T = se3.transform(se3.normalise_rotation(R), lever)
-    mount = Mount.of_covariance(T, covariance, len(windows), rms, float(sigma[1]))
+    mount = Mount.of_covariance(T, covariance, len(windows), rms_m=rms, rms_rad=float(sigma[1]))
     fit = float(np.log(sigma) @ [_INDEPENDENT, 1.0, 2.0]) * len(windows)
     return mount, fit + 0.5 * float(lever @ _PRIOR[:3, :3] @ lever)
 

@@ -17,7 +17,7 @@ from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfns.model_registration.interface import ModelRegistrationInputs
 from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingInputs
 from cdff_core.object_models.scan_detection import surface_ports
-from cdff_core.object_models.tracked_state import ERRORS, TrackedState
+from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
 #: Rotation of the body between two poses of the motion correction, rad, and largest number of poses.
 _STEP_RAD, _MAX_POSES = math.radians(0.5), 200
@@ -107,7 +107,7 @@ class ScanFitter:
                     times_s=times_s,
                     pose=state.T,
                     prior_covariance=prior,
-                    prior_error=np.pad(predicted.difference(state), (0, len(prior) - ERRORS)),
+                    prior_error=np.pad(predicted.difference(state), (0, len(prior) - STATE_ERROR_DIM)),
                     state_jacobian=J,
                     capture_m=_capture_m(model, predicted),
                     drawn_vertices=model.drawn_vertices,
@@ -117,7 +117,9 @@ class ScanFitter:
                     **surface_ports(model),
                 )
             )
-            state = state.corrected(outputs.correction[:ERRORS], outputs.covariance[:ERRORS, :ERRORS])
+            state = state.corrected(
+                outputs.correction[:STATE_ERROR_DIM], outputs.covariance[:STATE_ERROR_DIM, :STATE_ERROR_DIM]
+            )
             if float(np.linalg.norm(outputs.correction[9:12])) * duration_s < _RESIDUAL_MOTION_RAD:
                 break
         distance = state.squared_distance(predicted)
@@ -174,7 +176,7 @@ def pose_and_rate_jacobian(state: TrackedState) -> FloatArray:
     The attitude a time t later has the error phi + t R dw; the position that of the velocity of the origin.
     """
     R = state.T[:3, :3]
-    J = np.zeros((12, ERRORS))
+    J = np.zeros((12, STATE_ERROR_DIM))
     J[:6, :6] = np.eye(6)
     J[6:9] = state.velocity_jacobian[:3]
     J[9:, 9:12] = R

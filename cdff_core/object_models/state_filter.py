@@ -17,10 +17,10 @@ from cdff_common.interfaces.dfpc import DfpcConfig
 from cdff_core.dfns.kalman_correction.interface import KalmanCorrectionInputs
 from cdff_core.dfns.target_state_prediction.interface import TargetStatePredictionInputs
 from cdff_core.object_models.inertia import inertia_of
-from cdff_core.object_models.tracked_state import ERRORS, TrackedState
+from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
 #: A measured pose is the first six errors of the state.
-_JACOBIAN = np.eye(6, ERRORS)
+_JACOBIAN = np.eye(6, STATE_ERROR_DIM)
 #: Adaptation of the noise: gain, largest excess of a squared normalised correction, bounds of the factors,
 #: and the decrease of a variance, relative to it, from which a direction was measured.
 _GAIN, _MAX_EXCESS, _MIN_SCALE, _MAX_SCALE, _LEAST_DECREASE = 0.3, 3.0, 0.3, 300.0, 0.02
@@ -90,7 +90,7 @@ class StateFilter:
 
     def start(self, stamp_ns: int, T: FloatArray, pose_covariance: FloatArray) -> TrackedState:
         """Return the state of a measured pose without knowledge of its motion."""
-        covariance = np.zeros((ERRORS, ERRORS))
+        covariance = np.zeros((STATE_ERROR_DIM, STATE_ERROR_DIM))
         covariance[:6, :6] = pose_covariance
         covariance[6:9, 6:9] = self._config.initial_velocity_sigma_mps**2 * np.eye(3)
         covariance[9:12, 9:12] = self._config.initial_rate_sigma_radps**2 * np.eye(3)

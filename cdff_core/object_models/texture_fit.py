@@ -19,13 +19,14 @@ from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefine
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.image_fit import search_range_px
 from cdff_core.object_models.rendering import Window, body_window, render
-from cdff_core.object_models.tracked_state import ERRORS, TrackedState
+from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
-#: Distance of a feature from the outline, and margin of the parts of the images, px.
+#: Least distance of a feature from the outline of the body, and margin of the image windows around the
+#: features, px.
 _INSIDE_PX, _MARGIN_PX = 4, 48
 #: Least number of tracked points.
 _MIN_POINTS = 12
-#: Smallest part of an image in which features are searched, px.
+#: Smallest side of an image window in which features are searched, px.
 _MIN_SIDE_PX = 33
 
 
@@ -80,7 +81,7 @@ class TextureFitter:
         image: ByteArray,
         camera_matrix: FloatArray,
     ) -> TextureFit:
-        """Return the state corrected by a grey image (r, c) after that of ``seen``.
+        """Return the state corrected with a grey image (r, c), which is later than the image of ``seen``.
 
         Parameters
         ----------
@@ -98,7 +99,7 @@ class TextureFitter:
         is_ahead = in_camera[:, 2] > 1e-3 * max(float(in_camera[:, 2].max(initial=0.0)), 1e-9)
         features, points_m, in_camera = features[is_ahead], points_m[is_ahead], in_camera[is_ahead]
         pixels = in_camera[:, :2] / in_camera[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-        matches, is_valid = self._tracked(seen.image, image, features, pixels)
+        matches, is_valid = self._track_features(seen.image, image, features, pixels)
         if np.count_nonzero(is_valid) < _MIN_POINTS:
             raise RefusedError(
                 f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
@@ -126,7 +127,9 @@ class TextureFitter:
     def _features(
         self, model: ModelPreparationOutputs, seen: SeenBody, camera_matrix: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return features (n, 2) of the body in the previous image, and their points (n, 3)."""
+        """Return features (n, 2) of the body in the previous image, and their points (n, 3) in the frame of
+        the body.
+        """
         row, column, window = body_window(
             model.drawn_vertices, seen.state.T, _window(camera_matrix, seen.image)
         )
@@ -145,10 +148,13 @@ class TextureFitter:
             se3.inverse(seen.state.T), in_camera
         )
 
-    def _tracked(
+    def _track_features(
         self, previous: ByteArray, image: ByteArray, features: FloatArray, pixels: FloatArray
     ) -> tuple[FloatArray, BoolArray]:
-        """Return the positions (n, 2) in the image near predicted ``pixels`` (n, 2), and their mask (n,)."""
+        """Track features of the previous image; return their positions (n, 2), and which are valid (n,).
+
+        ``pixels`` (n, 2) are the predicted positions.
+        """
         if not len(features) or previous.shape != image.shape:
             return pixels, np.zeros(len(features), bool)
         both = np.concatenate([features, pixels])
@@ -168,21 +174,24 @@ class TextureFitter:
 
 
 def relative_prior(previous: TrackedState, predicted: TrackedState, transition: FloatArray) -> FloatArray:
-    """Return the covariance (26, 26) of the errors of the motion from the previous pose and of a state.
+    """Return the joint covariance (26, 26) of two errors.
 
-    The first six are the error of the predicted pose minus that of the previous one, moved with the body.
+    The first six components are the error of the motion since the previous pose: the error of the predicted
+    pose minus the error of the previous pose, rotated with the body. The other 20 are the error of the
+    predicted state. ``transition`` (20, 20) is the derivative of the predicted state's errors with respect
+    to the previous ones.
     """
     R = predicted.T[:3, :3] @ previous.T[:3, :3].T
-    joint = np.zeros((ERRORS + 6, ERRORS + 6))
-    joint[:ERRORS, :ERRORS] = predicted.covariance
-    joint[:ERRORS, ERRORS:] = transition @ previous.covariance[:, :6]
-    joint[ERRORS:, :ERRORS] = joint[:ERRORS, ERRORS:].T
-    joint[ERRORS:, ERRORS:] = previous.covariance[:6, :6]
-    change = np.zeros((6 + ERRORS, ERRORS + 6))
-    change[:6, :6] = np.eye(6)
-    change[:6, ERRORS:] = -np.kron(np.eye(2), R)
-    change[6:, :ERRORS] = np.eye(ERRORS)
-    return np.asarray(change @ joint @ change.T)
+    joint = np.zeros((STATE_ERROR_DIM + 6, STATE_ERROR_DIM + 6))
+    joint[:STATE_ERROR_DIM, :STATE_ERROR_DIM] = predicted.covariance
+    joint[:STATE_ERROR_DIM, STATE_ERROR_DIM:] = transition @ previous.covariance[:, :6]
+    joint[STATE_ERROR_DIM:, :STATE_ERROR_DIM] = joint[:STATE_ERROR_DIM, STATE_ERROR_DIM:].T
+    joint[STATE_ERROR_DIM:, STATE_ERROR_DIM:] = previous.covariance[:6, :6]
+    jacobian = np.zeros((6 + STATE_ERROR_DIM, STATE_ERROR_DIM + 6))
+    jacobian[:6, :6] = np.eye(6)
+    jacobian[:6, STATE_ERROR_DIM:] = -np.kron(np.eye(2), R)
+    jacobian[6:, :STATE_ERROR_DIM] = np.eye(STATE_ERROR_DIM)
+    return np.asarray(jacobian @ joint @ jacobian.T)
 
 
 def _window(camera_matrix: FloatArray, image: ByteArray) -> Window:
@@ -191,7 +200,7 @@ def _window(camera_matrix: FloatArray, image: ByteArray) -> Window:
 
 
 def _inner(mask: BoolArray) -> BoolArray:
-    """Return the pixels that are away from the outline of a mask."""
+    """Return the pixels of a mask that are farther than ``_INSIDE_PX`` from its outline."""
     import cv2
 
     side = 2 * _INSIDE_PX + 1

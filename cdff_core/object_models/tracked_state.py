@@ -13,8 +13,9 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_core.object_models.inertia import changed_inertia, inertia_difference
 
-#: Errors of the state: position, rotation, velocity, rate, centre of mass, inertia.
-ERRORS = 20
+#: Number of components of the error of a state: position (3), rotation (3), velocity (3), rate (3), centre of
+#: mass (3), inertia (5).
+STATE_ERROR_DIM = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,13 +28,13 @@ class TrackedState:
     T : ndarray, shape (4, 4)
         T_sensor_body.
     velocity : ndarray, shape (3,)
-        Of the centre of mass in the frame, m/s.
+        Velocity of the centre of mass in the frame, m/s.
     rate : ndarray, shape (3,)
-        Relative to the frame, in the body's axes, rad/s.
+        Angular rate relative to the frame, in the body's axes, rad/s.
     centre_of_mass_m : ndarray, shape (3,)
         In the frame of the body.
     inertia : ndarray, shape (3, 3)
-        Up to a factor, trace 3.
+        Known up to a factor only; scaled to trace 3.
     covariance : ndarray, shape (20, 20)
         Of the errors x y z, rx ry rz (both in the frame), velocity, rate and centre of mass (both in the
         body), inertia along ``inertia.BASIS``.
@@ -51,7 +52,7 @@ class TrackedState:
     noise_scales: FloatArray = field(default_factory=lambda: np.ones(2))
 
     def corrected(self, correction: FloatArray, covariance: FloatArray) -> TrackedState:
-        """Return the state plus an error (20,)."""
+        """Return the state plus a correction (20,), with a new covariance (20, 20)."""
         R = se3.normalise_rotation(se3.exp_so3(correction[3:6]) @ self.T[:3, :3])
         return replace(
             self,
@@ -76,7 +77,9 @@ class TrackedState:
         )
 
     def squared_distance(self, prediction: TrackedState) -> float:
-        """Return the squared Mahalanobis distance from a prediction, by the covariance of the latter."""
+        """Return the squared Mahalanobis distance from a prediction, with the
+        covariance of the prediction.
+        """
         error = self.difference(prediction)
         return float(error @ np.linalg.lstsq(prediction.covariance, error, rcond=1e-12)[0])
 
@@ -92,7 +95,7 @@ class TrackedState:
         """Derivative (6, 20) of ``velocities`` with respect to the errors."""
         R = self.T[:3, :3]
         rate, arm = R @ self.rate, R @ self.centre_of_mass_m
-        J = np.zeros((6, ERRORS))
+        J = np.zeros((6, STATE_ERROR_DIM))
         J[3:, 3:6] = -se3.skew(rate)
         J[3:, 9:12] = R
         J[:3] = se3.skew(arm) @ J[3:]
@@ -108,7 +111,9 @@ class TrackedState:
         return np.asarray(J @ self.covariance @ J.T)
 
     def relative_poses(self, times_s: FloatArray) -> FloatArray:
-        """Return T_sensor_body (n, 4, 4) at times relative to the stamp, by constant velocity and rate."""
+        """Return T_sensor_body (n, 4, 4) at times (n,) relative to the stamp, at
+        constant velocity and rate.
+        """
         R = self.T[:3, :3] @ se3.exp_so3(np.asarray(times_s)[:, None] * self.rate)
         centre = self.T[:3, 3] + self.T[:3, :3] @ self.centre_of_mass_m
         positions = centre + np.outer(times_s, self.velocity) - R @ self.centre_of_mass_m

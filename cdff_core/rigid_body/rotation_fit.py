@@ -35,25 +35,26 @@ _FIRST_PART = 8
 _SEARCH_PART = 64
 #: Number of initial values that are always compared; a wrong one can explain few orientations by chance.
 _MIN_STARTS = 2
-#: Angle from the axis of the middle moment within which moments are unobservable, rad; number of times
-#: tested.
+#: Angle from the axis of the middle moment within which moments are unobservable, rad, and number of times
+#: at which the angle is tested.
 _MIDDLE_AXIS_RAD, _CHECKED = 0.2, 200
 #: Growth of the number of orientations after which unexplained ones start a new search.
 _SEARCH_GROWTH = 2.0
-#: Deviation of a mean squared residual from 1, in standard deviations, that is explained by noise.
+#: Largest deviation of the mean squared residual from 1, in standard deviations, that noise explains.
 _EXPLAINED = 2.0
 _COLUMNS = ("t_s", "orientations", "covariances")
 #: Number of orientations and sum of the rotations between them, rad, from which a tumble is considered.
 _MIN_TUMBLE, _MIN_TURN_RAD = 12, 2.0
-#: Ratios of `drifting_fit.RATIOS` between which steps choose.
+#: Selection of `drifting_fit.RATIOS` that is tried in the Gauss-Newton steps.
 _COARSE_RATIOS = (0.0, 1e-4, 1e-2, 1.0)
 #: Squared normalised innovation above which an orientation is an outlier: probability 1.6e-5.
 _OUTLIER = 25.0
 #: Degrees of freedom of the t distribution of noise, and the factor on a covariance that marks an outlier.
 _FREEDOM, _OUTLIER_WEIGHT = 5.0, (5.0 + _OUTLIER) / 8.0
-#: Factor on the covariance of an outlier, and the largest number of times that outliers are determined.
+#: Factor on the covariance of an outlier, and largest number of rounds in which outliers are determined
+#: again.
 _EXCLUDED, _MAX_ROUNDS = 1e8, 5
-#: Gain of the Bayesian information criterion that the five parameters of the inertia need.
+#: Least improvement of the Bayesian information criterion that justifies the five parameters of the inertia.
 _MIN_GAIN = 10.0
 
 
@@ -84,21 +85,31 @@ class RotationFit:
     criterion: float
     searched: int = 0
 
-    def predict(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return orientations, their covariances, rates and their covariances at times from the last one on.
+    @property
+    def drift_rotation(self) -> FloatArray:
+        """Rotation (3, 3) by which the reference frame has drifted until the last measurement."""
+        return se3.exp_so3(self.fit.state)
 
-        Orientations ``R_reference_body`` (n, 3, 3); covariances (n, 3, 3) of the rotation vector and of the
-        rate, all in axes of the reference frame; rates (n, 3), rad/s.
+    def predict(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return orientations, their covariances, rates and their covariances at times.
+
+        The times are not earlier than the last measurement. Orientations are ``R_reference_body`` (n, 3, 3),
+        covariances (n, 3, 3) of the rotation vector and of the rate, all in axes of the reference frame;
+        rates (n, 3), rad/s.
         """
         by_angle = orientation_derivatives(self.model, t_s - self.epoch_s)
         by_rate = rate_derivatives(self.model, t_s - self.epoch_s)
-        drift = se3.exp_so3(self.fit.state)
-        orientations = drift @ self.model.orientations(t_s - self.epoch_s)
+        orientations = self.drift_rotation @ self.model.orientations(t_s - self.epoch_s)
         by_angle = by_angle - self.fit.state_derivatives
         walk = self.fit.intensity * np.maximum(t_s - self.last_s, 0.0)[:, None, None] * np.eye(3)
-        angles = _propagated(by_angle, self.fit.covariance) + self.fit.state_covariance + walk
-        rates = self.model.rates(t_s - self.epoch_s) @ drift.T
-        return np.asarray(orientations), angles, np.asarray(rates), _propagated(by_rate, self.fit.covariance)
+        angles = _propagate_covariance(by_angle, self.fit.covariance) + self.fit.state_covariance + walk
+        rates = self.model.rates(t_s - self.epoch_s) @ self.drift_rotation.T
+        return (
+            np.asarray(orientations),
+            angles,
+            np.asarray(rates),
+            _propagate_covariance(by_rate, self.fit.covariance),
+        )
 
 
 def fit_rotation(
@@ -126,7 +137,7 @@ def fit_rotation(
     n, searched = len(t_s), 0 if guess is None else guess.searched
     fits: list[RotationFit] = []
     if guess is not None:
-        with suppress(InputError):  # the new orientations lead to the axis of the middle moment
+        with suppress(InputError):  # raised if the fit reaches the axis of the middle moment
             fits.append(data.fit(_later(guess.model, data.epoch_s - guess.epoch_s), part=n))
     best = _most_probable(fits)
     if best is None or (n >= _SEARCH_GROWTH * searched and not data.is_explained(best)):
@@ -152,8 +163,8 @@ def _most_probable(fits: Sequence[RotationFit]) -> RotationFit | None:
 def is_at_middle_axis(fit: RotationFit) -> bool:
     """Return whether the rate stays near the axis of the middle moment.
 
-    This rotation is unstable: a slow turn of the reference frame gives the same orientations, so that the
-    moments of inertia are not known.
+    This rotation is unstable. A slow rotation of the reference frame would give the same orientations, so
+    that the moments of inertia are unobservable.
     """
     model = fit.model
     if not isinstance(model, Tumble):
@@ -226,7 +237,7 @@ class _Orientations:
         return best.model
 
     def fit(self, start: RotationModel, part: int = _FIRST_PART) -> RotationFit:
-        """Return the fit of one model, to ever longer parts of the orientations, without outliers."""
+        """Fit one model to successively longer parts of the orientations, at last to all without outliers."""
         model, n = start, len(self.t_s)
         while part < n:
             model, _ = self._converge(model, slice(0, part))
@@ -258,10 +269,10 @@ class _Orientations:
             fit = problem.solve(_COARSE_RATIOS)
             ratio = fit.intensity / fit.noise_factor / problem.unit_intensity
             step = fit.step * min(1.0, _MAX_STEP / max(float(np.abs(fit.step / model.scale).max()), 1e-12))
-            before = self._objective(model, part, weights, ratio)
+            objective = self._objective(model, part, weights, ratio)
             for _ in range(_MAX_HALVINGS):
                 changed = model.moved(step)
-                if self._objective(changed, part, weights, ratio) <= before:
+                if self._objective(changed, part, weights, ratio) <= objective:
                     break
                 step = 0.5 * step
             else:
@@ -323,6 +334,6 @@ def _student_weights(squared: FloatArray) -> FloatArray:
     return np.maximum((_FREEDOM + squared) / (_FREEDOM + 3.0), 1.0)
 
 
-def _propagated(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
+def _propagate_covariance(derivative: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the covariances (n, 3, 3) of linear functions (n, 3, p) of parameters."""
     return np.asarray(derivative @ covariance @ np.swapaxes(derivative, 1, 2))

@@ -25,31 +25,38 @@ from cdff_common.errors import InputError, RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.moving_region_detection.interface import Inputs, Interface, Outputs
 
-#: Standard deviation of a place without registration, pixels.
+#: Standard deviation of an image position without registration, pixels.
 _SIGMA_PX = 0.05
-#: Fraction of saturated or black pixels from which an image is refused.
+#: Fraction of saturated or black pixels above which an image is refused.
 _MAX_LOST = 0.5
-#: Fraction of differing pixels from which the scene is another one.
+#: Fraction of differing pixels above which the scene has changed.
 _MAX_CHANGED = 0.3
 #: Distance between the pixels from which noise and gain are estimated.
 _STRIDE = 3
-#: Part of a region that no object has taken in the background, and number of images from which it is known.
-_REGION_PART, _KNOWN = 0.2, 4.0
-#: Reduction of the image in which slow changes of the brightness are measured.
+#: Gain with which the background learns a region, relative to that of other pixels, and number of images from
+#: which the background of a pixel is known.
+_REGION_GAIN, _KNOWN = 0.2, 4.0
+#: Factor by which the image is reduced to measure slow changes of the brightness.
 _SLOW = 16
-#: Part of an image in the model of the noise, images until it is known, and the largest ratio to it.
+#: Gain of one image in the noise model, number of images until the model is known, and largest ratio of the
+#: difference of an image to the modelled noise.
 _NOISE_GAIN, _NOISE_IMAGES, _MAX_NOISE = 0.3, 3, 4.0
-#: Part of the largest difference of a region that a pixel of it has: dust and shadows have less.
-_PART = 0.2
+#: Difference of a pixel of an object, relative to the largest difference of its region: dust and shadows
+#: have less.
+_STRONG_RATIO = 0.2
+#: Factors on the mean of 3 x 3 values of z and on single values, which are compared with the threshold of a
+#: region. With both, independent noise has a standard deviation of about 0.6: the mean of nine values has a
+#: third of the standard deviation of one value.
+_MEAN_FACTOR, _SINGLE_FACTOR = 1.7, 0.6
 #: Largest gap between parts of one object, pixels.
 _MAX_GAP_PX = 10.0
-#: Height of a thin structure above its surroundings, standard deviations of a pixel.
+#: Difference of a thin structure from its surroundings, standard deviations of a pixel.
 _THIN = 6.0
-#: Brightness relative to the background below which a pixel may be in shadow; height of a column of shadow
-#: relative to the object, and fraction of its pixels that are dark.
-_DARK, _SHADOW_HEIGHT, _SHADOW_PART = 0.8, 0.45, 0.5
-#: Ratio of the edges of the background and of the image from which an object has left the place, and side of
-#: the square in which they are compared, pixels.
+#: Brightness relative to the background below which a pixel may be in shadow; largest height of a column of
+#: shadow relative to the object, and smallest fraction of its pixels that are dark.
+_DARK, _SHADOW_HEIGHT, _SHADOW_RATIO = 0.8, 0.45, 0.5
+#: Ratio of the gradient of the background to that of the image above which an object has left a pixel, and
+#: side of the square over which the gradients are averaged, pixels.
 _VACATED, _VACATED_PX = 2.0, 5
 
 
@@ -116,7 +123,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         image = raw.astype(np.float32)
         if self._mean is None or self._count is None or inputs.places is None:
             self._mean, self._count = image, np.ones_like(image)
-            return self._none(image)
+            return self._no_regions(image)
         mean, count = self._moved(self._mean, self._count, inputs)
         gain = self._gain(image, mean)
         difference = image / np.float32(gain) - mean
@@ -135,9 +142,9 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             fresh |= inputs.replaced
         fresh |= vacated
         # A region of a known background is learnt slowly.
-        of_region = np.where(count >= _KNOWN, np.float32(_REGION_PART), np.float32(0.0))
-        part = np.asarray(np.where(found.labels > 0, of_region, 1.0) * learn, np.float32)
-        self._learn(mean + difference, mean, count, part, fresh, inputs.is_at_rest)
+        region_gain = np.where(count >= _KNOWN, np.float32(_REGION_GAIN), np.float32(0.0))
+        gain_of_pixel = np.asarray(np.where(found.labels > 0, region_gain, 1.0) * learn, np.float32)
+        self._learn(mean + difference, mean, count, gain_of_pixel, fresh, inputs.is_at_rest)
         return found
 
     def _moved(
@@ -200,8 +207,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
     ) -> tuple[Outputs, BoolArray]:
         """Return the regions above the low threshold that reach the high one, and the vacated pixels."""
         c = self.config
-        # The mean of 3 x 3 pixels of noise has a third of its standard deviation.
-        strength = np.abs(cv2.blur(z, (3, 3))) * np.float32(1.7)
+        strength = np.abs(cv2.blur(z, (3, 3))) * np.float32(_MEAN_FACTOR)
         low = ((np.abs(z) > c.low_threshold) | (strength > c.low_threshold)).astype(np.uint8)
         if float(low.mean()) > _MAX_CHANGED:
             self._mean = None
@@ -216,12 +222,12 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         np.maximum.at(
             peak,
             np.asarray(labels, np.int64)[low > 0],
-            np.maximum(strength, np.abs(z) * np.float32(0.6))[low > 0],
+            np.maximum(strength, np.abs(z) * np.float32(_SINGLE_FACTOR))[low > 0],
         )
         chosen = np.flatnonzero((peak > c.threshold) & (stats[:, cv2.CC_STAT_AREA] >= c.min_area_px))
         chosen = chosen[chosen > 0]
         vacated = _vacated(low > 0, image, mean, self._noise_at(mean))
-        parts = np.zeros(image.shape, np.int64)
+        part_labels = np.zeros(image.shape, np.int64)
         peaks: list[float] = []
         for k in chosen:
             u, v, w, h, _ = stats[k]
@@ -232,32 +238,30 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
                 continue
             for mask in _parts(inside, difference[window], z[window]):
                 peaks.append(float(peak[k]))
-                parts[window][mask] = len(peaks)
-        kept, groups = _merged(parts, len(peaks), self.config.merge_gap)
+                label = len(peaks)  # labels start at 1
+                part_labels[window][mask] = label
+        group_labels, groups = _merge_parts(part_labels, len(peaks), self.config.merge_gap)
+        region_labels = np.zeros(image.shape, np.int32)
         shapes, sharp, significances = [], [], []
         for number, members in enumerate(groups, 1):
-            rows, cols = np.nonzero(kept == number)
+            rows, cols = np.nonzero(group_labels == number)
             side = max(np.ptp(rows), np.ptp(cols)) + 1
             if len(rows) < c.min_area_px or side > c.max_side_px:
-                kept[kept == number] = 0
                 continue
             window = (
                 slice(max(rows.min() - 2, 0), rows.max() + 3),
                 slice(max(cols.min() - 2, 0), cols.max() + 3),
             )
-            mask = kept[window] == number
-            lit = _without_shadow(mask, image[window] < _DARK * mean[window])
-            kept[window][mask & ~lit] = 0
-            mask = lit
+            mask = _without_shadow(group_labels[window] == number, image[window] < _DARK * mean[window])
             offset = np.array([window[1].start, window[0].start], float)
             shape = _shape(mask, difference[window], offset)
-            # Vacated pixels next to it make its border uncertain.
+            # Vacated pixels next to a region make its border uncertain.
             around = vacated[window] & ~mask
             blur = float(around.sum()) / shape.area * np.ptp(shape.box.reshape(2, 2), axis=1)
             shapes.append(replace(shape, covariance=shape.covariance + np.diag((0.3 * blur) ** 2)))
             sharp.append(_sharpness(mask, difference[window]))
             significances.append(max(peaks[m] for m in members))
-            kept[window][mask] = -len(shapes)
+            region_labels[window][mask] = len(shapes)
         found = Outputs(
             boxes=np.array([s.box for s in shapes]).reshape(-1, 4),
             centroids=np.array([s.centroid for s in shapes]).reshape(-1, 2),
@@ -265,7 +269,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             areas=np.array([s.area for s in shapes], float),
             significances=np.array(significances, float),
             sharpness=np.array(sharp, float),
-            labels=-np.minimum(kept, 0).astype(np.int32),
+            labels=region_labels,
             noise=self._noise_at(mean),
         )
         return found, vacated
@@ -275,19 +279,21 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         image: Float32Array,
         mean: Float32Array,
         count: Float32Array,
-        part: Float32Array,
+        gain: Float32Array,
         fresh: BoolArray,
         is_at_rest: bool,
     ) -> None:
-        """Add a part of each pixel of the image to the background, which adopts the ``fresh`` pixels."""
+        """Update the background with the gain (r, c) of each pixel; it adopts
+        the ``fresh`` pixels at once.
+        """
         memory = self.config.memory if is_at_rest else self.config.moving_memory
         n = np.minimum(count + 1.0, memory)
-        updated = mean + part * (image - mean) / n
-        new_count = np.where(part > 0.0, n, count)
+        updated = mean + gain * (image - mean) / n
+        new_count = np.where(gain > 0.0, n, count)
         self._mean = np.where(fresh, image, updated).astype(np.float32)
         self._count = np.where(fresh, 1.0, new_count).astype(np.float32)
 
-    def _none(self, image: Float32Array) -> Outputs:
+    def _no_regions(self, image: Float32Array) -> Outputs:
         return Outputs(
             boxes=np.zeros((0, 4)),
             centroids=np.zeros((0, 2)),
@@ -333,22 +339,24 @@ def _parts(inside: BoolArray, difference: Float32Array, z: Float32Array) -> list
     # Thin parts, such as a mast, have less contrast than dust, which is smooth.
     kernel = np.ones((5, 5), np.uint8)
     thin = np.maximum(*(cv2.morphologyEx(x, cv2.MORPH_TOPHAT, kernel) for x in (z, -z))) > _THIN
-    strong = (inside & (np.abs(d) > _PART * level)).astype(np.uint8)
+    strong = (inside & (np.abs(d) > _STRONG_RATIO * level)).astype(np.uint8)
     strong |= (inside & thin & (cv2.dilate(strong, np.ones((3, 3), np.uint8)) == 0)).astype(np.uint8)
     strong = np.asarray(cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.uint8)
     count, labels = cv2.connectedComponents(strong, connectivity=8)
     return [labels == k for k in range(1, count)]
 
 
-def _merged(parts: IntArray, count: int, gap: float) -> tuple[IntArray, list[list[int]]]:
-    """Return the number of the group of each pixel, and the parts of each group.
+def _merge_parts(part_labels: IntArray, count: int, gap: float) -> tuple[IntArray, list[list[int]]]:
+    """Group the parts of one object; return the group label of each pixel, 0 outside, and the parts of each
+    group.
 
-    Parts belong together if the gap between their boxes is below ``gap`` times the side of the larger one:
-    the head of a mast and the body below it.
+    ``part_labels`` (r, c) contains the labels 1 to ``count``. Parts, such as the head of a mast and the body
+    below it, belong together if the gap between their boxes is below ``gap`` times the side of the larger
+    one.
     """
     boxes = np.zeros((count, 4))
     for k in range(count):
-        rows, cols = np.nonzero(parts == k + 1)
+        rows, cols = np.nonzero(part_labels == k + 1)
         boxes[k] = cols.min(), cols.max() + 1, rows.min(), rows.max() + 1
     side = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
     between = np.zeros((count, count))
@@ -361,7 +369,7 @@ def _merged(parts: IntArray, count: int, gap: float) -> tuple[IntArray, list[lis
     members: list[list[int]] = [[] for _ in range(int(group.max(initial=-1)) + 1)]
     for k, g in enumerate(group):
         members[g].append(k)
-    return number[parts], members
+    return number[part_labels], members
 
 
 def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
@@ -372,7 +380,7 @@ def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
     count = mask.sum(axis=0)
     # A mast is higher than the body.
     is_shadow = count <= _SHADOW_HEIGHT * float(np.percentile(count[count > 0], 75.0))
-    is_shadow &= (mask & dark).sum(axis=0) >= _SHADOW_PART * count
+    is_shadow &= (mask & dark).sum(axis=0) >= _SHADOW_RATIO * count
     keep = np.flatnonzero(~is_shadow & (count > 0))
     if len(keep) == 0:
         return mask
@@ -385,8 +393,8 @@ def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
 def _vacated(differs: BoolArray, image: Float32Array, mean: Float32Array, noise: float) -> BoolArray:
     """Return the differing pixels that an object of the background has left.
 
-    The border of its old place is an edge of the background, that of its new place an edge of the image. A
-    pixel belongs to the nearest pixel of the border.
+    The border of the area that the object has left is an edge of the background; the border of its new area
+    is an edge of the image. Each differing pixel is classified like the nearest pixel of the border.
     """
     mask = differs.astype(np.uint8)
     border = differs & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
@@ -406,7 +414,9 @@ def _vacated(differs: BoolArray, image: Float32Array, mean: Float32Array, noise:
 
 
 def _sharpness(mask: BoolArray, difference: Float32Array) -> float:
-    """Return the largest gradient of the difference in and around a region over its largest value."""
+    """Return the ratio of the largest gradient of the difference, in and around a region, to its largest
+    value.
+    """
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     d = cv2.GaussianBlur(difference, (3, 3), 0)
     gradient = cv2.magnitude(cv2.Sobel(d, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(d, cv2.CV_32F, 0, 1) / 8)
@@ -446,7 +456,9 @@ def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Sh
 
 
 def _last_edge(mask: BoolArray, strength: Float32Array) -> float:
-    """Return the row at which the last rows of a region end: half of the difference of its last full rows."""
+    """Return the sub-pixel row at which a region ends: there the difference is half of that of its last full
+    rows.
+    """
     last = int(np.flatnonzero(mask.any(axis=1))[-1])
     first = max(last - 3, 0)
     near = mask[max(last - 1, 0) : last + 1].any(axis=0)
@@ -460,7 +472,9 @@ def _last_edge(mask: BoolArray, strength: Float32Array) -> float:
 
 
 def _filled(mask: BoolArray) -> BoolArray:
-    """Return a mask without holes: each row between its first and last pixel, where columns agree."""
+    """Fill the holes of a mask: pixels that have mask pixels on both sides in
+    their row and in their column.
+    """
     across = np.logical_or.accumulate(mask, axis=1) & np.logical_or.accumulate(mask[:, ::-1], axis=1)[:, ::-1]
     along = np.logical_or.accumulate(mask, axis=0) & np.logical_or.accumulate(mask[::-1], axis=0)[::-1]
     return np.asarray(mask | (across & along))

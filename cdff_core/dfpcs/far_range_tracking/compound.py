@@ -34,11 +34,11 @@ from cdff_core.dfpcs.far_range_tracking.object_tracks import ObjectTracks
 from cdff_core.dfpcs.far_range_tracking.observer import (
     Observer,
     ObserverTrack,
-    continued,
+    continue_attitude,
     rotation_homography,
 )
 from cdff_core.dfpcs.far_range_tracking.scene import Scene
-from cdff_core.dfpcs.far_range_tracking.target_range import TargetRange, fused
+from cdff_core.dfpcs.far_range_tracking.target_range import TargetRange, fuse_ranges
 from cdff_core.dfpcs.far_range_tracking.tracked_object import TrackedObject
 from cdff_core.imaging.frames import check_undistorted
 from cdff_core.imaging.grey import grey_image
@@ -144,9 +144,9 @@ class FarRangeTracking(FarRangeTrackingInterface):
         self._check(sample, image)
         camera_frame = sample.frame or frame.frame or f"{self.context.robot}/camera"
         given = self._observers.at(sample.stamp_ns, camera_frame)
-        registration, reasons = self._registered(image, given, camera)
-        observer = self._observed(given, registration, camera, camera_frame)
-        regions, refused = self._regions(image, registration)
+        registration, reasons = self._register_image(image, given, camera)
+        observer = self._current_observer(given, registration, camera, camera_frame)
+        regions, refused = self._detect_regions(image, registration)
         reasons = (*reasons, *refused, *self._observers.reasons)
         scene = Scene(
             sample.stamp_ns,
@@ -176,9 +176,10 @@ class FarRangeTracking(FarRangeTrackingInterface):
                 f"image {image.shape}: expected the size of the previous one, {self._previous.shape}"
             )
 
-    def _registered(
+    def _register_image(
         self, image: np.ndarray, given: Observer | None, camera: CameraModel
     ) -> tuple[SceneRegistrationOutputs | None, tuple[str, ...]]:
+        """Return the registration with the previous image, None without one, and the reasons of a refusal."""
         if self._previous is None:
             return None, ()
         guess = None
@@ -191,28 +192,29 @@ class FarRangeTracking(FarRangeTrackingInterface):
         except RefusedError as refusal:
             return None, tuple(refusal.reasons)
 
-    def _observed(
+    def _current_observer(
         self,
         given: Observer | None,
         registration: SceneRegistrationOutputs | None,
         camera: CameraModel,
         camera_frame: str,
     ) -> Observer:
-        """Return the camera, and express the objects in its frame if that is a new one."""
-        before = self._observer
-        if before is None:
+        """Return the observer at this image; if its frame is new, express all objects in that frame."""
+        previous = self._observer
+        if previous is None:
             return given or self._observers.start(camera_frame)
         H = None if registration is None else registration.homography
-        by_images = continued(before, H, camera)
+        by_images = continue_attitude(previous, H, camera)
         if given is None:
             return by_images
-        if given.frame != before.frame:
+        if given.frame != previous.frame:
             self._tracks.rotate(given.rotation @ by_images.rotation.T)
         return given
 
-    def _regions(
+    def _detect_regions(
         self, image: np.ndarray, registration: SceneRegistrationOutputs | None
     ) -> tuple[MovingRegionDetectionOutputs | None, tuple[str, ...]]:
+        """Return the moving regions, None if the image cannot be compared, and the reasons of a refusal."""
         if registration is None and self._previous is not None:
             return None, ()
         try:
@@ -253,7 +255,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
             return
         ranges = self._ranges.measure(o, scene.camera, scene.observer, pair, images, scene.noise)
         if ranges:
-            mean, o.range_reasons = fused(ranges)
+            mean, o.range_reasons = fuse_ranges(ranges)
             o.range_inputs = self._ranges.inputs(ranges)
             o.range.update(scene.stamp_ns, mean.range_m, mean.sigma_m, mean.systematic)
 
@@ -326,19 +328,19 @@ class FarRangeTracking(FarRangeTrackingInterface):
             is_located=observer.position_m is not None or not observer.has_origin,
         )
         track = object_track(state, sample.stamp_ns, observer.frame, self.name, observer.axes)
-        own = list(o.range_reasons)
+        track_reasons = list(o.range_reasons)
         if o.status is ObjectTrackStatusT.TRACK_COASTING:
-            own.append("coasting")
+            track_reasons.append("coasting")
         elif o.status is ObjectTrackStatusT.TRACK_LOST:
-            own.append("lost")
+            track_reasons.append("lost")
         elif not o.is_whole:
-            own.append("partly_visible")
+            track_reasons.append("partly_visible")
         if not np.isfinite(range_m):
-            own.append("range_unobservable")
+            track_reasons.append("range_unobservable")
         is_degraded = bool(reasons or o.range_reasons) or o.status is not ObjectTrackStatusT.TRACK_CONFIRMED
         quality = Quality(
             Status.DEGRADED if is_degraded else Status.OK,
-            (*reasons, *own),
+            (*reasons, *track_reasons),
             self.covariance_kind,
             {"sigma_rad": float(track.data.bearings[0, 2:4].max()), "size_px": float(o.size_px.max())},
         )
@@ -349,7 +351,11 @@ class FarRangeTracking(FarRangeTrackingInterface):
 
     @staticmethod
     def _pixel(scene: Scene, o: TrackedObject) -> tuple[FloatArray, FloatArray]:
-        """Return place and standard deviations in the image: measured, else predicted; NaN outside it."""
+        """Return the image position (2,), measured or else predicted, and its standard deviations (2,),
+        pixels.
+
+        NaN for a predicted position outside the image.
+        """
         if o.misses == 0:
             return o.pixel, np.sqrt(np.diag(o.pixel_covariance))
         pixel = scene.observer.attitude.pixels(scene.camera, o.states.directions)[0]
@@ -363,6 +369,6 @@ class FarRangeTracking(FarRangeTrackingInterface):
 def _rotated(
     R: FloatArray, direction: FloatArray, rate: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a state in axes that ``R`` rotates it to."""
+    """Return direction, rate and covariance, rotated by ``R`` (3, 3) into other axes."""
     both = np.kron(np.eye(2), R)
     return R @ direction, R @ rate, both @ covariance @ both.T

@@ -27,39 +27,41 @@ from cdff_core.dfpcs.far_range_tracking.observer import Observer
 from cdff_core.dfpcs.far_range_tracking.scene import Scene
 from cdff_core.dfpcs.far_range_tracking.tracked_object import Appearance, TrackedObject
 
-#: Reach of the search by appearance, standard deviations, and its bounds, pixels.
+#: Reach of the search for the appearance: standard deviations of the predicted position, and bounds, pixels.
 _REACH_SIGMAS, _REACH_PX = 3.0, (4.0, 30.0)
-#: Correlation from which the appearance alone is a measurement, and the distance of the next best one.
+#: Correlation from which the appearance alone is a measurement, and by how much it must exceed the
+#: correlation at the next best position.
 _ALONE_SCORE, _DISTINCT = 0.8, 0.1
 #: Least size for a measurement by appearance alone, pixels.
 _ALONE_PX = 6.0
-#: Error of the place of a region: of the shape, in sizes, and least, pixels.
+#: Standard deviation of the position of a region: from its varying shape, relative to the size of the object,
+#: and the constant part, pixels.
 _SHAPE_ERROR, _SHAPE_PX = 0.01, 0.15
-#: Distance of region and appearance that agree, in sizes.
+#: Largest distance between the positions of region and appearance that agree, relative to the size.
 _AGREE = 0.3
-#: Images with another size after which it is the new size.
+#: Number of successive images with a different size after which that size is adopted.
 _NEW_SIZE = 20
-#: Missed images after which an unconfirmed object is removed; images after which it is if it does not move.
+#: An unconfirmed object is removed after more missed images than this, or, if it has not moved, after this
+#: many measurements.
 _MAX_MISSES, _MAX_AGE = 2, 40
-#: Squared normalised difference of motion, ratio of sizes and correlation of an object that continues one.
+#: A new object continues a coasting one up to this squared normalised difference of motion and this ratio of
+#: sizes, and from this correlation of the appearance on.
 _CONTINUES, _CONTINUES_SIZE, _CONTINUES_SCORE = 16.0, 1.6, 0.4
 #: Least sharpness of a new object, 1/pixel: dust has less.
 _SHARP = 0.12
-#: Area, distance and difference of motion of a part or shadow of another object, relative to that object.
+#: Largest area, distance and difference of motion, relative to an object, of its parts and its shadow.
 _COMPANION_AREA, _COMPANION_DISTANCE, _COMPANION_MOTION = 0.5, 4.0, 0.5
-#: Measurements below which an object is lost after as many misses, times two.
+#: Objects with fewer measurements than this are lost after twice as many misses as measurements.
 _BRIEF = 10
-#: Distance of two objects that are the same, in sizes.
+#: Distance, relative to the size, below which two tracks follow the same object.
 _SAME = 0.35
-#: Squared normalised innovation of a measurement that is not one of the object.
+#: Squared normalised innovation above which a measurement does not belong to a coasting object.
 _CONTRADICTS = 30.0
-#: Least squared velocity of a new object in standard deviations, and largest difference of its path from a
-#: straight one, relative to the path: a start from rest is half as long.
+#: Least squared velocity of a new object, in squared standard deviations, and largest difference between its
+#: path and velocity times age, relative to the path: the path of a start from rest is half of that product.
 _SIGNIFICANCE, _STEADY = 16.0, 1.5
-#: Measurements between tests for rest.
+#: Number of measurements between two tests whether an object is at rest.
 _REST_HITS = 20
-#: Images in which a new object may continue another.
-_FRESH = 15
 
 
 class ObjectTracks:
@@ -114,7 +116,9 @@ class ObjectTracks:
         return mask
 
     def rotate(self, R: FloatArray) -> None:
-        """Express all states in another frame, which has the axes ``R`` (3, 3) of the old one."""
+        """Express all states in another frame; ``R`` (3, 3) rotates vectors of the old frame into the new
+        one.
+        """
         both = np.kron(np.eye(2), R)
         for o in self.objects:
             s = o.states
@@ -122,16 +126,17 @@ class ObjectTracks:
             o.start = R @ o.start
 
     def step(self, scene: Scene) -> list[TrackedObject]:
-        """Continue all objects with an image; return those that are lost with it."""
+        """Update all objects with an image; return the objects that this image makes lost."""
         self._resting = []
         self._predict(scene)
-        places, spreads = self._places(scene)
+        positions_px, sigmas_px = self._predicted_positions(scene)
         matches = [
-            self._by_appearance(o, p, s, scene) for o, p, s in zip(self.objects, places, spreads, strict=True)
+            self._match_appearance(o, p, s, scene)
+            for o, p, s in zip(self.objects, positions_px, sigmas_px, strict=True)
         ]
-        chosen, ambiguous = self._assigned(places, spreads, matches, scene)
+        chosen, ambiguous = self._assign_regions(positions_px, sigmas_px, matches, scene)
         for i, o in enumerate(self.objects):
-            self._correct(o, places[i], matches[i], int(chosen[i]), bool(ambiguous[i]), scene)
+            self._correct(o, positions_px[i], matches[i], int(chosen[i]), bool(ambiguous[i]), scene)
         self._confirm(scene)
         self._remove_repeated(scene)
         lost = self._end(scene)
@@ -154,15 +159,15 @@ class ObjectTracks:
 
     def designate(self, box: FloatArray, label: str, scene: Scene) -> TrackedObject | None:
         """Track the object in a box (4,): first and last column, first and last row; None at the border."""
-        place = np.array([0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])])
+        position_px = np.array([0.5 * (box[0] + box[1]), 0.5 * (box[2] + box[3])])
         mask = np.zeros(scene.image.shape, bool)
         mask[int(box[2]) : int(np.ceil(box[3])) + 1, int(box[0]) : int(np.ceil(box[1])) + 1] = True
-        appearance = Appearance.cut(scene.image, mask, box, place)
+        appearance = Appearance.cut(scene.image, mask, box, position_px)
         if appearance is None:
             return None
-        o = self._new(place, 0.25 * np.eye(2), appearance.size_px, appearance, scene)
+        o = self._new(position_px, 0.25 * np.eye(2), appearance.size_px, appearance, scene)
         o.label, o.is_designated, o.number = label, True, self._next_number
-        o.box, o.pixel, o.pixel_covariance = box, place, 0.25 * np.eye(2)
+        o.box, o.pixel, o.pixel_covariance = box, position_px, 0.25 * np.eye(2)
         o.status = ObjectTrackStatusT.TRACK_CONFIRMED
         self._next_number += 1
         self.objects.append(o)
@@ -185,8 +190,8 @@ class ObjectTracks:
                 u = range_m * o.direction - moved_m
                 o.states = BearingStates((u / np.linalg.norm(u))[None], o.states.rates, o.states.covariances)
 
-    def _places(self, scene: Scene) -> tuple[FloatArray, FloatArray]:
-        """Return expected pixels (m, 2) and their standard deviations (m,)."""
+    def _predicted_positions(self, scene: Scene) -> tuple[FloatArray, FloatArray]:
+        """Return the expected image positions (m, 2) and their standard deviations (m,), pixels."""
         if not self.objects:
             return np.zeros((0, 2)), np.zeros(0)
         states = joined([o.states for o in self.objects])
@@ -196,18 +201,23 @@ class ObjectTracks:
         sigma = np.sqrt(0.5 * np.trace(position, axis1=1, axis2=2) + noise) * scene.camera.fx
         return pixels, sigma
 
-    def _by_appearance(
-        self, o: TrackedObject, place: FloatArray, sigma: float, scene: Scene
+    def _match_appearance(
+        self, o: TrackedObject, position_px: FloatArray, sigma_px: float, scene: Scene
     ) -> AppearanceTrackingOutputs | None:
-        if o.appearance is None or not np.isfinite(place).all():
+        """Return the best match of the appearance of an object near its predicted position; None without
+        one.
+        """
+        if o.appearance is None or not np.isfinite(position_px).all():
             return None
-        reach = float(np.clip(_REACH_SIGMAS * sigma + 1.0, *_REACH_PX))
-        return self._compare(o, place, reach, scene)
+        reach = float(np.clip(_REACH_SIGMAS * sigma_px + 1.0, *_REACH_PX))
+        return self._compare(o, position_px, reach, scene)
 
     def _compare(
-        self, o: TrackedObject, place: FloatArray, reach: float, scene: Scene
+        self, o: TrackedObject, position_px: FloatArray, reach: float, scene: Scene
     ) -> AppearanceTrackingOutputs | None:
-        """Return the best place of the appearance of an object near a place of the object."""
+        """Return the best match of the appearance of an object within ``reach`` pixels of a position of the
+        object.
+        """
         a = o.appearance
         if a is None:
             return None
@@ -219,7 +229,7 @@ class ObjectTracks:
                 image=scene.image,
                 template=a.template,
                 weights=a.weights,
-                place=place - ratio * a.offset,
+                place=position_px - ratio * a.offset,
                 reach=np.array([reach, reach]),
                 scales=scales,
                 noise=scene.noise,
@@ -235,27 +245,29 @@ class ObjectTracks:
             second=found.second,
         )
 
-    def _assigned(
+    def _assign_regions(
         self,
-        places: FloatArray,
-        spreads: FloatArray,
+        positions_px: FloatArray,
+        sigmas_px: FloatArray,
         matches: list[AppearanceTrackingOutputs | None],
         scene: Scene,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the region of each object (m,), and which are ambiguous (m,)."""
+        """Return the row of the region of each object (m,), -1 for none, and which choices are ambiguous
+        (m,).
+        """
         regions = scene.regions
         m = len(self.objects)
         chosen, ambiguous = np.full(m, -1), np.zeros(m, bool)
-        visible = np.flatnonzero(np.isfinite(places).all(axis=1))
+        visible = np.flatnonzero(np.isfinite(positions_px).all(axis=1))
         if regions is None or len(regions.centroids) == 0 or len(visible) == 0:
             return chosen, ambiguous
         objects = [self.objects[i] for i in visible]
         sizes = np.array([o.size_px for o in objects])
         slack = (0.1 * sizes) ** 2 + 0.25
-        covariances = np.array([np.eye(2) * s**2 for s in spreads[visible]]) + np.einsum(
+        covariances = np.array([np.eye(2) * s**2 for s in sigmas_px[visible]]) + np.einsum(
             "ni,ij->nij", slack, np.eye(2)
         )
-        gap = np.linalg.norm(places[visible][:, None] - regions.centroids, axis=2)
+        gap = np.linalg.norm(positions_px[visible][:, None] - regions.centroids, axis=2)
         near = (
             gap < 5.0 * np.sqrt(np.trace(covariances, axis1=1, axis2=2))[:, None] + sizes.max(axis=1)[:, None]
         )
@@ -267,7 +279,7 @@ class ObjectTracks:
                     similar[i, j] = -1.0 if found is None else found.score
         found = self._associate.process(
             TrackAssociationInputs(
-                places=places[visible],
+                places=positions_px[visible],
                 covariances=covariances,
                 sizes=sizes,
                 size_sigmas=np.array([0.2 + 0.8 / o.size_px.min() for o in objects]),
@@ -283,7 +295,7 @@ class ObjectTracks:
     def _correct(
         self,
         o: TrackedObject,
-        place: FloatArray,
+        position_px: FloatArray,
         match: AppearanceTrackingOutputs | None,
         region: int,
         is_ambiguous: bool,
@@ -299,7 +311,7 @@ class ObjectTracks:
         if o.is_designated and self._path_px(o, scene) < config.confirm_path_px:
             region = -1  # a landmark at rest is no moving region: one near it is an error of the registration
         if o.misses > _MAX_MISSES and region >= 0 and not o.is_similar_size(scene.sizes[region]):
-            region = -1  # the part that appears first is not at the place of the object
+            region = -1  # the part of a hidden object that appears first is not at its centre
         if region >= 0 and regions is not None:
             size = scene.sizes[region]
             whole = o.is_similar_size(size)
@@ -323,12 +335,12 @@ class ObjectTracks:
                     appearance = Appearance.cut(scene.image, mask, o.box, z[0])
                     o.adopt(appearance, middle, z[0])
                 o.unlike = 0
-            elif (visible := o.by_edges(o.box, place)) is not None:
-                # Partly hidden: the edges in view give the place.
+            elif (visible := o.by_edges(o.box, position_px)) is not None:
+                # Partly hidden: the edges in view give the position.
                 z = (visible, regions.covariances[region] + (0.03 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
             elif good and match is not None:
-                # Merged with another region: the appearance gives the place.
+                # Merged with another region: the appearance gives the position.
                 z = (match.place, match.covariance + (0.05 * o.size_px.max()) ** 2 * np.eye(2))
                 o.region = region
         elif match is not None and self._is_distinct(o, match) and not self._is_taken(o, match.place):
@@ -358,26 +370,28 @@ class ObjectTracks:
         return float(np.linalg.norm(o.direction - o.start)) * scene.camera.fx
 
     def _is_distinct(self, o: TrackedObject, match: AppearanceTrackingOutputs) -> bool:
-        """Return True if the appearance alone is a measurement."""
+        """Return whether the appearance alone is a measurement: large enough, well correlated and unique."""
         least = _ALONE_SCORE if o.misses == 0 else 0.5 * (1.0 + _ALONE_SCORE)
         large = bool((o.size_px >= _ALONE_PX).all())
         return large and match.score > least and match.score - match.second > _DISTINCT
 
-    def _is_taken(self, o: TrackedObject, place: FloatArray) -> bool:
-        """Return True if a place is in the region of another object."""
+    def _is_taken(self, o: TrackedObject, position_px: FloatArray) -> bool:
+        """Return whether an image position is in the region of another object."""
         return any(
             other is not o
             and np.isfinite(other.box).all()
-            and other.box[0] <= place[0] <= other.box[1]
-            and other.box[2] <= place[1] <= other.box[3]
+            and other.box[0] <= position_px[0] <= other.box[1]
+            and other.box[2] <= position_px[1] <= other.box[3]
             for other in self.confirmed
         )
 
     def _update(self, o: TrackedObject, pixel: FloatArray, covariance: FloatArray, scene: Scene) -> bool:
-        """Correct the state with a place; return False if it contradicts the motion of a coasting object."""
+        """Correct the state with an image position; return False, without a correction, if it contradicts
+        the motion of a coasting object.
+        """
         attitude = scene.observer.attitude
         direction = attitude.directions(scene.camera, pixel[None])
-        dfn = self._filter.process(
+        filtered = self._filter.process(
             BearingFilteringInputs(
                 directions=o.states.directions,
                 rates=o.states.rates,
@@ -387,22 +401,22 @@ class ObjectTracks:
                 measured_covariances=attitude.covariances(scene.camera, covariance[None], direction),
             )
         )
-        if o.misses > _MAX_MISSES and float(dfn.nis[0]) > _CONTRADICTS:
+        if o.misses > _MAX_MISSES and float(filtered.nis[0]) > _CONTRADICTS:
             return False
-        o.states = BearingStates(dfn.directions, dfn.rates, dfn.covariances)
+        o.states = BearingStates(filtered.directions, filtered.rates, filtered.covariances)
         o.pixel, o.pixel_covariance = pixel, covariance
         return True
 
     def _new(
         self,
-        place: FloatArray,
+        position_px: FloatArray,
         covariance: FloatArray,
         size: FloatArray,
         appearance: Appearance | None,
         scene: Scene,
     ) -> TrackedObject:
         attitude = scene.observer.attitude
-        direction = attitude.directions(scene.camera, place[None])
+        direction = attitude.directions(scene.camera, position_px[None])
         states = started(
             direction,
             attitude.covariances(scene.camera, covariance[None], direction),
@@ -411,12 +425,12 @@ class ObjectTracks:
         return TrackedObject(0, states, size.copy(), direction[0], appearance, scene.stamp_ns, scene.stamp_ns)
 
     def _start(self, scene: Scene, taken: set[int]) -> None:
-        """Start objects at regions that no object has taken, and that are not next to one."""
+        """Start an object at each region that belongs to no object and is not next to one."""
         regions = scene.regions
         if regions is None:
             return
         for j in range(len(regions.centroids)):
-            size, place, box = scene.sizes[j], regions.centroids[j], regions.boxes[j]
+            size, position_px, box = scene.sizes[j], regions.centroids[j], regions.boxes[j]
             if j in taken or size.min() < self._config.min_size_px:
                 continue
             if regions.sharpness[j] < _SHARP:
@@ -425,13 +439,15 @@ class ObjectTracks:
                 continue
             shape = (_SHAPE_ERROR * size) ** 2 + _SHAPE_PX**2
             covariance = regions.covariances[j] + np.diag(shape)
-            appearance = Appearance.cut(scene.image, regions.labels == j + 1, box, place)
-            o = self._new(place, covariance, size, appearance, scene)
-            o.pixel, o.pixel_covariance, o.box, o.region = place, covariance, box, j
+            appearance = Appearance.cut(scene.image, regions.labels == j + 1, box, position_px)
+            o = self._new(position_px, covariance, size, appearance, scene)
+            o.pixel, o.pixel_covariance, o.box, o.region = position_px, covariance, box, j
             self.objects.append(o)
 
     def _confirm(self, scene: Scene) -> None:
-        """Give a number to the objects that have moved; continue coasting ones."""
+        """Confirm the objects that have moved: each gets a new number, or that of the coasting object it
+        continues.
+        """
         config = self._config
         for o in list(self.objects):
             if o.is_confirmed:
@@ -447,7 +463,7 @@ class ObjectTracks:
                 continue
             if self._is_companion(o, scene) or not _moves_steadily(o, (scene.stamp_ns - o.first_ns) * 1e-9):
                 continue
-            old = self._continued(o, scene)
+            old = self._coasting_predecessor(o, scene)
             if old is None:
                 o.number = self._next_number
                 self._next_number += 1
@@ -457,7 +473,7 @@ class ObjectTracks:
             o.status = ObjectTrackStatusT.TRACK_CONFIRMED
 
     def _is_companion(self, new: TrackedObject, scene: Scene) -> bool:
-        """Return True if an object is a small part, or the shadow, of another one with the same motion."""
+        """Return whether an object is a small part, or the shadow, of another one with the same motion."""
         for other in self.confirmed:
             if new.size_px.prod() > _COMPANION_AREA * other.size_px.prod():
                 continue
@@ -477,7 +493,7 @@ class ObjectTracks:
                 return True
         return False
 
-    def _continued(self, new: TrackedObject, scene: Scene) -> TrackedObject | None:
+    def _coasting_predecessor(self, new: TrackedObject, scene: Scene) -> TrackedObject | None:
         """Return the coasting object that a new one continues, or None."""
         best: tuple[float, TrackedObject] | None = None
         for old in self.confirmed:
@@ -495,7 +511,9 @@ class ObjectTracks:
         return None if best is None else best[1]
 
     def _remove_repeated(self, scene: Scene) -> None:
-        """Remove the newer one of two objects with one place and motion; the lower number remains."""
+        """If two objects have the same position and motion, remove the newer
+        one; the lower number remains.
+        """
         for new in sorted(self.confirmed, key=lambda o: -o.number):
             for old in self.confirmed:
                 if old.number >= new.number or (old.misses and new.misses):
@@ -514,13 +532,15 @@ class ObjectTracks:
                 break
 
     def _came_to_rest(self, o: TrackedObject, scene: Scene) -> bool:
-        """Return True for an object at rest that has moved less than its size: a remainder of another one."""
+        """Return whether an object is at rest and has moved less than its size: it is a remainder of another
+        one.
+        """
         if o.is_designated or o.hits % _REST_HITS or o.misses:
             return False
-        moved = float(np.linalg.norm(o.direction - o.checked)) * scene.camera.fx
+        moved_px = float(np.linalg.norm(o.direction - o.checked)) * scene.camera.fx
         o.checked = o.direction.copy()
         size = float(o.size_px.max())
-        return o.hits > _REST_HITS and moved < max(0.1 * size, 2.0) and self._path_px(o, scene) < size
+        return o.hits > _REST_HITS and moved_px < max(0.1 * size, 2.0) and self._path_px(o, scene) < size
 
     def _end(self, scene: Scene) -> list[TrackedObject]:
         """Remove unconfirmed objects that are missed or at rest, and lost ones; return the lost ones."""
@@ -549,7 +569,7 @@ class ObjectTracks:
 
 
 def _overlaps(o: TrackedObject, box: FloatArray) -> bool:
-    """Return True if an object seen in this image is in, or next to, a box."""
+    """Return whether an object seen in this image is in, or next to, a box."""
     if not np.isfinite(o.pixel).all():
         return False
     half = 0.5 * o.size_px + 2.0
@@ -558,7 +578,7 @@ def _overlaps(o: TrackedObject, box: FloatArray) -> bool:
 
 
 def _moves_steadily(o: TrackedObject, age_s: float) -> bool:
-    """Return True if the velocity is significant, and its path is that of the object."""
+    """Return whether the velocity is significant and, times the age, agrees with the path of the object."""
     if float(motion_significance(o.states)[0]) < _SIGNIFICANCE:
         return False
     path = o.direction - o.start

@@ -22,11 +22,11 @@ from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
 from cdff_core.bearing_tracking.track_output import Axes
 from cdff_core.dfpcs.far_range_tracking.configuration import FarRangeTrackingConfig
 
-#: Memory of poses, and the time over which the newest one is extrapolated, nanoseconds.
+#: Time for which poses are stored, and time over which the newest one is extrapolated, nanoseconds.
 _MEMORY_NS, _AHEAD_NS = 10_000_000_000, 300_000_000
 #: Growth of the variance of an attitude that registration continues, rad² per image.
 _DRIFT_RAD2 = (2.0e-4) ** 2
-#: Rays along each axis of an image from which a rotation is computed.
+#: Number of rays along each axis of the image from which a rotation is computed.
 _GRID = 5
 _NO_STARS = np.zeros(0, bool)
 
@@ -82,7 +82,7 @@ class ObserverTrack:
     Parameters
     ----------
     frames : FrameGraph
-        Mounts of the sensors, and the place of the site.
+        Mounts of the sensors, and the pose of the site frame.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class ObserverTrack:
         self._attitude = sample
 
     def give_pose(self, sample: Sample) -> None:
-        """Store a pose; another pair of frames removes the earlier ones."""
+        """Store a pose; poses of another pair of frames are removed first."""
         names = (
             sample.value.parent_frame or sample.frame,
             sample.value.child_frame or sample.child,
@@ -115,7 +115,9 @@ class ObserverTrack:
         self._pose_id = sample.id
 
     def at(self, stamp_ns: int, camera_frame: str) -> Observer | None:
-        """Return the camera by pose or attitude; None without both at this time."""
+        """Return the observer from the pose, or else from the attitude; None if neither is known at this
+        time.
+        """
         self.reasons = ()
         return self._by_pose(stamp_ns, camera_frame) or self._by_attitude(stamp_ns, camera_frame)
 
@@ -182,10 +184,10 @@ class ObserverTrack:
         return Observer(attitude, camera_frame, "camera", None, np.zeros((3, 3)), False)
 
 
-def continued(previous: Observer, homography: FloatArray | None, camera: CameraModel) -> Observer:
-    """Return the camera after the rotation that a homography from the previous image contains.
+def continue_attitude(previous: Observer, homography: FloatArray | None, camera: CameraModel) -> Observer:
+    """Return the observer after the camera rotation that a homography from the previous image contains.
 
-    ``None`` is a rotation of unknown size, taken as none.
+    If the homography is None, the rotation is unknown: it is assumed to be zero, and the variance grows.
     """
     R_current_previous = np.eye(3)
     if homography is not None:
@@ -206,7 +208,9 @@ def continued(previous: Observer, homography: FloatArray | None, camera: CameraM
 
 
 def _rotation_of(homography: FloatArray, camera: CameraModel) -> FloatArray:
-    """Return the rotation that maps the rays of pixels to those of their places by a homography."""
+    """Return the rotation that maps the rays of a grid of pixels to the rays of the pixels moved by a
+    homography.
+    """
     u, v = np.meshgrid(np.linspace(0.0, camera.cols - 1.0, _GRID), np.linspace(0.0, camera.rows - 1.0, _GRID))
     pixels = np.column_stack([u.ravel(), v.ravel()])
     moved = np.column_stack([pixels, np.ones(len(pixels))]) @ homography.T

@@ -8,7 +8,7 @@ import numpy as np
 
 #: Spectral density of the change of the rate, 1/s³, and the standard deviation of the first rate, 1/s.
 _NOISE, _RATE_SIGMA = 1e-7, 0.005
-#: Time after which a rate is forgotten: objects turn.
+#: Time constant with which the rate decays to zero, since objects change direction.
 _RATE_MEMORY_S = 20.0
 #: Relative standard deviation from which a range is not observable.
 _UNOBSERVABLE = 0.5
@@ -24,18 +24,18 @@ class RangeFilter:
         self._systematic = 0.0
 
     def predict(self, stamp_ns: int) -> None:
-        """Continue to a time."""
+        """Predict the state at a later time."""
         if self._P is None:
             return
         dt = (stamp_ns - self._stamp_ns) * 1e-9
-        kept = np.exp(-dt / _RATE_MEMORY_S)
-        F = np.array([[1.0, _RATE_MEMORY_S * (1.0 - kept)], [0.0, kept]])
+        rate_decay = np.exp(-dt / _RATE_MEMORY_S)
+        F = np.array([[1.0, _RATE_MEMORY_S * (1.0 - rate_decay)], [0.0, rate_decay]])
         self._x = F @ self._x
         self._P = F @ self._P @ F.T + _NOISE * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
         self._stamp_ns = stamp_ns
 
     def update(self, stamp_ns: int, range_m: float, sigma_m: float, systematic: float) -> None:
-        """Add a measurement whose standard deviation is below half of it.
+        """Add a measurement; its standard deviation must be below half of the range.
 
         ``systematic`` is a relative error that is the same in all measurements.
         """

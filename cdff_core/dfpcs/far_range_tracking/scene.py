@@ -14,7 +14,8 @@ from cdff_core.dfns.moving_region_detection.interface import MovingRegionDetecti
 from cdff_core.dfns.scene_registration.interface import SceneRegistrationOutputs
 from cdff_core.dfpcs.far_range_tracking.observer import Observer
 
-#: Path by depth of a place at rest in standard deviations of the motion of its surroundings.
+#: Number of standard deviations of the motion of the surroundings that the depth of a point at rest may
+#: explain.
 _PARALLAX_SIGMAS = 2.0
 
 
@@ -31,7 +32,7 @@ class Scene:
     registration : SceneRegistrationOutputs or None
         Motion of the scene since the previous image; None without it.
     turn : ndarray (3, 3) or None
-        Homography from the previous image by the rotation of the camera.
+        Homography from the previous image due to the rotation of the camera alone.
     noise : float
         Standard deviation of the noise of a pixel.
     """
@@ -46,10 +47,10 @@ class Scene:
     noise: float
 
     def parallax_at(self, pixel: FloatArray) -> float:
-        """Return the path since the previous image that the depth of a place at rest can explain, pixels.
+        """Return the path since the previous image that the depth of a point at rest can explain, pixels.
 
-        It is the motion of the scene around the place by the translation of the camera: an object at rest in
-        front of it moves less than twice as fast.
+        It is the motion of the scene around the point due to the translation of the camera: an object at
+        rest in front of the scene moves less than twice as fast.
         """
         if self.registration is None or self.registration.is_at_rest or self.turn is None:
             return 0.0

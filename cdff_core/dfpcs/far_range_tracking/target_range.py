@@ -22,9 +22,10 @@ from cdff_core.dfpcs.far_range_tracking.observer import Observer
 from cdff_core.dfpcs.far_range_tracking.tracked_object import TrackedObject
 
 _UNITS = {"m": 1.0, "mm": 1e-3, "km": 1e3}
-#: Standard deviation of an edge of an object in the image, and of a disparity that is the same in all images.
+#: Standard deviation of an edge of an object in the image, and of the error of the disparity that all images
+#: share.
 _EDGE_PX, _DISPARITY_BIAS_PX = 0.3, 0.05
-#: Correlation of the object in the right image.
+#: Least correlation of the object in the right image.
 _STEREO_SCORE = 0.7
 #: Relative standard deviation above which a measurement is not used.
 _USEFUL = 0.5
@@ -226,10 +227,10 @@ class TerrainGrid:
     resolution_m: float
 
 
-def fused(ranges: list[Ranging]) -> tuple[Ranging, tuple[str, ...]]:
-    """Return the weighted mean of ranges, and the reason ``ranges_disagree`` if they contradict.
+def fuse_ranges(ranges: list[Ranging]) -> tuple[Ranging, tuple[str, ...]]:
+    """Return the weighted mean of ranges, and the reason ``ranges_disagree`` if they contradict each other.
 
-    The weights contain the errors that are the same in many images.
+    The weights include the systematic errors, which many images share.
     """
     r = np.array([x.range_m for x in ranges])
     total = np.array([np.hypot(x.sigma_m, x.systematic * x.range_m) for x in ranges])

@@ -16,10 +16,10 @@ from cdff_core.dfpcs.far_range_tracking.range_filter import RangeFilter
 
 #: Pixels around an object that belong to its appearance: its edge.
 _EDGE_PX = 2
-#: Parts of a larger and of a smaller size, and of a new appearance, in the stored ones.
+#: Gains of the running means: of the size if the new size is larger or smaller, and of the appearance.
 _GROWTH_GAIN, _SHRINK_GAIN, _APPEARANCE_GAIN = 0.15, 0.07, 0.2
-#: Drift of the place of the appearance from image to image, and standard deviation of its offset when it is
-#: replaced, pixels.
+#: Standard deviations of the offset between the position of the appearance and that of the object: growth
+#: from image to image, and value after the appearance has been replaced, pixels.
 _ANCHOR_DRIFT_PX, _ANCHOR_NEW_PX = 0.03, 0.5
 #: Change of scale from which the stored appearance is replaced.
 _NEW_SCALE = 1.15
@@ -33,7 +33,7 @@ class Appearance:
     ----------
     template, weights : ndarray (h, w)
     offset : ndarray (2,)
-        Place of the object relative to the middle of the template, pixels.
+        Position of the object relative to the middle of the template, pixels.
     size_px : ndarray (2,)
         Width and height of the object in the template.
     """
@@ -45,7 +45,7 @@ class Appearance:
 
     @classmethod
     def cut(
-        cls, image: np.ndarray, mask: np.ndarray, box: FloatArray, place: FloatArray
+        cls, image: np.ndarray, mask: np.ndarray, box: FloatArray, position_px: FloatArray
     ) -> Appearance | None:
         """Return the appearance of the pixels of a mask (r, c) in a box; None at the border of the image."""
         rows, cols = image.shape
@@ -59,7 +59,7 @@ class Appearance:
             return None
         middle = np.array([0.5 * (u0 + u1 - 1), 0.5 * (v0 + v1 - 1)])
         size = np.array([box[1] - box[0], box[3] - box[2]])
-        return cls(image[window].astype(np.float32), weights, place - middle, np.maximum(size, 1.0))
+        return cls(image[window].astype(np.float32), weights, position_px - middle, np.maximum(size, 1.0))
 
     def blended(self, newer: Appearance, shift: FloatArray) -> Appearance:
         """Return the appearance with a part of a newer one, which is ``shift`` (2,) pixels to the right and
@@ -101,7 +101,7 @@ class TrackedObject:
     is_whole, is_full_height : bool
         True if the region of the last image shows the whole object, or its lowest and highest points.
     centre : ndarray (2,)
-        Centroid relative to the middle of the box, in sizes.
+        Mean offset of the centroid from the middle of the box, relative to the size.
     checked : ndarray (3,)
         Direction at the last test for rest.
     """
@@ -144,10 +144,13 @@ class TrackedObject:
         """Unit vector (3,)."""
         return np.asarray(self.states.directions[0])
 
-    def adopt(self, appearance: Appearance | None, middle: FloatArray | None, place: FloatArray) -> None:
-        """Add the appearance of the object at a place (2,) in an image.
+    def adopt(
+        self, appearance: Appearance | None, middle: FloatArray | None, position_px: FloatArray
+    ) -> None:
+        """Add the appearance of the object at an image position (2,).
 
-        ``middle`` is the place at which the middle of the stored template was matched, None without a match.
+        ``middle`` is the image position at which the middle of the stored template was matched; None without
+        a match.
         """
         if appearance is None:
             return
@@ -157,23 +160,27 @@ class TrackedObject:
             self.appearance = appearance
             self.anchor_variance = max(self.anchor_variance, _ANCHOR_NEW_PX**2)
             return
-        newer_middle = place - appearance.offset
+        newer_middle = position_px - appearance.offset
         first_old = middle - 0.5 * (np.array(old.template.shape[::-1]) - 1.0)
         first_new = newer_middle - 0.5 * (np.array(appearance.template.shape[::-1]) - 1.0)
         self.appearance = old.blended(appearance, first_old - first_new)
 
     def anchored(
-        self, matched: FloatArray, match_covariance: FloatArray, place: FloatArray, covariance: FloatArray
+        self,
+        matched: FloatArray,
+        match_covariance: FloatArray,
+        position_px: FloatArray,
+        covariance: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the place (2,) of the object and its covariance (2, 2) by appearance and region.
+        """Return the image position (2,) of the object and its covariance (2, 2) from appearance and region.
 
-        The appearance measures the motion well and drifts; the region measures the place with the noise of
-        its edges. Its offset from the place of the appearance is averaged.
+        The appearance measures the motion well, but its position drifts; the region measures the position
+        with the noise of its edges. The offset between the two positions is averaged.
         """
         variance = self.anchor_variance + _ANCHOR_DRIFT_PX**2
         gain = variance / (variance + 0.5 * float(np.trace(covariance)))
         self.anchor_variance = (1.0 - gain) * variance
-        shift = gain * (place - matched)
+        shift = gain * (position_px - matched)
         if self.appearance is not None:
             a = self.appearance
             self.appearance = Appearance(a.template, a.weights, a.offset + shift, a.size_px)
@@ -186,20 +193,21 @@ class TrackedObject:
         self.size_px = self.size_px * np.exp(gain * ratio)
 
     def is_similar_height(self, height_px: float) -> bool:
-        """Return True if a height is that of the whole object, within 8 % and half a pixel."""
+        """Return whether a height is that of the whole object, within 8 % and about half a pixel."""
         change = abs(float(np.log(max(height_px, 0.5) / self.size_px[1])))
         return change < 0.08 + 0.6 / float(self.size_px[1])
 
     def learn_centre(self, centroid: FloatArray) -> None:
-        """Add the place of the centroid relative to the middle of the box, in sizes."""
+        """Update the mean offset of the centroid from the middle of the box, relative to the size."""
         middle = np.array([self.box[0] + self.box[1], self.box[2] + self.box[3]]) / 2.0
         self.centre += 0.1 * ((centroid - middle) / self.size_px - self.centre)
 
     def by_edges(self, box: FloatArray, expected: FloatArray) -> FloatArray | None:
-        """Return the place (2,) of the object by the edges of a region that is smaller than the object.
+        """Return the image position (2,) of the object from the edges of a region smaller than the object.
 
-        Along each axis that the region is too small, the edge whose place is nearer to the expected one is an
-        edge of the object, the other one that of an occluder. None for a larger region.
+        Along each axis on which the region is too small, one edge belongs to the object and the other to an
+        occluder. Of the two positions of the object that the edges imply, the one nearer to the expected
+        position is used. Return None if the region is larger than the object.
         """
         size = np.array([box[1] - box[0], box[3] - box[2]])
         if (size > 1.15 * self.size_px + 1.2).any():
@@ -213,7 +221,9 @@ class TrackedObject:
         return result
 
     def is_similar_size(self, size_px: FloatArray) -> bool:
-        """Return True if a size is that of the whole object: within 15 % larger, 8 % smaller, and a pixel."""
+        """Return whether a size is that of the whole object: at most 15 % larger or 8 % smaller, plus about
+        a pixel.
+        """
         change = np.log(np.maximum(size_px, 0.5) / self.size_px)
         return bool(
             (change < 0.15 + 1.2 / self.size_px).all() and (change > -0.08 - 0.8 / self.size_px).all()

@@ -17,7 +17,7 @@ from cdff_common.interfaces.registry import Registry
 from cdff_core.dfns.model_preparation.interface import ModelPreparationInputs
 from cdff_core.object_models.inertia import inertia_of
 from cdff_core.object_models.texture_fit import SeenBody, TextureFitter, relative_prior
-from cdff_core.object_models.tracked_state import ERRORS, TrackedState
+from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 from tests.support import satellite
 from tests.support.satellite_images import CAMERA_MATRIX
 
@@ -25,7 +25,7 @@ SHIFT_PX, DISTANCE_M = 4.0, 3.0
 
 
 def state(sigma_m: float, sigma_rad: float) -> TrackedState:
-    covariance = np.zeros((ERRORS, ERRORS))
+    covariance = np.zeros((STATE_ERROR_DIM, STATE_ERROR_DIM))
     covariance[:6, :6] = np.diag(np.repeat([sigma_m, sigma_rad], 3) ** 2)
     T = se3.transform(np.eye(3), np.array([0.0, 0.0, DISTANCE_M]))
     return TrackedState(0, T, np.zeros(3), np.zeros(3), np.zeros(3), inertia_of((1.0, 1.0, 1.0)), covariance)
@@ -33,7 +33,7 @@ def state(sigma_m: float, sigma_rad: float) -> TrackedState:
 
 def moved_covariance(previous: TrackedState, sigma_m: float, sigma_rad: float) -> TrackedState:
     """Return a prediction with the noise of the motion."""
-    noise = np.zeros((ERRORS, ERRORS))
+    noise = np.zeros((STATE_ERROR_DIM, STATE_ERROR_DIM))
     noise[:6, :6] = np.diag(np.repeat([sigma_m, sigma_rad], 3) ** 2)
     return replace(previous, covariance=previous.covariance + noise)
 
@@ -61,7 +61,7 @@ def prepared() -> Any:
 
 def test_the_error_of_a_motion_without_noise_is_zero() -> None:
     previous = state(0.1, 0.05)
-    prior = relative_prior(previous, previous, np.eye(ERRORS))
+    prior = relative_prior(previous, previous, np.eye(STATE_ERROR_DIM))
     np.testing.assert_allclose(prior[:6, :6], 0.0, atol=1e-15)
     np.testing.assert_allclose(prior[6:12, 6:12], previous.covariance[:6, :6])
 
@@ -75,7 +75,7 @@ def test_the_motion_of_the_texture_moves_the_body_and_keeps_the_old_uncertainty(
     predicted = moved_covariance(previous, 0.1, 0.001)
     shifted = np.ascontiguousarray(np.roll(image, int(SHIFT_PX), axis=1))
     seen = SeenBody(image, previous)
-    fit = fitter().fit(prepared(), seen, predicted, np.eye(ERRORS), shifted, CAMERA_MATRIX)
+    fit = fitter().fit(prepared(), seen, predicted, np.eye(STATE_ERROR_DIM), shifted, CAMERA_MATRIX)
     assert fit.points > 20
     assert fit.agreement > 0.9
     front_m = DISTANCE_M - 0.2
@@ -90,5 +90,7 @@ def test_a_body_without_texture_is_refused() -> None:
     image = np.full((240, 320), 80, np.uint8)
     previous = state(0.05, 0.01)
     with pytest.raises(RefusedError) as refusal:
-        fitter().fit(prepared(), SeenBody(image, previous), previous, np.eye(ERRORS), image, CAMERA_MATRIX)
+        fitter().fit(
+            prepared(), SeenBody(image, previous), previous, np.eye(STATE_ERROR_DIM), image, CAMERA_MATRIX
+        )
     assert refusal.value.reasons[0].startswith("few_features")
