@@ -42,7 +42,7 @@ def read_xyz(source: Readable) -> CloudArrays:
     try:
         values = np.array([row for _, row in rows], dtype=np.float64)
     except ValueError as error:
-        raise _located(s, rows) from error
+        raise _error_with_line(s, rows) from error
     colors = values[:, -3:] if columns >= 6 else None
     if colors is not None and not np.all((colors >= 0) & (colors <= 255)):
         raise s.error("colours beyond 0 to 255 in the last three columns")
@@ -64,6 +64,7 @@ def _is_point(row: list[str]) -> bool:
         return False
 
 
-def _located(s: Source, rows: list[tuple[int, list[str]]]) -> CodecError:
+def _error_with_line(s: Source, rows: list[tuple[int, list[str]]]) -> CodecError:
+    """Return the error that names the first line without numbers."""
     number = next((number for number, row in rows if not _is_point(row)), rows[0][0])
     return s.error(f"line {number}: not numbers, expected x y z")

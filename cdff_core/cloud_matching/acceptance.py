@@ -62,7 +62,7 @@ def gate_reasons(
         degraded.append(f"low_overlap:{overlap:.2f}<{gates.good_overlap:g}")
     if a.inlier_ratio < gates.min_inlier_ratio:
         failures.append(f"few_inliers:{a.inlier_ratio:.2f}<{gates.min_inlier_ratio:g}")
-    if a.rms_m > gates.max_rms_gates * a.gate_m:
+    if a.rms_m > gates.max_rms_to_gate_ratio * a.gate_m:
         failures.append(f"large_residuals:{a.rms_m:.3g}m")
     failures += failed
     is_degenerate = a.agreement < gates.min_agreement

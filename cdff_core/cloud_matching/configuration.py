@@ -24,22 +24,24 @@ class AcceptanceGates(StrictModel):
         le=1,
         description="Ratio of point pairs that the robust kernel accepts: FAILED below",
     )
-    max_rms_gates: float = Field(
-        default=0.25, gt=0, le=1, description="RMS residual in units of the overlap gate: FAILED above"
+    max_rms_to_gate_ratio: float = Field(
+        default=0.25, gt=0, le=1, description="Ratio of the RMS residual to the overlap gate: FAILED above"
     )
     min_agreement: float = Field(
         default=0.5,
         ge=0,
         le=1,
-        description="Agreement: fraction of the pose information along an eigenvector on which the normals "
-        "of both clouds agree (1 structure, 0 noise); FAILED below, in any direction",
+        description="For each eigenvector of the pose information matrix: the fraction of its information that "
+        "comes from points whose normals agree in both clouds (1: structure, 0: noise); FAILED below, "
+        "for any eigenvector",
     )
     good_agreement: float = Field(
         default=0.7,
         ge=0,
         le=1,
-        description="Agreement: fraction of the pose information along an eigenvector on which the normals "
-        "of both clouds agree (1 structure, 0 noise); DEGRADED below, in any direction",
+        description="For each eigenvector of the pose information matrix: the fraction of its information that "
+        "comes from points whose normals agree in both clouds (1: structure, 0: noise); DEGRADED below, "
+        "for any eigenvector",
     )
 
 
@@ -53,15 +55,17 @@ class MatchingGates(AcceptanceGates):
         max_length=8,
         description="Radii of the descriptors, in voxels, in the order of their use",
     )
-    candidates: int = Field(default=3, ge=1, le=20, description="Cliques of matches registered per radius")
+    max_cliques: int = Field(
+        default=3, ge=1, le=20, description="Maximum number of cliques of matches registered per radius"
+    )
     noise_voxels: float = Field(
         default=1.0, gt=0.0, le=20.0, description="Largest position error of a correct match, voxels"
     )
     max_roughnesses: float = Field(
         default=2.0,
         gt=0,
-        description="RMS residual of the clouds thinned for matching, in units of their joint roughness at "
-        "the spacing of their points: FAILED above",
+        description="Ratio of the RMS residual of the clouds thinned for matching to their joint roughness, "
+        "both at the spacing of their points: FAILED above",
     )
     max_chance: float = Field(
         default=1e-3,

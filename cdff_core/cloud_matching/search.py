@@ -24,7 +24,8 @@ from cdff_core.cloud_matching.matcher import (
 QualityFunction = Callable[[Registration], Quality]
 AssessedRegistration = tuple[Registration, Quality]
 
-#: Keypoints of the target within this distance of the registered source are explained by the registration.
+#: A registration explains the keypoints of the target within this distance of the registered source, in
+#: voxels.
 _EXPLAINED_VOXELS = 3.0
 #: Lower bound of the joint roughness, in voxels, for exact planes.
 _MIN_ROUGHNESS_VOXELS = 0.01
@@ -46,13 +47,13 @@ class AlignmentSearch:
         self._voxel_m = max(source.voxel_m, target.voxel_m)
         self._coarse = matcher.extract_keypoints(self._fine, self._voxel_m)
         self._described: dict[float, tuple[DescribedKeypoints, DescribedKeypoints]] = {}
-        #: Reasons for the refusal of the first refused candidate, which has most matches.
+        #: Reasons for the refusal of the first refused alignment, which has most matches.
         self.refusals: tuple[str, ...] = ()
 
     def acceptable(self) -> Iterator[AssessedRegistration]:
         """Yield the registrations that pass the gates on the fine clouds."""
         for voxels in self._gates.support_voxels:
-            yield from self._candidates(*self._describe(voxels))
+            yield from self._clique_registrations(*self._describe(voxels))
 
     def excluding(self, registration: Registration) -> Iterator[AssessedRegistration]:
         """Yield acceptable registrations without the part of the target that a registration explains."""
@@ -65,7 +66,7 @@ class AlignmentSearch:
             unexplained = DescribedKeypoints(
                 target.keypoints_m[is_unexplained], target.descriptors[is_unexplained]
             )
-            yield from self._candidates(source, unexplained)
+            yield from self._clique_registrations(source, unexplained)
 
     def _describe(self, voxels: float) -> tuple[DescribedKeypoints, DescribedKeypoints]:
         """Return the described keypoints of both clouds for a support radius, cached."""
@@ -74,12 +75,12 @@ class AlignmentSearch:
             self._described[voxels] = source, target
         return self._described[voxels]
 
-    def _candidates(
+    def _clique_registrations(
         self, source: DescribedKeypoints, target: DescribedKeypoints
     ) -> Iterator[AssessedRegistration]:
         """Yield an acceptable registration for each clique of consistent matches, largest first."""
         pairs, metrics = self._matcher.match(source, target)
-        for _ in range(self._gates.candidates):
+        for _ in range(self._gates.max_cliques):
             try:
                 solution = self._matcher.solve(pairs, self._voxel_m)
             except RefusedError as error:
@@ -88,7 +89,7 @@ class AlignmentSearch:
             candidate = self._refine(solution.transform, metrics | solution_metrics(solution))
             if candidate is not None:
                 yield candidate
-            # The remaining matches may agree on another alignment.
+            # The other matches may agree on a different alignment.
             pairs = pairs[0][~solution.inliers], pairs[1][~solution.inliers]
 
     def _refine(self, T: Float, metrics: dict[str, float]) -> AssessedRegistration | None:
@@ -114,7 +115,8 @@ class AlignmentSearch:
 
         At the correct pose, the points of one cloud are about as near to the planes of the other as
         neighbouring points of a cloud are to each other's planes. The fine clouds of a lidar do not permit
-        this test: neighbouring points of a scan line have common errors, which their roughness lacks.
+        this test: neighbouring points of a scan line have common errors, which the roughness does not
+        contain.
         """
         limit_m = self._gates.max_roughnesses * self._joint_roughness_m
         rms_m = registration.assessment.rms_m

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -16,6 +17,8 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_common.types import PoseGraph
 from cdff_common.types.pose_graph_ext import LOOP_CLOSURE, ODOMETRY, PRIOR
 from cdff_core.dfns.pose_graph_optimization.interface import PoseGraphOptimizationInputs
+
+logger = logging.getLogger(__name__)
 
 Float = NDArray[np.float64]
 #: Keyframe a, keyframe b and kind of an edge ``T_a_b``.
@@ -126,7 +129,12 @@ class KeyframeGraph(Generic[K]):
         self._distances = None
 
     def replace_by(self, key: int, older: int, T_older_key: UncertainTransform) -> None:
-        """Remove a keyframe: its edges become loop closures of an older one; its points are discarded."""
+        """Remove a keyframe: its edges become loop closures of an older keyframe, and its points are
+        discarded.
+
+        Odometry edges also become loop closures: they then contain ``T_older_key``, which a wrong loop may
+        have given, and only loop closures can be rejected by the robust optimisation.
+        """
         for a, b, kind in [e for e in self.edges if key in e[:2]]:
             T_a_b = self.edges.pop((a, b, kind))
             if older in (a, b):
@@ -151,7 +159,7 @@ class KeyframeGraph(Generic[K]):
         return {k: float(lengths[row]) for k, row in rows.items() if np.isfinite(lengths[row])}
 
     def optimise(self, optimiser: Dfn[Any, Any, Any]) -> int:
-        """Optimise the root's component; remove and count the loop closures that contradict other edges."""
+        """Optimise the component of the root; return the number of loop closures removed as contradictory."""
         keys = sorted(self.component(self.root))
         solution = optimiser.process(
             PoseGraphOptimizationInputs(graph=self.to_graph(keys), wanted=np.array(keys, dtype=np.int64))
@@ -162,6 +170,12 @@ class KeyframeGraph(Generic[K]):
             del self.edges[edge]
         self._distances = None
         self.loops_rejected += len(rejected)
+        if not solution.converged:
+            logger.warning(
+                "pose graph of %d keyframes: no convergence after %d iterations",
+                len(keys),
+                solution.iterations,
+            )
         matrices = solution.graph.vertices.matrices
         for key, T, covariance in zip(keys, matrices, solution.covariances, strict=True):
             self.poses[key], self.covariances[key] = T, covariance

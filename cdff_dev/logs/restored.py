@@ -69,8 +69,8 @@ class OriginalNames:
     local_frames: dict[str, tuple[str, float, float, float, float]] = field(default_factory=dict)
 
     @property
-    def count(self) -> int:
-        """Number of names and places."""
+    def entry_count(self) -> int:
+        """Number of streams, frames, mounts and local frames with original values."""
         return len(self.streams) + len(self.frames) + len(self.mounts) + len(self.local_frames)
 
     def to_json(self) -> str:

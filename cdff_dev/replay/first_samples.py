@@ -30,7 +30,7 @@ _OPTIONS = {
 def file_ports(
     models: Sequence[str], guess: str | None, map_file: str | None = None, poses: str | None = None
 ) -> list[str]:
-    """Return the ports that files are given for."""
+    """Return the ports for which a file is given."""
     files = (("model", models), ("map", map_file), ("guess", guess), ("poses", poses))
     return [port for port, given in files if given]
 
@@ -38,7 +38,7 @@ def file_ports(
 def with_poses(
     samples: Iterable[Sample], description: DfpcDescription, poses: str | None
 ) -> Iterator[Sample]:
-    """Yield samples, and those of a file of poses in the order of their times, after others of a time.
+    """Merge the samples with the poses of a file in time order; at equal times the poses come last.
 
     Raises
     ------
@@ -53,9 +53,10 @@ def with_poses(
     _port(description, "poses")
     with closing(poses_log(Path(poses))) as log:
         (stream,) = log.streams
-        of_file = (item.to_sample("poses", "") for item in log.samples([stream]))
-        plain = (dataclasses.replace(sample, frame="", child="") for sample in of_file)
-        yield from heapq.merge(samples, plain, key=lambda sample: sample.stamp_ns)
+        poses_of_file = (item.to_sample("poses", "") for item in log.samples([stream]))
+        # Without frames, the poses are taken as those of the frames that the port expects.
+        without_frames = (dataclasses.replace(sample, frame="", child="") for sample in poses_of_file)
+        yield from heapq.merge(samples, without_frames, key=lambda sample: sample.stamp_ns)
 
 
 def with_files(

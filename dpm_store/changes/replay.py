@@ -62,7 +62,7 @@ class Replay:
         self._payloads = Payloads(directory)
         clock = ManualClock()
         self._inserter = Inserter(self._payloads, EventTable(self._database, clock), clock)
-        self._other: dict[str, Callable[[Connection, Change], bool]] = {
+        self._handlers: dict[str, Callable[[Connection, Change], bool]] = {
             "deleted": self._delete,
             "purged": self._purge,
             "updated": self._annotate,
@@ -87,7 +87,7 @@ class Replay:
         if kind == "inserted" and all(change.row is not None for change in changes):
             replayed = self._insert(connection, changes)
         else:
-            apply = self._other.get(kind, _keep_event)
+            apply = self._handlers.get(kind, _keep_event)
             replayed = [change for change in changes if apply(connection, change)]
         names = ("stamp_ns", "scope", "kind", "body")
         rows = [{name: getattr(change, name) for name in names} for change in replayed]
@@ -95,23 +95,26 @@ class Replay:
         self.changes += len(replayed)
 
     def _insert(self, connection: Connection, changes: Sequence[Change]) -> list[Change]:
-        """Insert products; those whose payload is missing become tombstones."""
+        """Insert new products and return their changes; a product without a readable payload becomes a tombstone."""
         p = schema.products.c
         known: set[str] = set()
-        for change in changes:  # a second history, of a database created with --new, can repeat products
+        for change in changes:  # products occur twice if a database created with --new started a second history
             if connection.execute(select(p.id).where(p.id == change.fields["id"])).first() is not None:
                 known.add(change.fields["id"])
         new = {c.fields["id"]: c for c in changes if c.fields["id"] not in known}
         for change in new.values():
-            item, inserted_ns = self._prepared(connection, change)
+            item, inserted_ns = self._restore_payload(connection, change)
             if item is None:
                 self._insert_tombstone(connection, change)
             else:
                 self._inserter.insert_rows(connection, [item], inserted_ns)
         return list(new.values())
 
-    def _prepared(self, connection: Connection, change: Change) -> tuple[PreparedProduct | None, int]:
-        """Return the product of a record with its payload, and the time of its insertion."""
+    def _restore_payload(self, connection: Connection, change: Change) -> tuple[PreparedProduct | None, int]:
+        """Return the product of a record with its payload, and the time of its insertion.
+
+        The product is None if its payload cannot be read or is invalid.
+        """
         product, ring, sums, location, inserted_ns = _product_of(change)
         sha256, size = product.header.sha256 or "", (change.row or [])[3]
         try:
@@ -128,17 +131,18 @@ class Replay:
         return replace(item, ring=ring), inserted_ns
 
     def _read(self, sha256: str, size: int, sums: bytes | None, location: int | None) -> bytes:
-        what = f"payload {sha256}"
+        """Return a payload from its file or pack; raises StorageError if it was collected or damaged."""
+        name = f"payload {sha256}"
         if size == 0:
             payload = b""
         elif sums is None:
-            raise StorageError(f"{what}: it was collected")
+            raise StorageError(f"{name}: it was collected")
         elif location is None:
-            payload = self._payloads.files.read(sha256, size, sums, 0, size, what)
+            payload = self._payloads.files.read(sha256, size, sums, 0, size, name)
         else:
-            payload = self._payloads.packs.read((location, size), sums, what)
+            payload = self._payloads.packs.read((location, size), sums, name)
         if digest(payload) != sha256:
-            raise StorageError(f"{what}: content has another digest")
+            raise StorageError(f"{name}: content has another digest")
         return payload
 
     def _insert_tombstone(self, connection: Connection, change: Change) -> None:
@@ -147,6 +151,7 @@ class Replay:
         self.lost.add(product.header.id)
 
     def _delete(self, connection: Connection, change: Change) -> bool:
+        """Mark a product as deleted; return whether the change was applied: False for an unknown product."""
         product_id, p = change.fields["id"], schema.products.c
         row = connection.execute(select(p.ordinal, p.deleted_ns).where(p.id == product_id)).first()
         if row is None:
@@ -158,21 +163,24 @@ class Replay:
             dialect_of(connection).index_deleted(connection, row.ordinal)
             PoseTable.delete_in(connection, product_id, change.stamp_ns)
         AnnotationTable.remove_from_search_in(connection, product_id)
-        self.lost.discard(product_id)  # it has no payload because it was deleted
+        self.lost.discard(product_id)  # its payload is missing because it was deleted
         return True
 
     def _purge(self, connection: Connection, change: Change) -> bool:
+        """Remove the reference to the payload of a deleted product; return True: the change was applied."""
         p = schema.products.c
         connection.execute(update(schema.products).where(p.id == change.fields["id"]).values(sha256=None))
         return True
 
     def _annotate(self, connection: Connection, change: Change) -> bool:
+        """Restore a revision of an annotation; return True: the change was applied."""
         values = _row_dict(schema.annotation_revisions, change)
         if values is not None:
             restore_revision(connection, values)
         return True
 
     def _set_frame(self, connection: Connection, change: Change) -> bool:
+        """Restore a revision of a frame; return True: the change was applied."""
         values = _insert_revision(connection, schema.frames, "frame", change)
         if values is not None:
             entry = {"frame": values["frame"], "revision": values["revision"]}
@@ -180,10 +188,12 @@ class Replay:
         return True
 
     def _define_body(self, connection: Connection, change: Change) -> bool:
+        """Restore a revision of a body; return True: the change was applied."""
         _insert_revision(connection, schema.bodies, "name", change)
         return True
 
     def _describe_robot(self, connection: Connection, change: Change) -> bool:
+        """Restore the description of a robot; return True: the change was applied."""
         body = change.fields
         row = {
             "robot": change.scope,
@@ -198,7 +208,10 @@ class Replay:
 
 
 def _keep_event(connection: Connection, change: Change) -> bool:
-    """Keep an event of the history; those from another service's journal also advance its number."""
+    """Accept an event without further tables; return True: the change was applied.
+
+    An event from the journal of another service also restores the number up to which that journal was read.
+    """
     body = change.fields if change.kind != "inserted" else {}
     origin, number = body.get("origin"), body.get("number")
     if isinstance(origin, str) and isinstance(number, int):
@@ -208,6 +221,7 @@ def _keep_event(connection: Connection, change: Change) -> bool:
 
 
 def _batches(changes: Iterator[Change]) -> Iterator[list[Change]]:
+    """Yield batches of changes, bounded by their number and by the bytes of the inserted payloads."""
     batch: list[Change] = []
     size = 0
     for change in changes:
@@ -233,7 +247,7 @@ def _product_of(change: Change) -> tuple[NewProduct, bytes | None, bytes | None,
 def _keep_location(
     connection: Connection, sha256: str, size: int, sums: bytes | None, location: int | None
 ) -> None:
-    """Enter a payload where it is, so that the insertion does not write it again."""
+    """Insert the row of a payload at its present location, so that the insertion does not write the payload again."""
     b = schema.blobs.c
     if connection.execute(select(b.sha256).where(b.sha256 == sha256)).first() is None:
         row = {"sha256": sha256, "size": size, "chunk_sums": sums or b"", "location": location, "live": 0}

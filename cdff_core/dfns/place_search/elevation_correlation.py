@@ -64,15 +64,15 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         )
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the candidates; raises InputError, or RefusedError if the scan contains no ground."""
+        """Return the candidates; raises InputError, or RefusedError if the sweep contains no ground."""
         cfg = self.config
-        map_points = checked_points(inputs.map, "map", 1)
-        scan = checked_points(inputs.scan, "scan", _MIN_GROUND_POINTS)
-        T_foot_robot = _locate_foot(scan, cfg.foot_m)
-        near = scan[np.linalg.norm(scan, axis=1) <= cfg.range_m]
-        # Even density over the area, so that the dense rings around the robot do not outweigh distant points.
-        even = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
-        points = even[np.random.default_rng(0).permutation(len(even))[: cfg.points]]
+        map_points = checked_points(inputs.map_points, "map_points", 1)
+        sweep = checked_points(inputs.sweep_points, "sweep_points", _MIN_GROUND_POINTS)
+        T_foot_robot = _locate_foot(sweep, cfg.foot_m)
+        near = sweep[np.linalg.norm(sweep, axis=1) <= cfg.range_m]
+        # The density is made even, so that the dense rings around the robot do not outweigh distant points.
+        thinned = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
+        points = thinned[np.random.default_rng(0).permutation(len(thinned))[: cfg.points]]
         heights, origin = _rasterise(map_points, cfg.cell_m)
         starts = self._starts(heights, origin)
         rotations = np.radians(np.arange(0.0, 360.0, _HEADING_STEP_DEG))
@@ -137,7 +137,7 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         return np.array(minima, dtype=np.int64).reshape(-1, 2)
 
 
-def _locate_foot(scan: FloatArray, foot_m: float) -> FloatArray:
+def _locate_foot(sweep: FloatArray, foot_m: float) -> FloatArray:
     """Return T_foot_robot; the foot is the frame on the ground below the robot, z along the normal of the
     ground.
 
@@ -146,10 +146,10 @@ def _locate_foot(scan: FloatArray, foot_m: float) -> FloatArray:
     RefusedError
         If too few points lie within twice ``foot_m``.
     """
-    distance_m = np.linalg.norm(scan[:, :2], axis=1)
+    distance_m = np.linalg.norm(sweep[:, :2], axis=1)
     near = next(
         (
-            scan[distance_m < radius_m]
+            sweep[distance_m < radius_m]
             for radius_m in (foot_m, 2.0 * foot_m)
             if np.count_nonzero(distance_m < radius_m) >= _MIN_GROUND_POINTS
         ),

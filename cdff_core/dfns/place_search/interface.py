@@ -20,16 +20,16 @@ class PlaceSearchInputs(DfnInputs):
 
     Attributes
     ----------
-    map : ndarray of float64, shape (n,3)
+    map_points : ndarray of float64, shape (n,3)
         Points of the map, z up, metres.
-    scan : ndarray of float64, shape (m,3)
+    sweep_points : ndarray of float64, shape (m,3)
         Points around the robot in its frame, z approximately up, metres.
     """
 
-    ARRAYS = ArrayPorts({"map": "float64[n,3]", "scan": "float64[m,3]"})
+    ARRAYS = ArrayPorts({"map_points": "float64[n,3]", "sweep_points": "float64[m,3]"})
 
-    map: NDArray[np.float64]
-    scan: NDArray[np.float64]
+    map_points: NDArray[np.float64]
+    sweep_points: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -34,13 +34,13 @@ _SEARCHED_VOXELS = 7
 
 @njit(cache=True)
 def deskew_point(
-    point: FloatArray, fraction: float, theta: FloatArray, rho: FloatArray, out: FloatArray
+    point: FloatArray, point_time: float, theta: FloatArray, rho: FloatArray, out: FloatArray
 ) -> None:  # pragma: no cover - compiled
     """Write the point ``Exp(f theta) p + f rho`` to ``out``: its position in the sensor frame at the end of
     the sweep, for its time ``f`` from -1 (start) to 0 (end) and the rotation ``theta`` and translation
     ``rho`` during the sweep.
     """
-    wx, wy, wz = fraction * theta[0], fraction * theta[1], fraction * theta[2]
+    wx, wy, wz = point_time * theta[0], point_time * theta[1], point_time * theta[2]
     a2 = wx * wx + wy * wy + wz * wz
     s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
     if a2 > 1e-4:
@@ -49,9 +49,9 @@ def deskew_point(
     px, py, pz = point[0], point[1], point[2]
     cx, cy, cz = cross(wx, wy, wz, px, py, pz)
     dx, dy, dz = cross(wx, wy, wz, cx, cy, cz)
-    out[0] = px + s * cx + c * dx + fraction * rho[0]
-    out[1] = py + s * cy + c * dy + fraction * rho[1]
-    out[2] = pz + s * cz + c * dz + fraction * rho[2]
+    out[0] = px + s * cx + c * dx + point_time * rho[0]
+    out[1] = py + s * cy + c * dy + point_time * rho[1]
+    out[2] = pz + s * cz + c * dz + point_time * rho[2]
 
 
 @njit(cache=True)
@@ -110,7 +110,7 @@ def normal_equations(
     voxel: float,
     finest: int,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     R: FloatArray,
     t: FloatArray,
     theta: FloatArray,
@@ -136,7 +136,7 @@ def normal_equations(
     H, b, sums, level_sums = np.zeros((12, 12)), np.zeros(12), np.zeros(5), np.zeros((len(tables), 2))
     J, q = np.empty(12), np.empty(3)
     for p in range(len(points)):
-        f = fraction[p]
+        f = point_times[p]
         deskew_point(points[p], f, theta, rho, q)
         ax, ay, az = rotated(R, q[0], q[1], q[2])
         x, y, z = ax + t[0], ay + t[1], az + t[2]
@@ -233,7 +233,7 @@ def supports(
     voxel: float,
     finest: int,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     poses: FloatArray,
     motions: FloatArray,
     kernel: float,
@@ -246,7 +246,7 @@ def supports(
         R, t = np.ascontiguousarray(poses[m, :3, :3]), poses[m, :3, 3]
         theta, rho = motions[m, 3:], motions[m, :3]
         for p in range(len(points)):
-            deskew_point(points[p], fraction[p], theta, rho, q)
+            deskew_point(points[p], point_times[p], theta, rho, q)
             ax, ay, az = rotated(R, q[0], q[1], q[2])
             x, y, z = ax + t[0], ay + t[1], az + t[2]
             level, row = nearest_plane(tables, voxel, finest, x, y, z)

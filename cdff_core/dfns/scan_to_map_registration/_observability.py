@@ -16,7 +16,7 @@ from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 def observability(
     local_map: VoxelMap,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     found: Estimate,
     kernel_m: float,
     min_plane_points: int,
@@ -29,9 +29,9 @@ def observability(
     arm would hide the information of the near ground on rotations.
     """
     selected = _voxel_table.first_in_voxels(points, local_map.voxel_m)
-    points, fraction = points[selected], fraction[selected]
-    R = se3.exp_so3(fraction[:, None] * found.motion[None, 3:])
-    deskewed = np.einsum("nij,nj->ni", R, points) + fraction[:, None] * found.motion[:3]
+    points, point_times = points[selected], point_times[selected]
+    R = se3.exp_so3(point_times[:, None] * found.motion[None, 3:])
+    deskewed = np.einsum("nij,nj->ni", R, points) + point_times[:, None] * found.motion[:3]
     H, cross_information, total_weight = _kernels.common_information(
         local_map.tables,
         local_map.voxel_m,

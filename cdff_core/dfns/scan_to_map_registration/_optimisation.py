@@ -72,7 +72,7 @@ class Estimate:
 def estimate(
     local_map: VoxelMap,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     prior: Prior,
     schedule: Schedule,
     start: Estimate | None = None,
@@ -91,7 +91,7 @@ def estimate(
             local_map.voxel_m,
             finest_level(local_map, kernel),
             points,
-            fraction,
+            point_times,
             np.ascontiguousarray(T[:3, :3]),
             T[:3, 3].copy(),
             motion[3:].copy(),

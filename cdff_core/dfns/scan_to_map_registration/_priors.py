@@ -58,7 +58,7 @@ class Prior:
             np.zeros((6, 6)) if inputs.guess_covariance is None else inputs.guess_covariance,
             information(inputs.guess_covariance),
             motion_information,
-            *previous_pose(inputs.before, inputs.sweep_fraction),
+            *previous_pose(inputs.previous_pose, inputs.sweep_fraction),
         )
 
     def add_to(self, A: FloatArray, g: FloatArray, T: FloatArray, motion: FloatArray) -> None:
@@ -80,15 +80,15 @@ def information(covariance: FloatArray | None) -> FloatArray:
     return np.zeros((6, 6)) if covariance is None else np.asarray(np.linalg.inv(covariance), np.float64)
 
 
-def previous_pose(before: FloatArray | None, fraction: float | None) -> tuple[FloatArray | None, float]:
+def previous_pose(T_previous: FloatArray | None, fraction: float | None) -> tuple[FloatArray | None, float]:
     """Return the previous pose, None if not given, and the fraction of the motion since then that happens
     during the sweep.
     """
-    if before is None or fraction is None:
+    if T_previous is None or fraction is None:
         return None, 0.0
     if not 0.0 <= fraction <= 1.0:
         raise InputError(f"sweep_fraction {fraction:g}: expected 0 to 1, since sweeps do not overlap in time")
-    return checked_transform(before, "before"), fraction
+    return checked_transform(T_previous, "previous_pose"), fraction
 
 
 def fraction_of_motion(
@@ -112,7 +112,7 @@ class Fusion:
     gains: FloatArray  # (k,), weight of the registration along each of the directions
 
 
-def fused(
+def fuse_with_guess(
     prior: Prior,
     T: FloatArray,
     covariance: FloatArray,
@@ -120,8 +120,9 @@ def fused(
     sigma_m: FloatArray,
     radius_m: float,
 ) -> Fusion:
-    """Return the pose fused with the guess along directions (k, 6) with standard deviations ``sigma_m`` (k,)
-    by the map alone.
+    """Fuse a registered pose with its guess along degenerate directions (k, 6).
+
+    ``sigma_m`` (k,) are the standard deviations along these directions from the map alone.
 
     Along a direction without information on which both halves of the map agree, ``sigma_m`` is large, and the
     guess remains (solution remapping, Zhang et al. 2016, doi:10.1109/ICRA.2016.7487211). Otherwise both are

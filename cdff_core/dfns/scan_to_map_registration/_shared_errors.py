@@ -40,7 +40,7 @@ class CalibrationErrors:
 def shared_error_covariances(
     local_map: VoxelMap,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     found: Estimate,
     kernel_m: float,
     errors: CalibrationErrors,
@@ -56,7 +56,7 @@ def shared_error_covariances(
         local_map.tables,
         local_map.voxel_m,
         points,
-        fraction,
+        point_times,
         np.ascontiguousarray(found.T[:3, :3]),
         found.T[:3, 3].copy(),
         found.motion[3:].copy(),
@@ -80,7 +80,7 @@ def shared_gradients(
     tables: tuple[VoxelTable, ...],
     voxel: float,
     points: FloatArray,
-    fraction: FloatArray,
+    point_times: FloatArray,
     R: FloatArray,
     t: FloatArray,
     theta: FloatArray,
@@ -105,7 +105,7 @@ def shared_gradients(
     n = 0
     J, q = np.empty(12), np.empty(3)
     for p in range(len(points)):
-        f = fraction[p]
+        f = point_times[p]
         px, py, pz = points[p]
         deskew_point(points[p], f, theta, rho, q)
         ax, ay, az = rotated(R, q[0], q[1], q[2])

@@ -20,14 +20,14 @@ class ScanToMapRegistrationInputs(DfnInputs):
 
     Attributes
     ----------
-    surface : ndarray of float64, shape (k,3), optional
+    new_map_points : ndarray of float64, shape (k,3), optional
         Points in the frame of the map, metres; added to the map before the registration.
     points : ndarray of float64, shape (n,3), optional
         Points of the sweep, each in the sensor's frame at its own time, metres; without them the map is
         only extended.
-    fraction : ndarray of float64, shape (n), optional
-        Time of each point: -1 at the start, 0 at the end of the sweep; absent if all points have the same
-        time.
+    point_times : ndarray of float64, shape (n), optional
+        Time of each point relative to the sweep: -1 at its start, 0 at its end; absent if all points have
+        the same time.
     guess : ndarray of float64, shape (4,4), optional
         Initial T_map_sensor at the end of the sweep.
     sweep_guess : ndarray of float64, shape (4,4), optional
@@ -36,13 +36,13 @@ class ScanToMapRegistrationInputs(DfnInputs):
         Covariance of the guess, [x y z rx ry rz], error in the frame of the map.
     sweep_covariance : ndarray of float64, shape (6,6), optional
         Covariance of the motion during the sweep, [x y z rx ry rz].
-    before : ndarray of float64, shape (4,4), optional
+    previous_pose : ndarray of float64, shape (4,4), optional
         T_map_sensor at the end of the previous sweep; if it and sweepFraction are given, the prior of the
         motion during the sweep is sweepFraction times the motion since this pose, and sweepGuess is only
         the initial value.
     sweep_fraction : float, optional
         Ratio of the duration of the sweep to the time since the end of the previous sweep.
-    candidates : ndarray of float64, shape (m,4,4), optional
+    alternative_guesses : ndarray of float64, shape (m,4,4), optional
         Further guesses of T_map_sensor, for a sweep that does not match at the guess: those with the
         largest support, guess included, are registered, and the result with the largest supportRatio is
         returned.
@@ -50,40 +50,40 @@ class ScanToMapRegistrationInputs(DfnInputs):
 
     ARRAYS = ArrayPorts(
         {
-            "surface": "float64[k,3]",
+            "new_map_points": "float64[k,3]",
             "points": "float64[n,3]",
-            "fraction": "float64[n]",
+            "point_times": "float64[n]",
             "guess": "float64[4,4]",
             "sweep_guess": "float64[4,4]",
             "guess_covariance": "float64[6,6]",
             "sweep_covariance": "float64[6,6]",
-            "before": "float64[4,4]",
-            "candidates": "float64[m,4,4]",
+            "previous_pose": "float64[4,4]",
+            "alternative_guesses": "float64[m,4,4]",
         },
         finite=["guess_covariance", "sweep_covariance"],
         optional=[
-            "surface",
+            "new_map_points",
             "points",
-            "fraction",
+            "point_times",
             "guess",
             "sweep_guess",
             "guess_covariance",
             "sweep_covariance",
-            "before",
-            "candidates",
+            "previous_pose",
+            "alternative_guesses",
         ],
     )
 
-    surface: NDArray[np.float64] | None = None
+    new_map_points: NDArray[np.float64] | None = None
     points: NDArray[np.float64] | None = None
-    fraction: NDArray[np.float64] | None = None
+    point_times: NDArray[np.float64] | None = None
     guess: NDArray[np.float64] | None = None
     sweep_guess: NDArray[np.float64] | None = None
     guess_covariance: NDArray[np.float64] | None = None
     sweep_covariance: NDArray[np.float64] | None = None
-    before: NDArray[np.float64] | None = None
+    previous_pose: NDArray[np.float64] | None = None
     sweep_fraction: float | None = None
-    candidates: NDArray[np.float64] | None = None
+    alternative_guesses: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -100,11 +100,11 @@ class ScanToMapRegistrationOutputs:
         Covariance of transform, [x y z rx ry rz], error in the frame of the map; the information of the
         guess is included.
     residual_covariance : ndarray of float64, shape (6,6)
-        Covariance of transform by errors that the points on a plane share, from their residuals (clustered
-        sandwich).
+        Covariance of transform due to errors that all points on a plane share, estimated from their
+        residuals (clustered sandwich).
     calibration_covariance : ndarray of float64, shape (6,6)
-        Covariance of transform by the calibration of the lidar, not contained in covariance: the same error
-        in every sweep.
+        Covariance of transform due to the calibration of the lidar, not contained in covariance: the same
+        error in every sweep.
     directions : ndarray of float64, shape (6,6)
         Eigenvectors of the information as rows: translation of the sensor, then rotation about the sensor
         times radiusM, in the axes of the map.
@@ -150,7 +150,7 @@ class ScanToMapRegistrationOutputs:
 class ScanToMapRegistrationInterface(Dfn[ConfigT, ScanToMapRegistrationInputs, ScanToMapRegistrationOutputs]):
     """Align the sweep of a moving lidar with a local map, estimate the pose together with the motion
     during the sweep, and identify the directions that the map does not constrain. The DFN stores
-    the map; surfaces are added, distant parts are removed.
+    the map: points are added, and distant parts are removed.
     """
 
 

@@ -15,10 +15,10 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.points import checked_points, checked_transform
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
-from cdff_core.dfns.scan_to_map_registration._candidates import best_candidates
+from cdff_core.dfns.scan_to_map_registration._guesses import best_guesses
 from cdff_core.dfns.scan_to_map_registration._observability import observability
 from cdff_core.dfns.scan_to_map_registration._optimisation import Estimate, Schedule, estimate
-from cdff_core.dfns.scan_to_map_registration._priors import Prior, fraction_of_motion, fused
+from cdff_core.dfns.scan_to_map_registration._priors import Prior, fraction_of_motion, fuse_with_guess
 from cdff_core.dfns.scan_to_map_registration._shared_errors import (
     CalibrationErrors,
     shared_error_covariances,
@@ -27,9 +27,9 @@ from cdff_core.dfns.scan_to_map_registration._shared_errors import (
 from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 from cdff_core.dfns.scan_to_map_registration.interface import Inputs, Interface, Outputs
 
-#: Width of the first kernel in standard deviations of the guess's translation.
+#: Width of the first robust kernel, in standard deviations of the translation of the guess.
 _FIRST_KERNEL_SIGMAS = 2.0
-#: Number of points with which candidates are registered.
+#: Approximate number of points with which alternative guesses are registered.
 _SEARCH_POINTS = 8000
 
 
@@ -114,7 +114,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return self._map.memory_bytes
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Add the surface to the map, and return pose and motion of the sweep.
+        """Add new points to the map, then return pose and motion of the sweep.
 
         Raises
         ------
@@ -124,39 +124,39 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             ``no_overlap`` if too few points lie on the map.
         """
         T = checked_transform(np.eye(4) if inputs.guess is None else inputs.guess, "guess")
-        if inputs.surface is not None:
-            surface = checked_points(inputs.surface, "surface", least=0)
-            added = _voxel_table.first_in_voxels(surface, self.config.surface_voxel_m)
-            self._map.add(surface[added], T[:3, 3])
+        if inputs.new_map_points is not None:
+            new_points = checked_points(inputs.new_map_points, "new_map_points", least=0)
+            rows = _voxel_table.first_in_voxels(new_points, self.config.surface_voxel_m)
+            self._map.add(new_points[rows], T[:3, 3])
         sweep = checked_transform(
             np.eye(4) if inputs.sweep_guess is None else inputs.sweep_guess, "sweep_guess"
         )
         points = (
             np.zeros((0, 3)) if inputs.points is None else checked_points(inputs.points, "points", least=0)
         )
-        fraction = (
+        point_times = (
             np.zeros(len(points))
-            if inputs.fraction is None
-            else np.asarray(inputs.fraction, dtype=np.float64)
+            if inputs.point_times is None
+            else np.asarray(inputs.point_times, dtype=np.float64)
         )
         if not len(points):
             return _outputs_without_points(T, sweep)
         selected = _voxel_table.first_in_voxels(points, self.config.points_voxel_m)
         motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
-        points, fraction = points[selected], fraction[selected]
+        points, point_times = points[selected], point_times[selected]
         prior = Prior.from_inputs(inputs, T, motion)
-        if inputs.candidates is None:
-            return self._register(points, fraction, prior, inputs.guess_covariance)
-        return self._register_candidates(points, fraction, prior, inputs)
+        if inputs.alternative_guesses is None:
+            return self._register(points, point_times, prior, inputs.guess_covariance)
+        return self._register_best_guess(points, point_times, prior, inputs)
 
-    def _register_candidates(
-        self, points: FloatArray, fraction: FloatArray, prior: Prior, inputs: Inputs
+    def _register_best_guess(
+        self, points: FloatArray, point_times: FloatArray, prior: Prior, inputs: Inputs
     ) -> Outputs:
         """Register some points from the guesses with the largest support, and all points from the result with
         the largest support.
         """
-        assert inputs.candidates is not None  # checked by the caller
-        poses = np.concatenate([prior.T_guess[None], inputs.candidates])
+        assert inputs.alternative_guesses is not None  # checked by the caller
+        poses = np.concatenate([prior.T_guess[None], inputs.alternative_guesses])
         T_previous, ratio = prior.T_previous, prior.sweep_fraction
         motions = np.array(
             [
@@ -165,42 +165,44 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             ]
         )
         step = 1 + len(points) // _SEARCH_POINTS
-        some, their_fraction = points[::step], fraction[::step]
+        some, some_times = points[::step], point_times[::step]
         schedule, results = self._schedule(inputs.guess_covariance), []
-        for i in best_candidates(self._map, points, fraction, poses, motions):
-            candidate = replace(prior, T_guess=poses[i], motion_guess=motions[i])
+        for i in best_guesses(self._map, points, point_times, poses, motions):
+            prior_of_guess = replace(prior, T_guess=poses[i], motion_guess=motions[i])
             try:
-                found = estimate(self._map, some, their_fraction, candidate, schedule)
+                found = estimate(self._map, some, some_times, prior_of_guess, schedule)
             except RefusedError as error:
                 refusal = error
             else:
-                results.append((self._support(some, their_fraction, found), candidate, found))
+                results.append((self._support(some, some_times, found), prior_of_guess, found))
         if not results:
             raise refusal
-        _, candidate, found = max(results, key=lambda result: result[0])
-        return self._register(points, fraction, candidate, None, found)
+        _, prior_of_guess, found = max(results, key=lambda result: result[0])
+        return self._register(points, point_times, prior_of_guess, None, found)
 
     def _register(
         self,
         points: FloatArray,
-        fraction: FloatArray,
+        point_times: FloatArray,
         prior: Prior,
         guess_covariance: FloatArray | None,
         start: Estimate | None = None,
     ) -> Outputs:
         """Register the points; ``guess_covariance`` sets the width of the first kernel."""
         cfg = self.config
-        found = estimate(self._map, points, fraction, prior, self._schedule(guess_covariance), start)
+        found = estimate(self._map, points, point_times, prior, self._schedule(guess_covariance), start)
         T, motion = found.T, found.motion
         covariance = np.asarray(np.linalg.inv(found.information)[:6, :6], np.float64)
         directions, agreement, sigma_m = observability(
-            self._map, points, fraction, found, cfg.last_kernel_m, cfg.known_count
+            self._map, points, point_times, found, cfg.last_kernel_m, cfg.known_count
         )
-        by_residuals, by_calibration = self._shared_error_covariances(points, fraction, found)
-        support_ratio = self._support(points, fraction, found)
+        by_residuals, by_calibration = self._shared_error_covariances(points, point_times, found)
+        support_ratio = self._support(points, point_times, found)
         is_weak, gains = sigma_m > cfg.max_constrained_sigma_m, np.ones(6)
         if np.any(is_weak):
-            fusion = fused(prior, T, covariance, directions[is_weak], sigma_m[is_weak], found.radius_m)
+            fusion = fuse_with_guess(
+                prior, T, covariance, directions[is_weak], sigma_m[is_weak], found.radius_m
+            )
             T, covariance, gains[is_weak] = fusion.T, fusion.covariance, fusion.gains
             motion = prior.motion_guess
         return Outputs(
@@ -222,7 +224,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
 
     def _schedule(self, guess_covariance: FloatArray | None) -> Schedule:
-        """Return the schedule with the first kernel by the uncertainty of the guess, at most the largest
+        """Return the schedule; the first kernel covers the uncertainty of the guess, up to the largest
         voxel.
         """
         cfg = self.config
@@ -234,15 +236,16 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return Schedule(first_kernel_m, cfg.last_kernel_m, cfg.noise_m, cfg.max_iterations, cfg.tolerance_m)
 
     def _shared_error_covariances(
-        self, points: FloatArray, fraction: FloatArray, found: Estimate
+        self, points: FloatArray, point_times: FloatArray, found: Estimate
     ) -> tuple[FloatArray, FloatArray]:
+        """Return the covariances (6, 6) due to errors shared on planes, and due to the calibration."""
         cfg = self.config
         errors = CalibrationErrors(
             cfg.range_sigma_m, cfg.ring_range_sigma_m, np.radians(cfg.ring_elevation_sigma_deg)
         )
-        return shared_error_covariances(self._map, points, fraction, found, cfg.last_kernel_m, errors)
+        return shared_error_covariances(self._map, points, point_times, found, cfg.last_kernel_m, errors)
 
-    def _support(self, points: FloatArray, fraction: FloatArray, found: Estimate) -> float:
+    def _support(self, points: FloatArray, point_times: FloatArray, found: Estimate) -> float:
         """Return the mean weight of the last kernel over all points at the estimated pose.
 
         The kernel is the same for every registration, so that results of all guesses are comparable, also if
@@ -254,7 +257,7 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             cfg.voxel_m,
             0,
             points,
-            fraction,
+            point_times,
             found.T[None],
             found.motion[None],
             cfg.last_kernel_m,

@@ -96,14 +96,14 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
     def finish(self) -> Iterable[Output]:
         """Process the queued captures with the poses so far, and publish the last patch."""
         outputs = list(self._process_queue())
-        only_ns = self._poses.only_pose_ns
+        only_ns = self._poses.only_pose_ns  # None unless there is exactly one pose
         while self._queue:
             sample = self._queue.popleft()
             if not self._poses.stamps_ns and sample.port == "cloud":
                 self._add(sample, in_map_frame=True)
             elif only_ns is not None:
                 self._patch.notes.add("not_deskewed:one_pose")
-                self._add(sample, at_ns=only_ns)
+                self._add(sample, single_pose_ns=only_ns)
             else:
                 self._patch.drops["not_covered_by_poses"] += 1
         if self._patch.captures:
@@ -153,13 +153,17 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
             outputs += self._report_missing_input()
         return outputs
 
-    def _add(self, sample: Sample, *, in_map_frame: bool = False, at_ns: int | None = None) -> None:
-        """Project, align and add a capture to the patch, or count it as dropped by its reason."""
+    def _add(self, sample: Sample, *, in_map_frame: bool = False, single_pose_ns: int | None = None) -> None:
+        """Project, align and add a capture to the patch, or count it as dropped by its reason.
+
+        With ``in_map_frame``, the points are in the frame of the map already. With ``single_pose_ns``, the pose of
+        this time is used for all points.
+        """
         try:
             if in_map_frame:
                 points: CapturePoints | None = self._projector.without_pose(sample)
             else:
-                points = self._projector.project(sample, at_ns)
+                points = self._projector.project(sample, single_pose_ns)
         except ExtrapolationError:
             self._patch.drops["gap_in_poses"] += 1
         except FrameNotFoundError:

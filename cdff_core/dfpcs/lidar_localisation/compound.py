@@ -27,7 +27,7 @@ from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 _MIN_POINTS = 200
 #: Standard deviations of a guess without covariance.
 _GUESS_SIGMA_M, _GUESS_SIGMA_DEG = 1.0, 10.0
-#: Age of the newest odometry above which sweeps do not wait for more.
+#: Age of the newest odometry above which sweeps do not wait for further odometry.
 _STALE_NS = 2_000_000_000
 
 
@@ -236,7 +236,7 @@ class LidarLocalisation(LidarLocalisationInterface):
         )
 
     def _search(self, sweep: Sweep, tracking: Quality) -> tuple[UncertainTransform | None, Quality]:
-        """Search the whole map; without a match the quality is FAILED, with reason ``lost``."""
+        """Search the whole map; without a match the quality is FAILED, with the reason ``lost``."""
         match = self._relocaliser.search(sweep, self._map, self._keyframes.positions_m)
         if match.accepted is None:
             return None, Quality.failed("lost", *match.quality.reasons, *tracking.reasons)

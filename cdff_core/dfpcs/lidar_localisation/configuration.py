@@ -27,7 +27,8 @@ class LidarLocalisationConfig(MatchingGates, DfpcConfig):
         0.005,
         gt=0.0,
         le=1.0,
-        description="Range resolution of the sensor, metres: smallest roughness of sweep and map together",
+        description="Range resolution of the sensor, metres; "
+        "lower bound of the joint roughness of sweep and map",
     )
     # Prediction
     drift_m_s: float = Field(
@@ -52,7 +53,9 @@ class LidarLocalisationConfig(MatchingGates, DfpcConfig):
         max_length=8,
         description="Radii of the descriptors, in voxels, in the order of their use",
     )
-    candidates: int = Field(1, ge=1, le=20, description="Cliques of matches registered per radius")
+    max_cliques: int = Field(
+        1, ge=1, le=20, description="Maximum number of cliques of matches registered per radius"
+    )
     noise_voxels: float = Field(
         1.5, gt=0.0, le=20.0, description="Largest position error of a correct match, voxels"
     )
@@ -66,7 +69,11 @@ class LidarLocalisationConfig(MatchingGates, DfpcConfig):
         0.6, gt=0, le=1, description="Ratio of point pairs that the robust kernel accepts: FAILED below"
     )
     good_agreement: float = Field(
-        0.6, ge=0, le=1, description="Agreement of both clouds along a direction: DEGRADED below"
+        0.6,
+        ge=0,
+        le=1,
+        description="Fraction of the pose information along an eigenvector on which both clouds agree: "
+        "DEGRADED below",
     )
     # Covariance, calibrated on simulated terrain: docs/dfpcs/lidar_localisation.md.
     map_sigma_xy_m: float = Field(

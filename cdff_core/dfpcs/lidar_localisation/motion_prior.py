@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Motion between two times by odometry, or at constant velocity without it."""
+"""Motion between two times from odometry, or at constant velocity without odometry."""
 
 from __future__ import annotations
 

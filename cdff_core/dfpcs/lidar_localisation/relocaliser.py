@@ -64,7 +64,7 @@ class Relocaliser:
     def _by_shape(self, sweep: Sweep, scan_map: TiledMap) -> Iterator[se3.FloatArray]:
         """Yield poses of similar terrain shape; raises RefusedError if the sweep shows no ground."""
         yield from self._search.process(
-            PlaceSearchInputs(map=scan_map.points_m, scan=sweep.whole_m)
+            PlaceSearchInputs(map_points=scan_map.points_m, sweep_points=sweep.all_points_m)
         ).transforms
 
     def _by_descriptors(
@@ -75,7 +75,7 @@ class Relocaliser:
         centres = keyframes_m if len(keyframes_m) else scan_map.points_m.mean(axis=0)[None]
         around_m = scan_map.around(centres[0], cfg.local_radius_m)
         with suppress(InputError):  # too few points to describe
-            source = self._clouds.prepare(sweep.whole_m, "scan", self._voxel_choice)
+            source = self._clouds.prepare(sweep.all_points_m, "scan", self._voxel_choice)
             target = self._clouds.prepare(around_m, "map", self._voxel_choice)
             search = AlignmentSearch(self._clouds, source, target, cfg, self._rough_quality)
             for rough, _ in search.acceptable():

@@ -39,7 +39,7 @@ _DEGRADED = ("weak:", "not_converged")
 class Sweep:
     """Points of a sweep in the base's frame at the end of the sweep."""
 
-    whole_m: se3.FloatArray  # (m, 3), all points within range
+    all_points_m: se3.FloatArray  # (m, 3), all points within range
     fine: Surface  # thinned for the fine registration
     coarse: Surface  # thinned for the coarse registration
 

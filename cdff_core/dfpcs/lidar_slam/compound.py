@@ -30,7 +30,7 @@ class LidarSlam(LidarSlamInterface):
     """Odometry by registration with a local map, and keyframes in a pose graph.
 
     In the frame ``{robot}/lidar_odom`` poses drift but never jump; in ``{robot}/slam``, the map frame, loop
-    closures correct them. Both frames start at the first sweep.
+    closures correct them. Both frames start at the first sweep with points within range.
     """
 
     Config = LidarSlamConfig
@@ -39,7 +39,7 @@ class LidarSlam(LidarSlamInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the map, offer the store items."""
         self._mapper = KeyframeMapper(self, self.config)
-        self._relocaliser = Relocaliser(self.config.loops.candidates)
+        self._relocaliser = Relocaliser(self.config.loops.max_loop_candidates)
         self._products = ProductBuilder(
             self.name,
             self.context.robot,
@@ -78,8 +78,9 @@ class LidarSlam(LidarSlamInterface):
         """Run the control sequence for one sweep."""
         tracking = self._tracker.track(sample.value)  # predict, register, deskew
         key = self._mapper.add_sweep(sample.stamp_ns, tracking)
+        is_first_sweep = not len(self._mapper.trajectory)
         is_relocalised = self._relocaliser.update(self._mapper)
-        if is_relocalised and not len(self._mapper.trajectory):
+        if is_relocalised and is_first_sweep:
             tracking = self._restart_on_map(key, sample.value) or tracking
         is_keyframe_complete, is_graph_changed = self._mapper.is_keyframe_complete, False
         if is_keyframe_complete:
@@ -148,7 +149,7 @@ class LidarSlam(LidarSlamInterface):
     def _restart_on_map(self, key: int, scan: LidarScan) -> TrackingResult | None:
         """Register the first sweep after a restart with the stored map, which becomes the local map.
 
-        Return None if it does not match; the tracker then keeps its local map, which started with this sweep.
+        Return None if the sweep does not match; the tracker then keeps the local map that this sweep started.
         """
         T_map_keyframe = self.keyframes.poses[key]
         tracker = self._new_tracker(self._tracker.predictor)
@@ -166,10 +167,12 @@ class LidarSlam(LidarSlamInterface):
         """Return a tracker with an empty local map."""
         return ScanTracker(self.config, self.dfn("deskewing"), self.dfn("tracking"), predictor)
 
-    def _T_base_lidar(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Return the mount of the lidar; the identity if unknown: odometry is then that of the lidar."""
+    def _T_base_lidar(self) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+        """Return the mount of the lidar (4, 4); None if unknown: poses predicted from odometry are then
+        DEGRADED.
+        """
         base, lidar = f"{self.context.robot}/base", self.context.sensor_frame("lidar", "lidar")
         try:
             return self.context.frames.lookup(base, lidar, 0).matrix
         except FrameNotFoundError:
-            return np.eye(4)
+            return None

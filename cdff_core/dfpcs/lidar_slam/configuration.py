@@ -17,7 +17,7 @@ class MotionPrediction(StrictModel):
         default=0.08,
         ge=0.0,
         le=1.0,
-        description="Standard deviation of a translation by the odometry, per metre of path length",
+        description="Standard deviation of a translation measured by the odometry, per metre of path length",
     )
     odometry_max_age_s: float = Field(
         default=0.3,
@@ -34,13 +34,13 @@ class PoseNoise(StrictModel):
         default=0.06,
         gt=0.0,
         le=100.0,
-        description="Factor from the registration's covariance to that of the pose",
+        description="Factor on the covariance of the registration in the covariance of the pose",
     )
     residual_ratio: float = Field(
         default=16.0,
         ge=0.0,
         le=1000.0,
-        description="Factor from the registration's covariance by residuals to that of the pose",
+        description="Factor on the covariance from residuals in the covariance of the pose",
     )
     floor_m: float = Field(
         default=0.0018, ge=0.0, description="Minimum standard deviation of a translation, metres"
@@ -76,10 +76,13 @@ class LoopGates(StrictModel):
         default=12.0,
         gt=0.0,
         le=500.0,
-        description="Keyframes closer than this in the map are loop candidates, metres",
+        description="Keyframes of the map within this distance are loop candidates, metres",
     )
-    candidates: int = Field(
-        default=2, ge=1, le=20, description="Maximum number of candidates verified per completed keyframe"
+    max_loop_candidates: int = Field(
+        default=2,
+        ge=1,
+        le=20,
+        description="Maximum number of keyframes that are compared with a completed keyframe",
     )
 
 

@@ -21,11 +21,11 @@ class Directions:
     Attributes
     ----------
     rows : ndarray, shape (k, 6)
-        Translation, and rotation times the radius.
+        Unit vectors of translation, and of rotation times the radius.
     scale : ndarray, shape (6,)
         1 for translations, the radius in metres for rotations.
     sigma_m, gains : ndarray, shape (k,)
-        Standard deviation by the map alone, and weight of the map.
+        Standard deviation along each direction from the map alone, and weight of the map (0 to 1).
     """
 
     rows: Float
@@ -34,11 +34,11 @@ class Directions:
     gains: Float
 
     def projection(self, weights: Float) -> Float:
-        """Return the projection (6, 6) of a pose change on the directions, times their weights (k,)."""
+        """Return the matrix (6, 6) that projects a pose error on the directions, times their weights (k,)."""
         return (self.rows.T * weights) @ self.rows * self.scale[None, :] / self.scale[:, None]
 
     @property
-    def noise(self) -> Float:
+    def covariance(self) -> Float:
         """Covariance (6, 6), m and rad, that the map contributes to the pose along the directions."""
         weights = (self.gains * self.sigma_m) ** 2
         return (self.rows.T * weights) @ self.rows / np.outer(self.scale, self.scale)
@@ -47,7 +47,9 @@ class Directions:
 def degenerate_directions(
     registration: ScanToMapRegistrationOutputs | None, max_sigma_m: float
 ) -> Directions:
-    """Return the degenerate directions; all without a registration."""
+    """Return the directions with a standard deviation above
+    ``max_sigma_m``; all six without a registration.
+    """
     if registration is None:
         return Directions(np.eye(6), np.ones(6), np.zeros(6), np.zeros(6))
     is_degenerate = registration.sigma_m > max_sigma_m

@@ -95,7 +95,7 @@ class KeyframeMapper:
     def append_pose(self, stamp_ns: int, tracking: TrackingResult) -> None:
         """Append the pose of the lidar to the trajectory."""
         assert self.current is not None  # a sweep has been added
-        self.trajectory.append(stamp_ns, self.current, tracking.with_noise(self.T_keyframe_lidar))
+        self.trajectory.append(stamp_ns, self.current, tracking.with_pose_covariance(self.T_keyframe_lidar))
 
     def complete_keyframe(self) -> bool:
         """Describe the current keyframe and close its loops; return whether a loop was found."""
@@ -110,20 +110,24 @@ class KeyframeMapper:
         self._start_lengths_m[self.current] = self.path_length_m
         self.T_keyframe_lidar = UncertainTransform.identity()
 
-    def update_cloud(self, *, describe: bool = True) -> None:
-        """Merge the collected points into the current keyframe, and describe it."""
+    def update_cloud(self, *, with_descriptor: bool = True) -> None:
+        """Merge the collected points into the current keyframe and, by
+        default, update its place descriptor.
+        """
         assert self.current is not None  # a sweep has been added
         keyframe = self.keyframes.keyframes[self.current]
         keyframe = Keyframe(keyframe.stamp_ns, self._current_points(), keyframe.descriptor)
         self._new_points.clear()
         self.closer.evict(self.current)
-        self.keyframes.keyframes[self.current] = self.closer.describe(keyframe) if describe else keyframe
+        if with_descriptor:
+            keyframe = self.closer.with_place_descriptor(keyframe)
+        self.keyframes.keyframes[self.current] = keyframe
 
     def close_loops(self, key: int, *, excluded: Collection[int] | None = None, merge: bool = True) -> bool:
         """Add the verified loops of a keyframe and optimise; return whether a loop was found.
 
-        Keyframes in ``excluded``, by default those of the last metres, are no candidates. With ``merge``, the
-        keyframe is replaced by an older one that is closer than ``merge_distance_m``.
+        Keyframes in ``excluded`` are not compared; by default these are the keyframes of the last metres.
+        With ``merge``, the keyframe is replaced by an older one that is closer than ``merge_distance_m``.
         """
         if excluded is None:
             since_m = self.path_length_m - 2.0 * self._config.loops.search_radius_m
@@ -154,7 +158,7 @@ class KeyframeMapper:
         """Add a map; it stays a separate component until a loop closure connects it. Return the new ids."""
         new_ids = self.keyframes.add_message(message)
         for key in new_ids.values():
-            self.keyframes.keyframes[key] = self.closer.describe(self.keyframes.keyframes[key])
+            self.keyframes.keyframes[key] = self.closer.with_place_descriptor(self.keyframes.keyframes[key])
         if self.keyframes.root in new_ids.values():
             self.keyframes.optimise(self._optimiser)
         return new_ids
@@ -167,7 +171,9 @@ class KeyframeMapper:
                 return
 
     def cloud(self, voxel_m: float) -> Float:
-        """Return the points (n, 3) of all linked keyframes in the map frame, thinned; none without points."""
+        """Return the thinned points (n, 3) of all linked keyframes in the map
+        frame; n is 0 without points.
+        """
         clouds = [
             se3.transform_points(
                 self.keyframes.poses[key],
@@ -176,7 +182,7 @@ class KeyframeMapper:
             for key in sorted(self.keyframes.linked)
         ]
         points = np.concatenate([np.zeros((0, 3)), *clouds])
-        if not len(points):  # of sweeps without a point within range
+        if not len(points):  # no sweep had a point within range
             return points
         edge_m = voxel_m if voxel_m > 0.0 else None
         inputs = PointCloudDownsamplingInputs(points=points, edge_m=edge_m)

@@ -26,12 +26,14 @@ from cdff_core.keyframe_graph.loops import DriftLimits, Loop
 
 Float = NDArray[np.float64]
 
-#: Gates of the registration of two keyframes: a registration that would be DEGRADED closes no loop.
-MATCHING_GATES = MatchingGates(candidates=2, min_overlap=0.4, good_overlap=0.4, good_agreement=0.5)
-#: Number of prepared clouds of keyframes in the cache.
+#: Gates of the registration of two keyframes. The bounds of OK equal those of FAILED: a loop is accepted or
+#: refused by overlap and agreement. A loop is also accepted if only the iteration limit was reached
+#: (``not_converged``, DEGRADED), since the result passes the same gates and is compared with the graph.
+MATCHING_GATES = MatchingGates(max_cliques=2, min_overlap=0.4, good_overlap=0.4, good_agreement=0.5)
+#: Maximum number of prepared clouds in the cache.
 _CACHED_CLOUDS = 16
-#: Tolerances between a loop and the graph.
-_DRIFT = DriftLimits(0.5, 0.03, 0.05, 0.001)
+#: Largest drift that may separate a loop from the graph.
+_DRIFT = DriftLimits(translation_m=0.5, translation_ratio=0.03, rotation_rad=0.05, rotation_rad_per_m=0.001)
 
 
 class LoopCloser:
@@ -54,14 +56,15 @@ class LoopCloser:
         """Remove the cached cloud of a keyframe that has changed."""
         self._clouds.pop(key, None)
 
-    def describe(self, keyframe: Keyframe) -> Keyframe:
-        """Return the keyframe with its descriptor."""
+    def with_place_descriptor(self, keyframe: Keyframe) -> Keyframe:
+        """Return the keyframe with the descriptor of its place, by which similar places are found."""
         return replace(keyframe, descriptor=self._detect_in(keyframe, None).descriptor)
 
     def close(self, keyframes: KeyframeMap, key: int, excluded: Collection[int] = ()) -> Iterator[Loop]:
-        """Yield verified loops of a completed keyframe: with near keyframes first, then with similar ones.
+        """Yield the verified loops between a completed keyframe and near keyframes, then between it and
+        similar ones.
 
-        Keyframes in ``excluded``, such as the last ones, are no candidates.
+        Keyframes in ``excluded``, such as the most recent ones, are not compared.
         """
         path_lengths_m = keyframes.path_lengths_m(key)
         is_closed = False
@@ -71,16 +74,16 @@ class LoopCloser:
                 is_closed = True
                 yield loop
         if is_closed and keyframes.root in path_lengths_m:
-            return  # a separate component still needs a connection to the root's
+            return  # without a connection to the root, similar keyframes are compared as well
         for old, guess in self._similar(keyframes, key, path_lengths_m, excluded):
             loop = self.verify(keyframes, old, key, guess, path_lengths_m)
             if loop := loop or self._search(keyframes, old, key, path_lengths_m):
                 yield loop
                 return
 
-    def relocalise(self, keyframes: KeyframeMap, key: int, candidates: Iterable[int]) -> list[Loop]:
-        """Return the loops between a keyframe and candidates, registered without a guess."""
-        loops = (self._search(keyframes, old, key, {}) for old in candidates)
+    def relocalise(self, keyframes: KeyframeMap, key: int, older_keys: Iterable[int]) -> list[Loop]:
+        """Return the loops between a keyframe and older ones, registered without a guess."""
+        loops = (self._search(keyframes, old, key, {}) for old in older_keys)
         return [loop for loop in loops if loop is not None]
 
     def verify(
@@ -88,8 +91,8 @@ class LoopCloser:
     ) -> Loop | None:
         """Return the loop from a guess of ``T_old_key``; None if clouds or graph contradict it.
 
-        ``path_lengths_m`` are the lengths of the paths from ``key`` along edges; a loop with a keyframe
-        that is not connected with ``key`` is not compared with the graph.
+        ``path_lengths_m`` contains the length of the path from ``key`` to each connected keyframe. A loop
+        with a keyframe that is not connected with ``key`` is not compared with the graph.
         """
         source, target = self._cloud(keyframes, key), self._cloud(keyframes, old)
         if source is None or target is None:
@@ -112,14 +115,14 @@ class LoopCloser:
             if k != key and k not in excluded and keyframes.keyframes[k].descriptor is not None
         }
         near = [k for k, distance_m in distances.items() if distance_m < self._gates.search_radius_m]
-        return sorted(near, key=lambda k: (distances[k], k))[: self._gates.candidates]
+        return sorted(near, key=lambda k: (distances[k], k))[: self._gates.max_loop_candidates]
 
     def _similar(
         self, keyframes: KeyframeMap, key: int, path_lengths_m: dict[int, float], excluded: Collection[int]
     ) -> list[tuple[int, Float]]:
         """Return the keyframes with the most similar descriptors, with a guess of ``T_old_key``.
 
-        Connected keyframes farther away than the drift along the path explains are omitted.
+        Connected keyframes are omitted if they are farther away than drift along the path explains.
         """
         descriptors = {
             k: keyframe.descriptor
@@ -136,7 +139,7 @@ class LoopCloser:
         detected = self._detect_in(keyframes.keyframes[key], np.stack(list(descriptors.values())))
         rows = zip(detected.candidates, detected.transforms, strict=True)
         keys = list(descriptors)
-        return [(keys[int(row)], T) for row, T in rows][: self._gates.candidates]
+        return [(keys[int(row)], T) for row, T in rows][: self._gates.max_loop_candidates]
 
     def _detect_in(self, keyframe: Keyframe, database: NDArray[np.float32] | None) -> LoopDetectionOutputs:
         """Describe a keyframe and compare it with a database of descriptors (n, d)."""

@@ -11,10 +11,11 @@ Float = NDArray[np.float64]
 
 #: Standard deviations while the velocity is unknown: translation, metres, and rotation, radians.
 _UNKNOWN_SIGMA = np.array([1.0] * 3 + [0.1] * 3)
-#: Standard deviations of the error of a prediction by the noise of the poses that give the velocity.
+#: Standard deviations of a prediction error due to the noise of the poses from which the velocity is
+#: computed.
 _POSE_SIGMA = np.array([0.02] * 3 + [0.005] * 3)
-#: Minimum standard deviations of the change of a motion over one second by accelerations.
-_LEAST_CHANGE = np.array([0.6] * 3 + [0.14] * 3)
+#: Minimum standard deviations of a prediction error over one second due to accelerations.
+_LEAST_SIGMA = np.array([0.6] * 3 + [0.14] * 3)
 #: Shortest interval over which a prediction error measures accelerations.
 _LEAST_INTERVAL_S = 0.05
 #: Weight of the newest prediction error in the mean of the squared errors.
@@ -22,7 +23,7 @@ _NEWEST_WEIGHT = 0.3
 
 
 class MotionUncertainty:
-    """Covariance of motions at constant velocity, by the errors of recent predictions.
+    """Covariance of motions at constant velocity, estimated from the errors of recent predictions.
 
     The velocity is a random walk: the variance of a predicted motion grows with the cube of the interval
     (white noise acceleration; Bar-Shalom, Li, Kirubarajan 2001, "Estimation with Applications to Tracking and
@@ -31,30 +32,31 @@ class MotionUncertainty:
     """
 
     def __init__(self) -> None:
-        self._change: Float | None = (
-            None  # (6,), variance over one second; None while the velocity is unknown
+        self._variance: Float | None = (
+            None  # (6,), variance of the motion over one second; None while the velocity is unknown
         )
 
     def covariance(self, interval_s: float) -> Float:
         """Return the covariance (6, 6) of the predicted motion over an interval, in the lidar's axes."""
-        if self._change is None:
+        if self._variance is None:
             return np.diag(np.square(_UNKNOWN_SIGMA))
-        change = np.maximum(self._change, np.square(_LEAST_CHANGE))
-        return np.diag(np.square(_POSE_SIGMA) + change * interval_s**3)
+        variance = np.maximum(self._variance, np.square(_LEAST_SIGMA))
+        return np.diag(np.square(_POSE_SIGMA) + variance * interval_s**3)
 
     def update(self, error: Float, interval_s: float) -> None:
         """Add the error (6,) of a prediction over an interval: translation, metres, and rotation, radians.
 
-        The first error is not averaged: it is the motion at the velocity that was unknown until then.
+        The first error is not averaged: the velocity was unknown until then, so that the error is the whole
+        motion.
         """
-        if self._change is None:
-            self._change = np.square(_LEAST_CHANGE)
+        if self._variance is None:
+            self._variance = np.square(_LEAST_SIGMA)
             return
-        change = (
+        variance = (
             np.maximum(np.square(error) - np.square(_POSE_SIGMA), 0.0)
             / max(interval_s, _LEAST_INTERVAL_S) ** 3
         )
-        self._change = (1.0 - _NEWEST_WEIGHT) * self._change + _NEWEST_WEIGHT * change
+        self._variance = (1.0 - _NEWEST_WEIGHT) * self._variance + _NEWEST_WEIGHT * variance
 
 
 def growth(sweeps: int, *, by_odometry: bool) -> tuple[float, float]:

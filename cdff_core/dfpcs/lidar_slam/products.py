@@ -20,7 +20,7 @@ from cdff_core.dfpcs.lidar_slam.scan_tracker import TrackingResult
 from cdff_core.keyframe_graph.products import GraphProducts
 
 
-class ProductBuilder(GraphProducts):
+class ProductBuilder(GraphProducts[KeyframeMapper]):
     """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and that of the lidar."""
 
     def __init__(
@@ -33,7 +33,7 @@ class ProductBuilder(GraphProducts):
         relocaliser: Relocaliser,
     ) -> None:
         super().__init__(producer, f"{robot}/slam", mapper)
-        self._gates, self._mapper, self._relocaliser = gates, mapper, relocaliser
+        self._gates, self._relocaliser = gates, relocaliser
         self._odom_frame, self._lidar_frame = f"{robot}/lidar_odom", lidar_frame
         self.clear()
 
@@ -59,13 +59,15 @@ class ProductBuilder(GraphProducts):
             yield self._pose("pose", self._map_frame, None, scan, failed)
             return
         quality = Quality.from_reasons(reasons, CovarianceKind.FORMAL, metrics)
-        yield self._pose("odometry", self._odom_frame, tracking.with_noise(odometry), scan, quality)
+        yield self._pose("odometry", self._odom_frame, tracking.with_pose_covariance(odometry), scan, quality)
         T_map_lidar = self._mapper.T_map_lidar
         if T_map_lidar is None or self._relocaliser.is_uncertain:
             failed = Quality.failed("not_localised_in_map", *reasons, metrics=metrics)
             yield self._pose("pose", self._map_frame, None, scan, failed)
         else:
-            yield self._pose("pose", self._map_frame, tracking.with_noise(T_map_lidar), scan, quality)
+            yield self._pose(
+                "pose", self._map_frame, tracking.with_pose_covariance(T_map_lidar), scan, quality
+            )
 
     @property
     def sensor_frame(self) -> str:
@@ -101,7 +103,7 @@ class ProductBuilder(GraphProducts):
         self.require_map()
         mapper, position = self._mapper, self._relocaliser.last_position
         if mapper.current is not None:
-            mapper.update_cloud(describe=False)
+            mapper.update_cloud(with_descriptor=False)
             position = position or (mapper.current, mapper.T_keyframe_lidar.matrix)
         return mapper.keyframes.to_message(
             frame=self._map_frame, sensor=self._lidar_frame, producer=self._producer, position=position

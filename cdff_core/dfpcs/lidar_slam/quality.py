@@ -22,11 +22,13 @@ def degradation_reasons(tracking: TrackingResult, gates: TrackingGates) -> tuple
         reasons.append(f"few_inliers:{registration.inlier_ratio:.2f}<{gates.min_inlier_ratio:g}")
     if not registration.converged:
         reasons.append("not_converged")
+    if tracking.is_mount_assumed:
+        reasons.append("lidar_mount_unknown")
     return tuple(reasons)
 
 
 def registration_metrics(tracking: TrackingResult) -> dict[str, float]:
-    """Return the metrics of the registration; empty without one."""
+    """Return the metrics of the registration; an empty dictionary without a registration."""
     registration = tracking.registration
     if registration is None:
         return {}

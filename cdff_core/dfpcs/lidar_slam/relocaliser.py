@@ -14,19 +14,20 @@ from cdff_core.keyframe_graph.checkpoint_schedule import is_power_of_two
 if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_slam.keyframe_mapper import KeyframeMapper
 
-#: Number of sweeps after which a relocalised position is precise enough, so that the search ends.
-_LAST_SWEEP = 16
+#: Number of sweeps that are compared at least: then a relocalised position is precise enough.
+_MIN_SEARCH_SWEEPS = 16
 
 
 class Relocaliser:
     """Search for the position after a restart.
 
-    After 1, 2, 4, … sweeps, the sweeps since the restart are compared with ``candidates`` keyframes around
-    the last position: more sweeps make the registration more reliable and more precise.
+    After 1, 2, 4, … sweeps, the sweeps since the restart are compared with the ``max_keyframes`` keyframes
+    nearest to the last position: more sweeps make the registration more reliable and more precise. The
+    search ends when the current keyframe is linked and at least ``_MIN_SEARCH_SWEEPS`` sweeps were compared.
     """
 
-    def __init__(self, candidates: int) -> None:
-        self._candidates = candidates
+    def __init__(self, max_keyframes: int) -> None:
+        self._max_keyframes = max_keyframes
         self.clear()
 
     def clear(self) -> None:
@@ -57,21 +58,23 @@ class Relocaliser:
         if not is_power_of_two(self._sweeps):
             return False
         is_linked = mapper.current in mapper.keyframes.linked
-        candidates = self._nearest_keyframes(mapper, is_linked=is_linked)
-        mapper.update_cloud(describe=False)
-        loops = mapper.closer.relocalise(mapper.keyframes, mapper.current, candidates)
-        if is_linked and self._sweeps >= _LAST_SWEEP:
+        nearest = self._nearest_keyframes(mapper, is_linked=is_linked)
+        mapper.update_cloud(with_descriptor=False)
+        loops = mapper.closer.relocalise(mapper.keyframes, mapper.current, nearest)
+        if is_linked and self._sweeps >= _MIN_SEARCH_SWEEPS:
             self.clear()
         if loops:
             mapper.replace_loops(loops)
         return bool(loops)
 
     def _nearest_keyframes(self, mapper: KeyframeMapper, *, is_linked: bool) -> list[int]:
-        """Return the imported keyframes nearest to the position or, while unknown, to the last one."""
+        """Return the imported keyframes nearest to the current position or, while it is unknown, to the last
+        position.
+        """
         assert self._last_position is not None  # in a search
         assert mapper.current is not None
         key, T_keyframe_lidar = self._last_position
         T_map = mapper.keyframes.poses
         position_m = (T_map[mapper.current] if is_linked else T_map[key] @ T_keyframe_lidar)[:3, 3]
         distance = mapper.keyframes.distance_m
-        return sorted(mapper.imported, key=lambda k: (distance(k, position_m), k))[: self._candidates]
+        return sorted(mapper.imported, key=lambda k: (distance(k, position_m), k))[: self._max_keyframes]

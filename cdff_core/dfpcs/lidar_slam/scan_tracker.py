@@ -42,14 +42,15 @@ _WITHHELD_SWEEPS = 5
 _MAX_PRIOR_SWEEPS = 20
 #: Fraction of points on the local map below which a sweep does not match.
 _LOST_INLIER_RATIO = 0.05
-#: Path length over which a new local map constrains poses poorly, since all its sweeps are from one place.
+#: Path length over which a new local map constrains poses poorly, since all its sweeps are from one position.
 _INITIAL_PATH_M = 5.0
-#: Additional covariance of a pose at the start of that path, relative to the covariance of later poses.
+#: Additional covariance of a pose at the start of this initial path, relative to the covariance of later
+#: poses.
 _INITIAL_NOISE = 10.0
-#: Additional covariance of the drift per metre on that path, relative to the covariance of a pose.
+#: Additional covariance of the drift per metre on the initial path, relative to the covariance of a pose.
 _INITIAL_DRIFT = 0.75
-#: Path length after which the calibration of the lidar has an independent effect on poses: the voxels of the
-#: near ground, which constrain the pose most, are then other ones.
+#: Path length after which the calibration error of the lidar has an independent effect on poses: by then the
+#: near ground, which constrains the pose most, consists of other voxels.
 _CALIBRATION_RENEWAL_M = 1.0
 #: Weight of the map along a degenerate direction below which the prediction determines the pose.
 _MEASURED_GAIN = 0.5
@@ -64,15 +65,19 @@ class TrackingResult:
     increment: UncertainTransform
     #: (6, 6), covariance of this pose alone, in the lidar's axes. It does not accumulate, since the next
     #: sweep is registered with the map independently.
-    noise: Float
+    pose_covariance: Float
     points_m: Float  # (n, 3), deskewed, in the lidar's frame at the end of the sweep
-    registration: ScanToMapRegistrationOutputs | None  # None for the first sweep, and without overlap
-    is_lost: bool  # true if the sweep does not match the map: the pose is the prediction
-    used_odometry: bool  # true if the motion was predicted by the odometry port
+    #: None for the first sweep, and without overlap. If the sweep is lost, the pose is not that of the
+    #: registration.
+    registration: ScanToMapRegistrationOutputs | None
+    #: The pose is the prediction: the sweep does not match the map, or no sweep had points within range so far.
+    is_lost: bool
+    used_odometry: bool  # the motion was predicted from the odometry port
+    is_mount_assumed: bool = False  # odometry was used although the mount of the lidar is unknown
 
-    def with_noise(self, T: UncertainTransform) -> UncertainTransform:
-        """Return a pose of the lidar with the noise of this sweep added to its covariance."""
-        return T @ UncertainTransform(np.eye(4), self.noise)
+    def with_pose_covariance(self, T: UncertainTransform) -> UncertainTransform:
+        """Return a pose of the lidar with ``pose_covariance`` added to its covariance."""
+        return T @ UncertainTransform(np.eye(4), self.pose_covariance)
 
 
 class ScanTracker:
@@ -94,19 +99,22 @@ class ScanTracker:
         self._unconstrained_sweeps = 0  # successive sweeps with a degenerate direction
         self._lost_sweeps = 0  # successive sweeps that do not match the map
         self._path_length_m = 0.0  # since the start of the local map
-        self._surface: Float | None = None  # points that the next registration adds to the local map
+        self._new_map_points: Float | None = None  # points that the next registration adds to the local map
 
     def start_on_map(self, T_odom_lidar: Float, points_m: Float) -> None:
         """Start at a pose in an existing map, given as points (n, 3) in the odometry frame."""
-        self._T, self._surface = T_odom_lidar.copy(), points_m
+        self._T, self._new_map_points = T_odom_lidar.copy(), points_m
         self._path_length_m = _INITIAL_PATH_M
 
     def track(self, scan: LidarScan) -> TrackingResult:
-        """Register a sweep with the local map; a sweep without points within range is lost."""
-        is_first = self._stamp_ns is None and self._surface is None
-        points_m, fraction = self._select(scan)
+        """Register a sweep with the local map, which the first sweep with points within range starts.
+
+        A sweep without points within range is lost.
+        """
+        is_first = self._stamp_ns is None and self._new_map_points is None
+        points_m, point_times = self._select(scan)
         prediction = self._predict(scan)
-        registration = None if is_first else self._register_or_search(points_m, fraction, prediction)
+        registration = None if is_first else self._register_or_search(points_m, point_times, prediction)
         is_accepted = registration is not None and registration.inlier_ratio >= _LOST_INLIER_RATIO
         accepted = registration if is_accepted else None
         T_previous, T_end_start = self._T, prediction.T_end_start
@@ -116,11 +124,13 @@ class ScanTracker:
             self._T = T_previous @ prediction.T_previous_current
         self._T[:3, :3] = se3.normalise_rotation(self._T[:3, :3])
         increment = se3.inverse(T_previous) @ self._T
-        deskewed_m = self._deskew(points_m, fraction, T_end_start)
-        drift, noise = np.zeros((6, 6)), np.zeros((6, 6))
+        deskewed_m = self._deskew(points_m, point_times, T_end_start)
+        drift, pose_covariance = np.zeros((6, 6)), np.zeros((6, 6))
         if not is_first:
             predicted = rotate_covariance(prediction.covariance, T_previous[:3, :3])
-            drift, noise = self._covariances(accepted, predicted, increment, prediction.used_odometry)
+            drift, pose_covariance = self._update_covariances(
+                accepted, predicted, increment, prediction.used_odometry
+            )
         if self._stamp_ns is not None:
             self._velocity = se3.vector_from_transform(increment) / prediction.interval_s
         self._lost_sweeps = 0 if is_first or accepted is not None else self._lost_sweeps + 1
@@ -130,16 +140,19 @@ class ScanTracker:
                 error = se3.inverse(prediction.T_previous_current) @ increment
                 self._uncertainty.update(se3.vector_from_transform(error), prediction.interval_s)
         is_withheld = 0 < self._lost_sweeps <= _WITHHELD_SWEEPS
-        self._stamp_ns = scan.t1_ns
-        self._surface = None if is_withheld else se3.transform_points(self._T, deskewed_m)
+        is_empty_start = is_first and not len(points_m)  # the next sweep then starts the local map
+        self._stamp_ns = None if is_empty_start else scan.t1_ns
+        is_added = not is_withheld and not is_empty_start
+        self._new_map_points = se3.transform_points(self._T, deskewed_m) if is_added else None
         return TrackingResult(
             T_odom_lidar=self._T.copy(),
             increment=UncertainTransform(increment, rotate_covariance(drift, T_previous[:3, :3].T)),
-            noise=rotate_covariance(noise, self._T[:3, :3].T),
+            pose_covariance=rotate_covariance(pose_covariance, self._T[:3, :3].T),
             points_m=deskewed_m,
             registration=registration,
-            is_lost=not is_first and accepted is None,
+            is_lost=is_empty_start or (not is_first and accepted is None),
             used_odometry=prediction.used_odometry,
+            is_mount_assumed=prediction.used_odometry and not self.predictor.is_mount_known,
         )
 
     def _select(self, scan: LidarScan) -> tuple[Float, Float]:
@@ -153,8 +166,8 @@ class ScanTracker:
         duration_us = (scan.t1_ns - scan.t0_ns) / 1000.0
         if duration_us <= 0.0:
             return points[is_near], np.zeros(int(is_near.sum()))
-        fraction = np.asarray(scan.time_offset_us, dtype=np.float64)[is_near] / duration_us - 1.0
-        return points[is_near], np.minimum(fraction, 0.0)
+        point_times = np.asarray(scan.time_offset_us, dtype=np.float64)[is_near] / duration_us - 1.0
+        return points[is_near], np.minimum(point_times, 0.0)
 
     def _predict(self, scan: LidarScan) -> Prediction:
         """Predict the motion to the end of a sweep; the robot may already move during its first sweep."""
@@ -163,7 +176,7 @@ class ScanTracker:
         return self.predictor.predict(scan, self._stamp_ns, self._velocity, self._uncertainty)
 
     def _register_or_search(
-        self, points_m: Float, fraction: Float, prediction: Prediction
+        self, points_m: Float, point_times: Float, prediction: Prediction
     ) -> ScanToMapRegistrationOutputs | None:
         """Register from the prediction, or search the rotation if fewer points than expected lie on the map.
 
@@ -174,27 +187,27 @@ class ScanTracker:
         since_measurement, _ = growth(sweeps, by_odometry=prediction.used_odometry)
         best = self._register(
             points_m,
-            fraction,
+            point_times,
             prediction,
             since_measurement * prediction.covariance,
             _SWEEP_SIGMA,
-            surface=self._surface,
+            new_map_points=self._new_map_points,
         )
-        ratios = [prediction.sweep_ratio]
-        if prediction.sweep_ratio is not None and prediction.sweep_ratio < 1.0 and np.any(fraction):
-            ratios.append(1.0)
-        candidates = rotations_about_lidar_axis(self._T @ prediction.T_previous_current)
-        for ratio in ratios:
+        sweep_fractions = [prediction.sweep_fraction]
+        if prediction.sweep_fraction is not None and prediction.sweep_fraction < 1.0 and np.any(point_times):
+            sweep_fractions.append(1.0)
+        alternative_guesses = rotations_about_lidar_axis(self._T @ prediction.T_previous_current)
+        for sweep_fraction in sweep_fractions:
             support = 0.0 if best is None else best.support_ratio
             if not self._support.is_low(support):
                 break
             found = self._register(
                 points_m,
-                fraction,
-                replace(prediction, sweep_ratio=ratio),
+                point_times,
+                replace(prediction, sweep_fraction=sweep_fraction),
                 np.diag(_SEARCH_SIGMA**2),
                 _SEARCH_SWEEP_SIGMA,
-                candidates=candidates,
+                alternative_guesses=alternative_guesses,
             )
             if found is not None and self._support.is_better(found.support_ratio, support):
                 best = found
@@ -203,40 +216,40 @@ class ScanTracker:
     def _register(
         self,
         points_m: Float,
-        fraction: Float,
+        point_times: Float,
         prediction: Prediction,
         covariance: Float,
         sweep_sigma: Float,
         *,
-        surface: Float | None = None,
-        candidates: Float | None = None,
+        new_map_points: Float | None = None,
+        alternative_guesses: Float | None = None,
     ) -> ScanToMapRegistrationOutputs | None:
         """Estimate the pose and the motion during the sweep together; None without overlap."""
         guess = self._T @ prediction.T_previous_current
-        ratio = prediction.sweep_ratio
+        sweep_fraction = prediction.sweep_fraction
         try:
             registration: ScanToMapRegistrationOutputs = self._registration.process(
                 ScanToMapRegistrationInputs(
-                    surface=surface,
+                    new_map_points=new_map_points,
                     points=points_m,
-                    fraction=fraction,
+                    point_times=point_times,
                     guess=se3.normalise_transform(guess),
                     sweep_guess=prediction.T_end_start,
                     guess_covariance=rotate_covariance(covariance, self._T[:3, :3]),
                     sweep_covariance=np.diag(sweep_sigma**2),
-                    before=None if ratio is None else self._T,
-                    sweep_fraction=ratio,
-                    candidates=candidates,
+                    previous_pose=None if sweep_fraction is None else self._T,
+                    sweep_fraction=sweep_fraction,
+                    alternative_guesses=alternative_guesses,
                 )
             )
         except RefusedError:
             return None
         return registration
 
-    def _deskew(self, points_m: Float, fraction: Float, T_end_start: Float) -> Float:
+    def _deskew(self, points_m: Float, point_times: Float, T_end_start: Float) -> Float:
         """Return the points in the lidar's frame at the end of the sweep."""
         poses = np.array([se3.normalise_transform(T_end_start), np.eye(4)])
-        stamps_ns = np.clip(np.round((fraction + 1.0) * NS_PER_S), 0, NS_PER_S).astype(np.int64)
+        stamps_ns = np.clip(np.round((point_times + 1.0) * NS_PER_S), 0, NS_PER_S).astype(np.int64)
         deskewed: Float = self._deskewing.process(
             PointCloudDeskewingInputs(
                 points=points_m,
@@ -247,40 +260,48 @@ class ScanTracker:
         ).points
         return deskewed
 
-    def _covariances(
+    def _update_covariances(
         self,
         registration: ScanToMapRegistrationOutputs | None,
         predicted: Float,
         increment: Float,
         used_odometry: bool,
     ) -> tuple[Float, Float]:
-        """Return the drift by a sweep and the noise of its pose, both in axes of the odometry frame.
+        """Return the drift during a sweep and the covariance of its pose, both in axes of the odometry frame.
 
-        Constrained directions have both covariances of the registration, times their ratios, and a floor as
-        noise, and ``noise.drift_ratio`` of it per metre as drift. With a new local map, both are larger until
-        the lidar has moved. The calibration of the lidar adds its covariance to the noise, and to the drift
-        per ``_CALIBRATION_RENEWAL_M``: the rings cross other ground, and the same error has another effect.
-        Degenerate directions drift by the part of the covariance of the prediction that the map does not
-        reduce; its errors are correlated from sweep to sweep (``growth``).
+        The path length and the number of successive sweeps with a degenerate direction are updated.
+
+        Along constrained directions, the covariance of the pose is the sum of a floor and of the two
+        covariances of the registration, times their configured ratios; per metre of path,
+        ``noise.drift_ratio`` of it is added as drift. With a new local map, both are larger until the lidar
+        has moved.
+
+        The calibration of the lidar adds its covariance to that of the pose, and once per
+        ``_CALIBRATION_RENEWAL_M`` to the drift: there the rings cross other ground, and the same error has
+        another effect.
+
+        Along degenerate directions, the pose drifts by the part of the covariance of the prediction that the
+        map does not reduce; prediction errors are correlated from sweep to sweep (``growth``).
         """
         c = self._config
         degenerate = degenerate_directions(registration, c.gates.degenerate_sigma_m)
         constrained = np.eye(6) - degenerate.projection(np.ones(len(degenerate.gains)))
-        noise, calibration = np.zeros((6, 6)), np.zeros((6, 6))
+        pose_covariance, calibration = np.zeros((6, 6)), np.zeros((6, 6))
         if registration is not None:
             floor = np.square([c.noise.floor_m] * 3 + [c.noise.floor_rad] * 3)
             covariance = c.noise.ratio * registration.covariance + np.diag(floor)
             covariance += c.noise.residual_ratio * registration.residual_covariance
-            noise = constrained @ covariance @ constrained.T
+            pose_covariance = constrained @ covariance @ constrained.T
             calibration = constrained @ registration.calibration_covariance @ constrained.T
         path_m = float(np.linalg.norm(increment[:3, 3]))
         self._path_length_m += path_m
-        initial = max(0.0, 1.0 - self._path_length_m / _INITIAL_PATH_M)
-        drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if initial > 0.0 else 0.0)
+        newness = max(0.0, 1.0 - self._path_length_m / _INITIAL_PATH_M)  # of the local map, 1 to 0
+        drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if newness > 0.0 else 0.0)
         _, last_growth = growth(self._unconstrained_sweeps, by_odometry=used_odometry)
-        by_prediction = degenerate.projection(1.0 - degenerate.gains)
-        unconstrained = last_growth * (by_prediction @ predicted @ by_prediction.T)
+        unmeasured = degenerate.projection(1.0 - degenerate.gains)
+        prediction_drift = last_growth * (unmeasured @ predicted @ unmeasured.T)
         is_predicted = np.any(degenerate.gains < _MEASURED_GAIN)
         self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if is_predicted else 0
-        drift = path_m * (drift_ratio * noise + calibration / _CALIBRATION_RENEWAL_M) + unconstrained
-        return drift, (1.0 + _INITIAL_NOISE * initial**2) * noise + calibration + degenerate.noise
+        path_drift = path_m * (drift_ratio * pose_covariance + calibration / _CALIBRATION_RENEWAL_M)
+        pose_covariance = (1.0 + _INITIAL_NOISE * newness**2) * pose_covariance
+        return path_drift + prediction_drift, pose_covariance + calibration + degenerate.covariance

@@ -38,22 +38,22 @@ _IMAGE_FOLDERS = (
     ("image_l_kitti", "image_r_kitti"),
 )
 _COLOUR_FOLDERS = _IMAGE_FOLDERS[1]
-#: Largest offset of the right camera along y and z, by that along x: the colour cameras of the benchmark,
-#: whose images are rectified again, have 0.5 %.
+#: Largest offset of the right camera along y or z relative to its offset along x. In the colour cameras of the
+#: benchmark, whose images are rectified again, the ratio is 0.5 %.
 _MAX_OFFSET = 0.02
 #: Row of the pose of the lidar in the left grey camera.
 _LIDAR_ROW = "Tr"
 #: Rows of the projections of the colour cameras, if the calibration has them.
 _COLOUR_CAMERAS = ("P2", "P3")
-#: Calibration files, in order of precedence: next to that of an extract, ``calib.txt`` may belong to another
-#: camera.
+#: Calibration files, in order of precedence: in an extract with ``calib_kitti.txt``, ``calib.txt`` may belong to
+#: another camera.
 _CALIBRATIONS = ("calib_kitti.txt", "calib.txt")
 #: Period of the images without ``times.txt``.
 _PERIOD_US = 100_000
 
 
 def is_kitti(folder: Path) -> bool:
-    """Return True if a folder contains folders of left and right images, or of Velodyne scans."""
+    """Return whether a folder contains folders of left and right images, or of Velodyne scans."""
     return _has_images(folder) or bool(scan_files(folder))
 
 
@@ -92,10 +92,10 @@ def kitti_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
             streams[MOUNT] = mount_stream(T_camera_lidar, stamps_ns[min(scans)], _CAMERA)
     if (truth := _truth(folder, len(pairs) or n)) is not None:
         streams[TRUTH] = pose_stream(TRUTH, truth, stamps_ns[: len(truth)], parent=_START, child=_CAMERA)
-    return IndexedLog(streams, _others(folder, calibration, pairs, scans))
+    return IndexedLog(streams, _unused_files(folder, calibration, pairs, scans))
 
 
-def _others(
+def _unused_files(
     folder: Path, calibration: Path | None, pairs: list[tuple[Path, Path]], scans: dict[int, Path]
 ) -> dict[str, Unconverted]:
     """Return the files that are not part of a stream, nor its times or calibration."""
@@ -187,8 +187,8 @@ def _rows(path: Path, columns: int) -> FloatArray:
 def _calibration(folder: Path, chosen: Path | None, image: Path) -> StereoCalibration:
     """Return the calibration of the cameras; raises InputError if it is missing or not of a rectified pair.
 
-    It is of ``P2`` and ``P3`` for the images of the colour cameras, else of the first two cameras of the
-    ``chosen`` file or that of the folder.
+    For images of the colour cameras these are ``P2`` and ``P3``, otherwise the first two cameras of the file. The file
+    is ``chosen`` or, by default, that of the folder.
     """
     path = _calibration_file(folder, chosen)
     is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
@@ -204,7 +204,7 @@ def _calibration(folder: Path, chosen: Path | None, image: Path) -> StereoCalibr
 
 
 def with_size(calibration: StereoCalibration, image: Path) -> StereoCalibration:
-    """Return a calibration whose cameras have the size of an image, if it states none."""
+    """Return the calibration; if it contains no image size, the cameras get the size of an image."""
     if calibration.left.rows:
         return calibration
     rows, cols = read_image(image).shape[:2]
@@ -243,6 +243,7 @@ def _has_rows(path: Path, names: Collection[str]) -> bool:
 
 
 def _stamps(folder: Path, n: int) -> Stamps:
+    """Return the times of ``times.txt`` (at least n), or n multiples of 100 ms without it, nanoseconds."""
     path = folder / "times.txt"
     if not path.is_file():
         return np.arange(n, dtype=np.int64) * (_PERIOD_US * 1000)
@@ -255,7 +256,7 @@ def _stamps(folder: Path, n: int) -> Stamps:
 
 
 def _poses_file(folder: Path) -> Path | None:
-    """Return ``poses.txt``, else ``poses/NN.txt`` in the folder, or in that of ``sequences/NN``."""
+    """Return ``poses.txt``, else ``poses/NN.txt`` in the folder or next to the folder ``sequences``; None without one."""
     name = f"{folder.resolve().name}.txt"
     own = sorted((folder / "poses").glob("[0-9][0-9].txt"))
     benchmark = folder.resolve().parents[1] / "poses" / name if len(folder.resolve().parents) > 1 else folder
@@ -264,6 +265,7 @@ def _poses_file(folder: Path) -> Path | None:
 
 
 def _truth(folder: Path, n: int) -> FloatArray | None:
+    """Return the first n true poses (n, 4, 4); None without a file of poses."""
     path = _poses_file(folder)
     if path is None:
         return None

@@ -214,9 +214,9 @@ class RosWriter(LogSink):
 
     def _write_names(self) -> None:
         """Write the names of the original log if some were added."""
-        if self._names.count == self._written_names:
+        if self._names.entry_count == self._written_names:
             return
-        self._written_names = self._names.count
+        self._written_names = self._names.entry_count
         text = self._storage.types.make("std_msgs/String", data=self._names.to_json())
         self._add(Outgoing(NAMES_TOPIC, "std_msgs/msg/String", text), self._last_ns)
 

@@ -17,7 +17,7 @@ from cdff_core.dfns.registration_3d.interface import Registration3DOutputs
 from cdff_core.dfns.registration_assessment.interface import RegistrationAssessmentOutputs
 
 GATES = MatchingGates(
-    min_overlap=0.25, good_overlap=0.5, min_inlier_ratio=0.5, max_rms_gates=0.25, min_agreement=0.5,
+    min_overlap=0.25, good_overlap=0.5, min_inlier_ratio=0.5, max_rms_to_gate_ratio=0.25, min_agreement=0.5,
     good_agreement=0.75, max_chance=0.125,
 )  # fmt: skip
 #: Passes all gates, each exactly at its limit.

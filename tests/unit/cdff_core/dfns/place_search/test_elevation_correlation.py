@@ -19,7 +19,7 @@ from tests.support.mapped_hills import Hills
 def search(map_points: np.ndarray, scan: np.ndarray, **config: object) -> Any:
     node = Registry.default().make_dfn("place_search")
     node.configure(config)
-    return node.process(PlaceSearchInputs(map=map_points, scan=scan))
+    return node.process(PlaceSearchInputs(map_points=map_points, sweep_points=scan))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -27,7 +27,7 @@ def make_node_with_map(ground: Ground, rng: np.random.Generator, **config: float
     for x, y in ((0, 0), (0.7, 0.1), (-0.6, 0.3), (0.2, 0.8), (-0.2, -0.7)):
         T = pose_on_ground(ground, x, y, 0.0)
         points, _ = sweep_points(ground, T, T, rng)
-        node.process(Inputs(surface=se3.transform_points(T, points), guess=T))
+        node.process(Inputs(new_map_points=se3.transform_points(T, points), guess=T))
     return node
 
 
@@ -47,7 +47,7 @@ def test_pose_and_motion_during_the_sweep_are_estimated_jointly(
     outputs = node.process(
         Inputs(
             points=points,
-            fraction=fraction,
+            point_times=fraction,
             guess=T_end @ se3.exp_se3([0.08, -0.06, 0.03, 0.01, -0.02, 0.03]),
             sweep_guess=T_end_start @ guess_error,
             guess_covariance=PRIOR,
@@ -76,7 +76,7 @@ def test_deceleration_does_not_distort_the_sweep_if_the_previous_pose_is_known(
     sweep = {"points": points, "fraction": fraction, "guess": T_end, "sweep_guess": too_fast}
     prior = {"guess_covariance": 4.0 * PRIOR, "sweep_covariance": 0.1 * SWEEP_PRIOR}
     without_previous = node.process(Inputs(**sweep, **prior))
-    with_previous = node.process(Inputs(**sweep, **prior, before=T_previous, sweep_fraction=0.1))
+    with_previous = node.process(Inputs(**sweep, **prior, previous_pose=T_previous, sweep_fraction=0.1))
     errors_m = [
         np.linalg.norm(outputs.transform[:3, 3] - T_end[:3, 3])
         for outputs in (without_previous, with_previous)
@@ -89,7 +89,9 @@ def test_a_sweep_longer_than_its_period_is_refused(ground: Ground, rng: np.rando
     node, T = make_node_with_map(ground, rng), pose_on_ground(ground, 0.1, 0.1, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
     with pytest.raises(InputError, match="sweep_fraction 2"):
-        node.process(Inputs(points=points, fraction=fraction, guess=T, before=T, sweep_fraction=2.0))
+        node.process(
+            Inputs(points=points, point_times=fraction, guess=T, previous_pose=T, sweep_fraction=2.0)
+        )
 
 
 def test_on_flat_ground_the_guess_determines_the_degenerate_directions(rng: np.random.Generator) -> None:
@@ -100,7 +102,7 @@ def test_on_flat_ground_the_guess_determines_the_degenerate_directions(rng: np.r
     outputs = node.process(
         Inputs(
             points=points,
-            fraction=fraction,
+            point_times=fraction,
             guess=guess,
             guess_covariance=PRIOR,
             sweep_covariance=SWEEP_PRIOR,
@@ -131,10 +133,10 @@ def test_noisy_distant_planes_do_not_outweigh_near_ground_in_rotation(
     for _ in range(3):  # a map of few sweeps
         surface, _ = sweep_points(ground, T, T, rng, 0.01, rings_m)
         for node in nodes:
-            node.process(Inputs(surface=se3.transform_points(T, surface), guess=T))
+            node.process(Inputs(new_map_points=se3.transform_points(T, surface), guess=T))
     points, fraction = sweep_points(ground, T, T, rng, 0.01, rings_m)
     all_planes, reliable_planes = (
-        node.process(Inputs(points=points, fraction=fraction, guess=T)) for node in nodes
+        node.process(Inputs(points=points, point_times=fraction, guess=T)) for node in nodes
     )
     assert all_planes.agreement.min() < 0.8 * reliable_planes.agreement.min()
     assert reliable_planes.agreement.min() > 0.5
@@ -146,7 +148,7 @@ def test_a_sweep_outside_the_map_is_refused(ground: Ground, rng: np.random.Gener
     T = pose_on_ground(ground, 200.0, 0.0, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
     with pytest.raises(RefusedError) as raised:
-        node.process(Inputs(points=points, fraction=fraction, guess=T))
+        node.process(Inputs(points=points, point_times=fraction, guess=T))
     assert raised.value.reasons == ("no_overlap",)
 
 
@@ -158,7 +160,7 @@ def test_distant_points_are_evicted_so_that_memory_does_not_grow_with_the_path_l
     for x in range(0, 240, 2):
         T = pose_on_ground(ground, float(x), 0.0, 0.0)
         points, _ = sweep_points(ground, T, T, rng)
-        node.process(Inputs(surface=se3.transform_points(T, points), guess=T))
+        node.process(Inputs(new_map_points=se3.transform_points(T, points), guess=T))
         map_bytes.append(node.map_bytes)
     assert max(map_bytes[60:]) == max(map_bytes[:60])
     assert node.voxels < 0.6 * len(node._map.tables[0].keys)
@@ -170,7 +172,7 @@ def test_non_finite_points_are_refused(ground: Ground, rng: np.random.Generator)
     points, fraction = sweep_points(ground, T, T, rng)
     points[::7] = np.nan
     with pytest.raises(InputError, match="points"):
-        node.process(Inputs(points=points, fraction=fraction, guess=T))
+        node.process(Inputs(points=points, point_times=fraction, guess=T))
 
 
 def test_two_runs_on_the_same_input_are_equal_bit_for_bit(ground: Ground) -> None:
@@ -179,7 +181,7 @@ def test_two_runs_on_the_same_input_are_equal_bit_for_bit(ground: Ground) -> Non
         node = make_node_with_map(ground, rng)
         T = pose_on_ground(ground, 0.3, 0.0, 0.0)
         points, fraction = sweep_points(ground, T, T, rng)
-        return bytes(node.process(Inputs(points=points, fraction=fraction, guess=T)).transform.tobytes())
+        return bytes(node.process(Inputs(points=points, point_times=fraction, guess=T)).transform.tobytes())
 
     assert run() == run()
 
@@ -187,7 +189,7 @@ def test_two_runs_on_the_same_input_are_equal_bit_for_bit(ground: Ground) -> Non
 def test_a_malformed_array_is_refused_with_its_name() -> None:
     node = make_node()
     with pytest.raises(InputError, match="fraction"):
-        node.process(Inputs(points=np.ones((5, 3)), fraction=np.zeros(4)))
+        node.process(Inputs(points=np.ones((5, 3)), point_times=np.zeros(4)))
     with pytest.raises(InputError, match="guess_covariance"):
         node.process(Inputs(points=np.ones((5, 3)), guess_covariance=np.eye(3)))
     with pytest.raises(InputError, match="guess"):
@@ -232,7 +234,7 @@ def urban_points(T: Float, rings: int, rng: np.random.Generator) -> Float:
 def urban_node(rng: np.random.Generator) -> VoxelPlanes:
     """Return a node with a map of one sweep of 16 rings in the courtyard."""
     node = make_node(radius_m=60.0)
-    node.process(Inputs(surface=urban_points(np.eye(4), 16, rng)))
+    node.process(Inputs(new_map_points=urban_points(np.eye(4), 16, rng)))
     return node
 
 
@@ -255,7 +257,9 @@ def test_the_best_of_several_candidates_is_registered(rng: np.random.Generator) 
     candidates = np.tile(np.eye(4), (len(yaw), 1, 1))
     candidates[:, :3, :3] = se3.exp_so3(yaw)
     alone = node.process(Inputs(points=points, guess_covariance=PRIOR))
-    outputs = node.process(Inputs(points=points, guess_covariance=100.0 * PRIOR, candidates=candidates))
+    outputs = node.process(
+        Inputs(points=points, guess_covariance=100.0 * PRIOR, alternative_guesses=candidates)
+    )
     assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ alone.transform)) > 0.5
     assert np.linalg.norm(se3.log_se3(se3.inverse(T) @ outputs.transform)) < 0.05
     assert outputs.support_ratio > 1.15 * alone.support_ratio
@@ -270,14 +274,14 @@ def test_the_calibration_covariance_covers_the_effect_of_range_errors_of_the_rin
     )
     T = pose_on_ground(ground, 0.1, 0.1, 0.0)
     points, fraction = sweep_points(ground, T, T, rng)
-    exact = node.process(Inputs(points=points, fraction=fraction, guess=T))
+    exact = node.process(Inputs(points=points, point_times=fraction, guess=T))
     elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
     ring = np.floor((elevation / np.pi + 0.5) * 720).astype(int)
     squared = []
     for _ in range(12):
         error_m = rng.normal(0.0, sigma_m, 720)[ring]
         moved = points * (1.0 + error_m / np.linalg.norm(points, axis=1))[:, None]
-        outputs = node.process(Inputs(points=moved, fraction=fraction, guess=T))
+        outputs = node.process(Inputs(points=moved, point_times=fraction, guess=T))
         shift_m = outputs.transform[:3, 3] - exact.transform[:3, 3]
         squared.append(shift_m @ np.linalg.solve(exact.calibration_covariance[:3, :3], shift_m))
     assert 1.0 < np.mean(squared) < 9.0  # 3 expected
@@ -291,7 +295,7 @@ def test_points_that_pull_against_each_other_increase_the_covariance_by_residual
     points, fraction = sweep_points(ground, T, T, rng)
     raised = points + np.where(points[:, :1] > 0.0, 0.06, -0.06) * np.array([0.0, 0.0, 1.0])
     consistent, contradicting = (
-        node.process(Inputs(points=p, fraction=fraction, guess=T, guess_covariance=1e-4 * PRIOR))
+        node.process(Inputs(points=p, point_times=fraction, guess=T, guess_covariance=1e-4 * PRIOR))
         for p in (points, raised)
     )
     ratio = np.trace(contradicting.residual_covariance[:3, :3]) / np.trace(

@@ -392,21 +392,48 @@ def test_forget_starts_a_new_map(ground: Ground) -> None:
     assert of(rover.outputs, "pose")[-1].quality.status is not Status.FAILED
 
 
-def test_an_empty_sweep_fails_and_the_next_one_is_processed(ground: Ground) -> None:
-    rover = Rover(ground)
-    rover.drive(laps(ground, 0.1))
+def send_empty_sweep(rover: Rover) -> list[Output]:
+    """Send a sweep without points and return the outputs."""
     rover.now_ns += PERIOD_NS
-    empty = scan(ground, np.eye(4), np.eye(4), rover.now_ns, rover.rng)
-    empty = type(empty).from_arrays(
+    sweep = scan(rover.ground, np.eye(4), np.eye(4), rover.now_ns, rover.rng)
+    empty = type(sweep).from_arrays(
         np.zeros((0, 3), np.float32),
         np.zeros(0, np.uint32),
         frame="mana/lidar",
-        t0_ns=empty.t0_ns,
-        t1_ns=empty.t1_ns,
+        t0_ns=sweep.t0_ns,
+        t1_ns=sweep.t1_ns,
     )
-    outputs = list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
+    return list(rover.node.step(Sample("scan", rover.now_ns, 99, empty)))
+
+
+def test_an_empty_sweep_is_lost(ground: Ground) -> None:
+    rover = Rover(ground)
+    rover.drive(laps(ground, 0.1))
+    outputs = send_empty_sweep(rover)
     assert {o.quality.status for o in outputs} == {Status.FAILED}
     assert {o.quality.reasons[0] for o in outputs} == {"lost"}
+
+
+def test_empty_sweeps_at_the_start_are_lost_and_the_next_sweep_starts_the_map(ground: Ground) -> None:
+    rover = Rover(ground)
+    for _ in range(3):
+        outputs = send_empty_sweep(rover)
+        assert [(o.quality.status, o.quality.reasons[0]) for o in outputs] == [(Status.FAILED, "lost")] * 2
+    poses = of(rover.drive(laps(ground, 0.2)), "pose")
+    assert all(o.quality.status is not Status.FAILED for o in poses)
+    np.testing.assert_allclose(poses[0].value.transform.matrix, np.eye(4), atol=1e-12)
+    assert max(rover.error_m(o) for o in poses) < 0.15
+
+
+def test_poses_predicted_from_odometry_without_the_mount_of_the_lidar_are_degraded(ground: Ground) -> None:
+    rover = Rover(ground)
+    rover.node.configure(CONFIG, DfpcContext("mana", FrameGraph()))
+    path = [pose_on_ground(ground, 0.3 * i, 0.0, 0.0) for i in range(4)]
+    for output in of(rover.drive(path, wheels=True), "pose")[1:]:
+        assert output.quality.status is Status.DEGRADED
+        assert "lidar_mount_unknown" in output.quality.reasons
+    rover.node.forget()
+    assert of(rover.drive(path), "pose")[-1].quality.status is Status.OK  # odometry is not used
 
 
 def test_a_turn_of_50_degrees_within_a_sweep_is_found(ground: Ground) -> None:

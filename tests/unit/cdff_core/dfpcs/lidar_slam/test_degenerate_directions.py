@@ -31,7 +31,7 @@ def registration(sigma_m: list[float], gains: list[float]) -> ScanToMapRegistrat
 def test_all_directions_of_a_lost_sweep_follow_the_prediction() -> None:
     directions = degenerate_directions(None, 0.09)
     np.testing.assert_array_equal(directions.projection(1.0 - directions.gains), np.eye(6))
-    np.testing.assert_array_equal(directions.noise, np.zeros((6, 6)))
+    np.testing.assert_array_equal(directions.covariance, np.zeros((6, 6)))
 
 
 def test_the_noise_along_a_degenerate_direction_is_that_of_the_map_times_its_weight() -> None:
@@ -39,5 +39,5 @@ def test_the_noise_along_a_degenerate_direction_is_that_of_the_map_times_its_wei
         registration([0.2, 0.01, 0.01, 0.01, 0.01, 0.5], [0.5, 1.0, 1.0, 1.0, 1.0, 0.1]), 0.09
     )
     np.testing.assert_allclose(directions.projection(np.ones(2)), np.diag([1.0, 0, 0, 0, 0, 1.0]))
-    sigma = np.sqrt(np.diag(directions.noise))
+    sigma = np.sqrt(np.diag(directions.covariance))
     np.testing.assert_allclose(sigma, [0.1, 0, 0, 0, 0, 0.005])  # metres, radians at a radius of 10 m

@@ -11,22 +11,22 @@ from cdff_common.geometry import se3
 from cdff_core.dfns.scan_to_map_registration import _kernels, _voxel_table
 from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 
-#: Maximum number of points with which candidates are compared.
+#: Maximum number of points with which the support of guesses is compared.
 _SUPPORT_POINTS = 2000
-#: Maximum number of candidates that are registered, their minimum support relative to the best one, and the
+#: Maximum number of guesses that are registered, their minimum support relative to the best guess, and the
 #: minimum distance between them, metres or radians.
-_REGISTERED_CANDIDATES, _CANDIDATE_SUPPORT_RATIO = 3, 0.7
-_CANDIDATE_STEP_M, _CANDIDATE_STEP_RAD = 1.0, 0.25
+_MAX_GUESSES, _MIN_SUPPORT_RATIO = 3, 0.7
+_MIN_DISTANCE_M, _MIN_ANGLE_RAD = 1.0, 0.25
 
 
-def best_candidates(
-    local_map: VoxelMap, points: FloatArray, fraction: FloatArray, poses: FloatArray, motions: FloatArray
+def best_guesses(
+    local_map: VoxelMap, points: FloatArray, point_times: FloatArray, poses: FloatArray, motions: FloatArray
 ) -> list[int]:
     """Return the indices of the poses with the largest support, best first, with some distance between them.
 
     Parameters
     ----------
-    points, fraction : ndarray, shapes (n, 3) and (n,)
+    points, point_times : ndarray, shapes (n, 3) and (n,)
         Points of the sweep and their times.
     poses, motions : ndarray, shapes (m, 4, 4) and (m, 6)
         T_map_sensor, and the motion during the sweep at each of them.
@@ -44,7 +44,7 @@ def best_candidates(
         local_map.voxel_m,
         level,
         points[sampled],
-        fraction[sampled],
+        point_times[sampled],
         poses,
         motions,
         edge_m,
@@ -56,13 +56,13 @@ def _best_distinct(poses: FloatArray, support: FloatArray) -> list[int]:
     """Return the indices of the poses with the largest support that are not close to a better one."""
     selected: list[int] = []
     for i in np.argsort(-support, kind="stable"):
-        if support[i] < _CANDIDATE_SUPPORT_RATIO * support.max():
+        if support[i] < _MIN_SUPPORT_RATIO * support.max():
             break
         E = se3.inverse(poses[i]) @ poses[selected]
         distance_m = np.linalg.norm(E[:, :3, 3], axis=1)
         angle_rad = np.linalg.norm(se3.log_so3(E[:, :3, :3]), axis=1)
-        if np.all((distance_m > _CANDIDATE_STEP_M) | (angle_rad > _CANDIDATE_STEP_RAD)):
+        if np.all((distance_m > _MIN_DISTANCE_M) | (angle_rad > _MIN_ANGLE_RAD)):
             selected.append(int(i))
-        if len(selected) == _REGISTERED_CANDIDATES:
+        if len(selected) == _MAX_GUESSES:
             break
     return selected
