@@ -64,7 +64,10 @@ def main() -> None:
         "dfpc": {start: {"cpu_s": round(statistics.median(times[1:]), 4)} for start, times in cpu_s.items()},
         "dfns": {
             "PlaceSearch/ElevationCorrelation": measure(
-                lambda: search.process(PlaceSearchInputs(map_points=map_points, sweep_points=sweep.astype(np.float64))), 5
+                lambda: search.process(
+                    PlaceSearchInputs(map_points=map_points, sweep_points=sweep.astype(np.float64))
+                ),
+                5,
             ),
             "PoseEstimation/EllipsoidalIntersection": measure(
                 lambda: estimate.process(

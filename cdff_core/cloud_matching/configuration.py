@@ -31,16 +31,16 @@ class AcceptanceGates(StrictModel):
         default=0.5,
         ge=0,
         le=1,
-        description="For each eigenvector of the pose information matrix: the fraction of its information that "
-        "comes from points whose normals agree in both clouds (1: structure, 0: noise); FAILED below, "
+        description="For each eigenvector of the pose information matrix: the fraction of its information "
+        "that comes from points whose normals agree in both clouds (1: structure, 0: noise); FAILED below, "
         "for any eigenvector",
     )
     good_agreement: float = Field(
         default=0.7,
         ge=0,
         le=1,
-        description="For each eigenvector of the pose information matrix: the fraction of its information that "
-        "comes from points whose normals agree in both clouds (1: structure, 0: noise); DEGRADED below, "
+        description="For each eigenvector of the pose information matrix: the fraction of its information "
+        "that comes from points whose normals agree in both clouds (1: structure, 0: noise); DEGRADED below, "
         "for any eigenvector",
     )
 

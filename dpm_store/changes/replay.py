@@ -95,10 +95,14 @@ class Replay:
         self.changes += len(replayed)
 
     def _insert(self, connection: Connection, changes: Sequence[Change]) -> list[Change]:
-        """Insert new products and return their changes; a product without a readable payload becomes a tombstone."""
+        """Insert new products and return their changes; a product without a readable payload becomes a
+        tombstone.
+        """
         p = schema.products.c
         known: set[str] = set()
-        for change in changes:  # products occur twice if a database created with --new started a second history
+        for (
+            change
+        ) in changes:  # products occur twice if a database created with --new started a second history
             if connection.execute(select(p.id).where(p.id == change.fields["id"])).first() is not None:
                 known.add(change.fields["id"])
         new = {c.fields["id"]: c for c in changes if c.fields["id"] not in known}
@@ -247,7 +251,9 @@ def _product_of(change: Change) -> tuple[NewProduct, bytes | None, bytes | None,
 def _keep_location(
     connection: Connection, sha256: str, size: int, sums: bytes | None, location: int | None
 ) -> None:
-    """Insert the row of a payload at its present location, so that the insertion does not write the payload again."""
+    """Insert the row of a payload at its present location, so that the insertion does not write the payload
+    again.
+    """
     b = schema.blobs.c
     if connection.execute(select(b.sha256).where(b.sha256 == sha256)).first() is None:
         row = {"sha256": sha256, "size": size, "chunk_sums": sums or b"", "location": location, "live": 0}

@@ -83,9 +83,10 @@ class CaptureProjector:
     def project(self, sample: Sample, single_pose_ns: int | None) -> CapturePoints | None:
         """Return the points of a capture in the map within the gates; None for a skipped stereo pair.
 
-        With ``single_pose_ns``, the pose of this time is used for all points. Raises FrameNotFoundError if the mount of the sensor is
-        unknown, ExtrapolationError if the poses do not enclose the capture or leave a gap in it, InputError
-        if it is malformed, RefusedError if the images of a pair do not show the same scene.
+        With ``single_pose_ns``, the pose of this time is used for all points. Raises FrameNotFoundError if
+        the mount of the sensor is unknown, ExtrapolationError if the poses do not enclose the capture or
+        leave a gap in it, InputError if it is malformed, RefusedError if the images of a pair do not show
+        the same scene.
         """
         c, T_body_sensor = self._config, self._extrinsics(sample)
         t1_ns = sample.stamp_ns if single_pose_ns is None else single_pose_ns
@@ -106,7 +107,9 @@ class CaptureProjector:
             return CapturePoints(
                 points, stamps, empty, empty, empty, empty > 0, sample, [], raw_points, frame
             )
-        pose_stamps = stamps if single_pose_ns is None else np.full(len(points), single_pose_ns, dtype=np.int64)
+        pose_stamps = (
+            stamps if single_pose_ns is None else np.full(len(points), single_pose_ns, dtype=np.int64)
+        )
         poses = self._poses.around(int(pose_stamps.min()), int(pose_stamps.max()))
         deskewed = self._deskewing.process(
             PointCloudDeskewingInputs(

@@ -156,8 +156,8 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
     def _add(self, sample: Sample, *, in_map_frame: bool = False, single_pose_ns: int | None = None) -> None:
         """Project, align and add a capture to the patch, or count it as dropped by its reason.
 
-        With ``in_map_frame``, the points are in the frame of the map already. With ``single_pose_ns``, the pose of
-        this time is used for all points.
+        With ``in_map_frame``, the points are in the frame of the map already. With ``single_pose_ns``, the
+        pose of this time is used for all points.
         """
         try:
             if in_map_frame:

@@ -70,7 +70,8 @@ class TrackingResult:
     #: None for the first sweep, and without overlap. If the sweep is lost, the pose is not that of the
     #: registration.
     registration: ScanToMapRegistrationOutputs | None
-    #: The pose is the prediction: the sweep does not match the map, or no sweep had points within range so far.
+    #: The pose is the prediction: the sweep does not match the map, or no sweep had points within range so
+    #: far.
     is_lost: bool
     used_odometry: bool  # the motion was predicted from the odometry port
     is_mount_assumed: bool = False  # odometry was used although the mount of the lidar is unknown

@@ -20,12 +20,12 @@ from cdff_core.keyframe_graph.products import GraphProducts
 _MAX_SIGMA_RATIO, _MAX_CLOUD = 0.05, 100_000
 
 
-class ProductBuilder(GraphProducts):
+class ProductBuilder(GraphProducts[KeyframeMapper]):
     """Builds the outputs, in the frames ``{robot}/visual_slam``, ``{robot}/visual_odom`` and the camera's."""
 
     def __init__(self, producer: str, robot: str, mapper: KeyframeMapper) -> None:
         super().__init__(producer, f"{robot}/visual_slam", mapper)
-        self._mapper, self._robot = mapper, robot
+        self._robot = robot
         self._odom_frame = f"{robot}/visual_odom"
         self.clear()
 

@@ -38,15 +38,15 @@ _IMAGE_FOLDERS = (
     ("image_l_kitti", "image_r_kitti"),
 )
 _COLOUR_FOLDERS = _IMAGE_FOLDERS[1]
-#: Largest offset of the right camera along y or z relative to its offset along x. In the colour cameras of the
-#: benchmark, whose images are rectified again, the ratio is 0.5 %.
+#: Largest offset of the right camera along y or z relative to its offset along x. In the colour cameras of
+#: the benchmark, whose images are rectified again, the ratio is 0.5 %.
 _MAX_OFFSET = 0.02
 #: Row of the pose of the lidar in the left grey camera.
 _LIDAR_ROW = "Tr"
 #: Rows of the projections of the colour cameras, if the calibration has them.
 _COLOUR_CAMERAS = ("P2", "P3")
-#: Calibration files, in order of precedence: in an extract with ``calib_kitti.txt``, ``calib.txt`` may belong to
-#: another camera.
+#: Calibration files, in order of precedence: in an extract with ``calib_kitti.txt``, ``calib.txt`` may
+#: belong to another camera.
 _CALIBRATIONS = ("calib_kitti.txt", "calib.txt")
 #: Period of the images without ``times.txt``.
 _PERIOD_US = 100_000
@@ -187,8 +187,8 @@ def _rows(path: Path, columns: int) -> FloatArray:
 def _calibration(folder: Path, chosen: Path | None, image: Path) -> StereoCalibration:
     """Return the calibration of the cameras; raises InputError if it is missing or not of a rectified pair.
 
-    For images of the colour cameras these are ``P2`` and ``P3``, otherwise the first two cameras of the file. The file
-    is ``chosen`` or, by default, that of the folder.
+    For images of the colour cameras these are ``P2`` and ``P3``, otherwise the first two cameras of the
+    file. The file is ``chosen`` or, by default, that of the folder.
     """
     path = _calibration_file(folder, chosen)
     is_colour = image.parent.name == "image_2" and _has_rows(path, _COLOUR_CAMERAS)
@@ -256,7 +256,9 @@ def _stamps(folder: Path, n: int) -> Stamps:
 
 
 def _poses_file(folder: Path) -> Path | None:
-    """Return ``poses.txt``, else ``poses/NN.txt`` in the folder or next to the folder ``sequences``; None without one."""
+    """Return ``poses.txt``, else ``poses/NN.txt`` in the folder or next to the folder ``sequences``; None
+    without one.
+    """
     name = f"{folder.resolve().name}.txt"
     own = sorted((folder / "poses").glob("[0-9][0-9].txt"))
     benchmark = folder.resolve().parents[1] / "poses" / name if len(folder.resolve().parents) > 1 else folder
