@@ -152,7 +152,7 @@ class CameraModel:
         else:
             is_visible = z > 0.0
             with np.errstate(invalid="ignore", divide="ignore"):
-                u, v = self._distorted(x / z, y / z)
+                u, v = self._distort(x / z, y / z)
         pixels = np.column_stack([self.fx * u + self.cx, self.fy * v + self.cy])
         pixels[~is_visible] = np.nan
         return pixels
@@ -170,7 +170,7 @@ class CameraModel:
                 sine = np.where(radius > 0.0, np.sin(theta) / radius, 1.0)
             rays = np.column_stack([u * sine, v * sine, np.cos(theta)])
         else:
-            x, y = self._undistorted(u, v)
+            x, y = self._undistort(u, v)
             rays = np.column_stack([x, y, np.ones_like(x)])
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         error = np.abs(self.project(rays) - targets_px).max(axis=1, initial=0.0)
@@ -180,7 +180,7 @@ class CameraModel:
     # -- lenses
     # -----------------------------------------------------------------------------------------------------
 
-    def _distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _distort(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (
             *self.distortion,
             *[0.0] * (12 - len(self.distortion)),
@@ -191,7 +191,7 @@ class CameraModel:
         v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + r2 * (s3 + r2 * s4)
         return u, v
 
-    def _undistorted(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _undistort(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Invert the distortion by Newton's method with the numeric derivative of the lens model."""
         x, y = u.copy(), v.copy()
         if not any(self.distortion):
@@ -199,12 +199,12 @@ class CameraModel:
         h = 1e-7
         with np.errstate(all="ignore"):
             for _ in range(_ITERATIONS):
-                fu, fv = self._distorted(x, y)
+                fu, fv = self._distort(x, y)
                 du, dv = u - fu, v - fv
                 if np.nanmax(np.abs([du, dv]), initial=0.0) < 1e-14:
                     break
-                a, c = ((g - f) / h for g, f in zip(self._distorted(x + h, y), (fu, fv), strict=True))
-                b, d = ((g - f) / h for g, f in zip(self._distorted(x, y + h), (fu, fv), strict=True))
+                a, c = ((g - f) / h for g, f in zip(self._distort(x + h, y), (fu, fv), strict=True))
+                b, d = ((g - f) / h for g, f in zip(self._distort(x, y + h), (fu, fv), strict=True))
                 determinant = a * d - b * c
                 x, y = x + (d * du - b * dv) / determinant, y + (a * dv - c * du) / determinant
         return x, y

@@ -34,7 +34,7 @@ def retrieve_world(client: Client, dpm: DpmCall, t_ns: int | None, *, values: bo
     newest_by_port, pose_frames = _products(client, dpm, t_ns)
     items = [_item(client, product, values=values) for product in newest_by_port.values()]
     omitted: dict[str, str] = {}
-    edges = [*_fixed(dpm, t_ns), *_moving(dpm, t_ns, pose_frames, omitted)]
+    edges = [*_fixed_frame_revisions(dpm, t_ns), *_moving(dpm, t_ns, pose_frames, omitted)]
     return World.of(t_ns, edges, items, omitted)
 
 
@@ -76,7 +76,7 @@ def _item(client: Client, found: Mapping[str, Any], *, values: bool) -> WorldIte
     )
 
 
-def _fixed(dpm: DpmCall, t_ns: int) -> Iterator[WorldEdge]:
+def _fixed_frame_revisions(dpm: DpmCall, t_ns: int) -> Iterator[WorldEdge]:
     """Yield the revision of each fixed frame that is valid at a time."""
     for newest in dpm("frames", {})["frames"]:
         revisions = [newest]

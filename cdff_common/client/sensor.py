@@ -230,7 +230,7 @@ class Sensor:
         CodecError
             If the value cannot be encoded.
         """
-        value, t0_ns, t1_ns = self._timed(value, stamp_ns)
+        value, t0_ns, t1_ns = self._value_with_times(value, stamp_ns)
         self._check_frames(value)
         with self._lock:
             if not self._modes.current.on:
@@ -282,7 +282,7 @@ class Sensor:
         while self._clock.state is ClockState.WALL and monotonic_s() < until_s:
             time.sleep(0.02)
 
-    def _timed(self, value: Message, stamp_ns: int | None) -> tuple[Message, int, int]:
+    def _value_with_times(self, value: Message, stamp_ns: int | None) -> tuple[Message, int, int]:
         """Return the value with its time, and the start and end of its capture."""
         if not isinstance(value, self._type):
             raise InputError(

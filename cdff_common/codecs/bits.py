@@ -192,7 +192,7 @@ class BitReader:
             return self.get(8 * size).to_bytes(size, "big")
         self._position += 8 * size
         out = np.empty(size, dtype=np.uint8)
-        kernels.read_bytes(self._padded(kernels.READ_PADDING), begin, shift, out)
+        kernels.read_bytes(self._pad_message(kernels.READ_PADDING), begin, shift, out)
         return out.tobytes()
 
     def get_byte_array(self, size: int) -> NDArray[np.uint8]:
@@ -205,7 +205,7 @@ class BitReader:
         if kernels is None:
             out[:] = np.frombuffer(self.get_bytes(size), dtype=np.uint8)
             return out
-        kernels.read_bytes(self._padded(kernels.READ_PADDING), begin, shift, out)
+        kernels.read_bytes(self._pad_message(kernels.READ_PADDING), begin, shift, out)
         self._position += 8 * size
         return out
 
@@ -221,7 +221,7 @@ class BitReader:
             shift = self._position & 7
             # bytes that start at this shift and end within the message
             end = (self._bits - shift) >> 3
-            buffer = self._padded(kernels.READ_PADDING)
+            buffer = self._pad_message(kernels.READ_PADDING)
             read, at = kernels.decode_reals(buffer, self._position >> 3, shift, end, values[count_read:])
             self._position = 8 * int(at) + shift
             count_read += int(read)
@@ -237,7 +237,7 @@ class BitReader:
             raise CodecError(f"bit {self._position}: REAL in fragments, expected at most 16383 octets")
         return decode_real(self.get_bytes(length))
 
-    def _padded(self, padding: int) -> NDArray[np.uint8]:
+    def _pad_message(self, padding: int) -> NDArray[np.uint8]:
         """Return the message with padding for loops that read whole words."""
         if self._array is None:
             array = np.zeros(len(self._data) + padding, dtype=np.uint8)

@@ -73,11 +73,11 @@ def _binary(contents: bytes) -> float:
         raise CodecError(f"REAL with an exponent of {exponent_octets} octets: expected at most 4")
     exponent = int.from_bytes(contents[first : first + exponent_octets], "big", signed=True)
     mantissa = int.from_bytes(mantissa_octets, "big")
-    value = _scaled(mantissa, exponent * base_bits + ((head >> 2) & 3))
+    value = _scale(mantissa, exponent * base_bits + ((head >> 2) & 3))
     return -value if head & 0x40 else value
 
 
-def _scaled(mantissa: int, exponent: int) -> float:
+def _scale(mantissa: int, exponent: int) -> float:
     """Return ``mantissa * 2 ** exponent``, rounded once, with bounded intermediate numbers."""
     if mantissa == 0:
         return 0.0

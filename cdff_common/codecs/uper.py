@@ -58,11 +58,11 @@ def decode(type_name: str, data: bytes) -> Any:
 
 @cache
 def _codec(name: str) -> tuple[Put, Get]:
-    return _compiled(message_node(name))
+    return _compile_node(message_node(name))
 
 
 @cache
-def _compiled(node: Node | Alias) -> tuple[Put, Get]:
+def _compile_node(node: Node | Alias) -> tuple[Put, Get]:
     """Return the functions that write and read a node."""
     match node:
         case Integer():
@@ -78,15 +78,15 @@ def _compiled(node: Node | Alias) -> tuple[Put, Get]:
         case OctetString():
             return octet_string(node)
         case Array():
-            return array(node, _compiled)
+            return array(node, _compile_node)
         case ListOf():
-            return list_of(node, _compiled)
+            return list_of(node, _compile_node)
         case Struct():
             return _struct(node)
         case Choice():
             return _choice(node)
         case Alias():
-            put, get = _compiled(node.node)
+            put, get = _compile_node(node.node)
             attribute, name = node.attribute, node.class_name
             return (lambda w, v: put(w, getattr(v, attribute))), (lambda r: class_of(name)(get(r)))
 
@@ -135,7 +135,7 @@ def _text(node: Text) -> tuple[Put, Get]:
 
 
 def _struct(node: Struct) -> tuple[Put, Get]:
-    fields = [(f.attribute, f.name, *_compiled(f.node)) for f in node.fields]
+    fields = [(f.attribute, f.name, *_compile_node(f.node)) for f in node.fields]
 
     def put(writer: BitWriter, value: Any) -> None:
         for attribute, _, put_field, _ in fields:
@@ -154,7 +154,7 @@ def _struct(node: Struct) -> tuple[Put, Get]:
 
 
 def _choice(node: Choice) -> tuple[Put, Get]:
-    alternatives = [(f.attribute, *_compiled(f.node)) for f in node.alternatives]
+    alternatives = [(f.attribute, *_compile_node(f.node)) for f in node.alternatives]
     index = {f.attribute: i for i, f in enumerate(node.alternatives)}
     bits = bits_for(len(alternatives))
 

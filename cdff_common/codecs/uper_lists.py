@@ -48,7 +48,7 @@ def array(node: Array, compiled: Compiled) -> tuple[Put, Get]:
     """Return the functions for lists of numbers: rows of fixed size at once, others row by row."""
     low, high = node.dims[0]
     if any(a != b for a, b in node.dims[1:]):
-        return _ragged(node, compiled)
+        return _ragged_matrix_codec(node, compiled)
     row = tuple(a for a, _ in node.dims[1:])
     per_row = int(np.prod(row, dtype=np.int64))
     put_flat, get_flat, element_bits = _flat(node, compiled)
@@ -102,7 +102,7 @@ def _flat(node: Array, compiled: Compiled) -> tuple[Put, Callable[[BitReader, in
     return put_each, get_each, bits
 
 
-def _ragged(node: Array, compiled: Compiled) -> tuple[Put, Get]:
+def _ragged_matrix_codec(node: Array, compiled: Compiled) -> tuple[Put, Get]:
     """Return the functions for a matrix whose rows are encoded with a length; all rows must have the same
     length.
     """

@@ -137,17 +137,17 @@ def _robot(value: str) -> str:
     return value
 
 
-def _joined(value: Any) -> str:
+def _join_list(value: Any) -> str:
     """Return comma-separated text; FastAPI passes the query value of a tuple field as a list."""
     return ",".join(str(part) for part in value) if isinstance(value, (list, tuple)) else str(value)
 
 
 def _names(value: Any) -> tuple[str, ...]:
-    return tuple(name for name in _joined(value).split(",") if name)
+    return tuple(name for name in _join_list(value).split(",") if name)
 
 
 def _numbers(value: Any, info: ValidationInfo) -> tuple[float, ...]:
-    text = _joined(value)
+    text = _join_list(value)
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
@@ -157,7 +157,7 @@ def _numbers(value: Any, info: ValidationInfo) -> tuple[float, ...]:
 def _point(value: Any, info: ValidationInfo) -> tuple[float, ...]:
     numbers = _numbers(value, info)
     if len(numbers) != 2:
-        raise InputError(f"{info.field_name}={_joined(value)[:80]!r}: expected x,y in metres")
+        raise InputError(f"{info.field_name}={_join_list(value)[:80]!r}: expected x,y in metres")
     return numbers
 
 
@@ -172,7 +172,7 @@ def _path(value: Any, info: ValidationInfo) -> tuple[float, ...]:
     return numbers
 
 
-_as_text = PlainSerializer(_joined, return_type=str)
+_as_text = PlainSerializer(_join_list, return_type=str)
 
 Whole = Annotated[int, BeforeValidator(_whole)]
 Revision = Annotated[int, Field(ge=0), BeforeValidator(_whole)]

@@ -83,10 +83,10 @@ class CloudArrays:
         normals = next((n for n in _NORMAL_NAMES if set(n) <= set(columns)), None)
         has_color = {"red", "green", "blue"} <= set(columns)
         return cls(
-            points_m=_stacked(columns, ("x", "y", "z")),
+            points_m=_stack(columns, ("x", "y", "z")),
             intensity=None if intensity is None else np.asarray(intensity, dtype=np.float64),
             colors=_eight_bit(columns) if has_color else None,
-            normals=None if normals is None else _stacked(columns, normals),
+            normals=None if normals is None else _stack(columns, normals),
         )
 
 
@@ -104,7 +104,7 @@ def check_axes(names: Iterable[str], what: str) -> None:
         )
 
 
-def _stacked(columns: Mapping[str, NDArray[np.generic]], names: tuple[str, ...]) -> NDArray[np.float64]:
+def _stack(columns: Mapping[str, NDArray[np.generic]], names: tuple[str, ...]) -> NDArray[np.float64]:
     return np.stack([np.asarray(columns[name], dtype=np.float64) for name in names], axis=1)
 
 

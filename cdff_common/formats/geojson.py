@@ -33,7 +33,7 @@ def write_geojson(features: Iterable[Feature], frame: str, place: Georeference |
     frame_member: dict[str, Any] = {"frame": frame, "unit": "m"}
     if place is not None and not place.is_identity:
         frame_member["axes"] = place.rows
-        features = [_placed(item, place) for item in features]
+        features = [_transform_feature(item, place) for item in features]
     collection = {
         "type": "FeatureCollection",
         "name": frame,
@@ -53,7 +53,7 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
     }
 
 
-def _placed(item: Feature, place: Georeference) -> Feature:
+def _transform_feature(item: Feature, place: Georeference) -> Feature:
     """Return a feature in the frame with coordinates of the CRS."""
 
     def convert(coordinates: Any) -> Any:

@@ -39,7 +39,7 @@ def read_pcd(source: Readable) -> CloudArrays:
     """Read a PCD file; raises CodecError with the file name and the defect."""
     s = load(source)
     header = _header(s)
-    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed}[header.layout]
+    read = {"ascii": _ascii, "binary": _binary, "binary_compressed": _compressed_columns}[header.layout]
     return CloudArrays.from_columns(_with_colors(read(s, header)), s.name)
 
 
@@ -120,7 +120,7 @@ def _binary(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     return {name: table[f"{name}@{i}"][:, 0] for i, (name, _, _) in enumerate(header.fields)}
 
 
-def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+def _compressed_columns(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     if header.start + 8 > len(s.data):
         raise s.error("ends before the sizes of its compressed block")
     packed, unpacked = struct.unpack_from("<II", s.data, header.start)
@@ -129,7 +129,7 @@ def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
         raise s.error(
             f"block of {packed} bytes for {unpacked}, expected {expected} for {header.points} points"
         )
-    block = _decompressed(s, s.data[header.start + 8 : header.start + 8 + packed], unpacked)
+    block = _decompress(s, s.data[header.start + 8 : header.start + 8 + packed], unpacked)
     columns: dict[str, NDArray[np.generic]] = {}
     offset = 0
     for name, kind, count in header.fields:  # column by column
@@ -139,7 +139,7 @@ def _compressed(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
     return columns
 
 
-def _decompressed(s: Source, packed: bytes, size: int) -> bytes:
+def _decompress(s: Source, packed: bytes, size: int) -> bytes:
     import lzf
 
     try:

@@ -100,7 +100,7 @@ class Anchor:
     @property
     def crs(self) -> Any:
         """``pyproj.CRS`` whose easting and northing are the frame's x and y, metres."""
-        return _projected(self)
+        return _project(self)
 
     @property
     def wkt(self) -> str:
@@ -181,7 +181,7 @@ def _to_lonlat(body: Body, points_m: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=256)
-def _projected(anchor: Anchor) -> Any:
+def _project(anchor: Anchor) -> Any:
     import pyproj
 
     base = anchor.body.geographic_crs

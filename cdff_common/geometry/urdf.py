@@ -96,7 +96,7 @@ def read_urdf(text: str) -> RobotModel:
         raise ConfigurationError(f"URDF: {error}") from error
     if robot.tag != "robot":
         raise ConfigurationError(f"URDF: root element <{robot.tag}>, expected <robot>")
-    links = [_required(link, "name", "link") for link in robot.findall("link")]
+    links = [_required_attribute(link, "name", "link") for link in robot.findall("link")]
     joints = [_joint(element) for element in robot.findall("joint")]
     for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
         repeated = {n for n in names if names.count(n) > 1}
@@ -108,10 +108,10 @@ def read_urdf(text: str) -> RobotModel:
             raise ConfigurationError(
                 f"URDF: joint {joint.name!r} mimics {joint.mimic[0]!r}, expected a movable joint"
             )
-    return RobotModel(robot.get("name", ""), *_ordered(links, joints))
+    return RobotModel(robot.get("name", ""), *_order_joints(links, joints))
 
 
-def _ordered(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, ...]]:
+def _order_joints(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, ...]]:
     """Return the root and the joints in top-down order."""
     children = {j.child for j in joints}
     unknown = sorted((children | {j.parent for j in joints}) - set(links))
@@ -132,8 +132,8 @@ def _ordered(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, .
 
 
 def _joint(element: ElementTree.Element) -> Joint:
-    name = _required(element, "name", "joint")
-    kind = _required(element, "type", f"joint {name!r}")
+    name = _required_attribute(element, "name", "joint")
+    kind = _required_attribute(element, "type", f"joint {name!r}")
     if kind not in (*_ROTATING, _SLIDING, _FIXED):
         raise ConfigurationError(
             f"URDF: joint {name!r} is {kind}, expected revolute, continuous, prismatic or fixed"
@@ -143,7 +143,7 @@ def _joint(element: ElementTree.Element) -> Joint:
         end = element.find(tag)
         if end is None:
             raise ConfigurationError(f"URDF: joint {name!r} has no <{tag}>")
-        ends.append(_required(end, "link", f"<{tag}> of joint {name!r}"))
+        ends.append(_required_attribute(end, "link", f"<{tag}> of joint {name!r}"))
     origin, axis = element.find("origin"), element.find("axis")
     xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0), name)
     roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), name)
@@ -160,14 +160,14 @@ def _joint(element: ElementTree.Element) -> Joint:
         limits = _number(limit, "lower", 0.0, name), _number(limit, "upper", 0.0, name)
     mimic_rule = None
     if mimic is not None:
-        mimicked = _required(mimic, "joint", f"<mimic> of joint {name!r}")
+        mimicked = _required_attribute(mimic, "joint", f"<mimic> of joint {name!r}")
         mimic_rule = mimicked, _number(mimic, "multiplier", 1.0, name), _number(mimic, "offset", 0.0, name)
     return Joint(
         name, kind, ends[0], ends[1], se3.transform(R, xyz), direction / max(length, 1e-9), limits, mimic_rule
     )
 
 
-def _required(element: ElementTree.Element, attribute: str, where: str) -> str:
+def _required_attribute(element: ElementTree.Element, attribute: str, where: str) -> str:
     value = element.get(attribute, "")
     if not value:
         raise ConfigurationError(f"URDF: {where} has no attribute {attribute}")

@@ -40,7 +40,7 @@ def _rows(
     required = set(model.get("required", ())) - set(preset)
     for name, field in model.get("properties", {}).items():
         default = preset.get(name, field.get("default"))
-        inner = _resolved(field, schema)
+        inner = _resolve(field, schema)
         if inner.get("properties"):
             yield from _rows(inner, schema, default or {}, f"{prefix}{name}.")
             continue
@@ -53,14 +53,14 @@ def _rows(
         )
 
 
-def _resolved(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
+def _resolve(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
     """Return the field, or the definition that it references."""
     return schema["$defs"][field["$ref"].rsplit("/", 1)[1]] if "$ref" in field else field
 
 
 def _type(field: dict[str, Any], schema: dict[str, Any]) -> str:
     if "$ref" in field:
-        return _type(_resolved(field, schema), schema)
+        return _type(_resolve(field, schema), schema)
     if "enum" in field:
         return " or ".join(json.dumps(value) for value in field["enum"])
     if "const" in field:

@@ -75,8 +75,8 @@ class GridGeometry:
         object.__setattr__(self, "resolution_m", resolution)
         object.__setattr__(self, "rows", rows)
         object.__setattr__(self, "cols", cols)
-        object.__setattr__(self, "xmin_m", _snapped(float(self.xmin_m), resolution, "xmin_m"))
-        object.__setattr__(self, "ymax_m", _snapped(float(self.ymax_m), resolution, "ymax_m"))
+        object.__setattr__(self, "xmin_m", _snap_to_grid(float(self.xmin_m), resolution, "xmin_m"))
+        object.__setattr__(self, "ymax_m", _snap_to_grid(float(self.ymax_m), resolution, "ymax_m"))
 
     @classmethod
     def aligned(
@@ -265,7 +265,7 @@ class GridGeometry:
             )
 
 
-def _snapped(value: float, resolution: float, name: str) -> float:
+def _snap_to_grid(value: float, resolution: float, name: str) -> float:
     cells = value / resolution
     if not isfinite(cells) or abs(cells - round(cells)) > ALIGNMENT_TOLERANCE_CELLS:
         raise InputError(

@@ -176,7 +176,7 @@ def _refine(
         turned: Grid = offsets @ np.array([[c, s], [-s, c]])
         target: Grid = turned + centre + parameters[:2]
         column, row = target[:, 0], target[:, 1]
-        height = _interpolated(reference, column, row)
+        height = _interpolate_heights(reference, column, row)
         i, j = np.rint(row).astype(np.int64), np.rint(column).astype(np.int64)
         inside = (i >= 0) & (i < reference.shape[0]) & (j >= 0) & (j < reference.shape[1])
         i, j = np.where(inside, i, 0), np.where(inside, j, 0)
@@ -206,7 +206,7 @@ def _refine(
     return residual, parameters, covariance, used
 
 
-def _interpolated(grid: Grid, column: Grid, row: Grid) -> Grid:
+def _interpolate_heights(grid: Grid, column: Grid, row: Grid) -> Grid:
     """Return bilinear heights at cell coordinates (n,), NaN outside or next to an unknown cell."""
     i, j = np.floor(row).astype(np.int64), np.floor(column).astype(np.int64)
     inside = (i >= 0) & (j >= 0) & (i < grid.shape[0] - 1) & (j < grid.shape[1] - 1)

@@ -90,7 +90,7 @@ class NavigationMosaic:
             source, target = coarse_geometry.slices_of(common), self.geometry.slices_of(common)
             self._merge(target, {name: layer[source] for name, layer in coarse.items()})
             return True
-        resampled = self._resampled(geometry, layers, T_window_map)
+        resampled = self._resample_worst(geometry, layers, T_window_map)
         if resampled is None:
             return False
         self._merge((slice(None), slice(None)), resampled)
@@ -120,7 +120,7 @@ class NavigationMosaic:
                 np.copyto(values, new_values, where=selected, casting="same_kind")
         np.copyto(old, new, where=selected)
 
-    def _resampled(
+    def _resample_worst(
         self, geometry: GridGeometry, layers: Mapping[str, NDArray[Any]], T: UncertainTransform | None
     ) -> Layers | None:
         """Return layers of the window's shape with the worst value in each cell; None if no cell is

@@ -19,7 +19,7 @@ def _rows(values: ArrayLike, columns: int) -> NDArray[np.float64]:
     return np.asarray(values, dtype=np.float64).reshape(-1, columns)
 
 
-def _stacked(rows: list[NDArray[np.float64]], columns: int) -> NDArray[np.float64]:
+def _stack(rows: list[NDArray[np.float64]], columns: int) -> NDArray[np.float64]:
     return np.stack(rows) if rows else np.zeros((0, columns))
 
 
@@ -98,12 +98,12 @@ class CorrespondenceMap2DExt(_CorrespondenceMapExt):
     @property
     def sources_px(self) -> NDArray[np.float64]:
         """Points of the first image ``(n, 2)``."""
-        return _stacked([item.source for item in self.items], 2)
+        return _stack([item.source for item in self.items], 2)
 
     @property
     def sinks_px(self) -> NDArray[np.float64]:
         """Points of the second image ``(n, 2)``."""
-        return _stacked([item.sink for item in self.items], 2)
+        return _stack([item.sink for item in self.items], 2)
 
 
 class CorrespondenceMap3DExt(_CorrespondenceMapExt):
@@ -124,12 +124,12 @@ class CorrespondenceMap3DExt(_CorrespondenceMapExt):
     @property
     def sources_m(self) -> NDArray[np.float64]:
         """Points of the first cloud ``(n, 3)``, in its frame."""
-        return _stacked([item.source for item in self.items], 3)
+        return _stack([item.source for item in self.items], 3)
 
     @property
     def sinks_m(self) -> NDArray[np.float64]:
         """Points of the second cloud ``(n, 3)``, in its frame."""
-        return _stacked([item.sink for item in self.items], 3)
+        return _stack([item.sink for item in self.items], 3)
 
 
 class VisualPointFeatureVector2DExt(Message):
@@ -150,7 +150,7 @@ class VisualPointFeatureVector2DExt(Message):
     @property
     def points_px(self) -> NDArray[np.float64]:
         """Points ``(n, 2)``."""
-        return _stacked([item.point for item in self.items], 2)
+        return _stack([item.point for item in self.items], 2)
 
     @property
     def descriptors(self) -> NDArray[np.float32]:
@@ -187,7 +187,7 @@ class VisualPointFeatureVector3DExt(Message):
         """Positions ``(n, 3)``; NaN for a feature that refers to a cloud."""
         unknown = np.full(3, np.nan)
         positions = [item.point.value if item.point.kind == "position" else unknown for item in self.list]
-        return _stacked([np.asarray(row, dtype=np.float64) for row in positions], 3)
+        return _stack([np.asarray(row, dtype=np.float64) for row in positions], 3)
 
     @property
     def descriptors(self) -> NDArray[np.float32]:

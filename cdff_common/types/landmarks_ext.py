@@ -14,11 +14,11 @@ from cdff_common.types.columns import pack_squares
 from cdff_common.types.message import Message
 
 
-def _packed(descriptors: NDArray[Any] | None) -> types.Array3D:
+def _pack(descriptors: NDArray[Any] | None) -> types.Array3D:
     return types.Array3D() if descriptors is None else types.Array3D.from_array(np.asarray(descriptors))
 
 
-def _unpacked(descriptors: types.Array3D) -> NDArray[Any] | None:
+def _unpack(descriptors: types.Array3D) -> NDArray[Any] | None:
     return descriptors.array if descriptors.rows else None
 
 
@@ -62,7 +62,7 @@ class LandmarkMapExt(Message):
             np.asarray(positions_m, dtype=np.float64).reshape(-1, 3),
             pack_squares(covariances, len(numbers), 3, "LandmarkMap covariances"),
             np.zeros(0, np.uint32) if observations is None else np.asarray(observations),
-            _packed(descriptors),
+            _pack(descriptors),
         )
         metadata = types.LandmarkMapMetadata(
             producer_id=producer,
@@ -80,7 +80,7 @@ class LandmarkMapExt(Message):
     @property
     def descriptors(self) -> NDArray[Any] | None:
         """Descriptors ``(n, d)``; None if the map has none."""
-        return _unpacked(self.data.descriptors)
+        return _unpack(self.data.descriptors)
 
 
 class KeyFrameExt(Message):
@@ -112,7 +112,7 @@ class KeyFrameExt(Message):
             np.asarray(keypoints_px, dtype=np.float32).reshape(-1, 2),
             np.zeros(0, np.float32) if scales_px is None else np.asarray(scales_px),
             np.zeros(0, np.int64) if landmarks is None else np.asarray(landmarks),
-            _packed(descriptors),
+            _pack(descriptors),
         )
         metadata = types.KeyFrameMetadata(
             id=number,
@@ -127,4 +127,4 @@ class KeyFrameExt(Message):
     @property
     def descriptors(self) -> NDArray[Any] | None:
         """Descriptors ``(n, d)``; None if the keyframe has none."""
-        return _unpacked(self.data.descriptors)
+        return _unpack(self.data.descriptors)

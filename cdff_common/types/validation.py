@@ -81,7 +81,7 @@ def check_of(node: Node) -> Check:
             return lambda value, where: _real_array(value, where, dims)
         case Array(Boolean(), dims):
             return lambda value, where: read_only(
-                _shaped(_numbers(value, where, "b", "booleans").astype(np.bool_, copy=False), where, dims)
+                _with_shape(_numbers(value, where, "b", "booleans").astype(np.bool_, copy=False), where, dims)
             )
         case ListOf(element, low, high):
             check = check_of(element)
@@ -128,7 +128,7 @@ def _numbers(value: object, where: str, kinds: str, expected: str) -> NDArray[An
     return array
 
 
-def _shaped(array: NDArray[Any], where: str, dims: tuple[Bounds, ...]) -> NDArray[Any]:
+def _with_shape(array: NDArray[Any], where: str, dims: tuple[Bounds, ...]) -> NDArray[Any]:
     if array.size == 0 and array.ndim != len(dims) and dims[0][0] == 0:
         array = array.reshape((0, *(high if low == high else 0 for low, high in dims[1:])))
     fits = array.ndim == len(dims) and all(
@@ -145,7 +145,7 @@ def _real_array(value: object, where: str, dims: tuple[Bounds, ...]) -> NDArray[
         if array.dtype.kind not in "fiu" and array.size:
             raise InputError(f"{where}={_brief(value)}: dtype {array.dtype}, expected real numbers")
         array = array.astype(np.float64)
-    return read_only(_shaped(array, where, dims))
+    return read_only(_with_shape(array, where, dims))
 
 
 def _check_range(array: NDArray[Any], where: str, low: int, high: int) -> None:
@@ -160,7 +160,7 @@ def _integer_array(
     info = np.iinfo(dtype)
     if array.dtype != dtype or low > info.min or high < info.max:
         _check_range(array, where, low, high)
-    return read_only(_shaped(array.astype(dtype, copy=False), where, dims))
+    return read_only(_with_shape(array.astype(dtype, copy=False), where, dims))
 
 
 def _bytes_array(value: object, where: str, high: int) -> NDArray[np.uint8]:
@@ -177,7 +177,7 @@ def _bytes_array(value: object, where: str, high: int) -> NDArray[np.uint8]:
             array = array.astype(np.uint8)
     if array.ctypes.data % _ALIGNMENT:
         array = array.copy()
-    return read_only(_shaped(array, where, ((0, high),)))
+    return read_only(_with_shape(array, where, ((0, high),)))
 
 
 def _packed_array(value: object, where: str, dtype: np.dtype[Any], dims: tuple[Bounds, ...]) -> NDArray[Any]:
@@ -187,7 +187,7 @@ def _packed_array(value: object, where: str, dtype: np.dtype[Any], dims: tuple[B
         if dtype.kind in "iu":
             _check_range(array, where, int(np.iinfo(dtype).min), int(np.iinfo(dtype).max))
         array = array.astype(dtype)
-    return read_only(_shaped(array, where, dims))
+    return read_only(_with_shape(array, where, dims))
 
 
 def _integer(value: object, where: str, low: int, high: int) -> int:

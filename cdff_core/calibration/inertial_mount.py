@@ -123,7 +123,7 @@ def inertial_mount(
             f"{LEAST_WINDOWS}; drive longer",
             ("motion",),
         )
-    results = [_iterated(windows, start) for start in _starts(windows)]
+    results = [_fit_from(windows, start) for start in _starts(windows)]
     return min(results, key=lambda result: result[1])[0], offset_s
 
 
@@ -167,7 +167,7 @@ def _windows(
         inside = np.flatnonzero((t_imu >= start_s) & (t_imu <= at[-1] + _PERIOD_S))
         if len(inside) < 2 * len(at) or np.diff(t_imu[inside]).max() > _PERIOD_S:
             continue
-        velocity, rotation = _integrated(t_imu[inside], force[inside], rate[inside], at)
+        velocity, rotation = _integrate_window(t_imu[inside], force[inside], rate[inside], at)
         x, y = (
             (np.interp(at + span_s / 2, t_base, c) - np.interp(at - span_s / 2, t_base, c)) / span_s
             for c in position_m.T
@@ -203,7 +203,7 @@ def _without(line: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - line @ (line.T @ values))
 
 
-def _integrated(
+def _integrate_window(
     t: FloatArray, force: FloatArray, rate: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return velocities ``(k, 3)`` and the rotation vector ``(3,)`` in the axes at the start of a window."""
@@ -232,7 +232,7 @@ def _starts(windows: list[_Window]) -> list[FloatArray]:
     return [se3.exp_so3([0, 0, yaw]) @ level for yaw in np.arange(_STARTS) * 2 * np.pi / _STARTS]
 
 
-def _iterated(windows: list[_Window], R: FloatArray) -> tuple[Mount, float]:
+def _fit_from(windows: list[_Window], R: FloatArray) -> tuple[Mount, float]:
     """Return the mount from a start rotation and the cost of its residuals."""
     lever = np.zeros(3)
     for _ in range(_ITERATIONS):

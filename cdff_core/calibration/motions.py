@@ -71,7 +71,7 @@ def motion_pairs(
     for k, stamp_ns in enumerate(stamps):
         if stamp_ns - stamps[ends[-1]] >= interval_s * 1e9:
             ends.append(k)
-    at = _interpolated(base_ns, base, stamps[ends])
+    at = _interpolate_poses(base_ns, base, stamps[ends])
     first, second = se3.inverse(at[:-1]) @ at[1:], se3.inverse(poses[ends[:-1]]) @ poses[ends[1:]]
     # A motion is kept by the base's trajectory alone, so that noise of the sensor does not select.
     turned = se3.rotation_angle(first[:, :3, :3]) >= _LEAST_RAD
@@ -80,7 +80,9 @@ def motion_pairs(
     return MotionPairs(first[kept], second[kept], stamps[ends[1:]][kept])
 
 
-def _interpolated(stamps_ns: NDArray[np.int64], poses: FloatArray, at_ns: NDArray[np.int64]) -> FloatArray:
+def _interpolate_poses(
+    stamps_ns: NDArray[np.int64], poses: FloatArray, at_ns: NDArray[np.int64]
+) -> FloatArray:
     """Return the poses ``(k, 4, 4)`` at times within the trajectory, along geodesics."""
     right = np.clip(np.searchsorted(stamps_ns, at_ns), 1, len(stamps_ns) - 1)
     left = right - 1

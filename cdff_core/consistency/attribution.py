@@ -64,7 +64,7 @@ def rotation_suspects(
         groups = _groups_of(sensor, pairs, verticals)
         if not groups:
             continue
-        stacked = tuple(_stacked(group) for group in groups)
+        stacked = tuple(_stack_offsets(group) for group in groups)
         R = fitted_rotation(stacked)[0]
         gain = sum(float(group.log_likelihood(R) - group.log_likelihood(_EYE)) for group in groups)
         information = rotation_information(groups, R) / CORRELATION
@@ -119,6 +119,6 @@ def _groups_of(
     return tuple(groups)
 
 
-def _stacked(group: Moments) -> Moments:
+def _stack_offsets(group: Moments) -> Moments:
     """Return a group as one of a single time offset."""
     return Moments(group.n, group.aa[None], group.ab[None], group.bb[None], group.axes, group.floor)

@@ -77,7 +77,7 @@ def ground_plane(points_m: NDArray[np.floating], expected: FloatArray) -> Ground
     best = int(np.argmax(counts))
     if near.any() and counts[near].max() >= _EXPECTED_FRACTION * counts[best]:
         best = int(np.flatnonzero(near)[np.argmax(counts[near])])
-    return _fitted(points, limit_m, normals[best], float(offsets[best]))
+    return _fit_plane(points, limit_m, normals[best], float(offsets[best]))
 
 
 def _surroundings(points_m: NDArray[np.floating]) -> FloatArray:
@@ -94,7 +94,7 @@ def _surroundings(points_m: NDArray[np.floating]) -> FloatArray:
     return np.asarray(near[:: max(1, -(-len(near) // _POINTS))])
 
 
-def _fitted(
+def _fit_plane(
     points: FloatArray, limit_m: FloatArray, normal: FloatArray, offset_m: float
 ) -> GroundPlane | None:
     """Return the plane through its points, relative to the range of each point."""

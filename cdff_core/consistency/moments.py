@@ -126,7 +126,7 @@ def fitted_rotation(groups: tuple[Moments, ...]) -> FloatArray:
     starts = np.broadcast_to(cube[:, None], (len(cube), k, 3, 3))
     likelihood = total_log_likelihood(groups, starts)
     best = cube[np.argmax(likelihood, axis=0)]
-    refined = _refined(groups, np.stack([np.broadcast_to(np.eye(3), (k, 3, 3)), best]))
+    refined = _refine_rotations(groups, np.stack([np.broadcast_to(np.eye(3), (k, 3, 3)), best]))
     chosen = np.argmax(total_log_likelihood(groups, refined), axis=0)
     return np.asarray(refined[chosen, np.arange(k)])
 
@@ -136,7 +136,7 @@ def rotation_information(groups: tuple[Moments, ...], R: FloatArray) -> FloatArr
     return np.asarray(sum(group.normal_equations(R)[0] for group in groups))
 
 
-def _refined(groups: tuple[Moments, ...], R: FloatArray) -> FloatArray:
+def _refine_rotations(groups: tuple[Moments, ...], R: FloatArray) -> FloatArray:
     """Return rotations after Gauss-Newton steps."""
     for _ in range(_STEPS):
         information = np.eye(3) / PRIOR_RAD**2

@@ -219,10 +219,10 @@ class SensorMonitor:
         found += [finding for stream in self._streams.values() for finding in stream.findings()]
         found += self._frame_findings()
         present = {(finding.kind, finding.name): finding for finding in found if finding is not None}
-        self.findings = self._confirmed(present)
+        self.findings = self._confirm_findings(present)
         self._history |= {(finding.kind, finding.name): finding for finding in self.findings}
 
-    def _confirmed(self, present: Mapping[tuple[str, str], Finding]) -> tuple[Finding, ...]:
+    def _confirm_findings(self, present: Mapping[tuple[str, str], Finding]) -> tuple[Finding, ...]:
         """Return the findings of several tests in a row; they end after as many tests without them."""
         last = {(finding.kind, finding.name): finding for finding in self.findings}
         for key in {*present, *last, *self._counts}:

@@ -88,7 +88,7 @@ class ScanRotation:
         previous, self._previous = self._previous, sweep
         if previous is None:
             return None
-        rotation = _registered(_LocalPlanes(previous.points_m), sweep.points_m)
+        rotation = _register_rotation(_LocalPlanes(previous.points_m), sweep.points_m)
         if rotation is None:
             return None
         return se3.log_so3(previous.R_level_base.T @ rotation @ sweep.R_level_base)
@@ -135,7 +135,7 @@ def _cells(points_m: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     return np.where(inside, ij[:, 0] * _SIDE + ij[:, 1], 0), np.asarray(inside)
 
 
-def _registered(planes: _LocalPlanes, points_m: FloatArray) -> FloatArray | None:
+def _register_rotation(planes: _LocalPlanes, points_m: FloatArray) -> FloatArray | None:
     """Return the rotation (3, 3) from the axes of points to those of planes; None if they do not fit."""
     T, sigma_m = np.eye(4), np.inf
     for _ in range(_STEPS):

@@ -91,7 +91,7 @@ def pair_consistency(pair: FramePair, disparity: Frame) -> StereoConsistency:
 def compile_kernels() -> None:
     """Compile the kernels, so that the first pair takes no longer than the others."""
     image, point = np.zeros((48, 48), np.float32), np.full((1, 2), 24.0)
-    _aligned(image, image, point, point)
+    _align_patches(image, image, point, point)
 
 
 def stereo_consistency(left: ByteArray, right: ByteArray, disparity: Float32Array) -> StereoConsistency:
@@ -106,7 +106,7 @@ def stereo_consistency(left: ByteArray, right: ByteArray, disparity: Float32Arra
     if len(corners) < _MIN_CORNERS:
         return StereoConsistency(len(corners), float("nan"), float("nan"))
     start = points - np.column_stack([disparities, np.zeros(len(points))])
-    matches, scores = _aligned(smoothed(left), smoothed(right), points, start)
+    matches, scores = _align_patches(smoothed(left), smoothed(right), points, start)
     near = np.abs(matches[:, 0] - start[:, 0]) <= _MAX_DISTANCE_PX
     agrees = (scores >= _MIN_CORRELATION) & near
     row_error_px = _robust_rms(matches[agrees, 1] - points[agrees, 1])
@@ -128,7 +128,7 @@ def _corners(left: ByteArray) -> FloatArray:
     return np.zeros((0, 2)) if found is None else found[:, 0].astype(np.float64)
 
 
-def _aligned(
+def _align_patches(
     left: Float32Array, right: Float32Array, points: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions (n, 2) in the right image and correlations (n,); patches follow a slanted surface."""

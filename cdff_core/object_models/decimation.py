@@ -36,7 +36,7 @@ def decimated(
         cluster = _clusters(v, cell)
         kept = _kept_triangles(cluster[t])
         if len(kept) <= max_triangles:
-            best, largest = (_placed(v, t, cluster, cell), kept, cell), cell
+            best, largest = (_nearest_vertices(v, t, cluster, cell), kept, cell), cell
             if len(kept) > 0.8 * max_triangles:
                 break
         else:
@@ -61,7 +61,7 @@ def _kept_triangles(t: IntArray) -> IntArray:
     return np.ascontiguousarray(t[np.sort(first)])
 
 
-def _placed(v: FloatArray, t: IntArray, cluster: IntArray, cell: float) -> FloatArray:
+def _nearest_vertices(v: FloatArray, t: IntArray, cluster: IntArray, cell: float) -> FloatArray:
     """Return the vertex of each cluster that is nearest to the planes of its triangles."""
     count = int(cluster.max()) + 1
     size = np.bincount(cluster, minlength=count)

@@ -212,7 +212,7 @@ class DepthDetector:
         reasons: list[str] = [] if parts else ["no_part"]
         for rows in parts[: cfg.max_parts]:
             try:
-                found.append(self._examined(name, model, scene, flat[rows]))
+                found.append(self._examine_part(name, model, scene, flat[rows]))
             except RefusedError as error:
                 reasons += error.reasons
         if not found:
@@ -229,7 +229,7 @@ class DepthDetector:
         points = np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=-1)
         return np.asarray(points @ self._R.T)
 
-    def _examined(
+    def _examine_part(
         self, name: str, model: ModelPreparationOutputs, scene: _Scene, part_m: FloatArray
     ) -> DepthDetection:
         """Return the detection in one part (n, 3); raises RefusedError."""
@@ -243,13 +243,15 @@ class DepthDetector:
         detector = ScanDetector(self._search, self._refine, limits)
         step = -(-len(part_m) // _PART_POINTS)
         hypotheses = detector.detect(name, model, np.ascontiguousarray(part_m[::step]), {})
-        checked = [self._checked(model, scene, part_m, hypothesis, sigma_m) for hypothesis in hypotheses]
+        checked = [
+            self._check_hypothesis(model, scene, part_m, hypothesis, sigma_m) for hypothesis in hypotheses
+        ]
         checked.sort(key=lambda pair: -pair[0].score)
         best = checked[0][0]
         centre_m = best.T[:3, :3] @ model.centre_m + best.T[:3, 3]
         return DepthDetection([hypothesis for hypothesis, _ in checked], checked[0][1], centre_m)
 
-    def _checked(
+    def _check_hypothesis(
         self,
         model: ModelPreparationOutputs,
         scene: _Scene,

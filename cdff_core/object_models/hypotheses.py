@@ -71,11 +71,11 @@ def find_hypotheses(
     diameter_m = surface.diameter_m
     starts = start_poses(np.median(scan_m, axis=0), view_directions, view_centroids_m, rolls)
     first = np.geomspace(_FIRST_SCALE, _MIDDLE_SCALE, _FIRST_ITERATIONS) * diameter_m
-    poses, costs = _registered(starts, _sample(scan_m, _FIRST_POINTS, rng), surface, first)
+    poses, costs = _register(starts, _sample(scan_m, _FIRST_POINTS, rng), surface, first)
     rows = distinct(poses, np.argsort(costs, kind="stable"), count)
     last_m = max(_SIGMAS * sigma_m, _LAST_SCALE * diameter_m)
     second = np.geomspace(max(_MIDDLE_SCALE * diameter_m, last_m), last_m, _SECOND_ITERATIONS)
-    poses, costs = _registered(poses[rows], _sample(scan_m, _SECOND_POINTS, rng), surface, second)
+    poses, costs = _register(poses[rows], _sample(scan_m, _SECOND_POINTS, rng), surface, second)
     order = np.argsort(costs, kind="stable")
     return poses[order], costs[order]
 
@@ -110,7 +110,7 @@ def distinct(poses: FloatArray, order: np.ndarray, count: int) -> list[int]:
     return rows
 
 
-def _registered(
+def _register(
     poses: FloatArray, scan_m: FloatArray, surface: SurfaceModel, scales_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     return register(poses, scan_m, surface.points_m, surface.normals, surface.grid, scales_m)

@@ -190,17 +190,17 @@ class ImageTracking(BodyTracking):
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
         """Track the body in an image, with the depth image of its time if there is one."""
-        return self._tracked(self._pairing.add(sample))
+        return self._track_views(self._pairing.add(sample))
 
     def on_depth(self, sample: Sample) -> Iterable[Output]:
         """Track the body in a depth image, with the image of its time if there is one."""
-        return self._tracked(self._pairing.add(sample))
+        return self._track_views(self._pairing.add(sample))
 
     def finish(self) -> Iterable[Output]:
         """Track the body in a sample that still waits for another one."""
-        return self._tracked(self._pairing.take_waiting())
+        return self._track_views(self._pairing.take_waiting())
 
-    def _tracked(self, views: list[RgbdSamples]) -> list[Output]:
+    def _track_views(self, views: list[RgbdSamples]) -> list[Output]:
         return [output for view in views for output in self._track(view)]
 
     def _track(self, view: RgbdSamples) -> Iterator[Output]:

@@ -130,7 +130,7 @@ class PoseRefiner:
         """
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)
-        found = [self._searched(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
+        found = [self._search(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
         return sorted(found, key=lambda refined: refined.cost)
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
@@ -176,7 +176,7 @@ class PoseRefiner:
             vectors = np.concatenate([vectors, mean + self._rng.standard_normal((_SAMPLES, 6)) @ root.T])
             costs = np.concatenate([costs, self._costs(change, vectors[-_SAMPLES:])])
             density = np.logaddexp.reduce([_log_density(vectors, *p) for p in proposals])
-            weights = _tempered(-0.5 / _TEMPERATURE * (costs - costs.min()) - density)
+            weights = _temper_weights(-0.5 / _TEMPERATURE * (costs - costs.min()) - density)
             mean = weights @ vectors
             offset = vectors - mean
             spread = (offset.T * weights) @ offset + 1e-3 * np.eye(6)
@@ -186,7 +186,7 @@ class PoseRefiner:
         covariance = share * refined.covariance + (1.0 - share) * change.covariance(spread)
         return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
 
-    def _searched(self, T: FloatArray) -> Refined:
+    def _search(self, T: FloatArray) -> Refined:
         T, covariance = self.registered(T)
         change = PoseChange(T, self._centre_m, covariance)
         mean, _, _ = minimise(
@@ -234,7 +234,7 @@ def _log_density(vectors: FloatArray, mean: FloatArray, root: FloatArray) -> Flo
     return np.asarray(-0.5 * np.sum(whitened**2, axis=0) - np.log(np.diag(root)).sum())
 
 
-def _tempered(log_weights: FloatArray) -> FloatArray:
+def _temper_weights(log_weights: FloatArray) -> FloatArray:
     """Return weights (k,) with sum 1 that at least ``_MIN_EFFECTIVE`` samples share."""
     power = 1.0
     while True:

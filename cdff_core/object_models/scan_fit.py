@@ -100,7 +100,7 @@ class ScanFitter:
             J, prior = np.hstack([J, delay[:, None]]), np.pad(prior, (0, 1))
             prior[-1, -1] = delay_sigma_s**2
         for _ in range(_MAX_ROUNDS if duration_s > 0.0 else 1):
-            moved_m = self._moved(state, points_m, times_s)
+            moved_m = self._move_points(state, points_m, times_s)
             outputs = self._register.process(
                 ModelRegistrationInputs(
                     scan=moved_m,
@@ -133,7 +133,7 @@ class ScanFitter:
             outputs.in_front,
         )
 
-    def _moved(self, state: TrackedState, points_m: FloatArray, times_s: FloatArray) -> FloatArray:
+    def _move_points(self, state: TrackedState, points_m: FloatArray, times_s: FloatArray) -> FloatArray:
         """Return the points (n, 3) moved with the body to the time of the state."""
         if self._deskew is None or not times_s.any():
             return points_m

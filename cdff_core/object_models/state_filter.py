@@ -164,14 +164,14 @@ def adapted(predicted: TrackedState, corrected: TrackedState) -> TrackedState:
         is_informed = values > _LEAST_DECREASE * np.diag(predicted.covariance)[rows].max()
         squares = (vectors.T @ error[rows])[is_informed] ** 2 / values[is_informed]
         excess.append(float(np.mean(squares)) - 1.0 if is_informed.any() else 0.0)
-    return replace(corrected, noise_scales=_scaled(predicted.noise_scales, np.array(excess)))
+    return replace(corrected, noise_scales=_scale_noise(predicted.noise_scales, np.array(excess)))
 
 
 def with_rejection(predicted: TrackedState) -> TrackedState:
     """Return the state after a measurement beyond the gate: the noise of its accelerations grows."""
-    return replace(predicted, noise_scales=_scaled(predicted.noise_scales, np.full(2, _MAX_EXCESS)))
+    return replace(predicted, noise_scales=_scale_noise(predicted.noise_scales, np.full(2, _MAX_EXCESS)))
 
 
-def _scaled(scales: FloatArray, excess: FloatArray) -> FloatArray:
+def _scale_noise(scales: FloatArray, excess: FloatArray) -> FloatArray:
     changed = scales * np.exp(_GAIN * np.clip(excess, -1.0, _MAX_EXCESS))
     return np.asarray(np.clip(changed, _MIN_SCALE, _MAX_SCALE))

@@ -91,7 +91,7 @@ def symmetry_group(surface: VisibleSurface, grid: NearestGrid, tolerance: float)
             across = [T for T in found if T[:3, :3] @ axis @ axis < -0.99]
             flipped = [across[0] @ T for T in sampled] if across else []
             return SymmetryGroup(np.stack([*sampled, *flipped]), axis)
-    return SymmetryGroup(np.stack(_completed(found, tester)))
+    return SymmetryGroup(np.stack(_close_under_products(found, tester)))
 
 
 class _SurfaceTest:
@@ -116,7 +116,7 @@ class _SurfaceTest:
         return bool(np.mean(on_surface) >= _FRACTION)
 
 
-def _completed(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
+def _close_under_products(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
     """Return the transforms with the products of two of them that are symmetries as well."""
     group = list(found)
     for first in range(_MAX_GROUP):

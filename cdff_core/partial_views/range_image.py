@@ -81,10 +81,10 @@ def range_image(points_m: FloatArray) -> RangeImage | None:
     nearest = minimum_filter(depth, _WINDOW)
     if np.mean(p[:, 2] > (1.0 + _BEHIND) * nearest[row, column]) > _MAX_HIDDEN:
         return None
-    return RangeImage(R, _filled(depth), low, pixel, step)
+    return RangeImage(R, _fill_gaps(depth), low, pixel, step)
 
 
-def _filled(depth: FloatArray) -> FloatArray:
+def _fill_gaps(depth: FloatArray) -> FloatArray:
     """Return the image with empty pixels replaced by the median of enough measured neighbours."""
     padded = np.pad(np.where(np.isfinite(depth), depth, np.nan), 1, constant_values=np.nan)
     row, column = np.nonzero(~np.isfinite(depth))

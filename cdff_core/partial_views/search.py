@@ -160,7 +160,7 @@ class ViewSearch:
         found: list[ViewCandidate] = []
         for side in self._model.sides:
             poses = vote(side.table, self._points, self._normals, references, start, index, self._cfg.peaks)
-            found += self._refined(side, poses)
+            found += self._refine_poses(side, poses)
         return sorted(found, key=lambda candidate: -candidate.score)
 
     def resolves(self, factor: float) -> bool:
@@ -217,7 +217,7 @@ class ViewSearch:
         start, index = radius_neighbours(points[partners], points[references], 0.9 * diameter_m)
         return references, start, partners[index]
 
-    def _refined(self, side: ModelSide, poses: FloatArray) -> list[ViewCandidate]:
+    def _refine_poses(self, side: ModelSide, poses: FloatArray) -> list[ViewCandidate]:
         """Return the best distinct poses after refinement."""
         diameter_m, cfg = self._model.diameter_m, self._cfg
         if not len(poses):

@@ -58,7 +58,7 @@ def named_by_tests(root: Path) -> dict[str, list[str]]:
     tests_of: dict[str, list[str]] = {}
     for path in sorted((root / "tests").rglob("test_*.py")):
         name = path.relative_to(root).as_posix()
-        for test, requirement in _named(ast.parse(path.read_text(encoding="utf-8"))):
+        for test, requirement in _test_requirements(ast.parse(path.read_text(encoding="utf-8"))):
             tests_of.setdefault(requirement, []).append(f"{name}::{test}")
     return {requirement: sorted(set(tests)) for requirement, tests in tests_of.items()}
 
@@ -86,7 +86,7 @@ def faults(root: Path, *, verified: bool = False) -> list[str]:
         if r.id not in tests
     ]
     if verified:
-        passed = _passed(root)
+        passed = _passed_tests(root)
         found_faults += [
             f"{r.id}: no test of it passed in the last run (build/traceability.json)"
             for r in to_be_tested
@@ -95,7 +95,7 @@ def faults(root: Path, *, verified: bool = False) -> list[str]:
     return found_faults
 
 
-def _passed(root: Path) -> set[str]:
+def _passed_tests(root: Path) -> set[str]:
     path = root / "build" / "traceability.json"
     try:
         outcomes = json.loads(path.read_text(encoding="utf-8"))
@@ -104,7 +104,7 @@ def _passed(root: Path) -> set[str]:
     return {i for entry in outcomes.values() if entry["outcome"] == "passed" for i in entry["requirements"]}
 
 
-def _named(tree: ast.Module) -> Iterator[tuple[str, str]]:
+def _test_requirements(tree: ast.Module) -> Iterator[tuple[str, str]]:
     """Yield ``(test, requirement)`` of a module, from decorators of its functions and from ``pytestmark``."""
     of_module = [i for node in tree.body if _is_pytestmark(node) for i in _ids(node)]
     for node in tree.body:

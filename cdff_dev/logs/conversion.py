@@ -146,13 +146,13 @@ def convert_log(
             stream, value, header = sample.stream, sample.value, sample.header
             if is_infuse:
                 stream, value = names.streams[stream].to, with_texts(value, names.frames)
-                header = _renamed(header, names.frames)
+                header = _rename(header, names.frames)
             sink.write(stream, value, sample.stamp_ns, header)
             written[sample.stream] += 1
     return ConversionReport(written, sink.losses, sink.substitutes, log.unconverted)
 
 
-def _renamed(header: Header | None, frames: Mapping[str, str]) -> Header | None:
+def _rename(header: Header | None, frames: Mapping[str, str]) -> Header | None:
     if header is None or not frames:
         return header
     child = None if header.child is None else frames.get(header.child, header.child)

@@ -71,11 +71,11 @@ class JoinedLog(LogSource):
         InputError
             If a stream is in no log.
         """
-        return self._merged(streams, lambda log, names: log.samples(names))
+        return self._merge_samples(streams, lambda log, names: log.samples(names))
 
     def samples_from(self, stamp_ns: int, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples from a stamp on, in the order of ``samples``."""
-        return self._merged(streams, lambda log, names: log.samples_from(stamp_ns, names))
+        return self._merge_samples(streams, lambda log, names: log.samples_from(stamp_ns, names))
 
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams."""
@@ -93,7 +93,7 @@ class JoinedLog(LogSource):
         for log in self._parts.values():
             log.close()
 
-    def _merged(
+    def _merge_samples(
         self,
         streams: Collection[str] | None,
         samples_of: Callable[[LogSource, Sequence[str]], Iterator[LogSample]],

@@ -138,7 +138,7 @@ class RestoredLog(LogSource):
 
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams."""
-        found = [self._restored(s) for s in self._log.first_samples(self._names_of(streams)).values()]
+        found = [self._restore(s) for s in self._log.first_samples(self._names_of(streams)).values()]
         return {sample.stream: sample for sample in found}
 
     def _names_of(self, streams: Collection[str] | None) -> list[str]:
@@ -152,11 +152,11 @@ class RestoredLog(LogSource):
             if together and together[0][2].stamp_ns < sample.stamp_ns:
                 yield from (item[2] for item in sorted(together, key=lambda item: item[:2]))
                 together = []
-            restored = self._restored(sample)
+            restored = self._restore(sample)
             together.append((restored.stream, restored.seq, restored))
         yield from (item[2] for item in sorted(together, key=lambda item: item[:2]))
 
-    def _restored(self, sample: LogSample) -> LogSample:
+    def _restore(self, sample: LogSample) -> LogSample:
         name, type_name = self._original[sample.stream]
         value = restored_value(sample.value, type_name)
         if sample.type_name not in _WITHOUT_FRAMES:
@@ -217,14 +217,14 @@ def with_mount(value: Any, row: Sequence[float] | None) -> Any:
     pose = TransformWithCovarianceData(np.array(row[:3]), np.array(row[3:7]), np.reshape(row[7:], (6, 6)))
     T = TransformWithCovariance(data=pose).transform
     if isinstance(value, Frame):
-        return _mounted(value, T)
+        return _with_mount(value, T)
     T_left_right = np.eye(4)
     T_left_right[0, 3] = value.baseline
     T_right = T @ UncertainTransform.exact(T_left_right)
-    return replace(value, left=_mounted(value.left, T), right=_mounted(value.right, T_right))
+    return replace(value, left=_with_mount(value.left, T), right=_with_mount(value.right, T_right))
 
 
-def _mounted(value: Frame, T_robot_sensor: UncertainTransform) -> Frame:
+def _with_mount(value: Frame, T_robot_sensor: UncertainTransform) -> Frame:
     robot_sensor, fixed_robot = mounting(T_robot_sensor, None, value.frame, value.metadata.time_stamp.ns)
     extrinsic = FrameExtrinsicT(
         pose_robot_frame_sensor_frame=robot_sensor, pose_fixed_frame_robot_frame=fixed_robot

@@ -64,9 +64,9 @@ class Guidance:
             np.abs(start - position_m).max() <= 0.5 * ground.geometry.resolution_m
         ):  # the rover is in the start cell
             path[0] = position_m
-            path = _straightened(ground, path)
+            path = _straighten(ground, path)
         else:
-            path = np.vstack([position_m, _straightened(ground, path)])
+            path = np.vstack([position_m, _straighten(ground, path)])
         path = _shorten(_up_to_sharp_turn(path), self._leg_m)
         self._ends.append(path[-1])
         return path
@@ -107,7 +107,7 @@ def _nearest_free(ground: NavigationMap, position_m: FloatArray, within_m: float
     return np.array([x[best], y[best]])
 
 
-def _straightened(ground: NavigationMap, path: FloatArray) -> FloatArray:
+def _straighten(ground: NavigationMap, path: FloatArray) -> FloatArray:
     """Return the path with fewer corners: straight segments whose highest cost does not exceed the path's."""
     g, classes = ground.geometry, ground.layer("class")
     cost = np.where(np.isin(classes, _FREE), np.nan_to_num(ground.layer("cost"), nan=1.0), np.inf)

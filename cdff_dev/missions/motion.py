@@ -63,7 +63,7 @@ def motion_along_path(
     wheel_relief : Relief
         Terrain smoothed over the footprint of a wheel.
     """
-    xy, path_heading_rad = _rounded(path_m)
+    xy, path_heading_rad = _round_corners(path_m)
     s = path_lengths_m(xy)
     # Each metre is weighted by the factor by which the speed on it is reduced.
     slowdown = np.clip(speed_m_s / _BEND_RAD_S * np.abs(np.gradient(path_heading_rad, s)), 1.0, _MAX_SLOWDOWN)
@@ -97,7 +97,7 @@ def sharpest_turn_rad(path_m: FloatArray) -> float:
     return float(turns.max(initial=0.0))
 
 
-def _rounded(path_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _round_corners(path_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return positions about every ``_STEP_M`` along the path with rounded corners, and their headings."""
     is_distinct = np.concatenate([[True], np.linalg.norm(np.diff(path_m, axis=0), axis=1) > 1e-6])
     corners = path_m[is_distinct]

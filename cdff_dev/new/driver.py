@@ -79,17 +79,19 @@ def driver_text(kind: str, names: SensorNames) -> str:
         if name is not None and not re.fullmatch(pattern, name):
             raise InputError(f"{what} {name!r}: expected a name of a profile, a-z, 0-9 and _")
     text = files("cdff_dev.new.drivers").joinpath(f"{kind}.py").read_text(encoding="utf-8")
-    text = _replaced(r'^(ROBOT = )"\w+"', rf'\g<1>"{names.robot}"', _LICENCE.sub("", text))
+    text = _replace_once(r'^(ROBOT = )"\w+"', rf'\g<1>"{names.robot}"', _LICENCE.sub("", text))
     if names.sensor is not None:
-        text = _replaced(r'^(SENSOR = )"\w+"', rf'\g<1>"{names.sensor}"', text)
+        text = _replace_once(r'^(SENSOR = )"\w+"', rf'\g<1>"{names.sensor}"', text)
     if names.stream is not None:
-        text = _replaced(r'(Sensor\(f"\{SENSOR\}/)\w+"', rf'\g<1>{names.stream}"', text)
+        text = _replace_once(r'(Sensor\(f"\{SENSOR\}/)\w+"', rf'\g<1>{names.stream}"', text)
     if names.frame is not None:
-        text = _replaced(r'^(FRAME = |PARENT, CHILD = f"[^"]*", )f"[^"]*"', rf'\g<1>"{names.frame}"', text)
+        text = _replace_once(
+            r'^(FRAME = |PARENT, CHILD = f"[^"]*", )f"[^"]*"', rf'\g<1>"{names.frame}"', text
+        )
     return text
 
 
-def _replaced(pattern: str, replacement: str, text: str) -> str:
+def _replace_once(pattern: str, replacement: str, text: str) -> str:
     """Return a template with the one place of a pattern replaced."""
     text, count = re.subn(pattern, replacement, text, count=1, flags=re.MULTILINE)
     assert count == 1, f"a template of a driver has no {pattern}"

@@ -140,10 +140,10 @@ def robots_of_log(log: LogSource, path: str) -> list[RobotDraft]:
         streams = ", ".join(log.streams) or "no streams"
         raise InputError(f"{path}: expected a stream /robot/sensor.stream with samples; it has {streams}")
     graph = mounts(log)
-    return [RobotDraft(robot, _mounted(robot, sensors, graph)) for robot, sensors in robots.items()]
+    return [RobotDraft(robot, _with_mounts(robot, sensors, graph)) for robot, sensors in robots.items()]
 
 
-def _mounted(robot: str, sensors: Sequence[SensorDraft], graph: FrameGraph) -> list[SensorDraft]:
+def _with_mounts(robot: str, sensors: Sequence[SensorDraft], graph: FrameGraph) -> list[SensorDraft]:
     """Return sensors with the mounts that the log states, in the base or the frame of another sensor."""
     parents = {f"{robot}/base", *(s.child for s in sensors), *(s.frame for s in sensors)}
     drafts = []

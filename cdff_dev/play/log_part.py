@@ -64,7 +64,7 @@ class LogPart(LogSource):
             raise InputError(
                 f"--start {start}, --duration {duration_s}: the log has {(last_ns - first_ns) / 1e9:g} s"
             )
-        self._infos = {name: self._restricted(name, info) for name, info in infos.items()}
+        self._infos = {name: self._restrict_streams(name, info) for name, info in infos.items()}
         self.left_out = [
             n for n, i in infos.items() if is_static(n) and self._infos[n].is_empty != i.is_empty
         ]
@@ -95,7 +95,7 @@ class LogPart(LogSource):
         """Close the files."""
         self._log.close()
 
-    def _restricted(self, name: str, info: StreamInfo) -> StreamInfo:
+    def _restrict_streams(self, name: str, info: StreamInfo) -> StreamInfo:
         if self._t0_ns <= info.t0_ns and info.t1_ns <= self._t1_ns:
             return info
         stamps_ns = self._log.stamps_ns(name)

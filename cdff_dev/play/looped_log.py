@@ -71,7 +71,7 @@ class LoopedLog(LogSource):
             start_ns = max(stamp_ns - lap * self._period_ns, self._t0_ns)
             for sample in self._log.samples_from(start_ns, streams):
                 done = T_lap.get(sample.stream)
-                value = sample.value if done is None else _continued(sample, done)
+                value = sample.value if done is None else _continue_odometry(sample, done)
                 yield self._later(sample, value, lap, counts[sample.stream])
             if not self.is_repeated:
                 return
@@ -118,11 +118,11 @@ class LoopedLog(LogSource):
                 t1_ns=header.t1_ns + shift_ns,
             )
         return dataclasses.replace(
-            sample, stamp_ns=stamp_ns, seq=seq, value=_shifted(value, shift_ns // 1000), header=header
+            sample, stamp_ns=stamp_ns, seq=seq, value=_shift_times(value, shift_ns // 1000), header=header
         )
 
 
-def _continued(sample: LogSample, done: UncertainTransform) -> TransformWithCovariance:
+def _continue_odometry(sample: LogSample, done: UncertainTransform) -> TransformWithCovariance:
     """Return a pose of odometry after the motion ``done`` of the previous laps."""
     pose: TransformWithCovariance = sample.value
     moved = TransformWithCovariance.from_transform(
@@ -131,12 +131,12 @@ def _continued(sample: LogSample, done: UncertainTransform) -> TransformWithCova
     return dataclasses.replace(pose, data=moved.data)
 
 
-def _shifted(value: Any, shift_us: int) -> Any:
+def _shift_times(value: Any, shift_us: int) -> Any:
     """Return a message with all its times later; an unset time stays."""
     if isinstance(value, Time):
         return Time(value.microseconds + shift_us, value.usec_per_sec) if value.microseconds else value
     if not dataclasses.is_dataclass(value) or isinstance(value, type):
         return value
     fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-    changed = {name: new for name, old in fields.items() if (new := _shifted(old, shift_us)) is not old}
+    changed = {name: new for name, old in fields.items() if (new := _shift_times(old, shift_us)) is not old}
     return dataclasses.replace(value, **changed) if changed else value

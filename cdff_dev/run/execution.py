@@ -89,7 +89,7 @@ def _run_dfn(
     interface = importlib.import_module(f"{registry.dfns[folder].package}.{folder}.interface")
     inputs = getattr(interface, f"{description.name}Inputs")(**read_inputs(description.input_ports, files))
     result = Result(folder, description.output_ports)
-    with _measured(result):
+    with _measure_duration(result):
         outputs = node.process(inputs)
     if result.quality.status is Status.FAILED:
         return result
@@ -110,7 +110,7 @@ def _run_dfpc(
     batches = read_sequence(dfpc.description.input_ports, files)
     result = Result(folder, dfpc.description.output_ports)
     outputs: list[Output] = []
-    with _measured(result):
+    with _measure_duration(result):
         for seq, values in enumerate(batches):
             for sample in _samples(values, seq):
                 outputs += dfpc.step(sample)
@@ -154,7 +154,7 @@ def _merged_quality(qualities: list[Quality]) -> Quality:
 
 
 @contextmanager
-def _measured(result: Result) -> Iterator[None]:
+def _measure_duration(result: Result) -> Iterator[None]:
     """Store the duration of the block in the result; a RefusedError in it makes the result FAILED."""
     start_s, cpu_start_s = time.perf_counter(), time.process_time()
     try:

@@ -76,7 +76,7 @@ def read_sequence(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]
         As ``read_inputs``, or if the numbers of files differ.
     """
     port_by_name = {name: port for port in ports for name in _names(port)}
-    lists = {name: _expanded(port_by_name.get(name), texts) for name, texts in files.items()}
+    lists = {name: _expand_patterns(port_by_name.get(name), texts) for name, texts in files.items()}
     single = {n: t for n, t in lists.items() if not getattr(port_by_name.get(n), "repeated", False)}
     counts = {name: len(texts) for name, texts in single.items() if len(texts) > 1}
     if len(set(counts.values())) > 1:
@@ -100,7 +100,7 @@ def _names(port: Port) -> tuple[str, ...]:
     return port.name, port.attribute, *getattr(port, "aliases", ())
 
 
-def _expanded(port: Port | None, texts: str | Sequence[str]) -> list[str]:
+def _expand_patterns(port: Port | None, texts: str | Sequence[str]) -> list[str]:
     """Return the files of a port; patterns of a port of sensor data are replaced by the files."""
     found: list[str] = []
     for text in [texts] if isinstance(texts, str) else texts:

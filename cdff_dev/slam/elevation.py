@@ -75,7 +75,7 @@ def map_elevation(
     stream = estimation.run["streams"][method.port]
     robot = stream.split("/")[1]
     T_base_child = _T_BASE_CAMERA if method.port == "stereo" and profile is None else np.eye(4)
-    dfpc = _configured(estimation, robot, resolution_m, profile, T_base_child)
+    dfpc = _configure_dfpc(estimation, robot, resolution_m, profile, T_base_child)
     poses = _poses(estimation, robot, T_base_child)
     progress = Progress(log.streams[stream].count, method.unit)
     runner, patches = Runner(dfpc), list[Product]()
@@ -94,7 +94,7 @@ def map_elevation(
     return Elevation(elevation, T_start_origin, _summary(dfpc, elevation, patches, reasons))
 
 
-def _configured(
+def _configure_dfpc(
     estimation: Estimation, robot: str, resolution_m: float, profile: str | None, T_base_child: se3.FloatArray
 ) -> Dfpc:
     dfpc = Registry.default().make_dfpc(ELEVATION_DFPC)

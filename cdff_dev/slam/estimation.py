@@ -147,7 +147,7 @@ def estimate(
         )
     sensor = sensor_stream(method, log, stream)
     robot = robot_of({sensor: types[sensor]}, None)
-    dfpc = _configured(method, robot, profile)
+    dfpc = _configure_dfpc(method, robot, profile)
     chosen = {method.port: sensor}
     if method is RGBD_SLAM:
         chosen["depth"] = depth_stream(log, sensor)
@@ -241,7 +241,7 @@ def too_many_failed(statuses: Mapping[str, int]) -> bool:
     return statuses.get("FAILED", 0) > _MAX_FAILED * sum(statuses.values())
 
 
-def _configured(method: Method, robot: str, profile: str | None) -> Dfpc:
+def _configure_dfpc(method: Method, robot: str, profile: str | None) -> Dfpc:
     dfpc = Registry.default().make_dfpc(method.dfpc)
     context, parameters, implementation = DfpcContext(robot), {}, None
     if profile is not None:

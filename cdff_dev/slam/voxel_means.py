@@ -32,7 +32,7 @@ class VoxelMeans:
         """Add points ``(n, 3)`` with values ``(n,)``."""
         points, column = np.asarray(points_m, np.float64), np.asarray(values, np.float64)
         rows = np.column_stack([points, column, np.ones(len(points))])
-        self._pending.append(self._merged(rows))
+        self._pending.append(self._sum_voxels(rows))
         if sum(map(len, self._pending)) > max(len(self._sums), 100_000):
             self._merge()
 
@@ -42,12 +42,12 @@ class VoxelMeans:
         return self._sums[:, :3] / self._sums[:, 4:], self._sums[:, 3] / self._sums[:, 4]
 
     def _merge(self) -> None:
-        self._sums, self._pending = self._merged(np.concatenate([self._sums, *self._pending])), []
+        self._sums, self._pending = self._sum_voxels(np.concatenate([self._sums, *self._pending])), []
         while len(self._sums) > _MAX_VOXELS:
             self.edge_m *= 2.0
-            self._sums = self._merged(self._sums)
+            self._sums = self._sum_voxels(self._sums)
 
-    def _merged(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _sum_voxels(self, sums: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums of all rows of each voxel."""
         index = np.floor(sums[:, :3] / (sums[:, 4:] * self.edge_m)).astype(np.int64) + (1 << (_BITS - 1))
         x, y, z = index.clip(0, (1 << _BITS) - 1).T

@@ -49,7 +49,7 @@ class Deriver:
         if not self._names or not isinstance(sample.value, (Frame, FramePair)):
             return []
         try:
-            return [*self._derived(sample)]
+            return [*self._derive(sample)]
         except CdffError as error:
             self._refused[str(error)] += 1
             return []
@@ -59,7 +59,7 @@ class Deriver:
         for reason, count in self._refused.items():
             logger.warning("nothing derived from %d images: %s", count, reason)
 
-    def _derived(self, sample: LogSample) -> Iterator[LogSample]:
+    def _derive(self, sample: LogSample) -> Iterator[LogSample]:
         value: Any = sample.value
         image: Frame = value.left if isinstance(value, FramePair) else value
         if FEATURES in self._names:

@@ -41,7 +41,7 @@ class Overlays:
         drawing = layer.drawing
         if isinstance(drawing, Picture):
             yield stamp_ns, self._placed_picture(layer, drawing)
-            yield from self._released(layer.frame)
+            yield from self._release(layer.frame)
         elif isinstance(drawing, (Marks, Rectangles)) and layer.frame:
             if (camera := self._cameras.get(layer.frame)) is None:
                 self._waiting[layer.path] = (stamp_ns, layer)
@@ -63,7 +63,7 @@ class Overlays:
             return layer
         return replace(layer, drawing=replace(picture, picture=camera.path))
 
-    def _released(self, frame: str) -> Iterator[tuple[int, Layer]]:
+    def _release(self, frame: str) -> Iterator[tuple[int, Layer]]:
         for path, (stamp_ns, layer) in list(self._waiting.items()):
             if layer.frame == frame:
                 del self._waiting[path]

@@ -290,8 +290,8 @@ def candidates(index: str) -> Select[Any]:
 
 def candidate_values(boxes: Sequence[IndexBox], t_s: tuple[float, float]) -> dict[str, float | str]:
     """Return the parameters of ``candidates``; times in seconds since the epoch, may be infinite."""
-    sides = [[bucket * _BUCKET + _BUCKET / 4, *(_clamped(v) for v in box)] for bucket, box in boxes]
-    t0, t1 = (_clamped(t * _PER_S) for t in t_s)
+    sides = [[bucket * _BUCKET + _BUCKET / 4, *(_clamp_bound(v) for v in box)] for bucket, box in boxes]
+    t0, t1 = (_clamp_bound(t * _PER_S) for t in t_s)
     return {"candidate_boxes": json.dumps(sides), "candidate_t0": t0, "candidate_t1": t1}
 
 
@@ -311,7 +311,7 @@ def candidates_between(
     rows: list[tuple[int, float]] = []
     for bucket, b in boxes:
         middle = bucket * _BUCKET + _BUCKET / 4
-        sides = [_clamped(b[side]) for side in (3, 0, 4, 1, 5, 2)]
+        sides = [_clamp_bound(b[side]) for side in (3, 0, 4, 1, 5, 2)]
         values = (middle, middle, *sides, *times, -1 if limit is None else limit + 1)
         rows += driver.execute(statement, values).fetchall()
     return list(set(rows)) if len(boxes) > 1 else rows
@@ -338,7 +338,7 @@ def _rounding(value: float) -> float:
     return abs(value) * 3e-7 + 1e-6
 
 
-def _clamped(value: float) -> float:
+def _clamp_bound(value: float) -> float:
     """Return the value, with an infinite bound replaced by a finite one, which the index needs."""
     return max(-_LARGEST_BOUND, min(_LARGEST_BOUND, value))
 

@@ -201,7 +201,7 @@ class PoseTable:
         for row in rows:
             T = tree.find(frame, row.parent)
             if T is not None:
-                pose = _stamped(row)
+                pose = _with_stamp(row)
                 moved = pose if T is IDENTITY else replace(pose, parent=frame, pose=T @ pose.pose)
                 first.setdefault((row.stamp_ns, row.source, row.parent), moved)
         return tuple(first.values())
@@ -270,7 +270,7 @@ class PoseTable:
             ).first()
             track, neighbours = (
                 PoseTrack(limit_ns),
-                [_stamped(row) for row in (before, after) if row is not None],
+                [_with_stamp(row) for row in (before, after) if row is not None],
             )
             if not neighbours:
                 continue
@@ -316,6 +316,6 @@ def _track(child: str, parent: str, source: str, view: HistoryView) -> Any:
     )
 
 
-def _stamped(row: Any) -> StampedPose:
+def _with_stamp(row: Any) -> StampedPose:
     pose = unpack(row.matrix, row.covariance)
     return StampedPose(row.stamp_ns, row.parent, row.child, pose, row.source, row.product_id)

@@ -156,7 +156,7 @@ class Retention:
             dialect_of(connection).insert_or_ignore(_related).from_select([_related.c.id], selected)
         )
         last: int = connection.execute(select(func.max(p.ordinal))).scalar() or 0
-        _insert_needed(connection, 0)
+        _insert_inputs_of_kept(connection, 0)
         return last
 
     def _plan(self, connection: Connection, rules: Sequence[Rule]) -> RetentionPlan:
@@ -185,7 +185,7 @@ class Retention:
             with session.deletion() as connection:
                 newest: int = connection.execute(select(func.max(p.ordinal))).scalar() or 0
                 if newest > last:
-                    _insert_needed(connection, last)
+                    _insert_inputs_of_kept(connection, last)
                     last = newest
                 rows = connection.execute(statement.where(tuple_(p.t1_ns, p.ordinal) > position)).all()
                 for row in rows:
@@ -196,7 +196,7 @@ class Retention:
             position = (rows[-1].t1_ns, rows[-1].ordinal)
 
 
-def _insert_needed(connection: Connection, since: int) -> None:
+def _insert_inputs_of_kept(connection: Connection, since: int) -> None:
     """Insert the inputs of the staying products that were inserted after ``since``.
 
     Only products derived from selected ones are visited: the time depends on their number and not on that of
@@ -217,7 +217,7 @@ def _insert_needed(connection: Connection, since: int) -> None:
     rows = select(derived.c.id).where(derived.c.id != "")
     connection.execute(insert(_related).from_select([_related.c.id], rows))
 
-    stays = or_(_selected.c.ordinal.is_(None), _pinned(p.id))
+    stays = or_(_selected.c.ordinal.is_(None), _pinned_condition(p.id))
     inputs = (
         select(v.input_id)
         .join_from(_related, schema.products, p.id == _related.c.id)
@@ -240,7 +240,7 @@ def _decisions(connection: Connection, rules: Sequence[Rule]) -> Iterator[Retent
         select(
             p.ordinal, p.id, p.product, p.robot, p.t1_ns, p.size, g.rule, g.bound, g.number, ~_may_retire()
         )
-        .add_columns(_pinned(p.id))
+        .add_columns(_pinned_condition(p.id))
         .join_from(_selected, schema.products, p.ordinal == g.ordinal)
         .order_by(p.t1_ns, p.ordinal)
         .limit(_PAGE)
@@ -265,7 +265,7 @@ def _needed_by(connection: Connection, product_id: str) -> str:
             v.input_id == product_id,
             or_(
                 p.id.in_(select(_needed.c.id)),
-                and_(p.deleted_ns.is_(None), or_(_selected.c.ordinal.is_(None), _pinned(p.id))),
+                and_(p.deleted_ns.is_(None), or_(_selected.c.ordinal.is_(None), _pinned_condition(p.id))),
             ),
         )
         .order_by(p.deleted_ns.is_not(None))
@@ -279,8 +279,8 @@ def _needed_by(connection: Connection, product_id: str) -> str:
 
 def _may_retire() -> ColumnElement[bool]:
     p = schema.products.c
-    return and_(p.id.not_in(select(_needed.c.id)), ~_pinned(p.id))
+    return and_(p.id.not_in(select(_needed.c.id)), ~_pinned_condition(p.id))
 
 
-def _pinned(product_id: Any) -> ColumnElement[bool]:
+def _pinned_condition(product_id: Any) -> ColumnElement[bool]:
     return exists().where(schema.pins.c.product_id == product_id)

@@ -36,7 +36,7 @@ def _tag(text: str) -> str:
     return text
 
 
-def _listed(value: Any) -> Any:
+def _as_list(value: Any) -> Any:
     """Accept the tags of an ``Annotation``, which are a tuple."""
     return list(value) if isinstance(value, tuple) else value
 
@@ -58,7 +58,7 @@ class AnnotationChanges(Parameters):
     model_config = ConfigDict(strict=True)
 
     tags: Annotated[
-        list[Annotated[str, AfterValidator(_tag)]], Field(max_length=64), BeforeValidator(_listed)
+        list[Annotated[str, AfterValidator(_tag)]], Field(max_length=64), BeforeValidator(_as_list)
     ] = []
     notes: Annotated[str, Field(max_length=16_384)] = ""
     pinned: bool = False

@@ -186,7 +186,7 @@ def stored_products(connection: Connection, prepared: Sequence[PreparedProduct])
     items = {item.header.id: item for item in prepared}
     values = {"ids": dialect.list_value(list(items))}
     for product_id, deleted_ns, header, *content in dialect.fetch(
-        connection, _known(connection.dialect.name), values
+        connection, _known_payload(connection.dialect.name), values
     ):
         if deleted_ns is not None:
             raise ConflictError(f"product {product_id} was deleted; its id cannot be used again")
@@ -207,7 +207,7 @@ def stored_products(connection: Connection, prepared: Sequence[PreparedProduct])
 
 
 @cache
-def _known(engine: str) -> Select[Any]:
+def _known_payload(engine: str) -> Select[Any]:
     columns = (_p[name] for name in ("id", "deleted_ns", "header", *_CONTENT_COLUMNS))
     return select(*columns).where(_p.id.in_(DIALECTS[engine].elements("ids")))
 

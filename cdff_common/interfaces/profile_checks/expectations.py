@@ -45,8 +45,8 @@ def finding_of(error: ErrorDetails, location: Location, data: Any) -> Finding:
         nearest = text if re.match(pattern, text) and text != value else ""
         return Finding(location, f"expected {_PATTERNS.get(pattern, pattern)}", value, nearest)
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return Finding(location, "expected a mapping of keys and values", _shown(value))
-    return Finding(location, in_words(error["msg"]), _shown(value))
+        return Finding(location, "expected a mapping of keys and values", _value_of_finding(value))
+    return Finding(location, in_words(error["msg"]), _value_of_finding(value))
 
 
 def _unknown_key(location: Location, name: str) -> Finding:
@@ -66,7 +66,7 @@ def in_words(message: str) -> str:
     return message[0].lower() + message[1:] if message[:2] != message[:2].upper() else message
 
 
-def _shown(value: Any) -> Any:
+def _value_of_finding(value: Any) -> Any:
     return ABSENT if isinstance(value, dict) else value
 
 
@@ -96,12 +96,12 @@ def _all_keys() -> Iterator[tuple[str, list[str]]]:
 
 def _keys(schema: dict[str, Any]) -> list[str]:
     """Return the keys of a mapping, or of all its alternatives."""
-    options = [_resolved(option) for option in schema.get("anyOf", (schema,))]
+    options = [_resolve(option) for option in schema.get("anyOf", (schema,))]
     return [key for option in options for key in option.get("properties", {})]
 
 
 def _literals(schema: dict[str, Any]) -> list[str]:
-    options = [_resolved(option) for option in schema.get("anyOf", (schema,))]
+    options = [_resolve(option) for option in schema.get("anyOf", (schema,))]
     return [str(value) for option in options for value in option.get("enum", ())]
 
 
@@ -116,7 +116,7 @@ def _schema_at(location: Location) -> dict[str, Any]:
 
 def _inner(schema: dict[str, Any], key: str | int) -> Iterator[dict[str, Any]]:
     for option in schema.get("anyOf", (schema,)):
-        resolved = _resolved(option)
+        resolved = _resolve(option)
         if isinstance(key, int):
             inner = resolved.get("items")
         else:
@@ -124,10 +124,10 @@ def _inner(schema: dict[str, Any], key: str | int) -> Iterator[dict[str, Any]]:
             patterns = resolved.get("patternProperties", {})
             inner = next(iter(patterns.values()), inner) if not isinstance(inner, dict) else inner
         if isinstance(inner, dict):
-            yield _resolved(inner)
+            yield _resolve(inner)
 
 
-def _resolved(schema: dict[str, Any]) -> dict[str, Any]:
+def _resolve(schema: dict[str, Any]) -> dict[str, Any]:
     if "$ref" in schema:
         resolved: dict[str, Any] = _schema()["$defs"][schema["$ref"].rsplit("/", 1)[-1]]
         return resolved

@@ -60,19 +60,19 @@ class Reading:
     def prune(self) -> dict[str, Any]:
         """Return the data without the removed locations."""
         self._origins.clear()
-        return {"name": "unnamed", **self._pruned(self.data, (), ())}
+        return {"name": "unnamed", **self._prune(self.data, (), ())}
 
-    def _pruned(self, data: Any, original: Location, place: Location) -> Any:
+    def _prune(self, data: Any, original: Location, place: Location) -> Any:
         if isinstance(data, dict):
             return {
-                key: self._pruned(value, (*original, key), (*place, key))
+                key: self._prune(value, (*original, key), (*place, key))
                 for key, value in data.items()
                 if (*original, str(key)) not in self.removed
             }
         if isinstance(data, list):
             indices = [i for i in range(len(data)) if (*original, i) not in self.removed]
             self._origins[place] = indices
-            return [self._pruned(data[i], (*original, i), (*place, new)) for new, i in enumerate(indices)]
+            return [self._prune(data[i], (*original, i), (*place, new)) for new, i in enumerate(indices)]
         return data
 
 

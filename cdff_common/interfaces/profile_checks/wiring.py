@@ -92,7 +92,7 @@ def _source_findings(
         if reading.is_unreadable(*at[:2], "sensors", source.owner, "streams", source.item):
             return
         if source.owner not in robot.sensors:
-            yield _unknown(at, source, source.owner, f"sensor of {robot.id}", list(robot.sensors))
+            yield _unknown_source(at, source, source.owner, f"sensor of {robot.id}", list(robot.sensors))
             return
         offered = robot.sensors[source.owner].streams
         what = f"stream of sensor {source.owner}"
@@ -102,7 +102,7 @@ def _source_findings(
         if source.owner not in names:
             misspelt = [nearest_name(name, [source.owner]) for name in names if not description_of(name)]
             if source.owner not in misspelt and not _has_unreadable_dfpcs(reading, at):
-                yield _unknown(at, source, source.owner, f"DFPC of {robot.id}", names)
+                yield _unknown_source(at, source, source.owner, f"DFPC of {robot.id}", names)
             return
         if description is None:  # reported at its entry
             return
@@ -113,7 +113,7 @@ def _source_findings(
         what = "product type"
     type_name = offered.get(source.item)
     if type_name is None:
-        yield _unknown(at, source, source.item, what, list(offered))
+        yield _unknown_source(at, source, source.item, what, list(offered))
     elif type_name in message_types() and type_name != port.type_name:
         yield Finding(at, _type_problem(robot, source, port, type_name), str(source))
 
@@ -124,7 +124,7 @@ def _has_unreadable_dfpcs(reading: Reading, at: Location) -> bool:
     return any(r[: len(dfpcs)] == dfpcs and len(r) <= len(dfpcs) + 2 for r in reading.removed)
 
 
-def _unknown(at: Location, source: Source, name: str, what: str, known: list[str]) -> Finding:
+def _unknown_source(at: Location, source: Source, name: str, what: str, known: list[str]) -> Finding:
     """Return the finding of an unknown part of a source, with the whole source as the nearest name."""
     nearest = nearest_name(name, known)
     whole = str(source).replace(f"/{name}", f"/{nearest}", 1) if nearest else ""

@@ -100,7 +100,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
             )
         if inputs.triangles is None:
             raise InputError(f"triangles: None, expected those of {len(inputs.vertices)} vertices")
-        return self._compared(inputs, image, level, extents[0], interval)
+        return self._compare_scale(inputs, image, level, extents[0], interval)
 
     def _interval(self, inputs: Inputs, extents: list[float]) -> FloatArray:
         """Return the ranges (2,) at which some attitude has the extent of the light."""
@@ -112,14 +112,14 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         farthest = inputs.focal * inputs.sizes[1] / ((1.0 - _OUTLINE_ERROR) * extents[0] - 1.0)
         return np.array([nearest, farthest])
 
-    def _compared(
+    def _compare_scale(
         self, inputs: Inputs, image: Float32Array, level: float, extent_px: float, interval: FloatArray
     ) -> Outputs:
-        target = _compressed(image, self.config.compression * level)
+        target = _compress_brightness(image, self.config.compression * level)
         rows, columns = image.shape
         origin = np.array([0.5 * (columns - 1), 0.5 * (rows - 1)])
         range_m = inputs.focal * float(inputs.sizes[1]) / extent_px
-        template = self._rendered(inputs, range_m, origin, image.shape, extent_px)
+        template = self._render_at(inputs, range_m, origin, image.shape, extent_px)
         if not template.any():
             raise _disagreement(0.0, self.config.min_agreement)
         # The first range and place are those with the same radius and centre of the light.
@@ -128,7 +128,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         origin = origin + place - model_place
         blurs: tuple[float, ...] = (max(0.06 * extent_px, 1.0), max(0.02 * extent_px, 0.6), 0.0)
         for _ in range(_RENDERINGS):
-            template = self._rendered(inputs, range_m, origin, image.shape, extent_px)
+            template = self._render_at(inputs, range_m, origin, image.shape, extent_px)
             found: Similarity = registered(target, template, origin, blurs)
             range_m, origin = range_m / found.scale, origin + found.shift_px
             blurs = blurs[-1:]
@@ -146,7 +146,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
             extent=extent_px,
         )
 
-    def _rendered(
+    def _render_at(
         self, inputs: Inputs, range_m: float, origin: FloatArray, shape: tuple[int, ...], extent_px: float
     ) -> Float32Array:
         """Return the compressed rendering (r, c) with the origin of the body at a pixel."""
@@ -166,7 +166,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
             point_spread_px=inputs.point_spread,
             extent_px=extent_px,
         )
-        return _compressed(light, self.config.compression * _level(light, 1e-3))
+        return _compress_brightness(light, self.config.compression * _level(light, 1e-3))
 
 
 def _level(image: Float32Array, noise: float) -> float:
@@ -177,7 +177,7 @@ def _level(image: Float32Array, noise: float) -> float:
     return float(np.median(light[light > _HAZE * np.percentile(light, 98.0)]))
 
 
-def _compressed(image: Float32Array, level: float) -> Float32Array:
+def _compress_brightness(image: Float32Array, level: float) -> Float32Array:
     """Return ``L / (L + level)``."""
     positive = np.maximum(image, 0.0)
     return np.asarray(positive / (positive + level), np.float32)

@@ -54,9 +54,9 @@ def registered(
     sigma = agreement = float("nan")
     rows, columns = np.mgrid[: image.shape[0], : image.shape[1]].astype(float)
     for blur in blurs_px:
-        target, source = _smoothed(image, blur), _smoothed(template, blur)
+        target, source = _smooth(image, blur), _smooth(template, blur)
         for _ in range(_ITERATIONS):
-            moved = _moved(source, origin_px, scale, shift)
+            moved = _scale_and_shift(source, origin_px, scale, shift)
             gx, gy = (
                 cv2.Sobel(moved, cv2.CV_64F, 1, 0, scale=0.125),
                 cv2.Sobel(moved, cv2.CV_64F, 0, 1, scale=0.125),
@@ -88,13 +88,15 @@ def registered(
     return Similarity(scale, shift, sigma, agreement)
 
 
-def _smoothed(image: Float32Array, sigma_px: float) -> Float32Array:
+def _smooth(image: Float32Array, sigma_px: float) -> Float32Array:
     if sigma_px <= 0.0:
         return image
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px), np.float32)
 
 
-def _moved(image: Float32Array, origin: FloatArray, scale: float, shift: FloatArray) -> Float32Array:
+def _scale_and_shift(
+    image: Float32Array, origin: FloatArray, scale: float, shift: FloatArray
+) -> Float32Array:
     """Return the image scaled about its origin and shifted."""
     forward = np.array([[scale, 0.0, 0.0], [0.0, scale, 0.0]])
     forward[:, 2] = origin + shift - scale * origin

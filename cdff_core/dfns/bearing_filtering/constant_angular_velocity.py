@@ -47,13 +47,13 @@ class ConstantAngularVelocity(Interface[ConstantAngularVelocityConfig]):
             corrected, nis[seen], _ = updated(
                 states.selected(seen), inputs.measured[seen], inputs.measured_covariances[seen]
             )
-            states = _replaced(states, seen, corrected)
+            states = _replace_rows(states, seen, corrected)
         return Outputs(
             directions=states.directions, rates=states.rates, covariances=states.covariances, nis=nis
         )
 
 
-def _replaced(states: BearingStates, indices: np.ndarray, parts: BearingStates) -> BearingStates:
+def _replace_rows(states: BearingStates, indices: np.ndarray, parts: BearingStates) -> BearingStates:
     directions, rates, covariances = (
         states.directions.copy(),
         states.rates.copy(),

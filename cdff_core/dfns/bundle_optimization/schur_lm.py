@@ -105,7 +105,7 @@ class SchurLm(Interface[SchurLmConfig]):
             gauge_directions=len(gauge.free),
             has_covariances=has_covariances,
         )
-        result = _updated(problem, estimate)
+        result = _apply_estimate(problem, estimate)
         system_row = np.empty_like(system.order)
         system_row[system.order] = np.arange(len(system_row))
         remaining = None
@@ -217,7 +217,7 @@ def _constrained_inverse(S: FloatArray, fixed: FloatArray) -> FloatArray | None:
     return np.asarray(0.5 * (C + C.T))
 
 
-def _updated(problem: BundleProblem, estimate: Estimate) -> BundleProblem:
+def _apply_estimate(problem: BundleProblem, estimate: Estimate) -> BundleProblem:
     """Return the problem with the values of an estimate."""
     c, p = problem.cameras, problem.points
     poses = pack_poses(estimate.matrices(), "BundleOptimization camera") if len(c.ids) else c.poses

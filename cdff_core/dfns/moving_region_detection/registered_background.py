@@ -124,7 +124,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         if self._mean is None or self._count is None or inputs.places is None:
             self._mean, self._count = image, np.ones_like(image)
             return self._no_regions(image)
-        mean, count = self._moved(self._mean, self._count, inputs)
+        mean, count = self._move_background(self._mean, self._count, inputs)
         gain = self._gain(image, mean)
         difference = image / np.float32(gain) - mean
         difference -= _slow_part(difference)
@@ -147,7 +147,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         self._learn(mean + difference, mean, count, gain_of_pixel, fresh, inputs.is_at_rest)
         return found
 
-    def _moved(
+    def _move_background(
         self, mean: Float32Array, count: Float32Array, inputs: Inputs
     ) -> tuple[Float32Array, Float32Array]:
         """Return background and number of images of each pixel, in the current image."""
@@ -226,7 +226,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         )
         chosen = np.flatnonzero((peak > c.threshold) & (stats[:, cv2.CC_STAT_AREA] >= c.min_area_px))
         chosen = chosen[chosen > 0]
-        vacated = _vacated(low > 0, image, mean, self._noise_at(mean))
+        vacated = _vacated_pixels(low > 0, image, mean, self._noise_at(mean))
         part_labels = np.zeros(image.shape, np.int64)
         peaks: list[float] = []
         for k in chosen:
@@ -390,7 +390,7 @@ def _without_shadow(mask: BoolArray, dark: BoolArray) -> BoolArray:
     return result
 
 
-def _vacated(differs: BoolArray, image: Float32Array, mean: Float32Array, noise: float) -> BoolArray:
+def _vacated_pixels(differs: BoolArray, image: Float32Array, mean: Float32Array, noise: float) -> BoolArray:
     """Return the differing pixels that an object of the background has left.
 
     The border of the area that the object has left is an edge of the background; the border of its new area
@@ -430,7 +430,7 @@ def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Sh
     largest one of its neighbours.
     """
     strength = np.abs(difference)
-    filled = _filled(mask)
+    filled = _fill_holes(mask)
     inner = cv2.erode(filled.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     local = cv2.dilate(np.where(filled, strength, np.float32(0.0)), np.ones((3, 3), np.uint8))
     part = np.clip(strength / np.maximum(local, 1e-3), 0.0, 1.0)
@@ -471,7 +471,7 @@ def _last_edge(mask: BoolArray, strength: Float32Array) -> float:
     return first + above + float((profile[above] - level) / max(step, 1e-6))
 
 
-def _filled(mask: BoolArray) -> BoolArray:
+def _fill_holes(mask: BoolArray) -> BoolArray:
     """Fill the holes of a mask: pixels that have mask pixels on both sides in
     their row and in their column.
     """

@@ -163,7 +163,7 @@ def extended(
         scores=hypotheses.scores + log_missed,
         sources=np.full(len(hypotheses), -1, np.int64),
         misses=hypotheses.misses + 1,
-        history=_shifted(hypotheses.history, hypotheses.sources),
+        history=_shift_history(hypotheses.history, hypotheses.sources),
     )
     if len(hypotheses) == 0 or len(sources) == 0:
         return missed
@@ -194,7 +194,7 @@ def extended(
         evidence=old.evidence + sources.evidence[chosen],
         low_px=np.minimum(old.low_px, sources.pixels[chosen]),
         high_px=np.maximum(old.high_px, sources.pixels[chosen]),
-        history=_shifted(old.history, old.sources),
+        history=_shift_history(old.history, old.sources),
     )
     return joined_hypotheses([missed, taken])
 
@@ -205,14 +205,14 @@ def assigned(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray:
     Confirmed objects choose first, so that a new object does not take their source.
     """
     first = np.flatnonzero(is_confirmed)
-    best = first[_assigned(hypotheses.selected(first))]
+    best = first[_assign_sources(hypotheses.selected(first))]
     taken = hypotheses.sources[best]
     is_free = ~np.isin(hypotheses.sources, taken[taken >= 0])
     others = np.flatnonzero(~is_confirmed & is_free)
-    return np.concatenate([best, others[_assigned(hypotheses.selected(others))]])
+    return np.concatenate([best, others[_assign_sources(hypotheses.selected(others))]])
 
 
-def _assigned(hypotheses: Hypotheses) -> IntArray:
+def _assign_sources(hypotheses: Hypotheses) -> IntArray:
     if len(hypotheses) == 0:
         return np.zeros(0, np.int64)
     objects, row_of_object = np.unique(hypotheses.objects, return_inverse=True)
@@ -255,7 +255,7 @@ def pruned(hypotheses: Hypotheses, best: IntArray, count: int, width: float) -> 
     return hypotheses.selected(order), rows
 
 
-def _shifted(history: IntArray, sources: IntArray) -> IntArray:
+def _shift_history(history: IntArray, sources: IntArray) -> IntArray:
     return np.concatenate([history[:, 1:], sources[:, None]], axis=1)
 
 

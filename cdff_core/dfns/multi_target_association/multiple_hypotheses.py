@@ -166,10 +166,10 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         is_known = sightings >= KNOWN
         obstacles = np.concatenate([inputs.stars, inputs.directions[is_known]])
         candidates = self._candidates(inputs, is_known)
-        self._hypotheses = self._extended(predicted, candidates, obstacles, inputs)
-        best = self._without_repetitions(self._pruned())
+        self._hypotheses = self._extend_hypotheses(predicted, candidates, obstacles, inputs)
+        best = self._without_repetitions(self._prune_hypotheses())
         self._confirm(best, inputs.stamp, inputs.blend_angle)
-        used = self._used(best)
+        used = self._used_sources(best)
         self._learn_resting(inputs, at_rest, variances, used, time_s)
         best = self._add_slow(best, time_s, inputs.stamp, inputs.blend_angle)
         best = self._continue_coasting(best, inputs.stamp)
@@ -193,7 +193,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
             indices,
         )
 
-    def _extended(
+    def _extend_hypotheses(
         self, predicted: Hypotheses, candidates: Sources, obstacles: FloatArray, inputs: Inputs
     ) -> Hypotheses:
         density = max(float(inputs.can_start[candidates.indices].sum()), _MIN_FALSE) / inputs.solid_angle
@@ -217,7 +217,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
             max_false=np.where(is_confirmed, self.config.max_false, np.inf),
         )
 
-    def _pruned(self) -> IntArray:
+    def _prune_hypotheses(self) -> IntArray:
         """Remove unlikely hypotheses and ended objects; return the rows of the best hypotheses."""
         h = self._hypotheses
         is_confirmed = self._is_confirmed(h)
@@ -296,7 +296,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
                 found.seen_ns = stamp_ns
                 found.score = float(h.scores[i])
 
-    def _used(self, best: IntArray) -> IntArray:
+    def _used_sources(self, best: IntArray) -> IntArray:
         """Return the sources of confirmed objects."""
         h = self._hypotheses.selected(best)
         return h.sources[self._is_confirmed(h) & (h.sources >= 0)]

@@ -60,7 +60,7 @@ class LinearThenReprojection(Interface[LinearThenReprojectionConfig]):
             raise InputError("tracks: no cameras")
         start, order = _group_by_point(tracks)
         cam = tracks.observations.cameras[order].astype(np.int64)
-        xy = np.ascontiguousarray(_undistorted(tracks)[order])
+        xy = np.ascontiguousarray(_undistort(tracks)[order])
         focal = np.ascontiguousarray(tracks.lenses.values[tracks.cameras.lenses, :2])
         T = np.linalg.inv(tracks.cameras.matrices)
         points, inverse, costs, angles, status = triangulate(
@@ -95,7 +95,7 @@ class LinearThenReprojection(Interface[LinearThenReprojectionConfig]):
         )
 
 
-def _undistorted(tracks: BundleProblem) -> FloatArray:
+def _undistort(tracks: BundleProblem) -> FloatArray:
     """Return undistorted observations ``(m, 2)`` on the plane z = 1; raises InputError."""
     values, pixels = tracks.lenses.values, tracks.observations.pixels[:, :2]
     lens = tracks.cameras.lenses[tracks.observations.cameras]

@@ -71,7 +71,7 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
         """
         residual = np.ascontiguousarray(inputs.residual, np.float32)
         noise = np.ascontiguousarray(inputs.noise, np.float32)
-        filtered, gain = _correlated(residual, inputs.point_spread)
+        filtered, gain = _correlate(residual, inputs.point_spread)
         limit = self.config.max_sources
         pixels, snr, count = local_maxima(filtered, noise, self.config.min_snr, gain, limit)
         if count > limit:
@@ -81,7 +81,7 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
             )
         order = np.argsort(-snr, kind="stable")
         pixels, snr = pixels[order], snr[order]
-        points = _refined(filtered, pixels)
+        points = _refine_maxima(filtered, pixels)
         if self._labels.shape == residual.shape:
             self._labels.fill(0)
         else:
@@ -125,7 +125,7 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
         return np.asarray(regions[:, AREA] > 2.5 * expected)
 
 
-def _correlated(residual: Float32Array, point_spread: FloatArray) -> tuple[Float32Array, float]:
+def _correlate(residual: Float32Array, point_spread: FloatArray) -> tuple[Float32Array, float]:
     """Return the image correlated with the point spread, and the noise of the result for a noise of one."""
     spread = np.asarray(point_spread, dtype=float)
     if not (np.all(np.linalg.eigvalsh(spread) > 0.0) and np.allclose(spread, spread.T)):
@@ -159,7 +159,7 @@ def _gaussian_2d(spread: FloatArray) -> Float32Array:
     return np.asarray(kernel / kernel.sum(), np.float32)
 
 
-def _refined(filtered: Float32Array, pixels: np.ndarray) -> FloatArray:
+def _refine_maxima(filtered: Float32Array, pixels: np.ndarray) -> FloatArray:
     """Return column and row of the maxima of parabolas through the neighbours of each maximum."""
     r, c = pixels[:, 0], pixels[:, 1]
     centre = filtered[r, c].astype(float)

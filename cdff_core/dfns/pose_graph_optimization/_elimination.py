@@ -69,9 +69,9 @@ class Elimination(NamedTuple):
 def analyse(count: int, first: IntArray, second: IntArray) -> Elimination:
     """Return order and structure for ``count`` unknowns, at least one, and pairs ``(m,)`` of them."""
     position = _minimum_degree(count, first, second)
-    start, columns = _by_row(count, *_ordered(position[first], position[second]))
+    start, columns = _by_row(count, *_order_pairs(position[first], position[second]))
     position = _postorder(_elimination_tree(start, columns))[position]
-    row, column = _ordered(position[first], position[second])
+    row, column = _order_pairs(position[first], position[second])
     keys, slot = np.unique(column * count + row, return_inverse=True)
     slot_column, slot_row = np.divmod(keys, count)
     start, columns = _by_row(count, slot_row, slot_column)
@@ -109,7 +109,7 @@ def _minimum_degree(count: int, first: IntArray, second: IntArray) -> IntArray:
     return np.asarray(factors.perm_c, np.int64)
 
 
-def _ordered(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
+def _order_pairs(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
     """Return the larger and the smaller element of each pair."""
     return np.maximum(first, second), np.minimum(first, second)
 

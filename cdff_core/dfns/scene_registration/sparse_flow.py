@@ -66,7 +66,7 @@ class SparseFlow(Interface[SparseFlowConfig]):
             If too few points are found in both images.
         """
         previous, current = inputs.previous, inputs.current
-        start, end = self._tracked(previous, current, inputs.guess)
+        start, end = self._track_points(previous, current, inputs.guess)
         rows, cols = current.shape
         grid = np.stack(np.meshgrid(np.arange(cols), np.arange(rows)), axis=-1).astype(np.float32)
         is_at_rest = _is_at_rest(start, end, rows, cols)
@@ -75,32 +75,32 @@ class SparseFlow(Interface[SparseFlowConfig]):
             places, sigma = grid, np.full((2, 2), _FLOOR_PX)
         else:
             H = self._homography(start, end)
-            residuals = start - _mapped(np.asarray(np.linalg.inv(H), np.float64), end)
+            residuals = start - _apply_homography(np.asarray(np.linalg.inv(H), np.float64), end)
             nodes, sigma = self._parallax(end, residuals, rows, cols)
             parallax = float(np.linalg.norm(nodes, axis=2).max())
             plane = cv2.perspectiveTransform(grid.reshape(1, -1, 2), np.linalg.inv(H)).reshape(grid.shape)
-            places = np.asarray(plane + _enlarged(nodes, rows, cols), np.float32)
+            places = np.asarray(plane + _interpolate_nodes(nodes, rows, cols), np.float32)
         return Outputs(
             homography=H,
             places=np.asarray(places, np.float32),
-            sigma=np.asarray(_enlarged(sigma, rows, cols), np.float32),
+            sigma=np.asarray(_interpolate_nodes(sigma, rows, cols), np.float32),
             is_at_rest=bool(is_at_rest),
             parallax=parallax,
             matches=len(start),
         )
 
-    def _tracked(
+    def _track_points(
         self, previous: np.ndarray, current: np.ndarray, guess: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
         """Return places (n, 2) in the previous and the current image."""
-        current = _equalised(previous, current)
+        current = _match_brightness(previous, current)
         start = _corners(previous)[: self.config.max_points]
         if len(start) < self.config.min_points:
             raise RefusedError(
                 f"scene registration: {len(start)} points, expected at least {self.config.min_points}",
                 reasons=["no_texture"],
             )
-        expected = start if guess is None else _mapped(guess, start).astype(np.float32)
+        expected = start if guess is None else _apply_homography(guess, start).astype(np.float32)
         end, found = _flow(previous, current, start, expected)
         back, returned = _flow(current, previous, end, start)
         good = found & returned
@@ -144,7 +144,7 @@ class SparseFlow(Interface[SparseFlowConfig]):
         return median.reshape(*shape, 2), spread.reshape(shape)
 
 
-def _mapped(H: FloatArray, points: FloatArray) -> FloatArray:
+def _apply_homography(H: FloatArray, points: FloatArray) -> FloatArray:
     return np.asarray(cv2.perspectiveTransform(points[None].astype(np.float64), H)[0])
 
 
@@ -201,7 +201,7 @@ def _ranks(points: np.ndarray) -> np.ndarray:
     return rank
 
 
-def _equalised(previous: np.ndarray, current: np.ndarray) -> np.ndarray:
+def _match_brightness(previous: np.ndarray, current: np.ndarray) -> np.ndarray:
     """Return the current image with the brightness of the previous one."""
     a, b = previous[::4, ::4].astype(np.float32), current[::4, ::4].astype(np.float32)
     good = (a > 4.0) & (b > 4.0) & (a < 250.0) & (b < 250.0)
@@ -210,7 +210,7 @@ def _equalised(previous: np.ndarray, current: np.ndarray) -> np.ndarray:
     return np.asarray(cv2.convertScaleAbs(current, alpha=float(np.median(a[good] / b[good]))))
 
 
-def _enlarged(nodes: FloatArray, rows: int, cols: int) -> np.ndarray:
+def _interpolate_nodes(nodes: FloatArray, rows: int, cols: int) -> np.ndarray:
     """Return values at the nodes, interpolated at all pixels; the first and last node are at the border."""
     a, b = nodes.shape[:2]
     v, u = np.linspace(0.0, a - 1.0, rows), np.linspace(0.0, b - 1.0, cols)

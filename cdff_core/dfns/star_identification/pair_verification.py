@@ -124,7 +124,7 @@ class PairVerification(Interface[PairVerificationConfig]):
                 " length may be wrong by more than the limit, or the sources are no stars",
                 reasons=["not_identified"],
             )
-        return self._outputs(inputs, self._adjusted(inputs.directions, match), is_ambiguous)
+        return self._outputs(inputs, self._adjust_camera(inputs.directions, match), is_ambiguous)
 
     def _load(self, stamp_ns: int, velocity_m_s: FloatArray | None) -> None:
         """Move the catalogue to the time of the image, and shift it by the velocity of the camera.
@@ -160,7 +160,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         first = np.eye(3) + np.array(
             [[0, -best[2], best[1]], [best[2], 0, -best[0]], [-best[1], best[0], 0]], dtype=float
         )
-        return self._refined(directions, first @ R)
+        return self._refine_rotation(directions, first @ R)
 
     def _from_pairs(self, directions: FloatArray) -> _Match | None:
         """Return the best match of the attitudes that pairs of bright sources suggest, or None."""
@@ -190,7 +190,7 @@ class PairVerification(Interface[PairVerificationConfig]):
             for k in order:
                 if best is not None and counts[k] <= best[0]:
                     continue
-                match = self._refined(directions, R[k])
+                match = self._refine_rotation(directions, R[k])
                 if match is None:
                     continue
                 if self._chance(directions, match, tried) < self.config.max_chance:
@@ -226,17 +226,17 @@ class PairVerification(Interface[PairVerificationConfig]):
         distances, _ = self._tree.query(v, distance_upper_bound=reach)  # type: ignore[union-attr]
         return np.asarray(np.isfinite(distances).reshape(len(R), -1).sum(axis=1))
 
-    def _refined(self, directions: FloatArray, R: FloatArray) -> _Match | None:
+    def _refine_rotation(self, directions: FloatArray, R: FloatArray) -> _Match | None:
         """Return the match of a rotation, with the focal length adjusted, or None if it has too few stars."""
         reach = 3.0 * self.config.tolerance_rad + 0.1 * self.config.scale_error
-        match = self._matched(directions, _Match(np.zeros(0, np.intp), np.zeros(0, np.intp), R), reach)
+        match = self._match_sources(directions, _Match(np.zeros(0, np.intp), np.zeros(0, np.intp), R), reach)
         for reach in (2.0 * self.config.tolerance_rad, self.config.tolerance_rad, self.config.match_rad):
             if len(match.sources) < self.config.min_matches:
                 return None
-            match = self._matched(directions, _adjust(directions, match, self._catalogue), reach)
+            match = self._match_sources(directions, _adjust(directions, match, self._catalogue), reach)
         return match if len(match.sources) >= self.config.min_matches else None
 
-    def _matched(self, directions: FloatArray, match: _Match, reach: float) -> _Match:
+    def _match_sources(self, directions: FloatArray, match: _Match, reach: float) -> _Match:
         """Return the match with the nearest star of each source within a distance, each star used once."""
         expected = corrected(directions, match.scale, match.radial) @ match.rotation.T
         distances, stars = self._tree.query(expected, distance_upper_bound=reach)  # type: ignore[union-attr]
@@ -246,12 +246,12 @@ class PairVerification(Interface[PairVerificationConfig]):
         kept = np.sort(order[first])
         return _Match(kept, stars[kept].astype(np.intp), match.rotation, match.scale, match.radial)
 
-    def _adjusted(self, directions: FloatArray, match: _Match) -> _Match:
+    def _adjust_camera(self, directions: FloatArray, match: _Match) -> _Match:
         """Return the match of all sources, after rotation, focal length and distortion are adjusted again."""
         for _ in range(3):
-            match = self._matched(directions, match, self.config.match_rad)
+            match = self._match_sources(directions, match, self.config.match_rad)
             match = _adjust(directions, match, self._catalogue)
-        return self._matched(directions, match, self.config.match_rad)
+        return self._match_sources(directions, match, self.config.match_rad)
 
     def _chance(self, directions: FloatArray, match: _Match, tried: int) -> float:
         """Return an upper bound of the probability that sources match as many stars by chance.

@@ -21,7 +21,7 @@ _Three = tuple[float, float, float]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _measured(
+def _project_measurement(
     position: tuple[float, float, float],
     truncation_m: float,
     min_cosine: float,
@@ -90,7 +90,9 @@ def disagreement(
                 (coordinates[b, 1] * 8 + ((v >> 3) & 7)) * voxel_m,
                 (coordinates[b, 2] * 8 + (v & 7)) * voxel_m,
             )
-            row, _, distance, _ = _measured(position, truncation_m, min_cosine, T, K, points, normals)
+            row, _, distance, _ = _project_measurement(
+                position, truncation_m, min_cosine, T, K, points, normals
+            )
             if row >= 0:
                 compared += 1
                 contradicted += abs(distance - distances[slot, v]) > 0.5 * truncation_m
@@ -142,7 +144,7 @@ def integrate(
                 (coordinates[b, 1] * 8 + ((v >> 3) & 7)) * voxel_m,
                 (coordinates[b, 2] * 8 + (v & 7)) * voxel_m,
             )
-            row, column, distance, cosine = _measured(
+            row, column, distance, cosine = _project_measurement(
                 position, truncation_m, min_cosine, T, K, points, normals
             )
             if row < 0:

@@ -46,7 +46,7 @@ class TorqueFree(Interface[TorqueFreeConfig]):
         if dt < 0.0:
             raise InputError(f"duration_s={dt:g}: expected at least 0")
         R_start, c = inputs.pose[:3, :3], inputs.centre_of_mass_m
-        motion = _integrated(_Body(inputs.inertia), R_start, inputs.rate, dt)
+        motion = _integrate_midpoint(_Body(inputs.inertia), R_start, inputs.rate, dt)
         R = se3.normalise_rotation(motion.R)
         arm_start, arm = R_start @ c, R @ c
         pose = se3.transform(R, inputs.pose[:3, 3] + arm_start + dt * inputs.velocity - arm)
@@ -118,7 +118,7 @@ class _Motion:
     rate_by: FloatArray
 
 
-def _integrated(body: _Body, R: FloatArray, rate: FloatArray, dt: float) -> _Motion:
+def _integrate_midpoint(body: _Body, R: FloatArray, rate: FloatArray, dt: float) -> _Motion:
     """Return the motion after dt by the midpoint rule, second order in the step."""
     steps = min(max(1, math.ceil(float(np.linalg.norm(rate)) * dt / _STEP_RAD)), _MAX_STEPS)
     h = dt / steps

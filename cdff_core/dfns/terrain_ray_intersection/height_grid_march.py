@@ -46,7 +46,7 @@ class HeightGridMarch(Interface[HeightGridMarchConfig]):
             ranges[i] = self._range(inputs, u)
             if not np.isfinite(ranges[i]):
                 continue
-            high, low = (self._range(inputs, _tilted(u, angle)) for angle in (tilt, -tilt))
+            high, low = (self._range(inputs, _tilt_direction(u, angle)) for angle in (tilt, -tilt))
             spread = [abs(r - ranges[i]) for r in (high, low) if np.isfinite(r)]
             # A higher direction that misses the terrain leaves the range unbounded.
             by_angle = max(spread) if len(spread) == 2 else self.config.max_range_m
@@ -89,7 +89,7 @@ class HeightGridMarch(Interface[HeightGridMarchConfig]):
         return by_angle * float(np.sqrt(variance)) / (range_m * tilt)
 
 
-def _tilted(u: FloatArray, angle: float) -> FloatArray:
+def _tilt_direction(u: FloatArray, angle: float) -> FloatArray:
     """Return a direction with an elevation that is larger by an angle."""
     across = np.hypot(u[0], u[1])
     elevation = np.arctan2(u[2], across) + angle

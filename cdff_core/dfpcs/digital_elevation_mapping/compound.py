@@ -109,7 +109,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         if self._patch.captures:
             outputs += self._publish()
         elif self._patch.drops or self._patch.raw_points:
-            outputs += self._failed()
+            outputs += self._failed_outputs()
         return outputs
 
     def get_map(self, resolution_m: float) -> ElevationMap:
@@ -207,18 +207,18 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         try:
             raster, fused = self._maps.add(patch, points, frame, position)
         except InputError as error:
-            return self._failed(patch, str(error))
+            return self._failed_outputs(patch, str(error))
         self._last_output_ns = t1_ns
         cells = int(np.count_nonzero(np.isfinite(raster.layer("mean"))))
         quality = patch.quality(cells, fused.cleared, fused.forgotten)
-        thin = self._thinned(points.points_m[points.near], frame, t1_ns)
+        thin = self._thin_cloud(points.points_m[points.near], frame, t1_ns)
         products = {"map": raster, "cloud": thin}
         return [
             Output(port, value, t0_ns, t1_ns, frame, None, quality, patch.inputs)
             for port, value in products.items()
         ]
 
-    def _thinned(self, points: NDArray[np.float64], frame: str, stamp_ns: int) -> Pointcloud:
+    def _thin_cloud(self, points: NDArray[np.float64], frame: str, stamp_ns: int) -> Pointcloud:
         thin = self._thinning.process(PointCloudDownsamplingInputs(points=points)).points
         step = -(-len(thin) // self.config.max_cloud_points)
         return Pointcloud.from_points(thin[::step], frame=frame, stamp_ns=stamp_ns)
@@ -227,9 +227,9 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         """Report once per period that captures arrive without poses, or without a mount."""
         last_ns, period_ns = self._last_output_ns, self.config.patch_period_s * 1e9
         is_due = last_ns is None or self._newest_ns - last_ns >= period_ns
-        return self._failed() if is_due else []
+        return self._failed_outputs() if is_due else []
 
-    def _failed(self, patch: Patch | None = None, reason: str = "") -> list[Output]:
+    def _failed_outputs(self, patch: Patch | None = None, reason: str = "") -> list[Output]:
         """Return FAILED outputs with the reasons of a patch (default: the current one); start a new patch."""
         patch = patch or self._patch
         reasons = [f"dropped_{drop}:{count}" for drop, count in sorted(patch.drops.items())]

@@ -174,7 +174,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
             known = [] if tracked is None else tracked.ids.tolist()
             raise ProductNotFoundError(f"object {id}: expected one of {known}")
         t_ns = tracked.stamp_ns if t_ns < 0 else t_ns
-        states = self._predicted(tracked, t_ns)
+        states = self._predict_states(tracked, t_ns)
         i = int(np.flatnonzero(tracked.ids == id)[0])
         nothing = np.full(2, np.nan)
         state = TrackState(
@@ -216,7 +216,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         self._stars_px = sources.pixels[is_star]
         if self._tracked is None or len(self._tracked.ids) == 0:
             return strong
-        states = self._predicted(self._tracked, stamp_ns)
+        states = self._predict_states(self._tracked, stamp_ns)
         places = attitude.pixels(camera, states.directions)
         position, _ = across(states)
         reach = 4.0 * np.sqrt(np.linalg.eigvalsh(position)[:, -1]) * camera.fx + 2.0
@@ -282,7 +282,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         states = BearingStates(found.object_directions, found.rates, found.object_covariances)
         self._tracked = _Tracked(stamp_ns, found.ids[alive], states.selected(alive))
 
-    def _predicted(self, tracked: _Tracked, stamp_ns: int) -> BearingStates:
+    def _predict_states(self, tracked: _Tracked, stamp_ns: int) -> BearingStates:
         """Return the states of the objects at a time by the filter."""
         result = self._filter.process(
             BearingFilteringInputs(

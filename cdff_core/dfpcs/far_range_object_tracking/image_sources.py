@@ -130,7 +130,7 @@ class SourceExtractor:
                 point_spread=self.point_spread,
             )
         )
-        sources = self._fitted(
+        sources = self._fit_sources(
             found.points, found.snr, found.is_extended, found.boxes, np.zeros((2,), np.int64)
         )
         usable = ~found.is_trail & np.isfinite(sources.pixels).all(axis=1)
@@ -163,12 +163,12 @@ class SourceExtractor:
         if len(known) and near.any():
             distances = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
             near &= distances > _SAME_PX
-        sources = self._fitted(
+        sources = self._fit_sources(
             points[near], found.snr[near], found.is_extended[near], found.boxes[near], first, is_weak=True
         )
         return sources.selected(np.asarray(np.isfinite(sources.pixels).all(axis=1)))
 
-    def _fitted(
+    def _fit_sources(
         self,
         points: FloatArray,
         snr: FloatArray,

@@ -144,7 +144,7 @@ class TargetRanging:
             If the body is not resolved.
         """
         window = _Window.around(camera, attitude, image, box, point_spread)
-        R_inertial_body, sun, inputs = self._known(stamp_ns)
+        R_inertial_body, sun, inputs = self._attitude_and_sun(stamp_ns)
         R: FloatArray | None = None
         to_sun: FloatArray | None = None
         if attitude.rotation is not None:
@@ -192,7 +192,7 @@ class TargetRanging:
             (*self._model_id, *(inputs if R is not None else ())),
         )
 
-    def _known(self, stamp_ns: int) -> tuple[FloatArray | None, FloatArray, tuple[str, ...]]:
+    def _attitude_and_sun(self, stamp_ns: int) -> tuple[FloatArray | None, FloatArray, tuple[str, ...]]:
         """Return R_inertial_body at a time or None, the direction of the Sun, and the ids of the samples."""
         given, R = self._attitude, None
         inputs: tuple[str, ...] = ()

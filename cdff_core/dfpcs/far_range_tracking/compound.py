@@ -132,7 +132,9 @@ class FarRangeTracking(FarRangeTrackingInterface):
         nothing = np.full(2, np.nan)
         direction, rate, covariance = states.directions[0], states.rates[0], states.covariances[0]
         if self._observer.is_camera:
-            direction, rate, covariance = _rotated(self._observer.rotation.T, direction, rate, covariance)
+            direction, rate, covariance = _rotate_state(
+                self._observer.rotation.T, direction, rate, covariance
+            )
         state = TrackState(
             id, direction, rate, covariance, nothing, nothing, ObjectTrackStatusT.TRACK_COASTING, 0.0
         )
@@ -307,7 +309,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         covariance[:3, :3] += np.eye(3) * (observer.attitude.bias_rad**2 if not observer.is_camera else 0.0)
         direction, rate = o.direction, o.states.rates[0]
         if observer.is_camera:
-            direction, rate, covariance = _rotated(observer.rotation.T, direction, rate, covariance)
+            direction, rate, covariance = _rotate_state(observer.rotation.T, direction, rate, covariance)
         pixel, sigma_px = self._pixel(scene, o)
         range_m, range_sigma_m = o.range.value
         has_position = observer.position_m is not None and np.isfinite(range_m)
@@ -366,7 +368,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         return pixel, np.full(2, np.sqrt(0.5 * trace) * scene.camera.fx)
 
 
-def _rotated(
+def _rotate_state(
     R: FloatArray, direction: FloatArray, rate: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return direction, rate and covariance, rotated by ``R`` (3, 3) into other axes."""

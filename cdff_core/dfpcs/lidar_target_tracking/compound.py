@@ -84,7 +84,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return self._outputs(sample, None, Quality.failed(order_fault(self._state, sample.stamp_ns)))
         reasons = self._start_from_guess(model, sample.stamp_ns)
         if self._state is None:
-            return self._detected(sample, model, points_m, times_s, [])
+            return self._detect_body(sample, model, points_m, times_s, [])
         predicted = self._filter.predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted, points_m, times_s)
         if fit is not None and fault and self._is_underestimated(fit):
@@ -96,7 +96,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self._not_used(predicted, is_contradiction=fit is not None and fit.distance > self._gate)
         is_uncertain = float(np.diag(predicted.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
         if self._unused >= self.config.detect_after or (is_uncertain and len(points_m)):
-            return self._detected(sample, model, points_m, times_s, [fault])
+            return self._detect_body(sample, model, points_m, times_s, [fault])
         return self._published(sample, ["coasting", fault], self._metrics(fit))
 
     def _used_fit(
@@ -151,7 +151,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
             return fit, f"innovation:{fit.distance:.3g}>{self._gate:.3g}"
         return fit, ""
 
-    def _detected(
+    def _detect_body(
         self,
         sample: Sample,
         model: ModelPreparationOutputs,

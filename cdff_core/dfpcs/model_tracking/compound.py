@@ -52,7 +52,7 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         if not self._is_detection_due(view):
             reason = "no_depth" if view.depth is None else "waiting_for_detection"
             return self._outputs(view.newest, None, Quality.failed("no_guess", reason))
-        return self._detected(view, model, [])
+        return self._detect_object(view, model, [])
 
     def _without_fit(
         self, view: RgbdSamples, model: ModelPreparationOutputs, fit: ViewFit, reasons: list[str]
@@ -60,7 +60,7 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         """Publish the prediction, or detect the object if it is lost."""
         is_lost = self._used == 0 or self._unused >= self.config.detect_after
         if is_lost and self._is_detection_due(view):
-            return self._detected(view, model, fit.faults)
+            return self._detect_object(view, model, fit.faults)
         return super()._without_fit(view, model, fit, reasons)
 
     def _is_detection_due(self, view: RgbdSamples) -> bool:
@@ -70,7 +70,7 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         self._images_to_detection = max(self._images_to_detection - 1, 0)
         return self._images_to_detection == 0
 
-    def _detected(
+    def _detect_object(
         self, view: RgbdSamples, model: ModelPreparationOutputs, faults: list[str]
     ) -> Iterable[Output]:
         """Detect the object in the depth image: correct the track, or start one."""

@@ -40,7 +40,7 @@ def update_rating(
     if previous is None or common is None:
         return rate(dem)
     cells = int(np.ceil(reach_m / geometry.resolution_m)) + 1
-    affected = _dilated(_changed(dem, previous[0], common), cells)
+    affected = _dilate(_changed_cells(dem, previous[0], common), cells)
     if affected.mean() > _MAX_PARTIAL:
         return rate(dem)
     previous_dem, previous_rating = previous
@@ -51,7 +51,7 @@ def update_rating(
         layers[name] = np.full(geometry.shape, 0 if name == "class" else np.nan, layer.dtype)
         layers[name][in_new] = layer[in_previous]
     for box in _boxes(affected):
-        window = _grown(box, cells, geometry)
+        window = _enlarge_box(box, cells, geometry)
         box_in_window = tuple(
             slice(b.start - w.start, b.stop - w.start) for b, w in zip(box, window, strict=True)
         )
@@ -61,7 +61,7 @@ def update_rating(
     return NavigationMap.from_layers(geometry, layers, t0_ns=dem.t0_ns, t1_ns=dem.t1_ns)
 
 
-def _changed(dem: ElevationMap, previous: ElevationMap, common: GridGeometry) -> Mask:
+def _changed_cells(dem: ElevationMap, previous: ElevationMap, common: GridGeometry) -> Mask:
     """Return the mask of cells that are new or changed, or at an edge beyond which cells were removed."""
     geometry, old = dem.geometry, previous.geometry
     in_new, in_previous = geometry.slices_of(common), old.slices_of(common)
@@ -98,7 +98,7 @@ def _layer(dem: ElevationMap, name: str) -> NDArray[np.float32]:
     return dem.layer(name) if name in dem.layer_names else np.full(dem.geometry.shape, np.nan, np.float32)
 
 
-def _dilated(changed: Mask, cells: int) -> Mask:
+def _dilate(changed: Mask, cells: int) -> Mask:
     square = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * cells + 1, 2 * cells + 1))
     return np.asarray(cv2.dilate(changed.astype(np.uint8), square), dtype=np.bool_)
 
@@ -110,7 +110,7 @@ def _boxes(affected: Mask) -> Iterator[Window]:
         yield slice(int(top), int(top + height)), slice(int(left), int(left + width))
 
 
-def _grown(box: Window, cells: int, geometry: GridGeometry) -> Window:
+def _enlarge_box(box: Window, cells: int, geometry: GridGeometry) -> Window:
     """Return a box enlarged by a number of cells on each side, within the map."""
     rows, cols = (
         slice(max(p.start - cells, 0), min(p.stop + cells, n))

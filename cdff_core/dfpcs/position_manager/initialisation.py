@@ -90,7 +90,7 @@ class Initialiser:
             sigma = float(np.sqrt(level.covariance[0, 0]))
             biases[:3] = level.gyro_bias_rad_s
             reasons = () if at_rest else ("levelled_in_motion",)
-        T_odom_base = _levelled(wheels, tilt, sigma)
+        T_odom_base = _level_pose(wheels, tilt, sigma)
         bias_sigma = _REST_BIAS_RAD_S if at_rest else start.gyro_bias_sigma_rad_s
         sigmas = np.array(
             [bias_sigma] * 3 + [start.acc_bias_sigma_m_s2] * 3 + [*self._config.wheels.slip_sigma]
@@ -111,7 +111,7 @@ class Initialiser:
         return InitialState(estimate, T_odom_base, gravity, reasons)
 
 
-def _levelled(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) -> UncertainTransform:
+def _level_pose(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) -> UncertainTransform:
     """Return the pose by the wheels with its roll and pitch replaced by the levelled tilt (3, 3)."""
     forward = wheels.matrix[:3, 0]
     R = se3.exp_so3([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))]) @ tilt

@@ -176,9 +176,9 @@ class Reconstruction3D(Reconstruction3DInterface):
 
     def _fuse(self, sample: Sample, T_model_sensor: UncertainTransform) -> None:
         """Fuse a capture; raises InputError or RefusedError."""
-        cloud = self._organised(sample)
+        cloud = self._organise(sample)
         if self._fusion is None:
-            self._voxel_m = self.config.voxel_m or _rounded(cloud.scale_m())
+            self._voxel_m = self.config.voxel_m or _round_length(cloud.scale_m())
             self._fusion = self.dfn("fusion", voxel_m=self._voxel_m)
         fused = self._fusion.process(
             SurfaceFusionInputs(
@@ -193,7 +193,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         )
         self._rejected_blocks += fused.rejected_blocks
 
-    def _organised(self, sample: Sample) -> OrganisedCloud:
+    def _organise(self, sample: Sample) -> OrganisedCloud:
         config, value = self.config, sample.value
         max_range_m = np.inf if config.max_range_m is None else config.max_range_m
         if sample.port == "cloud":
@@ -306,6 +306,6 @@ class Reconstruction3D(Reconstruction3DInterface):
         ]
 
 
-def _rounded(length_m: float) -> float:
+def _round_length(length_m: float) -> float:
     """Return a length rounded to two digits."""
     return float(f"{length_m:.1e}")

@@ -56,7 +56,7 @@ class TargetTracking(TargetTrackingInterface):
             self._start(sample, measured)
             return self._published(sample, ["new_track"])
         predicted = self._filter.predicted(self._state, sample.stamp_ns)
-        corrected, reason = self._corrected(predicted, measured)
+        corrected, reason = self._correct_state(predicted, measured)
         if corrected is not None:
             self._state, self._rival, self._rival_count = corrected, None, 0
             self._used += 1
@@ -90,7 +90,7 @@ class TargetTracking(TargetTrackingInterface):
         assert measured.covariance is not None  # _fault
         return self._filter.start(sample.stamp_ns, measured.matrix, measured.covariance)
 
-    def _corrected(
+    def _correct_state(
         self, predicted: TrackedState, measured: UncertainTransform
     ) -> tuple[TrackedState | None, str]:
         """Return the corrected state; None and the reason if the measurement is beyond the gate."""
@@ -105,7 +105,7 @@ class TargetTracking(TargetTrackingInterface):
         updated = None
         if self._rival is not None:
             predicted = self._filter.predicted(self._rival, sample.stamp_ns)
-            updated, _ = self._corrected(predicted, measured)
+            updated, _ = self._correct_state(predicted, measured)
         self._rival_count = self._rival_count + 1 if updated is not None else 1
         self._rival = updated if updated is not None else self._new(sample, measured)
         return self._rival_count >= self.config.restart_after

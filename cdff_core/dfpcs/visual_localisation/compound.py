@@ -158,10 +158,10 @@ class VisualLocalisation(VisualLocalisationInterface):
         assert covariance is not None
         vertices, counts = np.unique(matches.vertices[located.fit.inliers], return_counts=True)
         for vertex, weight in zip(vertices, counts / max(int(counts.sum()), 1), strict=True):
-            covariance = covariance + weight * self._propagated(int(vertex), T)
+            covariance = covariance + weight * self._covariance_from_keyframe(int(vertex), T)
         return UncertainTransform(T, covariance)
 
-    def _propagated(self, vertex: int, T_map_camera: FloatArray) -> FloatArray:
+    def _covariance_from_keyframe(self, vertex: int, T_map_camera: FloatArray) -> FloatArray:
         """Return the covariance of T_map_camera that follows from that of a keyframe."""
         assert self._map is not None
         T_map_keyframe = self._map.poses[vertex]

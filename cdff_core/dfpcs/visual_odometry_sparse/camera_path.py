@@ -61,7 +61,7 @@ class CameraPath:
         """Return ``T_vo_left`` (4, 4) by other sensors, otherwise at constant velocity for at most 1 s."""
         last_ns, last = self._last()
         increment = self._prior(last_ns, stamp_ns)
-        return last.matrix @ self._expected(increment, 1e-9 * (stamp_ns - last_ns))
+        return last.matrix @ self._predict_motion(increment, 1e-9 * (stamp_ns - last_ns))
 
     @property
     def has_velocity(self) -> bool:
@@ -81,7 +81,7 @@ class CameraPath:
             sigma_rad = GYRO_RAD + GYRO_RAD_S * elapsed_s
         growth = np.diag([sigma_m**2] * 3 + [min(sigma_rad, np.pi) ** 2] * 3)
         covariance = np.zeros((6, 6)) if last.covariance is None else last.covariance
-        expected = self._expected((translation, rotation), elapsed_s)
+        expected = self._predict_motion((translation, rotation), elapsed_s)
         return UncertainTransform(last.matrix @ expected, covariance + growth)
 
     def trajectory(self, parent: str, child: str) -> PoseTrajectory | None:
@@ -106,7 +106,7 @@ class CameraPath:
             raise RefusedError("no pose was measured yet", ["no_pose"])
         return self._measured
 
-    def _expected(self, increment: Increment, elapsed_s: float) -> FloatArray:
+    def _predict_motion(self, increment: Increment, elapsed_s: float) -> FloatArray:
         """Return ``T_left1_left2`` after ``elapsed_s``: measured parts, and the rest at constant velocity."""
         translation, rotation = increment
         T = se3.exp_se3(self._twist * min(elapsed_s, 1.0))

@@ -61,12 +61,12 @@ class ConsiderState:
 
     def with_calibration_change(self, change_px: FloatArray) -> ConsiderState:
         """Return the pose corrected for a change (k,) of the calibration estimate."""
-        return ConsiderState(self._moved(self.response[:, COMMON:] @ change_px), self.noise, self.response)
+        return ConsiderState(self._perturb(self.response[:, COMMON:] @ change_px), self.noise, self.response)
 
     def fused(self, other: ConsiderState) -> ConsiderState:
         """Return the mean with another estimate of the same transform, weighted by the independent noise."""
         gain = np.linalg.solve((self.noise + other.noise).T, self.noise.T).T
-        matrix = self._moved(gain @ cov.pose_error(other.matrix, self.matrix))
+        matrix = self._perturb(gain @ cov.pose_error(other.matrix, self.matrix))
         noise = cov.symmetrised(self.noise - gain @ self.noise)
         return ConsiderState(matrix, noise, self.response + gain @ (other.response - self.response))
 
@@ -76,6 +76,6 @@ class ConsiderState:
         correlated = common @ common.T + calibration @ calibration_covariance @ calibration.T
         return UncertainTransform(self.matrix, self.noise + cov.symmetrised(correlated))
 
-    def _moved(self, error: FloatArray) -> FloatArray:
+    def _perturb(self, error: FloatArray) -> FloatArray:
         """Return the matrix with a pose error (6,) applied."""
         return se3.transform(se3.exp_so3(error[3:]) @ self.matrix[:3, :3], self.matrix[:3, 3] + error[:3])

@@ -229,14 +229,14 @@ class KeyframeMapper:
             or float(se3.rotation_angle(T[:3, :3])) > np.radians(limits.rotation_deg)
         )
 
-    def _measured(self, view: CameraView) -> MeasuredPoints | None:
+    def _measure_points(self, view: CameraView) -> MeasuredPoints | None:
         """Return the points of an image; None if there are too few for a keyframe."""
         is_usable = len(view.measured.points) >= self._config.keyframes.min_points
         return view.measured if is_usable else None
 
     def _start_part(self, view: CameraView, reasons: tuple[str, ...]) -> Tracking:
         """Start a separate part of the map, or the map, with an image; too few points are refused."""
-        measured = self._measured(view)
+        measured = self._measure_points(view)
         is_first = self.current is None
         if measured is None:
             if is_first:
@@ -262,7 +262,7 @@ class KeyframeMapper:
     def _make_keyframe(self, view: CameraView, located: LocatedView) -> bool:
         """Make a keyframe of a located image, adjust it and close its loops; return whether one was found."""
         assert self.current is not None  # the image is located
-        measured = self._measured(view)
+        measured = self._measure_points(view)
         if measured is None:
             return False
         keyframe = self._keyframe(view, measured)

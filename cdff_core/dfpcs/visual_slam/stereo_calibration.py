@@ -56,8 +56,8 @@ class StereoCalibration:
         if np.abs((mean_px - self._applied_px) * _BASIS).max() > _CHANGE_PX:
             self._applied_px = mean_px
             for key, existing in keyframes.keyframes.items():
-                keyframes.keyframes[key] = _corrected(existing, mean_px)
-        return _corrected(keyframe, self._applied_px)
+                keyframes.keyframes[key] = _correct(existing, mean_px)
+        return _correct(keyframe, self._applied_px)
 
     def motion(
         self,
@@ -107,7 +107,7 @@ class StereoCalibration:
         return self._estimate.metrics()
 
 
-def _corrected(keyframe: VisualKeyframe, mean_px: FloatArray) -> VisualKeyframe:
+def _correct(keyframe: VisualKeyframe, mean_px: FloatArray) -> VisualKeyframe:
     stereo: StereoMeasurement | None = keyframe.stereo
     if stereo is None:
         return keyframe

@@ -35,10 +35,11 @@ def pages(tree: Tree) -> list[Artefact]:
         "state-machines.md": states.page(),
     }
     return [
-        Artefact(tree.root / "docs" / "reference" / name, _normalised(text)) for name, text in texts.items()
+        Artefact(tree.root / "docs" / "reference" / name, _normalise_page(text))
+        for name, text in texts.items()
     ]
 
 
-def _normalised(text: str) -> str:
+def _normalise_page(text: str) -> str:
     """Return the page without repeated blank lines, and with one newline at its end."""
     return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"

@@ -51,7 +51,7 @@ def _examples(model: type[BaseModel], data: Any) -> Iterator[tuple[tuple[str, st
     for section, values in waiting:
         if isinstance(values, list):
             items = section.get("items", {})
-            waiting += [(_resolved(items, schema), value) for value in values]
+            waiting += [(_resolve(items, schema), value) for value in values]
         elif isinstance(values, dict):
             fields = section.get("properties")
             name = section.get("title", "")
@@ -65,14 +65,14 @@ def _examples(model: type[BaseModel], data: Any) -> Iterator[tuple[tuple[str, st
 
 def _options(field: dict[str, Any], schema: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the alternatives of a field that contain fields of their own."""
-    options = [_resolved(option, schema) for option in field.get("anyOf", (field,))]
+    options = [_resolve(option, schema) for option in field.get("anyOf", (field,))]
     return [option for option in options if option.get("type") in ("object", "array")]
 
 
 def _is_section(field: dict[str, Any], schema: dict[str, Any]) -> bool:
     """Return True for a list or mapping of models, which have sections of their own."""
     return any(
-        "properties" in _resolved(inner, schema)
+        "properties" in _resolve(inner, schema)
         for option in _options(field, schema)
         for inner in (option, option.get("items", {}), _element(option))
     )
@@ -86,7 +86,7 @@ def _element(section: dict[str, Any]) -> dict[str, Any]:
     return element
 
 
-def _resolved(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
+def _resolve(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
     name = field["$ref"].rsplit("/", 1)[-1] if "$ref" in field else ""
     return schema["$defs"][name] | {"title": name} if name else field
 
@@ -135,16 +135,16 @@ def _default(field: dict[str, Any]) -> str:
     """Return a default as YAML; that of a long section is described there."""
     if "default" not in field:
         return ""
-    text = _flow(_stated(field["default"]))
+    text = _flow(_without_empty_models(field["default"]))
     if text == "":
         return "empty"
     return f"`{text}`" if len(text) <= _LONGEST_DEFAULT else "that of its fields"
 
 
-def _stated(value: Any) -> Any:
+def _without_empty_models(value: Any) -> Any:
     """Return a default without fields of models that are empty."""
     if isinstance(value, dict):
-        return {key: _stated(item) for key, item in value.items() if item not in (None, "")}
+        return {key: _without_empty_models(item) for key, item in value.items() if item not in (None, "")}
     return value
 
 

@@ -39,8 +39,8 @@ def page() -> str:
     ends = {JobState.FAILED, JobState.CANCELLED}
     jobs = [(str(a), str(b), "") for a, following in JOB_TRANSITIONS.items() for b in following - ends]
     job = diagram(jobs, JobState.RECEIVED, FINAL_STATES - ends)
-    dfpc = diagram(_labelled(DFPC_TRANSITIONS), "unconfigured")
-    return "\n".join([_HEAD, _JOB, job, _DFPC, dfpc, _MODE, diagram(_labelled(MODE_TRANSITIONS), "steady")])
+    dfpc = diagram(_label(DFPC_TRANSITIONS), "unconfigured")
+    return "\n".join([_HEAD, _JOB, job, _DFPC, dfpc, _MODE, diagram(_label(MODE_TRANSITIONS), "steady")])
 
 
 def diagram(edges: Iterable[tuple[str, str, str]], initial: str, final: Iterable[str] = ()) -> str:
@@ -54,5 +54,5 @@ def diagram(edges: Iterable[tuple[str, str, str]], initial: str, final: Iterable
     return "\n".join([*lines, *(f"    {state} --> [*]" for state in sorted(final)), "```", ""])
 
 
-def _labelled(table: Mapping[tuple[str, str], str]) -> list[tuple[str, str, str]]:
+def _label(table: Mapping[tuple[str, str], str]) -> list[tuple[str, str, str]]:
     return [(start, end, verb) for (start, verb), end in table.items()]

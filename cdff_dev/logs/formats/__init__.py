@@ -112,7 +112,7 @@ def open_log(path: str | Path, calibration: Path | None = None) -> LogSource:
     if (chosen := _format_of(location)) is None:
         known = [(inner, found) for inner in _sub_folders(location) if (found := _format_of(inner))]
         if len(known) != 1:
-            raise InputError(_unrecognised(location, [inner.name for inner, _ in known]))
+            raise InputError(_reason_for_no_log(location, [inner.name for inner, _ in known]))
         location, chosen = known[0]
     if calibration is not None and not chosen.takes_calibration:
         raise InputError(
@@ -141,7 +141,7 @@ def _sub_folders(location: LogLocation) -> list[LogLocation]:
     return [LogLocation.of(path) for path in inner if path.is_dir()]
 
 
-def _unrecognised(location: LogLocation, logs_inside: list[str]) -> str:
+def _reason_for_no_log(location: LogLocation, logs_inside: list[str]) -> str:
     if location.folder is None and not location.files:
         return f"log {location.name}: no such file or folder, and no file matches it as a pattern"
     if logs_inside:

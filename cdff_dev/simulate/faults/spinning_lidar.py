@@ -55,9 +55,9 @@ class FaultyLidar:
         rings = self._faults.rings or RingOffsets()
         self._ring_offset_m = rings.range_sigma_m * rng.standard_normal(self._model.rings)
         elevation_rad = math.radians(rings.elevation_sigma_deg) * rng.standard_normal(self._model.rings)
-        self._beams = _tilted(directions(self._model), elevation_rad[None, :], 0.0)
+        self._beams = _tilt_rays(directions(self._model), elevation_rad[None, :], 0.0)
         offsets, self._weights = beam_offsets(self._faults.beam)
-        self._rays = [_tilted(self._beams, e, a) for e, a in offsets]
+        self._rays = [_tilt_rays(self._beams, e, a) for e, a in offsets]
 
     def scan(self, t0_s: float, rng: np.random.Generator, fault_rng: np.random.Generator) -> Scan:
         """Return one revolution that starts at ``t0_s``, seconds since the epoch."""
@@ -100,7 +100,7 @@ class FaultyLidar:
         return hits["t_hit"].numpy().astype(np.float64), reflectance(hits["geometry_ids"].numpy()) * cosine
 
 
-def _tilted(
+def _tilt_rays(
     beams: NDArray[np.float64], elevation_rad: FloatArray | float, across_rad: FloatArray | float
 ) -> FloatArray:
     """Return unit vectors ``(columns, rings, 3)``, moved by angles in elevation and across it."""

@@ -100,9 +100,9 @@ class CameraRays:
             if diameter_px < SMALL_PX:
                 small.append((body, T_camera_body))
                 continue
-            self._add_body(view, depth, body, T_camera_body, _others(body, bodies))
+            self._add_body(view, depth, body, T_camera_body, _other_bodies(body, bodies))
         for body, T_camera_body in small:
-            self._add_small(view, depth, body, T_camera_body, _others(body, bodies))
+            self._add_small(view, depth, body, T_camera_body, _other_bodies(body, bodies))
         return view
 
     def _add_body(
@@ -120,7 +120,7 @@ class CameraRays:
         of_pose = self.row if len(T_camera_body) > 1 else None
         hits = body.scene.cast(self.directions, se3.inverse(T_camera_body), pixels, of_pose)
         nearer = hits.distance_m < depth[pixels[hits.ray]]
-        hits = _selected(hits, nearer)
+        hits = _select(hits, nearer)
         at = pixels[hits.ray]
         depth[at] = hits.distance_m
         view.number.ravel()[at] = body.number
@@ -204,7 +204,7 @@ def _middle_centre(scene: BodyScene, T_camera_body: FloatArray) -> tuple[FloatAr
     return centre, float(np.linalg.norm(centre))
 
 
-def _others(body: PlacedBody, bodies: list[PlacedBody]) -> tuple[tuple[BodyScene, FloatArray], ...]:
+def _other_bodies(body: PlacedBody, bodies: list[PlacedBody]) -> tuple[tuple[BodyScene, FloatArray], ...]:
     """Return the other bodies with ``T_other_body``, for shadows."""
     T_base_body = body.T_base_body[len(body.T_base_body) // 2]
     return tuple(
@@ -214,7 +214,7 @@ def _others(body: PlacedBody, bodies: list[PlacedBody]) -> tuple[tuple[BodyScene
     )
 
 
-def _selected(hits: Hits, keep: NDArray[np.bool_]) -> Hits:
+def _select(hits: Hits, keep: NDArray[np.bool_]) -> Hits:
     if keep.all():
         return hits
     return Hits(

@@ -162,7 +162,7 @@ class CameraSimulator:
             self._add_stars(electrons, view, t_s, exposure_s)
         self._add_sun(electrons, view, R, light, exposure_s)
         if model.halo > 0.0:
-            electrons = _haloed(electrons, model.halo, model.halo_sigma_px)
+            electrons = _add_halo(electrons, model.halo, model.halo_sigma_px)
         return electrons
 
     def _displacements_px(self, view: View, t_s: float, exposure_s: float) -> FloatArray | None:
@@ -176,11 +176,11 @@ class CameraSimulator:
         turned = [rotations[i].T @ self._attitude(t_s) for i in (0, 1)]
         corners = self.rays.directions.reshape(model.rows, model.columns, 3)[[0, 0, -1, -1], [0, -1, 0, -1]]
         K = model.focal_px
-        shift = _projected(corners @ turned[1].T) - _projected(corners @ turned[0].T)
+        shift = _project_directions(corners @ turned[1].T) - _project_directions(corners @ turned[0].T)
         moving = float(np.abs(shift).max()) * K > _STILL_PX
         displacement = None
         if moving:
-            ends = [_projected(self.rays.directions.astype(float) @ R.T) for R in turned]
+            ends = [_project_directions(self.rays.directions.astype(float) @ R.T) for R in turned]
             displacement = ((ends[1] - ends[0]) * K).reshape(model.rows, model.columns, 2)
         T_camera_base = se3.inverse(model.T_base_camera)
         scenario = self.world.scenario
@@ -198,7 +198,7 @@ class CameraSimulator:
                 points @ (T[i] @ se3.inverse(T[2]))[:3, :3].T + (T[i] @ se3.inverse(T[2]))[:3, 3]
                 for i in (0, 1)
             ]
-            step = (_projected(moved[1]) - _projected(moved[0])) * K
+            step = (_project_directions(moved[1]) - _project_directions(moved[0])) * K
             if float(np.abs(step).max()) > _STILL_PX or displacement is not None:
                 if displacement is None:
                     displacement = np.zeros((model.rows, model.columns, 2))
@@ -363,7 +363,7 @@ def _spread(electrons: Float32Array, sigma_px: float) -> Float32Array:
     return electrons
 
 
-def _haloed(electrons: Float32Array, fraction: float, sigma_px: float) -> Float32Array:
+def _add_halo(electrons: Float32Array, fraction: float, sigma_px: float) -> Float32Array:
     """Return the image with a fraction of its light spread over a wide halo."""
     rows, columns = electrons.shape
     small_shape = (max(columns // _HALO_STEP, 1), max(rows // _HALO_STEP, 1))
@@ -373,7 +373,7 @@ def _haloed(electrons: Float32Array, fraction: float, sigma_px: float) -> Float3
     return np.asarray(np.float32(1.0 - fraction) * electrons + np.float32(fraction) * halo)
 
 
-def _projected(directions: NDArray[np.floating]) -> FloatArray:
+def _project_directions(directions: NDArray[np.floating]) -> FloatArray:
     """Return x/z and y/z (n, 2) of directions (n, 3)."""
     d = np.asarray(directions, dtype=float)
     return np.asarray(d[:, :2] / np.maximum(d[:, 2:], 1e-6))

@@ -154,7 +154,7 @@ class OrbitMotion:
         if pointing.orientation_xyzw is not None:
             R = se3.matrix_from_quaternion_xyzw(_unit(np.array(pointing.orientation_xyzw)))
             return np.asarray(R @ R_error)
-        return np.asarray(self._pointed(t_s) @ _offset(pointing) @ R_error)
+        return np.asarray(self._point_to_client(t_s) @ _offset(pointing) @ R_error)
 
     def base_rates(self, t_s: FloatArray) -> FloatArray:
         """Return the angular rates (n, 3) of the servicer, base axes, rad/s."""
@@ -171,7 +171,7 @@ class OrbitMotion:
         T[:, :3, 3] = np.einsum("nij,nj->ni", R_base_inertial, offset)
         return T
 
-    def _pointed(self, t_s: FloatArray) -> FloatArray:
+    def _point_to_client(self, t_s: FloatArray) -> FloatArray:
         """Return attitudes (n, 3, 3) with x to the client and z near the upward axis."""
         x = -_unit(self.servicer_offsets_m(t_s))
         y = _unit(np.cross(self.path_axes(t_s) @ self._upward, x))

@@ -50,7 +50,7 @@ class LidarSimulator:
         range_m, signal = self._echoes(bodies, self.directions, beams // step)
         self._divide_beams(bodies, range_m, signal, step)
         rng = generator(self.world.scenario, "scan", number_of(self.name), index)
-        return self._measured(range_m, signal, offsets_s, rng)
+        return self._measure_echoes(range_m, signal, offsets_s, rng)
 
     def beam_times_s(self) -> FloatArray:
         """Return the time (n,) of each beam since the start of the scan, row by row."""
@@ -127,7 +127,7 @@ class LidarSimulator:
         range_m[at] = mixed
         signal[at] = weight / (1.0 + len(_PARTS))
 
-    def _measured(
+    def _measure_echoes(
         self, range_m: Float32Array, signal: Float32Array, offsets_s: FloatArray, rng: np.random.Generator
     ) -> Scan:
         """Return the scan of detected echoes, with noise."""

@@ -47,7 +47,7 @@ def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> Inde
     times = sorted({time for time, camera in images if (time, "0") in images and (time, "1") in images})
     if not times:
         raise InputError(f"{folders[0]}: images of one camera only, expected pairs TIME_0 and TIME_1")
-    path = calibration or _nearest(folders[0], _CALIBRATION)
+    path = calibration or _nearest_image(folders[0], _CALIBRATION)
     if path is None:
         raise InputError(
             f"{folders[0]}: {_CALIBRATION} not found there or in its parent; name the file with --calibration"
@@ -57,7 +57,7 @@ def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> Inde
     stamps_ns = (np.array(times, np.int64) + 500) // 1000 * 1000
     pairs = [(images[time, "0"], images[time, "1"]) for time in times]
     streams = {PAIR: pair_stream(PAIR, pairs, stamps_ns, stereo, T_body_left)}
-    files = [file for folder in folders if (file := _nearest(folder, f"truth_{folder.name}.csv"))]
+    files = [file for folder in folders if (file := _nearest_image(folder, f"truth_{folder.name}.csv"))]
     if files:
         tables = [read_table(file, 7, unit_ns=1) for file in files]
         stamps_ns = np.concatenate([table[0] for table in tables])
@@ -72,6 +72,6 @@ def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> Inde
     return IndexedLog(streams, (unconverted if single else {}) | others)
 
 
-def _nearest(folder: Path, name: str) -> Path | None:
+def _nearest_image(folder: Path, name: str) -> Path | None:
     candidates = (folder / name, folder.resolve().parent / name)
     return next((path for path in candidates if path.is_file()), None)

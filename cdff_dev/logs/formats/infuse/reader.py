@@ -93,7 +93,7 @@ class LogReader(IndexedLog):
             part, at = part_of(number)
             data = self._files.read(part.file, int(part.starts[at]), int(part.ends[at]))
             self.quirks.file_name = self.files[part.file].name
-            with self._located(part, name, number):
+            with self._error_context(part, name, number):
                 dict_form = quirk.with_microseconds(unpack_message(data, type_name), name, self.quirks)
                 return from_dict_form(
                     type_name, dict_form, lambda text: self.quirks.record(f"{name}: {text}")
@@ -103,14 +103,14 @@ class LogReader(IndexedLog):
             part, at = part_of(number)
             if not part.headers or part.headers[at] is None:
                 return None
-            with self._located(part, name, number):
+            with self._error_context(part, name, number):
                 return Header.from_dict(part.headers[at])
 
         stamps_ns = np.concatenate([part.stamps_ns for part in parts])
         return IndexedStream(type_name, stamps_ns, read, header)
 
     @contextmanager
-    def _located(self, part: _Part, name: str, number: int) -> Iterator[None]:
+    def _error_context(self, part: _Part, name: str, number: int) -> Iterator[None]:
         """Name file, stream and sample in an InputError."""
         try:
             yield
@@ -222,7 +222,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> _Index:
         if after < 0:
             quirks.record(f"truncated: {end}; the remainder is lost")
             return index
-        key = _unpacked(buffer, at, int(after), path)
+        key = _unpack_value(buffer, at, int(after), path)
         at = int(after)
         if not isinstance(key, str):
             raise CodecError(f"{path}: key {key!r}, expected a stream's name")
@@ -231,7 +231,7 @@ def _read_index(file: MappedFile, path: Path, quirks: quirk.Quirks) -> _Index:
             if after < 0:
                 quirks.record(f"truncated in {key}: {end}; the remainder is lost")
                 return index
-            metas[key.removesuffix(".meta")] = _unpacked(buffer, at, int(after), path)
+            metas[key.removesuffix(".meta")] = _unpack_value(buffer, at, int(after), path)
             at = int(after)
             continue
         count, at = _container(buffer, at, path, "array")
@@ -272,7 +272,7 @@ def _skip_samples(file: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
     return done
 
 
-def _unpacked(buffer: NDArray[np.uint8], at: int, after: int, path: Path) -> Any:
+def _unpack_value(buffer: NDArray[np.uint8], at: int, after: int, path: Path) -> Any:
     """Return the value between two offsets; raises CodecError with the offset if it is damaged."""
     try:
         return unpack(buffer[at:after].tobytes())

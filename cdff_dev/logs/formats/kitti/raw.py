@@ -109,10 +109,12 @@ def _add_cameras(
             "image", single, "the other camera's image is missing"
         )
     if common:
-        stereo = with_size(read_stereo(path, *(_rectified(name) for name in names)), left[common[0]][0])
+        stereo = with_size(
+            read_stereo(path, *(_rectified_camera(name) for name in names)), left[common[0]][0]
+        )
         T_robot_left = None
         if T_camera_body is not None:
-            offset_m = _offset_m(path, _rectified(names[0]))
+            offset_m = _offset_m(path, _rectified_camera(names[0]))
             T_left_body = se3.transform(np.eye(3), offset_m) @ T_camera_body
             T_robot_left = UncertainTransform.exact(se3.inverse(T_left_body))
         stamps_ns = _ascending([left[number] for number in common])
@@ -122,10 +124,12 @@ def _add_cameras(
         if names is _GREY and files[name]:
             stream = f"/{ROBOT}/colour_{side}.frame"
             paths, stamps_ns = _paths_and_stamps(files[name])
-            streams[stream] = frame_stream(stream, paths, stamps_ns, read_camera(path, _rectified(name)))
+            streams[stream] = frame_stream(
+                stream, paths, stamps_ns, read_camera(path, _rectified_camera(name))
+            )
 
 
-def _rectified(name: str) -> str:
+def _rectified_camera(name: str) -> str:
     """Return the camera of a folder in the calibration: ``rect_00`` of ``image_00``."""
     return name.replace("image", "rect")
 

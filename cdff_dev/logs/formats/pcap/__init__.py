@@ -49,13 +49,13 @@ def _open(location: LogLocation, metadata: Path | None) -> LogSource:
     if metadata is None:
         from cdff_dev.logs.formats.pcap.velodyne import VelodyneLog
 
-        return VelodyneLog(path, _others(location.folder, {path}))
+        return VelodyneLog(path, _unused_files(location.folder, {path}))
     from cdff_dev.logs.formats.pcap.ouster import ouster_log
 
-    return ouster_log(path, metadata, _others(location.folder, {path, metadata}))
+    return ouster_log(path, metadata, _unused_files(location.folder, {path, metadata}))
 
 
-def _others(folder: Path | None, used: set[Path]) -> dict[str, Unconverted]:
+def _unused_files(folder: Path | None, used: set[Path]) -> dict[str, Unconverted]:
     """Return the other files of a folder; none if the capture was named itself."""
     if folder is None:
         return {}

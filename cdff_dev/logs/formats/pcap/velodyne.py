@@ -111,10 +111,10 @@ class VelodyneLog(LogSource):
         for datagram in self._capture.datagrams():
             if len(datagram.data) == _DATA_BYTES:
                 arrival_s = datagram.arrival_ns * 1e-9
-                yield from self._decoded(partial(decoder.decode, arrival_s, datagram.data, True))
-        yield from self._decoded(partial(decoder.finish, True))
+                yield from self._decode_scans(partial(decoder.decode, arrival_s, datagram.data, True))
+        yield from self._decode_scans(partial(decoder.finish, True))
 
-    def _decoded(self, call: Any) -> Iterator[tuple[int, Any]]:
+    def _decode_scans(self, call: Any) -> Iterator[tuple[int, Any]]:
         try:
             found = call()
         except (RuntimeError, ValueError, TypeError) as error:

@@ -55,7 +55,7 @@ def _image(value: Any, order: str) -> tuple[NDArray[Any], FrameModeT]:
     data = np.asarray(value["image"])
     height, width = int(value["size"]["height"]), int(value["size"]["width"])
     if mode in _COMPRESSED:
-        return _decompressed(data, mode, height, width)
+        return _decompress_image(data, mode, height, width)
     if mode == "MODE_UNDEFINED" and not data.size:
         return np.zeros((0, 0), np.uint8), FrameModeT.MODE_UNDEF
     import cv2
@@ -94,7 +94,9 @@ def _pixels(data: NDArray[Any], height: int, width: int, channels: int, dtype: n
     return rows.view(dtype).reshape(shape).astype(dtype.newbyteorder("="), copy=False)
 
 
-def _decompressed(data: NDArray[Any], mode: str, height: int, width: int) -> tuple[NDArray[Any], FrameModeT]:
+def _decompress_image(
+    data: NDArray[Any], mode: str, height: int, width: int
+) -> tuple[NDArray[Any], FrameModeT]:
     """Return a JPEG or PNG image, whose own size is read first: damaged ones can state any size."""
     import cv2
     from PIL import Image
@@ -117,7 +119,7 @@ def _single(value: Any, source: Source) -> Converted:
     return _frame(value, source, source.sensor_frame), source.sensor_frame, None
 
 
-def _compressed(value: Any, source: Source) -> Converted:
+def _compressed_frame(value: Any, source: Source) -> Converted:
     """Return a ``CompressedFrame``, which has no depth."""
     return _single({"data_depth": 8, **value}, source)
 
@@ -134,6 +136,6 @@ IMAGES = {
     "/base/samples/frame/Frame": (
         Conversion("Frame", _single, (*_FIELDS, "data_depth"), ("time", "pixel_size", "row_size")),
     ),
-    "/base/samples/frame/CompressedFrame": (Conversion("Frame", _compressed, _FIELDS),),
+    "/base/samples/frame/CompressedFrame": (Conversion("Frame", _compressed_frame, _FIELDS),),
     "/base/samples/frame/FramePair": (Conversion("FramePair", _pair, ("first", "second")),),
 }

@@ -92,7 +92,7 @@ class Port:
         def converted(number: int) -> Converted:
             nonlocal last
             if last[0] != number:
-                last = number, self._converted(number, task, conversion)
+                last = number, self._convert(number, task, conversion)
             return last[1]
 
         def header(number: int) -> Any:
@@ -108,7 +108,7 @@ class Port:
         """Return the samples, or a field of them, without conversion as a stream of a type of ROCK."""
 
         def read(number: int) -> Any:
-            with self._located(number) as (value, _):
+            with self._error_context(number) as (value, _):
                 return plain(value[field] if field else value)
 
         return IndexedStream(type_name, self.stamps_ns, read)
@@ -145,12 +145,12 @@ class Port:
         except CodecError:
             return [logical_ns]
 
-    def _converted(self, number: int, task: str, conversion: Conversion) -> Converted:
-        with self._located(number) as (value, order):
+    def _convert(self, number: int, task: str, conversion: Conversion) -> Converted:
+        with self._error_context(number) as (value, order):
             return conversion.convert(value, Source(task, int(self.stamps_ns[number]), order))
 
     @contextmanager
-    def _located(self, number: int) -> Iterator[tuple[Any, str]]:
+    def _error_context(self, number: int) -> Iterator[tuple[Any, str]]:
         """Yield the value of a sample and its byte order; errors name the file and the sample."""
         part, i = self._block(number)
         try:
