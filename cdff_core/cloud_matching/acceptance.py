@@ -80,6 +80,7 @@ def main_components(directions: NDArray[np.float64]) -> list[str]:
 
 
 def _assessment_metrics(registration: Registration) -> dict[str, float]:
+    """Return the quantities of an assessment as metrics of a product."""
     a = registration.assessment
     return {
         "overlap_source": a.overlap_source,

@@ -134,6 +134,7 @@ class SensorMonitor:
         stream.add(sample.stamp_ns, sample.seq)
 
     def _compare(self, sample: Sample, frame: str, type_name: str, *, is_inherited: bool) -> None:
+        """Add a sample to the motion source of its port and frame; a step back in time resets the monitor."""
         newest_ns = self._newest_ns.get(sample.port)
         if newest_ns is not None and sample.stamp_ns <= newest_ns:
             if sample.stamp_ns < newest_ns - _BACK_NS:
@@ -209,6 +210,7 @@ class SensorMonitor:
         return self._pairs
 
     def _test(self) -> None:
+        """Run all tests and update the confirmed findings and their history."""
         verticals, relations = self.estimates()
         has_rotation = any(estimate.excess > 1.0 for estimate in verticals.values()) or any(
             estimate.rotation_excess > 1.0 for estimate in relations.values()
@@ -258,6 +260,7 @@ class SensorMonitor:
         verticals: Mapping[str, VerticalEstimate],
         relations: Mapping[tuple[str, str], MotionEstimate],
     ) -> Finding | None:
+        """Return the finding about the sensors whose mount contradicts the others; None if they agree."""
         sources = self.sources
         candidates = [name for name, source in sources.items() if not (source.is_planar or source.is_fused)]
         pairs = [PairGroups(*names, estimate.groups) for names, estimate in relations.items()]
@@ -286,6 +289,7 @@ class SensorMonitor:
         return Finding(ROTATION, suspects.sensors, f"{angle_deg:.0f}_deg", what, remedy)
 
     def _clock_finding(self, relations: Mapping[tuple[str, str], MotionEstimate]) -> Finding | None:
+        """Return the finding about the streams whose stamps are shifted; None within the limit."""
         likelihoods = [OffsetLikelihood(*names, e.offset_log_likelihood) for names, e in relations.items()]
         streams = [name for name, source in self.sources.items() if not source.is_fused]
         limit_s = self.limits.offset_s

@@ -78,6 +78,7 @@ class StreamStatistics:
         return [f for f in (self._lost(), self._rate(), self._lead()) if f is not None]
 
     def _lost(self) -> Finding | None:
+        """Return the finding about lost samples; None at or below the limit."""
         lost = self.lost_fraction
         if lost is None or lost <= self._max_lost:
             return None
@@ -89,6 +90,7 @@ class StreamStatistics:
         return Finding(SAMPLES, (self.sensor,), f"{lost:.2f}_lost", what, remedy)
 
     def _rate(self) -> Finding | None:
+        """Return the finding about a rate that no mode of the profile states; None without one."""
         rate = self.rate_hz
         if rate is None or not self._stated_hz:
             return None
@@ -100,6 +102,9 @@ class StreamStatistics:
         return Finding(SAMPLES, (self.sensor,), f"{rate:.3g}_hz", what, remedy)
 
     def _lead(self) -> Finding | None:
+        """Return the finding about stamps ahead of the mission clock at their arrival; None within the
+        limit.
+        """
         leads = list(self._leads_s)
         if len(leads) < 3 or (lead_s := median(leads)) <= self._max_offset_s:
             return None

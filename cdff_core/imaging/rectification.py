@@ -111,6 +111,7 @@ class _StereoPose:
 def _rectified_pair(
     left: CameraModel, right: CameraModel, stereo_pose: _StereoPose, keep: float
 ) -> tuple[Rectified, Rectified, float]:
+    """Return both rectified cameras with their maps, and the baseline, metres."""
     T_right_left = stereo_pose.T_right_left
     R_left, R_right = _common_rotations(T_right_left)
     bounds = [_bounds(left, R_left), _bounds(right, R_right)]

@@ -47,6 +47,7 @@ def _contiguous(*arrays: FloatArray) -> list[FloatArray]:
 
 @njit(cache=True, error_model="numpy")
 def _distances(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:  # pragma: no cover
+    """Return the signed Sampson distances (n,) of point pairs (n, 2) to an F matrix, pixels."""
     out = np.empty(len(source))
     for i in range(len(source)):
         x, y, u, v = source[i, 0], source[i, 1], sink[i, 0], sink[i, 1]

@@ -75,6 +75,7 @@ class BodyDetection(Dfpc):
         """Return the frame of the sensor."""
 
     def _output(self, sample: Sample, value: ObjectDetections | None, quality: Quality) -> Output:
+        """Return the detections of a sample as an output."""
         return Output(
             "detections",
             value,

@@ -113,6 +113,7 @@ def distinct(poses: FloatArray, order: np.ndarray, count: int) -> list[int]:
 def _register(
     poses: FloatArray, scan_m: FloatArray, surface: SurfaceModel, scales_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
+    """Register hypotheses (n, 4, 4) with the surface of a model; return the poses and their costs (n,)."""
     return register(poses, scan_m, surface.points_m, surface.normals, surface.grid, scales_m)
 
 

@@ -69,6 +69,7 @@ def range_residuals(
 def _residuals(
     T: FloatArray, vertices: FloatArray, triangles: IntArray, view: ScanView, residuals: FloatArray
 ) -> None:  # pragma: no cover - compiled
+    """Write the difference of each measured depth from the drawn model; NaN where the model is not drawn."""
     inverse_depth = np.zeros((view.window.rows, view.window.columns))
     face = np.full((view.window.rows, view.window.columns), -1)
     scratch = np.empty((len(vertices), 3))
@@ -108,6 +109,7 @@ def _costs(
     cost: FloatArray,
     rays: FloatArray,
 ) -> None:  # pragma: no cover - compiled
+    """Write the cost of each pose, and its numbers of agreeing, disagreeing, missed and free-space rays."""
     rows, columns = view.window.rows, view.window.columns
     inverse_depth = np.empty((rows, columns))
     face = np.empty((rows, columns), np.int64)

@@ -187,6 +187,7 @@ class PoseRefiner:
         return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
 
     def _search(self, T: FloatArray) -> Refined:
+        """Return the best pose of an evolutionary search around the registered pose ``T`` (4, 4)."""
         T, covariance = self.registered(T)
         change = PoseChange(T, self._centre_m, covariance)
         mean, _, _ = minimise(

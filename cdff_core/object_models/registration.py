@@ -79,6 +79,7 @@ def _register(
     one_sided: bool,
     costs: FloatArray,
 ) -> None:  # pragma: no cover - compiled
+    """Refine each pose by Gauss-Newton steps from wide to narrow scales; write the final costs."""
     A, b = np.empty((6, 6)), np.empty(6)
     for k in range(len(poses)):
         T = poses[k]
@@ -229,6 +230,9 @@ def _cost(
     scale: float,
     one_sided: bool,
 ) -> float:  # pragma: no cover - compiled
+    """Return the mean squared distance of the scan to the model,
+    truncated at ``scale`` and relative to it.
+    """
     total, limit2 = 0.0, scale * scale
     sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
     for i in range(len(scan)):

@@ -54,6 +54,7 @@ class NewTrackConfig(DfpcConfig):
     @field_validator("inertia_ratios")
     @classmethod
     def _is_a_body(cls, ratios: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Raise ValueError if moments of inertia with these ratios belong to no rigid body."""
         low, middle, high = sorted(ratios)
         if low <= 0.0 or high > low + middle:
             raise ValueError("expected moments above 0, none above the sum of the other two")
@@ -173,5 +174,6 @@ def with_rejection(predicted: TrackedState) -> TrackedState:
 
 
 def _scale_noise(scales: FloatArray, excess: FloatArray) -> FloatArray:
+    """Return the noise scales, moved towards the excess of the residuals within bounds."""
     changed = scales * np.exp(_GAIN * np.clip(excess, -1.0, _MAX_EXCESS))
     return np.asarray(np.clip(changed, _MIN_SCALE, _MAX_SCALE))

@@ -150,6 +150,7 @@ def _pair(
 def _model_pairs(
     points: FloatArray, normals: FloatArray, step: float, bins: int
 ) -> tuple[IntArray, IntArray, FloatArray]:  # pragma: no cover - compiled
+    """Return feature key, first point and rotation of all pairs of model points."""
     n = len(points)
     key, first, rotation = np.empty(n * n, np.int64), np.empty(n * n, np.int64), np.empty(n * n)
     count = 0
@@ -181,6 +182,7 @@ def _vote(
     index: IntArray,
     peaks: int,
 ) -> FloatArray:  # pragma: no cover - compiled
+    """Return the poses (r * peaks, 4, 4) with most votes for each reference point of the scan."""
     n = len(model)
     votes = np.empty((n, ROTATIONS), np.float32)
     smooth = np.empty((n, ROTATIONS), np.float32)

@@ -124,6 +124,9 @@ def _counts(
     visible: BoolArray,
     tolerance: float,
 ) -> IntArray:  # pragma: no cover - compiled
+    """Return for each pose the numbers (n, 4) of visible model points that agree, hide, are hidden or lie
+    outside.
+    """
     out = np.zeros((len(poses), 4), np.int64)
     rows, columns = depth.shape
     for k in range(len(poses)):

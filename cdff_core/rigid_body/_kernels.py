@@ -78,6 +78,9 @@ def whiten(
 def _predict(
     state: FloatArray, covariance: FloatArray, dt: float, intensity: float, order: int
 ) -> None:  # pragma: no cover - compiled
+    """Propagate state and covariance of the drift over ``dt``, a random walk (order 1) or a walk of its rate
+    (2).
+    """
     if order == 1:
         for i in range(3):
             covariance[i, i] += intensity * dt

@@ -101,6 +101,7 @@ class DriftingProblem:
         return variance / interval_s ** (2 * self.order - 1)
 
     def _solve(self, intensity: float) -> DriftingFit:
+        """Return the fit for one intensity of the random walk."""
         n, p, d = len(self.t_s), self.derivatives.shape[2], 3 * self.order
         columns = np.concatenate([self.residuals[:, :, None], self.derivatives], axis=2)
         white, state, covariance = np.empty((n, 3, p + 1)), np.empty((d, p + 1)), np.empty((d, d))

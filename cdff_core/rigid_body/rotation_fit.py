@@ -306,6 +306,9 @@ class _Orientations:
     def _problem(
         self, model: RotationModel, part: slice, weights: FloatArray, *, with_derivatives: bool = True
     ) -> DriftingProblem:
+        """Return the linear problem about a model for a part of the orientations, with factors on their
+        covariances.
+        """
         t_s = self.t_s[part] - self.epoch_s
         turned = self.orientations[part] @ np.swapaxes(model.orientations(t_s), 1, 2)
         by_angle = orientation_derivatives(model, t_s) if with_derivatives else np.empty((len(t_s), 3, 0))

@@ -84,6 +84,7 @@ class Replay:
             self._database.close()
 
     def _replay(self, connection: Connection, kind: str, changes: Sequence[Change]) -> None:
+        """Replay successive changes of one kind, and record the applied ones as events."""
         if kind == "inserted" and all(change.row is not None for change in changes):
             replayed = self._insert(connection, changes)
         else:

@@ -89,6 +89,7 @@ class DiskSpace:
                     self._create_reserve()
 
     def _create_reserve(self) -> None:
+        """Create the reserve file unless it exists or the disk is nearly full; a failure is logged."""
         is_full = self.free_bytes() < self._low_water // 2 + self._reserve
         if not self._reserve or self._path.exists() or is_full:
             return

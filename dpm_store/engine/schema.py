@@ -14,6 +14,7 @@ SIDES = ("xmin_m", "ymin_m", "zmin_m", "xmax_m", "ymax_m", "zmax_m")
 
 
 def _read_metadata() -> MetaData:
+    """Return the tables that the migrations create, reflected from an empty database."""
     metadata, engine = MetaData(), create_engine("sqlite://")
     with engine.begin() as connection:
         for path in sorted(_MIGRATIONS.glob("*.sql")):

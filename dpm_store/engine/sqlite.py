@@ -157,6 +157,7 @@ def fetch(
 
 @lru_cache(maxsize=512)
 def _compiled(statement: Select[Any]) -> tuple[str, dict[str, Any]]:
+    """Return the text of a statement and its parameters."""
     compiled = statement.compile(dialect=_DIALECT)
     return str(compiled), dict(compiled.params)
 
@@ -344,6 +345,9 @@ def _clamp_bound(value: float) -> float:
 
 
 def _on_connect(connection: sqlite3.Connection, _record: object) -> None:
+    """Configure a new connection: write-ahead log, synchronous writes, transactions started by
+    ``_on_begin``.
+    """
     connection.isolation_level = None  # _on_begin starts transactions, not the driver
     for pragma in (
         "journal_mode=WAL",

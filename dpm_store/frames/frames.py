@@ -298,6 +298,7 @@ _SELECT = select(schema.frames, _LOG_COLUMNS.ordinal.label("state")).join(
 
 
 def _view_conditions(view: HistoryView) -> list[ColumnElement[bool]]:
+    """Return the conditions that select the revisions of frames visible in a view of the history."""
     f, n = schema.frames.c, schema.frame_log.alias()
     conditions: list[ColumnElement[bool]] = []
     if view.as_of_ns is not None:

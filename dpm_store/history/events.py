@@ -225,6 +225,9 @@ class EventTable:
 
 
 def _row(scope: str, kind: str, body: Mapping[str, Any], stamp_ns: int) -> dict[str, Any]:
+    """Return the row of an event; raises InputError for bad names or a body that is too large or not plain
+    data.
+    """
     if not (_NAME.fullmatch(scope) and _NAME.fullmatch(kind)):
         raise InputError(f"event {kind[:64]!r} of {scope[:64]!r}: expected lower case letters, digits and _")
     try:

@@ -81,6 +81,7 @@ def lineage(
 
 
 def _steps(connection: Connection, ids: Sequence[str], direction: str) -> list[tuple[str, str]]:
+    """Return the pairs (product, input) one step up or down from products."""
     v, dialect = schema.provenance.c, dialect_of(connection)
     end = v.product_id if direction == "up" else v.input_id
     steps = select(v.product_id, v.input_id).where(end.in_(dialect.elements("ids")))

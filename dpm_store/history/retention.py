@@ -160,6 +160,7 @@ class Retention:
         return last
 
     def _plan(self, connection: Connection, rules: Sequence[Rule]) -> RetentionPlan:
+        """Return the plan of the rules: the first decisions, and counts of all."""
         p = schema.products.c
         joined = select(func.count(), func.coalesce(func.sum(p.size), 0)).join_from(
             _selected, schema.products, p.ordinal == _selected.c.ordinal
@@ -172,6 +173,7 @@ class Retention:
         return RetentionPlan(decisions, to_delete, count - to_delete, int(size))
 
     def _delete(self, session: Session, last: int) -> tuple[int, int]:
+        """Delete the products that may retire, in batches; return their number and bytes."""
         p = schema.products.c
         statement = (
             select(p.ordinal, p.id, p.t1_ns, p.size)
@@ -235,6 +237,7 @@ def _insert_inputs_of_kept(connection: Connection, since: int) -> None:
 
 
 def _decisions(connection: Connection, rules: Sequence[Rule]) -> Iterator[RetentionDecision]:
+    """Yield the decision about each selected product, in order of its time, with the reason."""
     p, g = schema.products.c, _selected.c
     statement = (
         select(
@@ -256,6 +259,7 @@ def _decisions(connection: Connection, rules: Sequence[Rule]) -> Iterator[Retent
 
 
 def _needed_by(connection: Connection, product_id: str) -> str:
+    """Return the reason for which an input is kept: the product that needs it."""
     p, v = schema.products.c, schema.provenance.c
     derived = (
         select(v.product_id, p.deleted_ns)

@@ -104,6 +104,7 @@ class NavigationMaps:
     def _assemble(
         self, selection: PatchSelection, geometry: GridGeometry, choice: NavigationChoice
     ) -> tuple[NavigationMosaic, PatchUsage]:
+        """Return the mosaic of the selected patches in a grid, and which of them were used."""
         from cdff_common.raster.navigation import NavigationMosaic
 
         mosaic = NavigationMosaic(geometry, choice)

@@ -273,6 +273,7 @@ class Patches:
             return {record.id: self._cache[record.id] for record in records if record.id in self._cache}
 
     def _add_to_cache(self, product_id: str, patch: Patch) -> None:
+        """Cache a patch, unless it takes more than a quarter of the cache; the oldest patches are evicted."""
         size = sum(layer.nbytes for layer in patch.layers.values())
         if size > self._cache_bytes // 4:
             return

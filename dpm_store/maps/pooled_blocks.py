@@ -183,6 +183,9 @@ class PooledBlocks:
             yield blocks
 
     def _block(self, key: BlockKey) -> Block:
+        """Return the block of a key from the cache, or an empty one; the least recently used blocks are
+        dropped.
+        """
         block = self._blocks.get(key)
         if block is None:
             block = self._blocks[key] = Block.empty(key)
@@ -246,6 +249,7 @@ class PooledBlocks:
         selection: PatchSelection,
         found: PatchSelection,
     ) -> tuple[AssembledWindow, PatchUsage]:
+        """Return the window assembled from blocks, and the patches that contribute to it."""
         from cdff_common.raster.mosaic import Mosaic
 
         mosaic = Mosaic(geometry, query.choice, query.disagreement, auxiliary=True)

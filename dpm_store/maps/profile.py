@@ -128,6 +128,7 @@ def elevation_profile(
 
 
 def _samples(path_m: NDArray[np.float64], step_m: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return distances (n,) and positions (n, 2) along a line at regular steps and at its corners."""
     lengths = np.linalg.norm(np.diff(path_m, axis=0), axis=1)
     corner_distance = np.concatenate([[0.0], np.cumsum(lengths)])
     length_m = float(corner_distance[-1])

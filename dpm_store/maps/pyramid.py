@@ -133,6 +133,7 @@ class Pyramid:
         self._files.close(self._last_event, self._included)
 
     def _unless_changed(self, frame: str, make: Callable[[], Read], state: Callable[[], int]) -> Read:
+        """Return the result of ``make``, repeated until ``state`` is the same before and after it."""
         with self._locked():
             self._changes.frames_in_use.add(frame)
             for _ in range(_ATTEMPTS):
@@ -173,6 +174,9 @@ class Pyramid:
             listener(change)
 
     def _rectangle(self, frame: str, z: int, geometry: GridGeometry) -> CellStatistics:
+        """Return the statistics of the cells of a rectangle: from few patches directly, otherwise from
+        tiles.
+        """
         from cdff_common.raster import CellStatistics
         from cdff_common.raster.tiles import Tile, tiles_over
 

@@ -334,6 +334,7 @@ def _no_patch(query: WindowQuery, product: str, detail: str) -> ProductNotFoundE
 
 
 def _check_size(bounds: tuple[float, float, float, float], resolution_m: float) -> None:
+    """Raise InputError if a window has too many cells or is too far from the origin."""
     x0, y0, x1, y1 = bounds
     columns, rows = (x1 - x0) / resolution_m + 1.0, (y1 - y0) / resolution_m + 1.0
     # This form of the comparison also refuses NaN.

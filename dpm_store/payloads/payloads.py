@@ -142,6 +142,7 @@ class Payloads:
                     self._reclaimable.discard(number)
 
     def _is_intact(self, location: int | None, content: Content) -> bool:
+        """Return whether the stored payload equals the content; True for a payload in a file of its own."""
         if location is None:
             return True
         span = (location, len(content.payload))

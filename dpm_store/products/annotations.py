@@ -263,6 +263,9 @@ def _last_revision_with(
 
 
 def _insert(connection: Connection, new: Annotation) -> None:
+    """Insert a revision of an annotation, and the tags, pins and
+    supersessions by which products are found.
+    """
     row = {
         **new.to_dict(),
         "product_id": new.product_id,

@@ -236,6 +236,7 @@ def epoch_ns(connection: Connection) -> int | None:
 
 
 def _index(connection: Connection, numbered: Sequence[tuple[int, PreparedProduct]]) -> None:
+    """Enter the frames, heights and boxes of new products in the search indexes."""
     dialect = dialect_of(connection)
     frames = sorted({item.header.frame for _, item in numbered})
     dialect.upsert_rows(connection, schema.frame_names, [{"frame": frame} for frame in frames])
@@ -329,6 +330,7 @@ def prepare(product: NewProduct) -> PreparedProduct:
 
 
 def _check_product(header: Header, payload: bytes, names: dict[str, str], type_name: str, codec: str) -> str:
+    """Return the SHA-256 of the payload; raises InputError or CodecError for a product that is not valid."""
     for what, name in names.items():
         if not _NAME.match(name):
             raise InputError(f"{what}={name[:80]!r}: expected lower case letters, digits and _, at most 64")

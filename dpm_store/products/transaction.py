@@ -82,6 +82,7 @@ class Transactions:
             return tuple(self._make(connection, change, prepared) for change in changes)
 
     def _make(self, connection: Connection, change: Change, prepared: Iterator[PreparedProduct]) -> Outcome:
+        """Execute one change of a transaction and return its outcome."""
         if isinstance(change, NewProduct):
             return self._products.inserter.insert_in(connection, [next(prepared)])[0]
         if isinstance(change, Update):

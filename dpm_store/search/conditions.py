@@ -99,6 +99,7 @@ def _statement(
     order: Order,
     has_position: bool,
 ) -> Select[Any]:
+    """Return the compiled form of a search, whose values are bound parameters."""
     p = products.c
     values: dict[str, Any] = {name: bindparam(name) for name in names}
     position: Any = (bindparam("cursor_t1_ns"), bindparam("cursor_ordinal")) if has_position else None
@@ -112,6 +113,7 @@ def _values(query: Query) -> dict[str, Any]:
 
 
 def _position(query: Query) -> tuple[int, int] | None:
+    """Return time and ordinal after which a page starts; None for the first page and other orders."""
     if query.cursor is None or query.sort or query.order is Order.NEAREST:
         return None
     cursor = read_cursor(query.cursor, query.order)
@@ -146,6 +148,7 @@ def _within(bound: MetricBound, ordinal: ColumnElement[int]) -> ColumnElement[bo
 def _bounded(
     value: ColumnElement[float], bound: MetricBound
 ) -> tuple[ColumnElement[bool], ColumnElement[bool]]:
+    """Return the conditions of the lower and the upper bound of a metric."""
     if bound.strict:
         return value > bound.low, value < bound.high
     return value >= bound.low, value <= bound.high

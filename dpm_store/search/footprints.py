@@ -133,6 +133,9 @@ def _rings(dialect_name: str) -> Select[Any]:
 
 
 def _of_map(value: Any) -> tuple[NDArray[np.bool_], float, float, float, float] | None:
+    """Return the observed cells, coarsened, with x and y of the first corner and the cell sizes; None
+    without cells.
+    """
     grid = value.geometry
     if "mean" in value.layer_names:
         observed = np.isfinite(value.layer("mean"))
@@ -152,6 +155,9 @@ def _of_map(value: Any) -> tuple[NDArray[np.bool_], float, float, float, float] 
 
 
 def _of_points(xy: FloatArray) -> tuple[NDArray[np.bool_], float, float, float, float] | None:
+    """Return the occupied cells of points, with x and y of the first corner and the cell sizes; None without
+    an area.
+    """
     xy = xy[np.isfinite(xy).all(axis=1)]
     if len(xy) < 3:
         return None

@@ -146,6 +146,9 @@ class _Squares:
         return sorted(p for p in positions if self._after is None or p > self._after)
 
     def _distances(self, rows: Sequence[Any]) -> NDArray[np.float64]:
+        """Return the distances (n,) of products from the point: to their footprint, otherwise to their box,
+        metres.
+        """
         distances = np.empty(len(rows))
         rings = rings_in(self._connection, (row.ordinal for row in rows))
         for name in {row.frame for row in rows}:

@@ -143,6 +143,7 @@ def _hulls(corners_xy: FloatArray) -> Any:
 
 
 def _polygons(rings: Sequence[FloatArray], heights_m: FloatArray, T: FloatArray) -> Any:
+    """Return the outlines of footprints between two heights, seen from above in another frame."""
     import shapely
 
     level = abs(abs(T[2, 2]) - 1.0) < 1e-12
@@ -161,6 +162,7 @@ def _polygons(rings: Sequence[FloatArray], heights_m: FloatArray, T: FloatArray)
 
 
 def _touching(region: Region, outlines: Any) -> NDArray[np.bool_]:
+    """Return which outlines intersect the region."""
     import shapely
 
     if region.kind == "circle":

@@ -153,6 +153,7 @@ class Search:
         return self._dialect.interruptible(connection, lambda: monotonic_s() > end_s)
 
     def _run_spatial(self, connection: Connection, query: Query, region: Region, tree: FrameTree) -> Page:
+        """Return the page of products whose outline intersects a region, tested slice by slice."""
         resolved, unplaced = resolve_frames(connection, tree, query.frame)
         boxes = [(frame.ordinal, box) for frame in resolved.values() for box in frame.boxes(region)]
         records: list[ProductRecord] = []

@@ -107,6 +107,7 @@ def portions(
 
 
 def _bounds_ns(key: float, epoch_ns: int, dialect: Dialect) -> tuple[int, int]:
+    """Return times that enclose the end time stored in the index with limited precision, nanoseconds."""
     first_s, last_s = dialect.end_bounds_s(key)
     return epoch_ns + math.floor(first_s * NS_PER_S), epoch_ns + math.ceil(last_s * NS_PER_S)
 

@@ -66,6 +66,7 @@ def _after(columns: Sequence[tuple[ColumnElement[Any], bool]], values: Sequence[
 
 
 def _read(text: str, query: Query) -> list[Any]:
+    """Return the values of the sort fields in a cursor; raises InputError for a cursor of another search."""
     try:
         sort, values = json.loads(base64.urlsafe_b64decode(text + "=" * (-len(text) % 4)))
         is_right = sort == [list(part) for part in query.sort] and len(values) == len(sort) + 1

@@ -115,6 +115,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
     def _compare_scale(
         self, inputs: Inputs, image: Float32Array, level: float, extent_px: float, interval: FloatArray
     ) -> Outputs:
+        """Return the range at which rendering and image agree best; raises RefusedError if they disagree."""
         target = _compress_brightness(image, self.config.compression * level)
         rows, columns = image.shape
         origin = np.array([0.5 * (columns - 1), 0.5 * (rows - 1)])

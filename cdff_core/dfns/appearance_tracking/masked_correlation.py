@@ -61,6 +61,7 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
         return best
 
     def _at_scale(self, inputs: Inputs, scale: float) -> Outputs | None:
+        """Return the best match of the template at one scale; None if the window is too small for it."""
         rows, cols = inputs.template.shape
         template, weights = inputs.template, inputs.weights
         size = (max(round(cols * scale), _MIN_SIDE_PX), max(round(rows * scale), _MIN_SIDE_PX))

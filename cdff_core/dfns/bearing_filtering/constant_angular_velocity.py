@@ -54,6 +54,7 @@ class ConstantAngularVelocity(Interface[ConstantAngularVelocityConfig]):
 
 
 def _replace_rows(states: BearingStates, indices: np.ndarray, parts: BearingStates) -> BearingStates:
+    """Return the states with the rows at ``indices`` replaced by ``parts``."""
     directions, rates, covariances = (
         states.directions.copy(),
         states.rates.copy(),

@@ -117,6 +117,9 @@ class TorqueFree(Interface[TorqueFreeConfig]):
         return rotation, centre
 
     def _check(self, inputs: Inputs) -> None:
+        """Raise RefusedError for too few poses, InputError for unordered
+        times or poses that are not rigid.
+        """
         t_s = inputs.times_s
         if len(t_s) < self.config.min_poses:
             raise RefusedError(

@@ -32,6 +32,7 @@ class Bm(CheckedMatcher[BmConfig]):
     """
 
     def _create_matcher(self) -> cv2.StereoMatcher:
+        """Return the block matcher of OpenCV with the configured parameters."""
         cfg = self.config
         matcher = cv2.StereoBM.create(cfg.num_disparities, cfg.block_px)
         matcher.setMinDisparity(cfg.min_disparity_px)

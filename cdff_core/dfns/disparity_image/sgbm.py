@@ -34,6 +34,7 @@ class Sgbm(CheckedMatcher[SgbmConfig]):
     """
 
     def _create_matcher(self) -> cv2.StereoMatcher:
+        """Return the semi-global matcher of OpenCV with the configured parameters."""
         cfg = self.config
         return cv2.StereoSGBM.create(
             minDisparity=cfg.min_disparity_px,

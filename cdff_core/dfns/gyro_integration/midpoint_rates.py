@@ -65,6 +65,7 @@ class MidpointRates(Interface[MidpointRatesConfig]):
         return Outputs(rotation=se3.normalise_rotation(R), covariance=variance * np.eye(3))
 
     def _refuse_gaps(self, stamps: np.ndarray, start: int, end: int) -> None:
+        """Raise RefusedError if the readings around an interval leave a gap above ``max_gap_s``."""
         limit_ns = self.config.max_gap_s * 1e9
         nearby_stamps = stamps[(stamps >= start - limit_ns) & (stamps <= end + limit_ns)]
         is_covered = (

@@ -151,6 +151,7 @@ class _Fit:
         self._information = np.zeros((6, 6))
 
     def _set_prior(self, inputs: Inputs) -> None:
+        """Store state Jacobian, prior covariance and prior error; raises InputError if their sizes differ."""
         J = inputs.state_jacobian
         self._J = np.eye(12, 6) if J is None else np.array(J, np.float64)
         k = self._J.shape[1]

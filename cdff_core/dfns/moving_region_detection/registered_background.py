@@ -294,6 +294,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         self._count = np.where(fresh, 1.0, new_count).astype(np.float32)
 
     def _no_regions(self, image: Float32Array) -> Outputs:
+        """Return the outputs of an image without regions."""
         return Outputs(
             boxes=np.zeros((0, 4)),
             centroids=np.zeros((0, 2)),

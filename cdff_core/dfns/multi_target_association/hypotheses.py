@@ -213,6 +213,7 @@ def assigned(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray:
 
 
 def _assign_sources(hypotheses: Hypotheses) -> IntArray:
+    """Return the rows of the most probable assignment, in which each source has at most one object."""
     if len(hypotheses) == 0:
         return np.zeros(0, np.int64)
     objects, row_of_object = np.unique(hypotheses.objects, return_inverse=True)

@@ -196,6 +196,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
     def _extend_hypotheses(
         self, predicted: Hypotheses, candidates: Sources, obstacles: FloatArray, inputs: Inputs
     ) -> Hypotheses:
+        """Return the hypotheses extended with each source in the gate, and with none."""
         density = max(float(inputs.can_start[candidates.indices].sum()), _MIN_FALSE) / inputs.solid_angle
         missed = np.full(len(predicted), np.log(1.0 - self.config.detection_probability))
         is_confirmed = self._is_confirmed(predicted)

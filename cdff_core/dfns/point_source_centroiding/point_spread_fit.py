@@ -124,6 +124,7 @@ class PointSpreadFit(Interface[PointSpreadFitConfig]):
         )
 
     def _covariances(self, fits: np.ndarray, snr: np.ndarray, reach: int) -> np.ndarray:
+        """Return the covariances (n, 2, 2) of the positions, enlarged by residuals that exceed the noise."""
         covariances = np.empty((len(fits), 2, 2))
         covariances[:, 0, 0], covariances[:, 1, 1] = fits[:, 4], fits[:, 6]
         covariances[:, 0, 1] = covariances[:, 1, 0] = fits[:, 5]

@@ -75,5 +75,6 @@ class EllipsoidalIntersection(Interface[EllipsoidalIntersectionConfig]):
 
 
 def _pose_and_covariance(T: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a pose (4, 4) and its regularised covariance (6, 6)."""
     pose = UncertainTransform(T, covariance)
     return pose.matrix, np.asarray(pose.covariance) + _MIN_VARIANCE * np.eye(6)

@@ -161,6 +161,7 @@ def _wanted_rows(inputs: Inputs) -> IntArray:
 
 
 def _reasons(problem: Problem, solution: Solution, weights: FloatArray) -> tuple[str, ...]:
+    """Return the reasons of a solution that is not an ordinary optimum."""
     rejected = int(np.count_nonzero(weights == 0.0))
     reasons = {
         f"information_repaired:{problem.repaired}": problem.repaired > 0,

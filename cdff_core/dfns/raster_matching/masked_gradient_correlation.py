@@ -209,6 +209,7 @@ class MaskedGradientCorrelation(Interface[MaskedGradientCorrelationConfig]):
         return _Candidate(pose, covariance, value, explained, placement.cells)
 
     def _outputs(self, candidates: list[_Candidate], centre: FloatArray) -> Outputs:
+        """Return the outputs for candidates, best first."""
         explained = np.array([candidate.explained for candidate in candidates])
         # Profile likelihood of the heights given the reference, with unknown noise that is correlated over
         # some cells.

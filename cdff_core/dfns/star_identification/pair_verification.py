@@ -271,6 +271,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         return list(self._tree.query_ball_point(directions, reach))  # type: ignore[union-attr]
 
     def _outputs(self, inputs: Inputs, match: _Match, is_ambiguous: bool) -> Outputs:
+        """Return the outputs for a match of sources and stars."""
         stars = np.full(len(inputs.directions), -1, np.int64)
         stars[match.sources] = match.stars
         references = np.full(inputs.directions.shape, np.nan)

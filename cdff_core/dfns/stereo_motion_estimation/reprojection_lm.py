@@ -214,6 +214,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         )
 
     def _outputs(self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System) -> Outputs:
+        """Return motion and covariances of a solution; raises RefusedError or DegenerateGeometryError."""
         c = self.config
         inliers = system.squared < c.gate**2
         if inliers.sum() < 4 or not np.all(np.isfinite(T)):

@@ -88,6 +88,7 @@ class VoxelBlocks:
         return np.where(self._keys[at] == keys, self._slots[at], -1)
 
     def _resize(self, capacity: int) -> None:
+        """Give each array room for ``capacity`` blocks; existing blocks keep their values."""
         shapes: dict[str, tuple[tuple[int, ...], DTypeLike]] = {
             "distances": ((), np.float32),
             "weights": ((), np.float32),

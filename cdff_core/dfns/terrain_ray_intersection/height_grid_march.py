@@ -54,6 +54,9 @@ class HeightGridMarch(Interface[HeightGridMarchConfig]):
         return Outputs(ranges=ranges, sigmas=sigmas)
 
     def _range(self, inputs: Inputs, u: FloatArray) -> float:
+        """Return the range at which a ray along ``u`` (3,) meets the terrain, metres; NaN without an
+        intersection.
+        """
         step = _STEP_CELLS * inputs.resolution
         across = float(np.hypot(u[0], u[1]))
         if across < 1e-6:

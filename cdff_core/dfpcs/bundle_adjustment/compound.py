@@ -127,6 +127,7 @@ class BundleAdjustment(BundleAdjustmentInterface):
         )
 
     def _landmarks(self, adjusted: BundleOptimizationOutputs, frame: str) -> LandmarkMap:
+        """Return the adjusted points with covariances and numbers of observations as landmarks."""
         problem = adjusted.problem
         counts = np.bincount(problem.observations.points, minlength=len(problem.points.ids)).astype(np.uint32)
         return LandmarkMap.from_arrays(

@@ -179,6 +179,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
                 self._patch.add(self._aligner.align(points, self._maps.local) if is_aligned else points)
 
     def _is_patch_due(self) -> bool:
+        """Return whether the patch ends: on request, or by its duration, number of points or distance."""
         patch, c = self._patch, self.config
         if not patch.captures:
             return False
@@ -219,6 +220,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         ]
 
     def _thin_cloud(self, points: NDArray[np.float64], frame: str, stamp_ns: int) -> Pointcloud:
+        """Return the points (n, 3) thinned to at most ``max_cloud_points``."""
         thin = self._thinning.process(PointCloudDownsamplingInputs(points=points)).points
         step = -(-len(thin) // self.config.max_cloud_points)
         return Pointcloud.from_points(thin[::step], frame=frame, stamp_ns=stamp_ns)

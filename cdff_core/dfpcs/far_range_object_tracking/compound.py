@@ -303,6 +303,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         found: MultiTargetAssociationOutputs,
         reasons: tuple[str, ...],
     ) -> list[Output]:
+        """Return a track for each confirmed object, and the detections of the image."""
         frame = self._frame or INERTIAL
         outputs = []
         detections = []
@@ -385,6 +386,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         hypotheses: int,
         ranging: TargetRange | None,
     ) -> Output:
+        """Return the track of an object with its quality."""
         status = track.metadata.status
         own: list[str] = [] if ranging is None else list(ranging.reasons)
         if status is ObjectTrackStatusT.TRACK_COASTING:
@@ -461,6 +463,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         )
 
     def _attitude_output(self, sample: Sample, attitude: CameraAttitude) -> Output:
+        """Return the attitude estimated from stars."""
         assert attitude.rotation is not None
         covariance = np.zeros((6, 6))
         covariance[3:, 3:] = attitude.covariance
@@ -492,6 +495,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         quality: Quality,
         attitude: CameraAttitude | None = None,
     ) -> Output:
+        """Return a product of an image."""
         inputs = (sample.id, *(attitude.inputs if attitude is not None else ()))
         return Output(port, value, sample.stamp_ns, sample.stamp_ns, frame, None, quality, inputs)
 

@@ -178,6 +178,9 @@ class SourceExtractor:
         *,
         is_weak: bool = False,
     ) -> ImageSources:
+        """Return the sources at points (n, 2): point sources fitted, extended ones with their centroid of
+        light.
+        """
         image = self.image
         assert image is not None
         fit = self._centroid.process(

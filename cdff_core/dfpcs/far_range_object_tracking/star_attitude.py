@@ -200,6 +200,7 @@ class AttitudeEstimator:
         given: FloatArray | None,
         inputs: tuple[str, ...],
     ) -> CameraAttitude:
+        """Return the attitude from identified stars; raises RefusedError if they are not identified."""
         count = self._config.identify_sources
         rays = camera.rays(pixels[:count])
         usable = np.flatnonzero(np.isfinite(rays).all(axis=1) & (snr[:count] > _STAR_SNR))

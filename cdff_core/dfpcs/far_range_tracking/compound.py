@@ -141,6 +141,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         return object_track(state, t_ns, self._observer.frame, self.name, self._observer.axes)
 
     def _process(self, sample: Sample, frame: Frame, pair: FramePair | None) -> list[Output]:
+        """Run the control sequence for one image, with its pair if there is one."""
         camera = CameraModel.of_frame(frame)
         image = grey_image(frame)
         self._check(sample, image)
@@ -169,6 +170,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         return self._outputs(sample, scene, lost, camera_frame, reasons)
 
     def _check(self, sample: Sample, image: np.ndarray) -> None:
+        """Raise InputError if the image is not later than the previous one or differs in size."""
         if self._stamp_ns is not None and sample.stamp_ns <= self._stamp_ns:
             raise InputError(
                 f"image at {sample.stamp_ns} ns: expected later than the previous one, {self._stamp_ns} ns"
@@ -252,6 +254,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         pair: FramePair | None,
         images: tuple[np.ndarray, np.ndarray] | None,
     ) -> None:
+        """Measure the range of an object seen in this image and update its range filter."""
         o.range_reasons = ()
         if o.misses:
             return
@@ -271,6 +274,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         camera_frame: str,
         reasons: tuple[str, ...],
     ) -> list[Output]:
+        """Return the tracks of lost and confirmed objects, and the detections of the image."""
         outputs, detections = [], []
         reasons = (*reasons, *scene.observer.reasons)
         # The last output is the newest product: objects that are visible come last.
@@ -303,6 +307,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
     def _track_output(
         self, sample: Sample, scene: Scene, o: TrackedObject, reasons: tuple[str, ...]
     ) -> Output:
+        """Return the track of an object with its quality."""
         observer = scene.observer
         covariance = o.states.covariances[0].copy()
         # The error of the attitude is the same in many images: the filter does not average it.

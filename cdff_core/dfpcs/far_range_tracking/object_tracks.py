@@ -176,6 +176,7 @@ class ObjectTracks:
     # -- steps
 
     def _predict(self, scene: Scene) -> None:
+        """Predict all objects to the time of the image; known translation moves the objects with a range."""
         if self._stamp_ns is None:
             return
         moved_m = np.zeros(3)
@@ -415,6 +416,7 @@ class ObjectTracks:
         appearance: Appearance | None,
         scene: Scene,
     ) -> TrackedObject:
+        """Return an unconfirmed object at an image position, with unknown velocity."""
         attitude = scene.observer.attitude
         direction = attitude.directions(scene.camera, position_px[None])
         states = started(

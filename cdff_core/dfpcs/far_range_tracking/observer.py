@@ -122,6 +122,9 @@ class ObserverTrack:
         return self._by_pose(stamp_ns, camera_frame) or self._by_attitude(stamp_ns, camera_frame)
 
     def _by_pose(self, stamp_ns: int, camera_frame: str) -> Observer | None:
+        """Return the observer from the pose at a time, in the site frame if it is known; None without a
+        pose.
+        """
         pose = self._poses.pose(stamp_ns)
         if pose is None or self._pose_names is None:
             return None
@@ -138,6 +141,7 @@ class ObserverTrack:
         return self._observer(pose, frame, has_position=True, inputs=(self._pose_id,))
 
     def _by_attitude(self, stamp_ns: int, camera_frame: str) -> Observer | None:
+        """Return the observer from the newest attitude; None if it is too old or its mount unknown."""
         given = self._attitude
         if given is None or abs(stamp_ns - given.stamp_ns) > self._config.attitude_age_s * 1e9:
             return None
@@ -155,6 +159,9 @@ class ObserverTrack:
     def _observer(
         self, pose: UncertainTransform, frame: str, *, has_position: bool, inputs: tuple[str, ...]
     ) -> Observer:
+        """Return the observer at a pose; a missing covariance is replaced by the configured one, with a
+        reason.
+        """
         noise = np.eye(3) * self._config.attitude_noise_rad**2
         reasons: tuple[str, ...] = ()
         position_covariance = np.zeros((3, 3))

@@ -121,6 +121,9 @@ class TargetRange:
         return tuple(self._ids[r.source] for r in ranges if self._ids.get(r.source))
 
     def _by_height(self, o: TrackedObject, camera: CameraModel) -> Ranging | None:
+        """Return the range from the apparent height of the object; None if the height is not known or not
+        visible.
+        """
         if self._height_m is None or not o.is_full_height or not np.isfinite(o.box).all():
             return None
         height_px = float(o.box[3] - o.box[2])
@@ -143,6 +146,7 @@ class TargetRange:
         images: tuple[np.ndarray, np.ndarray] | None,
         noise: float,
     ) -> Ranging | None:
+        """Return the range from the disparity of the object; None without a significant disparity."""
         a = o.appearance
         if pair is None or images is None or a is None or not o.is_whole or not np.isfinite(o.box).all():
             return None
@@ -177,6 +181,7 @@ class TargetRange:
         return Ranging("stereo", range_m, range_m * sigma / disparity, _DISPARITY_BIAS_PX / disparity)
 
     def _by_terrain(self, o: TrackedObject, camera: CameraModel, observer: Observer) -> Ranging | None:
+        """Return the range of the terrain at the lowest point of the object; None without terrain there."""
         if (
             self._dem is None
             or observer.position_m is None

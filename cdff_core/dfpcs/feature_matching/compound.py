@@ -142,6 +142,7 @@ class FeatureMatching(FeatureMatchingInterface):
         return VerifiedPairs.from_lines(pairs, lines, plane.homography)
 
     def _matches(self, sample: Sample, input_ids: tuple[str, ...], v: VerifiedPairs) -> Output:
+        """Return the verified correspondences with their inlier probabilities."""
         inliers, span = v.inliers, float(np.hypot(*np.ptp(v.pairs.right, axis=0)))
         probabilities = inlier_probabilities(v.residuals[v.agrees], v.sigma_px, float(v.agrees.mean()), span)
         reasons = [f"few_inliers:{v.count}<{_GOOD_INLIERS}"] if v.count < _GOOD_INLIERS else []

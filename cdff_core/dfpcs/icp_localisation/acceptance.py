@@ -62,6 +62,7 @@ def alignment_quality(alignment: Alignment, config: IcpLocalisationConfig, kind:
 
 
 def _metrics(alignment: Alignment) -> dict[str, float]:
+    """Return the quantities of an alignment as metrics of a product."""
     a = alignment.assessment
     return {
         "overlap_model": a.overlap_source,

@@ -162,6 +162,7 @@ class IcpLocalisation(IcpLocalisationInterface):
     def _register_level(
         self, index: int, scene: Level, model: Level, T: Float, with_normals: bool
     ) -> Registration3DOutputs:
+        """Register the model with the scene at one level, from the guess ``T`` (4, 4)."""
         step: Registration3DOutputs = self._register[index].process(
             Registration3DInputs(
                 source=model.points_m,
@@ -264,6 +265,7 @@ class IcpLocalisation(IcpLocalisationInterface):
         return np.eye(4) if last is None else last.transform.matrix
 
     def _aligned_model(self) -> Pointcloud | None:
+        """Return the model at the last pose; None before the first one."""
         last = self._last
         if last is None:
             return None

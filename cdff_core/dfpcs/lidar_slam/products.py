@@ -138,6 +138,7 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
     def _pose(
         self, port: str, parent: str, T: UncertainTransform | None, scan: LidarScan, quality: Quality
     ) -> Output:
+        """Return a pose of the lidar as an output; ``T`` is None for FAILED."""
         return Output.of_pose(
             port,
             T,

@@ -165,6 +165,7 @@ def _check_sizes(message: PositionState) -> None:
 
 
 def _joints_to_message(joints: Mapping[str, JointValues]) -> PositionStateJoints:
+    """Return the values of all joints as one message."""
     series = list(joints.values())
     stamps = np.concatenate([np.zeros(0, np.int64), *(j.stamps_ns for j in series)])
     gaps = np.concatenate([np.zeros(0, bool), *(np.isin(j.stamps_ns, list(j.gaps_ns)) for j in series)])
@@ -178,6 +179,7 @@ def _joints_to_message(joints: Mapping[str, JointValues]) -> PositionStateJoints
 
 
 def _joints_from_message(message: PositionStateJoints) -> dict[str, JointValues]:
+    """Return the values of the joints of a message; raises InputError if its sizes are inconsistent."""
     total = len(message.values)
     sums = np.concatenate([[0], np.cumsum(message.counts)])
     if (

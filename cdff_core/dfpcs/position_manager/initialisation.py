@@ -75,6 +75,7 @@ class Initialiser:
         return state, [s for s in samples if s.port != "imu"]
 
     def _initial_state(self, stamp_ns: int, wheels: UncertainTransform) -> InitialState:
+        """Return the state at the start: levelled by the IMU if possible, with the reasons of its limits."""
         start = self._config.start
         forces, rates = self._imu.all()
         reasons: tuple[str, ...] = ()

@@ -99,10 +99,14 @@ class MissionTime:
         return refused
 
     def _buffer_span(self) -> tuple[int, int]:
+        """Return the first and the last stamp in the buffer, nanoseconds."""
         stamps = [s.stamp_ns for s in self._buffer]
         return min(stamps), max(stamps)
 
     def _is_jump_confirmed(self, ahead: bool) -> bool:
+        """Return whether enough buffered samples, of all publishing ports,
+        confirm that the time has jumped.
+        """
         low, high = self._buffer_span()
         if len(self._buffer) < _MIN_CONFIRMING or high - low < _CONFIRM_NS:
             return False

@@ -151,6 +151,7 @@ class PoseTimeline:
         return self.nodes if prediction is None else [*self.nodes, Node.from_estimate(prediction)]
 
     def _interpolate(self, nodes: list[Node], stamp_ns: int) -> _InterpolatedPose:
+        """Return the pose at a time between two nodes; raises ExtrapolationError outside or in a gap."""
         if not nodes:
             raise ExtrapolationError("site to base: no pose is known yet")
         k = bisect_left(self.stamps_ns, stamp_ns)

@@ -77,6 +77,7 @@ class TransformQuery:
         return self._timeline.pose_at(t_ns, self._predict(t_ns))
 
     def _transform(self, parent: str, parent_t_ns: int, child: str, child_t_ns: int) -> UncertainTransform:
+        """Return ``T_parent_child`` of two frames at two times, through the base of the robot."""
         f = self._frames
         parent_moves, child_moves = f.is_on_robot(parent), f.is_on_robot(child)
         if not parent_moves and not child_moves:

@@ -194,6 +194,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         self._rejected_blocks += fused.rejected_blocks
 
     def _organise(self, sample: Sample) -> OrganisedCloud:
+        """Return the points of a cloud, depth image or stereo pair with normals and standard deviations."""
         config, value = self.config, sample.value
         max_range_m = np.inf if config.max_range_m is None else config.max_range_m
         if sample.port == "cloud":
@@ -238,6 +239,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         return self.context.frames.lookup(parent, child, stamp_ns).matrix
 
     def _extract(self, fusion: Dfn[Any, SurfaceFusionInputs, SurfaceFusionOutputs]) -> SurfaceFusionOutputs:
+        """Return the surface fused so far, without adding a capture."""
         none = np.zeros((0, 0, 3), np.float32)
         return fusion.process(
             SurfaceFusionInputs(
@@ -251,6 +253,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         )
 
     def _mesh_of(self, surface: SurfaceFusionOutputs) -> Mesh:
+        """Return a surface as a mesh."""
         return Mesh.from_arrays(
             surface.vertices,
             surface.triangles.astype(np.uint32),

@@ -119,6 +119,7 @@ class TargetTracking(TargetTrackingInterface):
         return self._outputs(sample, self._state, quality)
 
     def _outputs(self, sample: Sample, state: TrackedState | None, quality: Quality) -> list[Output]:
+        """Return the outputs of a state, and store the newest one."""
         outputs = state_outputs(
             state,
             stamp_ns=sample.stamp_ns,

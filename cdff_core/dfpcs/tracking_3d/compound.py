@@ -116,6 +116,7 @@ class Tracking3D(Tracking3DInterface):
             )
 
     def _publish(self, *, is_fitted: bool) -> Iterable[Output]:
+        """Yield the current track and, unless it is only fitted, body motion and prediction."""
         newest = self._poses[-1]
         later_ns = self._stamps_ns(newest.stamp_ns + round(1e9 * self.config.horizon_s))
         motion = self._estimate(later_ns[:1] if is_fitted else later_ns, is_fitted=is_fitted)
@@ -157,6 +158,7 @@ class Tracking3D(Tracking3DInterface):
         return np.asarray(start_ns + step_ns * np.arange(count))
 
     def _quality(self, motion: Motion) -> Quality:
+        """Return the quality of an estimated motion."""
         config, n = self.config, len(self._poses)
         reasons = []
         if motion.increment_rad > config.max_increment_rad:
@@ -191,6 +193,7 @@ class Tracking3D(Tracking3DInterface):
         )
 
     def _body_motion(self, motion: Motion) -> BodyMotion:
+        """Return the motion as a product; unobservable quantities are zero or NaN."""
         kind = BodyMotionKindT.MOTION_TUMBLING if motion.is_tumbling else BodyMotionKindT.MOTION_STEADY
         ratios, newest = motion.moment_ratios, self._poses[-1]
         return BodyMotion(

@@ -157,6 +157,7 @@ class Triangulation(TriangulationInterface):
         ]
 
     def _quality(self, triangulated: NViewTriangulationOutputs) -> Quality:
+        """Return the quality from the fraction of valid points and the variance of unit weight."""
         valid, variance = triangulated.valid, triangulated.unit_variance
         reasons = []
         if valid.mean() < _MIN_VALID_FRACTION:

@@ -171,6 +171,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         )
 
     def _output(self, sample: Sample, pose: UncertainTransform | None, quality: Quality) -> Output:
+        """Return the pose as an output, and store it if there is one."""
         frame: Frame = sample.value
         output = Output.of_pose(
             "pose",

@@ -33,6 +33,7 @@ class MapMatcher:
         return MapMatches.joined([self._with_keyframe(features, int(v)) for v in rows])
 
     def _with_keyframe(self, features: ImageFeatures, vertex: int) -> MapMatches:
+        """Return the matches of the image with one keyframe of the map."""
         # Across the ray: the feature and the rotation of the keyframe; along it: the depth.
         rotation = np.sqrt(np.trace(self.pose_covariances[vertex][3:, 3:]) / 3.0)
         return match_keyframe(

@@ -102,6 +102,7 @@ class CameraPath:
         self._poses.append(pose)
 
     def _last(self) -> tuple[int, UncertainTransform]:
+        """Return time and pose of the last measurement; raises RefusedError without one."""
         if self._measured is None:
             raise RefusedError("no pose was measured yet", ["no_pose"])
         return self._measured

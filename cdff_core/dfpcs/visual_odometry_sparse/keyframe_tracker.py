@@ -77,8 +77,8 @@ class KeyframeTracker:
     ) -> Located:
         """Return the motion since a keyframe, searched near the prediction ``T_current_keyframe`` (4, 4).
 
-        ``bounds`` is the motion by wheels or gyro since the keyframe, if measured; ``is_continued`` is true if
-        the prediction continues a known velocity. Raises RefusedError if the motion cannot be estimated.
+        ``bounds`` is the motion by wheels or gyro since the keyframe, if measured; ``is_continued`` is true
+        if the prediction continues a known velocity. Raises RefusedError if the motion cannot be estimated.
         """
         select = partial(
             self._select_motion, view, keyframe, T_current_keyframe, bounds, is_continued=is_continued
@@ -133,6 +133,7 @@ class KeyframeTracker:
     def _predict(
         self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray
     ) -> FeaturesPrediction2DOutputs:
+        """Predict position and appearance of the features of a keyframe in the current view."""
         out: FeaturesPrediction2DOutputs = self._prediction.process(
             FeaturesPrediction2DInputs(
                 points=keyframe.points,

@@ -220,6 +220,7 @@ class KeyframeMapper:
         return increment
 
     def _is_keyframe_due(self, located: LocatedView) -> bool:
+        """Return whether overlap, translation or rotation since the current keyframe require a new one."""
         assert self.current is not None  # the image is located
         keyframe, limits = self.keyframes.keyframes[self.current], self._config.keyframes
         T = self.T_keyframe_camera.matrix

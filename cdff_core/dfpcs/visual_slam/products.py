@@ -127,6 +127,7 @@ class ProductBuilder(GraphProducts[KeyframeMapper]):
     def _pose(
         self, port: str, parent: str, T: UncertainTransform | None, stamp_ns: int, quality: Quality
     ) -> Output:
+        """Return a pose of the camera as an output; ``T`` is None for FAILED."""
         return Output.of_pose(
             port,
             T,

@@ -108,6 +108,7 @@ class StereoCalibration:
 
 
 def _correct(keyframe: VisualKeyframe, mean_px: FloatArray) -> VisualKeyframe:
+    """Return the keyframe with its stereo points computed again for a corrected disparity offset."""
     stereo: StereoMeasurement | None = keyframe.stereo
     if stereo is None:
         return keyframe
