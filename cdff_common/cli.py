@@ -233,6 +233,7 @@ class _Version(argparse.Action):
 
 
 def _add_verbosity(parser: argparse.ArgumentParser, default: Any) -> None:
+    """Add ``-v`` and ``-q`` to a parser that has no such options; hidden unless ``default`` is None."""
     if {"-v", "-q"} & set(parser._option_string_actions):
         return
     hidden = None if default is None else argparse.SUPPRESS

@@ -54,6 +54,7 @@ def _descriptor() -> int | None:
 
 
 def _run(stop: threading.Event, descriptor: int | None) -> None:
+    """Write the heartbeat until the process ends; a failed check ends the process."""
     while True:
         problem = "; ".join(p for check in _checks if (p := check()))
         if problem and not stop.is_set():

@@ -54,6 +54,7 @@ class Loop:
             self._is_dead = not has_ended_as_demanded
 
     def _cycle(self, work: Callable[[_T], object], item: _T) -> None:
+        """Execute one cycle; an error is counted and logged."""
         self._busy_since_s = self._now_s()
         try:
             work(item)

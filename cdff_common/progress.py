@@ -109,6 +109,7 @@ def elapsed(work: str, out: TextIO | None = None) -> Iterator[None]:
     is_terminal, start_s = stream.isatty(), time.monotonic()
 
     def show() -> None:
+        """Write the elapsed time until the work has ended."""
         if ended.wait(_SILENT_S if is_terminal else _LINES_S):
             return
         while True:

@@ -128,6 +128,7 @@ def _pose_lines(transform: UncertainTransform, parent: str, child: str, stamp_ns
 
 
 def _map_lines(value: Any, layer: str, unit: str) -> list[str]:
+    """Return the lines that describe a map: size, layers and the range of one layer."""
     geometry = value.geometry
     width_m, height_m = geometry.cols * geometry.resolution_m, geometry.rows * geometry.resolution_m
     lines = [

@@ -218,6 +218,7 @@ class Bus:
         return server
 
     def _verb_table(self, prefix: str, stands_in: bool) -> VerbTable:
+        """Return the table of the verbs under a prefix, created at the first call."""
         with self._lock:
             table = self._verb_tables.get(prefix)
             if table is None:

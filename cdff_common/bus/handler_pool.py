@@ -73,6 +73,7 @@ class HandlerPool:
         self._running += 1
 
     def _run(self) -> None:
+        """Execute tasks on this thread until the pool ends; errors of a task are logged."""
         _local.pool = self
         while (task := self._next()) is not None:
             function, arguments = task

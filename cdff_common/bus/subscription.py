@@ -80,6 +80,7 @@ class Subscription:
         self._loops.remove(self._loop)
 
     def _take(self, sample: zenoh.Sample) -> None:
+        """Put a sample into the ring; if it is full, the oldest one is dropped and counted."""
         with self._ring_lock:
             full = len(self._ring) >= self._depth
             if full:
@@ -96,6 +97,7 @@ class Subscription:
             return self._ring.popleft()
 
     def _deliver(self, sample: zenoh.Sample) -> None:
+        """Pass a sample to the callback as a message."""
         self._callback(
             Message(
                 key=str(sample.key_expr),

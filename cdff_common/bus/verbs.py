@@ -54,6 +54,7 @@ class VerbTable:
         self._queryable.undeclare()
 
     def _take(self, query: zenoh.Query) -> None:
+        """Pass a query to the server of its verb, or refuse it."""
         verb = str(query.key_expr).partition(RPC)[2]
         server = self._verbs.get(verb) or self._verbs.get(f"{verb.rpartition('/')[0]}/*")
         if server is not None:

@@ -85,6 +85,7 @@ def _ideal(numbers: Mapping[str, Any], names: tuple[str, ...], width: str, heigh
 
 
 def _of_euroc(document: Mapping[str, Any]) -> CameraModel:
+    """Return the camera of a ``sensor.yaml`` of EuRoC; raises InputError for an unknown distortion model."""
     model = document.get("distortion_model", "radial-tangential")
     if model not in _EUROC_DISTORTIONS:
         raise InputError(f"distortion_model {model!r}: expected {' or '.join(_EUROC_DISTORTIONS)}")

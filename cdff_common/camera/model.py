@@ -181,6 +181,9 @@ class CameraModel:
     # -----------------------------------------------------------------------------------------------------
 
     def _distort(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return distorted coordinates of points (x, y) on the plane z = 1,
+        by the rational model of OpenCV.
+        """
         k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (
             *self.distortion,
             *[0.0] * (12 - len(self.distortion)),

@@ -138,6 +138,7 @@ def read_depth_unit(path: Path) -> float | None:
 
 
 def _text(path: Path) -> str:
+    """Return the text of a file; raises InputError if it is too large or unreadable."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(
@@ -182,6 +183,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def _yaml(text: str) -> Mapping[str, Any]:
+    """Return the mapping in a YAML text, which OpenCV may have written; raises InputError."""
     # OpenCV writes "%YAML:1.0", which is not valid YAML.
     body = re.sub(r"\A%YAML[:\s]1\.\d[^\n]*\n", "", text)
     try:
@@ -194,6 +196,7 @@ def _yaml(text: str) -> Mapping[str, Any]:
 
 
 def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
+    """Return the cameras and relative poses of a calibration file of OpenCV."""
     size = next(
         ((int(document[w]), int(document[h])) for w, h in _SIZE_NAMES if w in document and h in document),
         (0, 0),
@@ -254,6 +257,7 @@ def _kitti_lines(text: str) -> dict[str, NDArray[np.float64]]:
 
 
 def _of_kitti(rows: Mapping[str, NDArray[np.float64]]) -> tuple[Cameras, Poses]:
+    """Return the cameras and their poses from the rows of a calibration file of KITTI."""
     cameras: Cameras = {}
     poses: Poses = {}
     projections = {n: n for n in rows if re.fullmatch(r"P\d", n)}

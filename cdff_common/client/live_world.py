@@ -65,6 +65,7 @@ def _newest(client: Client, product: str, robot: str, t_ns: int) -> Iterator[Map
 
 
 def _item(client: Client, found: Mapping[str, Any], *, values: bool) -> WorldItem:
+    """Return the newest product of a port as an item, with its value on request."""
     header = Header.from_dict(found)
     return WorldItem(
         f"/{found['robot']}/{found['dfpc']}.{found['port']}",

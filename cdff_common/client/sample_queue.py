@@ -77,6 +77,7 @@ class SampleQueue:
         self._thread.join(timeout_s)
 
     def _run(self) -> None:
+        """Send the waiting samples until the queue is closed."""
         while True:
             with self._changed:
                 self._is_sending = False

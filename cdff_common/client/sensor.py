@@ -304,6 +304,7 @@ class Sensor:
         return value, value.t0_ns if isinstance(value, CapturedMessage) else end_ns, end_ns
 
     def _check_frames(self, value: Any) -> None:
+        """Raise InputError if the frames in a value are not those of the sensor."""
         own = (
             ("frame", getattr(value, "frame", ""), self.frame),
             ("parent frame", getattr(value, "parent_frame", ""), self.frame),

@@ -115,6 +115,7 @@ class SensorModes:
         return state
 
     def _set(self, mode: ActiveMode) -> None:
+        """Set the mode and call the handler of the device; an error of the handler is reported."""
         if mode == self.current:
             return
         self.current = mode

@@ -106,6 +106,7 @@ def _ignore(quirk: str) -> None:
 
 
 def _from_dict_form(obj: Any, node: Node | Alias, where: str, quirk: Quirk) -> Any:
+    """Return the value of a node from its dictionary form; raises CodecError with the path ``where``."""
     match node:
         case Struct():
             return _struct(obj, node, where, quirk)
@@ -133,6 +134,7 @@ def _from_dict_form(obj: Any, node: Node | Alias, where: str, quirk: Quirk) -> A
 
 
 def _struct(obj: Any, node: Struct, where: str, quirk: Quirk) -> Any:
+    """Return a structure from a map of its fields; other spellings are accepted as quirks."""
     if not isinstance(obj, Mapping):
         raise CodecError(f"{where}: a {type(obj).__name__}, expected a map of {node.name}'s fields")
     entries = dict(obj)
@@ -171,6 +173,7 @@ def _other_spelling(field: Field, entries: Mapping[Any, Any]) -> str | None:
 
 
 def _array(obj: Any, node: Array, where: str) -> Any:
+    """Return an array from nested lists of numbers."""
     if isinstance(obj, np.ndarray):
         return obj
     dtype = node.dtype
@@ -186,6 +189,7 @@ def _array(obj: Any, node: Array, where: str) -> Any:
 
 
 def _octets(obj: Any, node: OctetString, where: str, quirk: Quirk) -> Any:
+    """Return an octet string from bytes or, as a quirk, from a list of numbers."""
     if isinstance(obj, list | np.ndarray):
         quirk(f"{where}: list of numbers for bytes")
         try:
@@ -198,6 +202,7 @@ def _octets(obj: Any, node: OctetString, where: str, quirk: Quirk) -> Any:
 
 
 def _enumeration(obj: Any, node: Enumeration, where: str, quirk: Quirk) -> Any:
+    """Return an enumeration value from its name or, as a quirk, from its number."""
     if isinstance(obj, str):
         for name, value in node.members:
             if obj.replace("_", "-").lower() == name.lower():
@@ -210,6 +215,7 @@ def _enumeration(obj: Any, node: Enumeration, where: str, quirk: Quirk) -> Any:
 
 
 def _choice(obj: Any, node: Choice, where: str, quirk: Quirk) -> Any:
+    """Return a choice from a pair, or from a map with one key, the name of the alternative."""
     is_pair = isinstance(obj, tuple) and len(obj) == 2
     pairs = [obj] if is_pair else list(obj.items()) if isinstance(obj, Mapping) else []
     for key, content in pairs if len(pairs) == 1 else ():

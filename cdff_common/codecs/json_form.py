@@ -30,6 +30,7 @@ def from_json(type_name: str, obj: Any) -> Any:
 
 
 def _dict_form(obj: Any, node: Node | Alias, where: str) -> Any:
+    """Return the dictionary form of a JSON value: octet strings, hexadecimal text in JSON, become bytes."""
     match node:
         case Alias():
             return _dict_form(obj, node.node, where)

@@ -59,6 +59,7 @@ def decode_real(contents: bytes) -> float:
 
 
 def _binary(contents: bytes) -> float:
+    """Return the number of a binary encoding of REAL (X.690, 8.5.7); raises CodecError."""
     head = contents[0]
     base_bits = {0: 1, 1: 3, 2: 4}.get((head >> 4) & 3)
     exponent_octets = (head & 3) + 1

@@ -58,6 +58,7 @@ def decode(type_name: str, data: bytes) -> Any:
 
 @cache
 def _codec(name: str) -> tuple[Put, Get]:
+    """Return the functions that write and read a message type."""
     return _compile_node(message_node(name))
 
 
@@ -92,6 +93,7 @@ def _compile_node(node: Node | Alias) -> tuple[Put, Get]:
 
 
 def _integer(node: Integer) -> tuple[Put, Get]:
+    """Return the functions that write and read an integer within bounds."""
     low, high, bits = node.low, node.high, bits_for(node.high - node.low + 1)
 
     def get(reader: BitReader) -> int:
@@ -104,6 +106,7 @@ def _integer(node: Integer) -> tuple[Put, Get]:
 
 
 def _enumeration(node: Enumeration) -> tuple[Put, Get]:
+    """Return the functions that write and read an enumeration as the number of its member."""
     values = [v for _, v in node.members]
     index = {v: i for i, v in enumerate(values)}
     bits = bits_for(len(values))
@@ -118,6 +121,7 @@ def _enumeration(node: Enumeration) -> tuple[Put, Get]:
 
 
 def _text(node: Text) -> tuple[Put, Get]:
+    """Return the functions that write and read a text as UTF-8 with its number of bytes."""
     bits, high = bits_for(node.high + 1), node.high
 
     def put(writer: BitWriter, value: str) -> None:
@@ -135,6 +139,7 @@ def _text(node: Text) -> tuple[Put, Get]:
 
 
 def _struct(node: Struct) -> tuple[Put, Get]:
+    """Return the functions that write and read the fields of a structure in their order."""
     fields = [(f.attribute, f.name, *_compile_node(f.node)) for f in node.fields]
 
     def put(writer: BitWriter, value: Any) -> None:
@@ -154,6 +159,7 @@ def _struct(node: Struct) -> tuple[Put, Get]:
 
 
 def _choice(node: Choice) -> tuple[Put, Get]:
+    """Return the functions that write and read the number of an alternative and its value."""
     alternatives = [(f.attribute, *_compile_node(f.node)) for f in node.alternatives]
     index = {f.attribute: i for i, f in enumerate(node.alternatives)}
     bits = bits_for(len(alternatives))

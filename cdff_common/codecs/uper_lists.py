@@ -169,6 +169,7 @@ def _parts(writer: BitWriter, size: int, low: int, high: int) -> Iterable[tuple[
 
 
 def _fragments(writer: BitWriter, size: int) -> Iterator[tuple[int, int]]:
+    """Write the lengths of the fragments of a list; yield first row and number of rows of each."""
     at = 0
     while True:
         part = writer.put_length(size - at)

@@ -57,6 +57,7 @@ def _element(tag: str, value: Any, node: Node | Alias) -> Iterator[str]:
 
 
 def _content(value: Any, node: Node | Alias) -> Iterator[str]:
+    """Yield the XML content of a value without its own element."""
     match node:
         case Struct():
             for field in node.fields:
@@ -86,6 +87,7 @@ def _content(value: Any, node: Node | Alias) -> Iterator[str]:
 
 
 def _rows(values: list[Any], element: Real | Integer | Boolean, tags: tuple[str, ...]) -> Iterator[str]:
+    """Yield the XML elements of nested rows of numbers or booleans."""
     for value in values:
         if len(tags) > 1:
             yield f"<{tags[0]}>"
@@ -144,6 +146,7 @@ class _Builder(ElementTree.TreeBuilder):
 
 
 def _parse_xml(data: bytes) -> ElementTree.Element:
+    """Return the root of a document without DTD, comments and CDATA; raises CodecError."""
     if b"<!" in data:
         raise CodecError("the document has a DTD, comment or CDATA: expected elements and text only")
     parser = ElementTree.XMLParser(target=_Builder())
@@ -156,6 +159,7 @@ def _parse_xml(data: bytes) -> ElementTree.Element:
 
 
 def _value(element: ElementTree.Element, node: Node | Alias, where: str) -> Any:
+    """Return the value of a node from its XML element; raises CodecError with the path ``where``."""
     match node:
         case Struct():
             children = list(element)
@@ -197,6 +201,8 @@ def _value(element: ElementTree.Element, node: Node | Alias, where: str) -> Any:
 
 
 def _array(element: ElementTree.Element, node: Array, where: str) -> Any:
+    """Return an array from nested XML elements."""
+
     def nested_lists(parent: ElementTree.Element, depth: int) -> list[Any]:
         if depth:
             return [nested_lists(child, depth - 1) for child in parent]
@@ -215,6 +221,7 @@ def _array(element: ElementTree.Element, node: Array, where: str) -> Any:
 
 
 def _real(element: ElementTree.Element, where: str) -> float:
+    """Return the real number of an element, which may be infinite or NaN."""
     if len(element) == 1 and element[0].tag in _SPECIAL:
         return _SPECIAL[element[0].tag]
     text = (element.text or "").strip()

@@ -44,6 +44,7 @@ def parse_metric_bounds(value: Any) -> tuple[MetricBound, ...]:
 
 
 def _parse_bound(text: str) -> MetricBound:
+    """Return the bound of one comparison, such as ``inliers>=30``; raises InputError."""
     match = _BOUND.match(text)
     try:
         value = float(match[3]) if match is not None else math.nan

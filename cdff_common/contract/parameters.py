@@ -117,6 +117,7 @@ def _stamp(value: Any, info: ValidationInfo) -> int:
 
 
 def _region(value: Any) -> Region:
+    """Return the region of a parameter; raises InputError if a polygon intersects itself."""
     region = value if isinstance(value, Region) else parse_region(str(value))
     if region.kind == "polygon":
         import shapely
@@ -143,10 +144,12 @@ def _join_list(value: Any) -> str:
 
 
 def _names(value: Any) -> tuple[str, ...]:
+    """Return the names in comma-separated text."""
     return tuple(name for name in _join_list(value).split(",") if name)
 
 
 def _numbers(value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    """Return the numbers in comma-separated text; raises InputError."""
     text = _join_list(value)
     try:
         return tuple(float(part) for part in text.split(","))
@@ -155,6 +158,7 @@ def _numbers(value: Any, info: ValidationInfo) -> tuple[float, ...]:
 
 
 def _point(value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    """Return x and y of a point, metres; raises InputError."""
     numbers = _numbers(value, info)
     if len(numbers) != 2:
         raise InputError(f"{info.field_name}={_join_list(value)[:80]!r}: expected x,y in metres")
@@ -162,6 +166,7 @@ def _point(value: Any, info: ValidationInfo) -> tuple[float, ...]:
 
 
 def _path(value: Any, info: ValidationInfo) -> tuple[float, ...]:
+    """Return x and y of the corners of a path in turn, metres; raises InputError."""
     numbers = _numbers(value, info)
     inside = all(abs(number) <= MAX_COORDINATE_M for number in numbers)
     if len(numbers) % 2 or not 4 <= len(numbers) <= 2 * MAX_PATH_CORNERS or not inside:

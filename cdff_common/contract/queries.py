@@ -419,6 +419,7 @@ class RequestParameters(Parameters):
 
     @model_validator(mode="after")
     def _window_is_whole(self) -> Self:
+        """Refuse a window of capture with only one end, in the wrong order, or together with ``t``."""
         if self.t0 is None and self.t1 is None:
             return self
         if self.t0 is None or self.t1 is None:

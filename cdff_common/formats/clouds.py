@@ -22,6 +22,7 @@ def read_cloud(s: Source, fmt: str) -> CloudArrays:
 
 
 def _from_npz(s: Source) -> CloudArrays:
+    """Return the cloud of an NPZ file: the array ``points_m``, or the only array of shape (n, 3)."""
     arrays = read_npz(s)
     points = next((arrays[name] for name in ("points_m", "points") if name in arrays), None)
     if points is None:

@@ -89,6 +89,7 @@ def _text(head: bytes) -> str | None:
 
 
 def _text_format(text: str, data: bytes) -> str | None:
+    """Return the format of a text file by its first lines; None if it is not known."""
     if text.lstrip().startswith(("{", "[")):
         try:
             json.loads(data)
@@ -113,6 +114,7 @@ def _text_format(text: str, data: bytes) -> str | None:
 
 
 def _are_numbers(words: list[str]) -> bool:
+    """Return whether a line has words, all of them numbers."""
     try:
         [float(w) for w in words]
     except ValueError:

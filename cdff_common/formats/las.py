@@ -106,6 +106,7 @@ def _check_chunks(s: Source, start: int, count: int) -> None:
 
 
 def _read_laz(s: Source) -> CloudArrays:
+    """Return the cloud of a compressed file; its sizes are checked before it is decompressed."""
     try:
         import laspy
         import lazrs

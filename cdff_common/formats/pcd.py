@@ -80,6 +80,7 @@ def write_pcd(cloud: CloudArrays, *, layout: str = "binary") -> bytes:
 
 
 def _header(s: Source) -> _Header:
+    """Return the header of a file; raises CodecError if it is incomplete or inconsistent."""
     words: dict[str, list[str]] = {}
     position = 0
     while position < min(len(s.data), _HEADER_LIMIT) and "DATA" not in words:
@@ -121,6 +122,7 @@ def _binary(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
 
 
 def _compressed_columns(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of a compressed file."""
     if header.start + 8 > len(s.data):
         raise s.error("ends before the sizes of its compressed block")
     packed, unpacked = struct.unpack_from("<II", s.data, header.start)
@@ -140,6 +142,7 @@ def _compressed_columns(s: Source, header: _Header) -> dict[str, NDArray[np.gene
 
 
 def _decompress(s: Source, packed: bytes, size: int) -> bytes:
+    """Return a block decompressed by LZF; raises CodecError if its size differs from ``size``."""
     import lzf
 
     try:
@@ -152,6 +155,7 @@ def _decompress(s: Source, packed: bytes, size: int) -> bytes:
 
 
 def _ascii(s: Source, header: _Header) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of a text file; an incomplete last line is reported as a truncation."""
     width, points = sum(count for _, _, count in header.fields), header.points
     words = s.data[header.start :].split()
     if len(words) < points * width and not s.data.endswith(b"\n"):  # the last line is not complete

@@ -172,6 +172,7 @@ def _dtype(element: PlyElement, layout: str) -> np.dtype[np.void]:
 def _binary_columns(
     s: Source, offset: int, dtype: np.dtype[np.void], count: int
 ) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of a binary file; missing rows are reported as a truncation."""
     complete = max(len(s.data) - offset, 0) // dtype.itemsize if dtype.itemsize else count
     if complete < count:
         s.report_truncation(complete, count, "vertices")
@@ -181,6 +182,7 @@ def _binary_columns(
 
 
 def _ascii_columns(s: Source, start: int, skip: int, vertex: PlyElement) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of a text file; an incomplete last line is reported as a truncation."""
     lines = s.data[start:].split(b"\n", skip + vertex.count)[skip : skip + vertex.count]
     count = vertex.count
     if len(lines) < count:

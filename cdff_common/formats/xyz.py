@@ -58,6 +58,7 @@ def looks_like_xyz(head: bytes) -> bool:
 
 
 def _is_point(row: list[str]) -> bool:
+    """Return whether all words of a row are numbers, as many as a point has."""
     try:
         return len([float(word) for word in row]) in _COLUMNS
     except ValueError:

@@ -182,6 +182,7 @@ def _to_lonlat(body: Body, points_m: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def _project(anchor: Anchor) -> Any:
+    """Return the coordinate reference system of the plane tangent to the body at an anchor."""
     import pyproj
 
     base = anchor.body.geographic_crs

@@ -245,6 +245,7 @@ def _additional_bodies() -> dict[str, Any]:
 
 
 def _of_iau(name: str, code: int) -> Body:
+    """Return the body with the sphere of a coordinate reference system of the IAU."""
     text = f"{_AUTHORITY}:{code}"
     radius_m = float(crs_of(text).ellipsoid.semi_major_metre)
     return Body(
@@ -258,6 +259,7 @@ def _of_iau(name: str, code: int) -> Body:
 
 
 def _kind(naif_id: int) -> str:
+    """Return the kind of a body by its NAIF number."""
     if naif_id in _DWARF_PLANETS:
         return "dwarf_planet"
     if naif_id == 10:

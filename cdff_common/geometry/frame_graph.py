@@ -166,6 +166,7 @@ class FrameGraph:
         return T_common_parent.inverse() @ T_common_child
 
     def _attach(self, parent: str, child: str, edge: UncertainTransform | PoseTrack) -> None:
+        """Add an edge; raises ConflictError for a second parent, InputError for a loop."""
         checked_frame(parent, "parent")
         checked_frame(child, "child")
         current_parent = self._parent.get(child)

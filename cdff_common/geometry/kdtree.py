@@ -68,6 +68,7 @@ def neighbours(tree: KdTree, queries_m: Float, count: int) -> tuple[Float, Int]:
 
 @njit(cache=True)
 def _build(cloud: Float) -> KdTree:  # pragma: no cover - compiled
+    """Return the tree of a cloud (n, 3); each inner node splits the widest axis at its median."""
     n = len(cloud)
     depth = 0
     while (n >> depth) > _LEAF:
@@ -292,6 +293,7 @@ def scratch() -> tuple[Int, Float]:  # pragma: no cover - compiled
 
 @njit(cache=True)
 def _nearest_all(tree: KdTree, queries: Float, max_distance: float) -> tuple[Float, Int]:  # pragma: no cover
+    """Return distance and row of the nearest point of each query; infinite and -1 beyond ``max_distance``."""
     distance, row = np.empty(len(queries)), np.empty(len(queries), np.int64)
     nodes, bounds = scratch()
     # A point at exactly the largest distance is included.
@@ -306,6 +308,7 @@ def _nearest_all(tree: KdTree, queries: Float, max_distance: float) -> tuple[Flo
 def _neighbours_all(
     tree: KdTree, queries: Float, count: int
 ) -> tuple[Float, Int]:  # pragma: no cover - compiled
+    """Return distances and rows (n, count) of the nearest points of each query; -1 where there are fewer."""
     distance = np.full((len(queries), count), np.inf)
     row = np.full((len(queries), count), -1)
     nodes, bounds = scratch()

@@ -195,6 +195,7 @@ def parse_region(text: str) -> Region:
 
 
 def _check_numbers(text: str, kind: str, values: tuple[float, ...]) -> None:
+    """Raise InputError if a region of this kind cannot have so many numbers."""
     count = 1 if kind == "near" else _COUNTS.get(kind)
     if count is not None and len(values) != count:
         raise InputError(f"region={text!r}: {len(values)} numbers, expected {count}")

@@ -132,6 +132,7 @@ def _order_joints(links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joi
 
 
 def _joint(element: ElementTree.Element) -> Joint:
+    """Return the joint of an element; raises ConfigurationError if it is malformed or of another kind."""
     name = _required_attribute(element, "name", "joint")
     kind = _required_attribute(element, "type", f"joint {name!r}")
     if kind not in (*_ROTATING, _SLIDING, _FIXED):
@@ -168,6 +169,7 @@ def _joint(element: ElementTree.Element) -> Joint:
 
 
 def _required_attribute(element: ElementTree.Element, attribute: str, where: str) -> str:
+    """Return an attribute; raises ConfigurationError if it is missing or empty."""
     value = element.get(attribute, "")
     if not value:
         raise ConfigurationError(f"URDF: {where} has no attribute {attribute}")
@@ -181,6 +183,7 @@ def _number(element: ElementTree.Element, attribute: str, default: float, joint:
 def _numbers(
     element: ElementTree.Element | None, attribute: str, default: tuple[float, ...], joint: str
 ) -> FloatArray:
+    """Return the numbers of an attribute, or the default; raises ConfigurationError."""
     text = None if element is None else element.get(attribute)
     try:
         values = np.array(default if text is None else [float(t) for t in text.split()], dtype=np.float64)

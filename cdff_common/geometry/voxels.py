@@ -162,6 +162,11 @@ def _slot(slot: NDArray[np.int32], keys: Int, key: int, bits: int) -> int:  # pr
 
 @njit(cache=True)
 def _means(points: FloatArray, row: Int, order: Int) -> FloatArray:  # pragma: no cover - compiled
+    """Return the means (k, 3) of the points of each voxel.
+
+    ``row`` (n,) is the voxel number of each point, and ``order`` (k,) lists the voxel numbers in the order
+    of the result.
+    """
     total, count, rank = np.zeros((len(order), 3)), np.zeros(len(order)), np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     for i in range(len(points)):

@@ -82,6 +82,7 @@ class ArrayPorts:
                 raise InputError(f"{name}: {bad[0]:g} ({bad.size} of {np.size(value)}), expected {expected}")
 
     def _fault(self, *shapes: tuple[int, ...] | None) -> str | None:
+        """Return the first port whose shape is not as described, as a text; None if all are."""
         sizes = {dim: (int(dim), "") for dims in self._dims.values() for dim in dims if dim.isdigit()}
         for (name, dims), shape in zip(self._dims.items(), shapes, strict=True):
             if shape is None:

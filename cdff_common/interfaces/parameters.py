@@ -59,6 +59,7 @@ def _resolve(field: dict[str, Any], schema: dict[str, Any]) -> dict[str, Any]:
 
 
 def _type(field: dict[str, Any], schema: dict[str, Any]) -> str:
+    """Return the type of a field of a JSON schema as a text."""
     if "$ref" in field:
         return _type(_resolve(field, schema), schema)
     if "enum" in field:

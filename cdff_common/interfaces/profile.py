@@ -189,6 +189,7 @@ class Robot(StrictModel):
 
     @model_validator(mode="after")
     def _names_are_wired(self, info: ValidationInfo) -> Robot:
+        """Refuse reserved ids, repeated DFPCs and names of sensors, modes or frames that do not exist."""
         if _is_lenient(info):
             return self
         if self.id in RESERVED_SCOPES:
@@ -406,8 +407,8 @@ class Retention(StrictModel):
 
 
 class Orbit(StrictModel):
-    """Mission in orbit: products may lie in the frame ``inertial`` (GCRF axes), in the LVLH axes of each robot
-    (``{robot}/lvlh``) and in frames of the clients.
+    """Mission in orbit: products may lie in the frame ``inertial`` (GCRF axes), in the LVLH axes of each
+    robot (``{robot}/lvlh``) and in frames of the clients.
 
     Attributes
     ----------
@@ -447,8 +448,8 @@ class Profile(StrictModel):
     sign : bool
         Products carry a signature by the identity of their producer (``CDFF_IDENTITY``).
     orchestration : "ground" or "robots"
-        One orchestrator for all, or one for each robot, which works without the ground, and one on the ground,
-        which delegates to them.
+        One orchestrator for all, or one for each robot, which works without the ground, and one on the
+        ground, which delegates to them.
     """
 
     name: Name
@@ -522,7 +523,9 @@ def scopes_of(robots: Iterable[str], scope: str) -> tuple[str, ...]:
 
 
 def profile_of_scope(profile: Profile, scope: str) -> Profile:
-    """Return the part of a profile for a service with ``--scope``; raises ConfigurationError for an unknown one."""
+    """Return the part of a profile for a service with ``--scope``; raises ConfigurationError for an unknown
+    one.
+    """
     if scope in ("", GROUND):
         return profile
     if scope not in profile.robot_ids:

@@ -150,6 +150,7 @@ class Registry:
         )
 
     def _add(self, package: str, path: Path, kind: str) -> None:
+        """Add the description of a folder; a faulty one is listed in ``failures``."""
         folder = path.parent.name
         try:
             description: Any = read_dfn_description(path) if kind == "dfn" else read_dfpc_description(path)
@@ -173,6 +174,7 @@ def _reason(error: Exception) -> str:
 
 @cache
 def _default_registry() -> Registry:
+    """Return the registry of the installed DFNs and DFPCs; plug-ins that fail are listed in ``failures``."""
     registry = Registry()
     for kind in ("dfn", "dfpc"):
         registry.scan(f"cdff_core.{kind}s", kind)

@@ -150,6 +150,7 @@ class Sensor(StrictModel):
 
     @model_validator(mode="after")
     def _modes_exist(self) -> Sensor:
+        """Refuse names of modes that the sensor does not have."""
         named = [self.initial_mode, *self.refuses, *self.transitions]
         for mode in (
             *named,

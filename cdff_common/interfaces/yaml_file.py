@@ -83,6 +83,7 @@ def read_located_mapping(path: Path) -> LocatedMapping:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], yaml.Node]:
+    """Return the mapping of a file and its YAML node, for line numbers; raises ConfigurationError."""
     try:
         loader = _Loader(path.read_text(encoding="utf-8"))
         try:

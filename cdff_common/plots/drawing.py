@@ -148,6 +148,7 @@ def _metres(axes: Any, plane: tuple[int, int]) -> None:
 
 
 def _extent(geometry: GridGeometry) -> tuple[float, float, float, float]:
+    """Return x and y at the edges of a grid, as matplotlib expects them, metres."""
     width_m, height_m = geometry.cols * geometry.resolution_m, geometry.rows * geometry.resolution_m
     return geometry.xmin_m, geometry.xmin_m + width_m, geometry.ymax_m - height_m, geometry.ymax_m
 

@@ -28,6 +28,7 @@ def new_figure(width_in: float = 9.0, height_in: float = 7.0) -> Any:
 
 @cache
 def _figure_class() -> Any:
+    """Return a class of figures that notebooks show without a backend of matplotlib."""
     base: Any = import_extra("matplotlib.figure").Figure
 
     class NotebookFigure(base):  # type: ignore[misc]

@@ -139,6 +139,7 @@ def _matches(_: Any, axes: Any, value: types.CorrespondenceMap2D) -> None:
 
 
 def _graph(_: Any, axes: Any, value: types.PoseGraph) -> None:
+    """Draw the vertices and edges of a pose graph in the plane in which it is widest."""
     positions_m = value.vertices.matrices[:, :3, 3]
     plane = drawing.widest_plane(positions_m) if len(positions_m) > 1 else (0, 1)
     order = np.argsort(value.vertices.ids)

@@ -266,6 +266,9 @@ class GridGeometry:
 
 
 def _snap_to_grid(value: float, resolution: float, name: str) -> float:
+    """Return a coordinate rounded to a multiple of the cell size; raises InputError if it is not close to
+    one.
+    """
     cells = value / resolution
     if not isfinite(cells) or abs(cells - round(cells)) > ALIGNMENT_TOLERANCE_CELLS:
         raise InputError(

@@ -262,5 +262,6 @@ def fitting_factor(fine: GridGeometry, window: GridGeometry) -> int | None:
 def _arrays(
     geometry: GridGeometry, layers: Mapping[str, ArrayLike], names: tuple[str, ...]
 ) -> tuple[NDArray[np.float32], ...]:
+    """Return checked layers as float32 arrays."""
     arrays = checked_layers(geometry, layers, names)
     return tuple(np.asarray(arrays[name], dtype=np.float32) for name in names)

@@ -87,6 +87,7 @@ def hillshade(
 def _horn(
     padded: NDArray[np.float64], resolution_m: float, fill: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the derivatives along x and y by Horn's method; ``fill`` replaces unobserved neighbours."""
     rows, cols = padded.shape[0] - 2, padded.shape[1] - 2
 
     def at(row: int, col: int) -> NDArray[np.float64]:

@@ -62,6 +62,7 @@ class _CorrespondenceMapExt(Message):
     def _from_columns(
         cls, pair: Any, columns: int, sources: ArrayLike, sinks: ArrayLike, probabilities: ArrayLike | None
     ) -> Self:
+        """Return the correspondences of rows of coordinates; without probabilities they are 1."""
         a, b = _rows(sources, columns), _rows(sinks, columns)
         p = (
             np.ones(len(a))

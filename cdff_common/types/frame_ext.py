@@ -175,6 +175,7 @@ class FrameExt(Message):
 
 
 def _mode(mode: str, channels: int) -> types.FrameModeT:
+    """Return the mode of a name; raises InputError if it is unknown or has another number of channels."""
     name = f"MODE_{mode.upper().replace('-', '_')}"
     if name not in types.FrameModeT.__members__:
         raise InputError(

@@ -129,6 +129,7 @@ def _numbers(value: object, where: str, kinds: str, expected: str) -> NDArray[An
 
 
 def _with_shape(array: NDArray[Any], where: str, dims: tuple[Bounds, ...]) -> NDArray[Any]:
+    """Return an array if its shape is within the bounds; raises InputError."""
     if array.size == 0 and array.ndim != len(dims) and dims[0][0] == 0:
         array = array.reshape((0, *(high if low == high else 0 for low, high in dims[1:])))
     fits = array.ndim == len(dims) and all(
@@ -251,6 +252,7 @@ def _instance(value: object, where: str, cls: type) -> object:
 
 
 def _items(value: object, where: str, low: int, high: int, check: Check) -> tuple[Any, ...]:
+    """Return checked items as a tuple; raises InputError if their number is out of bounds."""
     if not isinstance(value, list | tuple):
         raise InputError(f"{where}={_brief(value)}: expected a list or tuple")
     if not low <= len(value) <= high:

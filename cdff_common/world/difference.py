@@ -126,4 +126,5 @@ def difference(first: World, second: World) -> WorldDifference:
 
 
 def _only_in(names: Any, others: Any) -> tuple[str, ...]:
+    """Return the names that the others do not contain, in order."""
     return tuple(sorted(set(names) - set(others)))

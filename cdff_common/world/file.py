@@ -65,6 +65,7 @@ def read_world(data: bytes) -> World:
 
 
 def _edge_to_dict(edge: WorldEdge) -> dict[str, Any]:
+    """Return an edge of the frame tree as plain data."""
     T = edge.transform
     return {
         "parent": edge.parent,
@@ -81,6 +82,7 @@ def _edge_from_dict(data: dict[str, Any]) -> WorldEdge:
 
 
 def _item_to_dict(item: WorldItem) -> dict[str, Any]:
+    """Return an item as plain data, its value encoded."""
     has_value = item.value is not None
     return {
         "name": item.name,
@@ -94,6 +96,7 @@ def _item_to_dict(item: WorldItem) -> dict[str, Any]:
 
 
 def _item_from_dict(data: dict[str, Any]) -> WorldItem:
+    """Return the item of ``_item_to_dict``."""
     packed, header = data["value"], data["header"]
     return WorldItem(
         str(data["name"]),

@@ -134,6 +134,7 @@ def frame_of(log: LogSource, stream: str) -> str:
 
 
 def _is_of(stream: str, robot: str) -> bool:
+    """Return whether a stream belongs to a robot; False for names that are no stream."""
     try:
         return split_stream(stream)[0] == robot
     except InputError:

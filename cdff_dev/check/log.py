@@ -93,6 +93,7 @@ def _parts(reports: dict[str, StreamReport]) -> dict[str, tuple[str, str, str]]:
 
 
 def _robot_findings(robot: Robot, reports: dict[str, StreamReport]) -> Iterator[StreamFinding]:
+    """Yield the findings about streams of a robot that the log lacks or that differ from the profile."""
     frames = {*robot.frame_graph().frames, f"{robot.id}/base"}
     of_robot = {name: parts for name, parts in _parts(reports).items() if parts[0] == robot.id}
     wired = {w for entry in robot.dfpcs for text in entry.inputs.values() for w in text.split("|")}
@@ -118,6 +119,7 @@ def _robot_findings(robot: Robot, reports: dict[str, StreamReport]) -> Iterator[
 def _frame_findings(
     name: str, sensor: Sensor, report: StreamReport, frames: set[str]
 ) -> Iterator[StreamFinding]:
+    """Yield a finding if the frame of a stream in the log is not that of the sensor in the profile."""
     frame = report.frame if sensor.kind != "wheels" else report.child
     if not frame or sensor.frame in (frame, report.child):
         return
@@ -133,6 +135,7 @@ def _frame_findings(
 
 
 def _timing_findings(name: str, sensor: Sensor, report: StreamReport) -> Iterator[StreamFinding]:
+    """Yield the findings about the rate and the gaps of a stream."""
     times = report.timing
     stated = {mode: m.rate_hz for mode, m in sensor.modes.items() if m.on and m.rate_hz}
     if times.rate_hz and stated:
@@ -155,6 +158,7 @@ def _timing_findings(name: str, sensor: Sensor, report: StreamReport) -> Iterato
 
 
 def _unknown_streams(profile: Profile, reports: dict[str, StreamReport]) -> Iterator[StreamFinding]:
+    """Yield a finding for each stream of sensor data that the profile does not contain."""
     robots = {robot.id: robot for robot in profile.robots}
     for name, (robot_id, sensor, stream) in _parts(reports).items():
         robot = robots.get(robot_id)

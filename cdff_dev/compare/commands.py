@@ -67,6 +67,7 @@ def _add_stream(parser: argparse.ArgumentParser, option: str, log: str) -> None:
 
 
 def _add_dem(verbs: Any) -> argparse.ArgumentParser:
+    """Add the parser of ``cdff eval dem``."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "dem",
         help="compare an elevation map with the true terrain",
@@ -92,6 +93,7 @@ def _add_dem(verbs: Any) -> argparse.ArgumentParser:
 
 
 def _dem(args: argparse.Namespace) -> Results:
+    """Compare an elevation map with the truth; return the results and the function that prints them."""
     from cdff_dev.compare.elevation.compare import accuracy_of, errors_of, table
     from cdff_dev.compare.elevation.plot import draw
     from cdff_dev.compare.elevation.read import read_dem
@@ -106,6 +108,7 @@ def _dem(args: argparse.Namespace) -> Results:
 
 
 def _add_compare(verbs: Any) -> argparse.ArgumentParser:
+    """Add the parser of ``cdff eval compare``."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "compare",
         help="compare two runs",
@@ -125,6 +128,7 @@ def _compare(args: argparse.Namespace) -> Results:
 
 
 def _add_registration(verbs: Any) -> argparse.ArgumentParser:
+    """Add the parser of ``cdff eval registration``."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "registration",
         help="compare estimated poses between clouds with the true ones",
@@ -152,6 +156,7 @@ def _add_registration(verbs: Any) -> argparse.ArgumentParser:
 
 
 def _registration(args: argparse.Namespace) -> Results:
+    """Compare poses between clouds; return the results and the function that prints them."""
     from cdff_common.errors import InputError
     from cdff_dev.compare.registration import compare, read_pairs, table
     from cdff_dev.compare.registration.plot import draw
@@ -174,6 +179,7 @@ def _registration(args: argparse.Namespace) -> Results:
 
 
 def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
+    """Add the parser of ``cdff eval trajectory``."""
     parser: argparse.ArgumentParser = verbs.add_parser(
         "trajectory",
         help="compare an estimated trajectory with a reference",
@@ -228,6 +234,7 @@ def _add_trajectory(verbs: Any) -> argparse.ArgumentParser:
 
 
 def _trajectory(args: argparse.Namespace) -> Results:
+    """Compare two trajectories; return the results and the function that prints them."""
     from cdff_common.errors import InputError
     from cdff_dev.compare.trajectory.compare import compare
     from cdff_dev.compare.trajectory.plot import draw

@@ -138,6 +138,7 @@ class ModelReader:
             above = [*above, comment[1]] if comment and line.startswith("--") else []
 
     def _bounds(self, declaration: dict[str, Any]) -> tuple[int, int]:
+        """Return the least and the largest size of a declaration."""
         (size,) = declaration["size"]
         low, high = size if isinstance(size, tuple | list) else (size, size)
         return self._number(low), self._number(high)
@@ -197,6 +198,7 @@ class ModelReader:
         raise ValueError(f"{owner}: {kind} is not supported by the generator")
 
     def _reference(self, name: str) -> Node:
+        """Return the node of a named type; structures and enumerations become types of their own."""
         if name == "T-String":
             return Text(self._bounds(self._types[name][0])[1])
         typed = _TYPED_ARRAY.match(name)
@@ -214,6 +216,7 @@ class ModelReader:
         return self._node(declaration, name)
 
     def _list(self, declaration: dict[str, Any], owner: str) -> Array | ListOf:
+        """Return the node of a SEQUENCE OF: an array if its elements are numbers, otherwise a list."""
         element = self._node(declaration["element"], owner)
         low, high = self._bounds(declaration)
         named = declaration["element"]["type"] in self._types
@@ -225,6 +228,7 @@ class ModelReader:
         return ListOf(element, low, high, tag)
 
     def _choice(self, declaration: dict[str, Any], owner: str) -> Choice:
+        """Return the node of a CHOICE within a structure, and add it as a type."""
         name = f"{owner}-{declaration['name']}"
         node = Choice(
             class_name(name),

@@ -100,6 +100,7 @@ def _operation_type(name: str) -> str:
 
 @cache
 def _environment() -> Environment:
+    """Return the environment of the templates with the filters that they use."""
     environment = Environment(
         loader=PackageLoader("cdff_dev.generate"),
         undefined=StrictUndefined,

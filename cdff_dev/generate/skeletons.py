@@ -33,6 +33,7 @@ def stale_skeletons(tree: Tree) -> list[Path]:
 
 
 def _stale(tree: Tree, kind: str) -> Iterator[Path]:
+    """Yield the folders and modules without a description: of removed or renamed DFNs and DFPCs."""
     described = {d.folder: d for d in (tree.dfns() if kind == "dfn" else tree.dfpcs())}
     for interface in (tree.root / "cdff_core" / f"{kind}s").glob("*/interface.py"):
         folder = interface.parent

@@ -105,6 +105,7 @@ class _Attribute:
 
 
 def _attributes(model: TypeModel) -> list[_Attribute]:
+    """Return the attributes of the class of a type."""
     node = model.class_node
     if isinstance(node, Choice):
         kinds = ", ".join(f"``{f.attribute}``" for f in node.alternatives)
@@ -129,6 +130,7 @@ def _attributes(model: TypeModel) -> list[_Attribute]:
 
 
 def _class_source(model: TypeModel, extensions: dict[str, set[str]]) -> list[str]:
+    """Return the lines of the class of a type."""
     node = model.class_node
     if isinstance(node, Enumeration):
         summary = sentence(model.comment or f"``{model.name}``")
@@ -195,6 +197,7 @@ def _family_source(family: str, models: dict[str, TypeModel]) -> str:
 
 
 def _package_source(families: list[str], models: dict[str, TypeModel]) -> str:
+    """Return the source of the package that exports all message types."""
     classes = [m for m in models.values() if not m.is_large_variant]
     names = {f: sorted(m.class_name for m in classes if m.module == f) for f in families}
     lines = [

@@ -119,6 +119,7 @@ def _count(*logs: LogSource) -> int:
 
 
 def _info(args: argparse.Namespace) -> int:
+    """Print the streams of a log; return the exit code."""
     from cdff_common.progress import counted, elapsed
     from cdff_dev.logs import LogReader
     from cdff_dev.logs.content import describe
@@ -172,6 +173,7 @@ def _info(args: argparse.Namespace) -> int:
 
 
 def _cat(args: argparse.Namespace) -> int:
+    """Print samples of a log, a line each; return the exit code."""
     from cdff_common.clock import format_stamp
     from cdff_dev.logs.opened import opened
 
@@ -216,6 +218,7 @@ def _as_json(sample: LogSample) -> dict[str, Any]:
 
 
 def _jsonable(value: Any) -> Any:
+    """Return a value as JSON data: bytes as base64, NaN as null, infinite numbers as text."""
     if isinstance(value, dict):
         return {k: _jsonable(v) for k, v in value.items()}
     if hasattr(value, "tolist"):  # an array
@@ -232,6 +235,7 @@ def _jsonable(value: Any) -> Any:
 
 
 def _cut(args: argparse.Namespace) -> int:
+    """Write selected samples to a new log; return the exit code."""
     from cdff_common.progress import counted
     from cdff_dev.logs import LogWriter
     from cdff_dev.logs.opened import opened
@@ -249,6 +253,7 @@ def _cut(args: argparse.Namespace) -> int:
 
 
 def _merge(args: argparse.Namespace) -> int:
+    """Write the samples of several logs to one, in order of time; return the exit code."""
     from cdff_common.errors import InputError
     from cdff_common.progress import counted
     from cdff_dev.logs import LogWriter

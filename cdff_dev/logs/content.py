@@ -89,6 +89,7 @@ def _kind(path: Path) -> tuple[str, str] | None:
 
 
 def _is_calibration(path: Path) -> bool:
+    """Return whether a file is a camera calibration."""
     from cdff_common.camera import read_cameras
 
     try:
@@ -99,6 +100,7 @@ def _is_calibration(path: Path) -> bool:
 
 
 def _by_content(path: Path, suffix: str) -> tuple[str, str] | None:
+    """Return content and remedy of a file from its first bytes; None if they are not known."""
     from cdff_common.formats.format_detection import detect
 
     with path.open("rb") as file:
@@ -150,6 +152,7 @@ def _table_of(text: str) -> str:
 
 
 def _names(path: Path) -> str:
+    """Return a description of the names in a JSON file."""
     try:
         content = json.loads(path.read_bytes())
     except (ValueError, RecursionError):

@@ -87,6 +87,7 @@ def _add_calibration(parser: argparse.ArgumentParser) -> None:
 
 
 def _convert(args: argparse.Namespace) -> int:
+    """Convert a log and print a report; return the exit code."""
     from cdff_dev.logs.conversion import TimeSpan, convert_log
     from cdff_dev.logs.mapping import read_map
     from cdff_dev.logs.opened import opened
@@ -112,6 +113,7 @@ def _convert(args: argparse.Namespace) -> int:
 
 
 def _diff(args: argparse.Namespace) -> int:
+    """Print the differences of two logs; return 1 if there are any."""
     from cdff_common.progress import elapsed
     from cdff_dev.logs.differences import EXACT, ROUNDING
     from cdff_dev.logs.log_comparison import log_differences
@@ -131,6 +133,7 @@ def _diff(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    """Write the samples of a stream as files; return the exit code."""
     from cdff_common.progress import elapsed
     from cdff_dev.logs.export import export_stream
     from cdff_dev.logs.opened import opened

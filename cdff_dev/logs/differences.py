@@ -38,6 +38,7 @@ def differing_fields(a: Any, b: Any, tolerance: tuple[float, float] = EXACT) -> 
 
 
 def _compare(a: Any, b: Any, path: str, tolerance: tuple[float, float], paths: dict[str, None]) -> None:
+    """Add the path of each field that differs between two values to ``paths``."""
     if isinstance(a, Message) and type(a) is type(b):
         names = ("kind", "value") if isinstance(a, ChoiceMessage) else [f.name for f in fields(a)]  # type: ignore[arg-type]
         for name in names:
@@ -50,6 +51,7 @@ def _compare(a: Any, b: Any, path: str, tolerance: tuple[float, float], paths: d
 
 
 def _equal(a: Any, b: Any, tolerance: tuple[float, float]) -> bool:
+    """Return whether two values are equal, numbers within a tolerance; NaN equals NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         if a.shape != b.shape:
             return False

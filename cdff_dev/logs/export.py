@@ -122,6 +122,7 @@ _Files = Callable[[Any, str], Iterator[tuple[str, bytes]]]
 
 
 def _write_files(log: LogSource, stream: str, out: Path, suffix: str, contents: _Files) -> int:
+    """Write a file per sample and ``times.txt``; return the number of samples."""
     folder = make_folder(out)
     times = []
     for number, sample in enumerate(log.samples([stream])):
@@ -133,6 +134,7 @@ def _write_files(log: LogSource, stream: str, out: Path, suffix: str, contents: 
 
 
 def _cloud_files(value: LidarScan | Pointcloud, suffix: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the file of a scan or cloud as PLY or PCD."""
     if isinstance(value, LidarScan):
         intensity = None if value.intensity is None else value.intensity / _INTENSITY_FACTOR
         cloud = CloudArrays.of(value.points_m, intensity=intensity)

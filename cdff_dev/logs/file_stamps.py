@@ -57,6 +57,7 @@ def file_stamps(files: Sequence[Path], times: Path | None = None) -> NDArray[np.
 
 
 def _from_file(path: Path, count: int) -> NDArray[np.int64]:
+    """Return the stamps (n,) of a file with one time in seconds a line."""
     words = path.read_text(encoding="utf-8", errors="replace").split()
     try:
         seconds = np.array([float(word) for word in words[:count]])
@@ -68,6 +69,7 @@ def _from_file(path: Path, count: int) -> NDArray[np.int64]:
 
 
 def _from_names(files: Sequence[Path]) -> NDArray[np.int64]:
+    """Return the stamps (n,) in file names: times, dates or numbers; without them, multiples of a period."""
     times = [_TIME.match(file.stem) for file in files]
     if times and all(times):
         return np.array([int(m[1]) * 10**9 + int(m[2].ljust(9, "0")) for m in times if m], np.int64)

@@ -39,6 +39,7 @@ def log_differences(a: LogSource, b: LogSource, tolerance: tuple[float, float] =
 
 
 def _first_difference(a: LogSource, b: LogSource, name: str, tolerance: tuple[float, float]) -> list[str]:
+    """Return a line about the first different sample of a stream; empty if all are equal."""
     for x, y in zip_longest(a.samples([name]), b.samples([name])):
         if x is None or y is None:
             sample, which = (y, "second") if x is None else (x, "first")

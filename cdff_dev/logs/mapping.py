@@ -133,6 +133,7 @@ def ros_name(text: str) -> str:
 
 
 def _parts(stream: str) -> tuple[str, str, str]:
+    """Return robot, sensor and port of a stream."""
     robot, _, rest = stream.strip("/").rpartition("/")
     sensor, _, port = rest.partition(".")
     return robot or sensor, sensor, port or "value"
@@ -168,6 +169,7 @@ def _mapping(path: Path, content: dict[str, Any], key: str) -> dict[Any, Any]:
 
 
 def _anchor(path: Path, frame: str, entry: Any) -> Anchor:
+    """Return the anchor of a frame on the Earth from an entry of a map file; raises InputError."""
     expected = "lon_deg and lat_deg, and optionally height_m and azimuth_deg"
     if not isinstance(entry, dict) or not {"lon_deg", "lat_deg"} <= entry.keys() <= _ANCHOR_KEYS:
         raise InputError(f"--map {path}: anchor of {frame}: {entry!r}, expected {expected}")

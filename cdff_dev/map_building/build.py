@@ -123,6 +123,7 @@ def _stereo(
     features: tuple[FeatureExtractor, MatchingDfn],
     options: MapOptions,
 ) -> Iterator[_Keyframe]:
+    """Yield keyframes of image pairs with known poses."""
     progress, start_ns = Progress(log.streams[stream].count, "pairs"), None
     for sample in log.samples([stream]):
         pair = sample.value

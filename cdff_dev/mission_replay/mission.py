@@ -166,6 +166,7 @@ class MissionReplay:
         return answers
 
     def _play(self, samples: Iterable[RecordedSample]) -> None:
+        """Deliver the samples in time; those that the mode of their sensor suppresses are counted."""
         for recorded in samples:
             sample = recorded.sample
             self._wait_until(sample.stamp_ns)
@@ -176,6 +177,7 @@ class MissionReplay:
             self._deliver(recorded.robot, f"sensor/{recorded.sensor}/{recorded.stream}", sample)
 
     def _send(self, answer: ScriptedAnswer) -> None:
+        """Send a scripted request at its time and store the reply, or the error."""
         scripted = answer.request
         self._wait_until(scripted.at_ns)
         start_s = self._scheduler.now_s
@@ -235,6 +237,7 @@ class MissionReplay:
                     dfpc.take(f"product/{product.dfpc}/{product.port}", sample)
 
     def _store(self, product: Product) -> None:
+        """Store a product in the DPM."""
         names = {
             "robot": product.robot,
             "dfpc": product.dfpc,

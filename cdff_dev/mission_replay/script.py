@@ -73,6 +73,7 @@ def read_script(path: Path, start_ns: int, robots: Collection[str]) -> list[Scri
 
 
 def _entry(path: Path, number: int, entry: Any, start_ns: int) -> ScriptedRequest:
+    """Return the request of an entry; raises InputError with its number."""
     where = f"{path}: request {number}"
     if not isinstance(entry, Mapping):
         raise InputError(f"{where} is a {type(entry).__name__}; {_HELP}")

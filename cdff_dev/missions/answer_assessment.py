@@ -90,6 +90,7 @@ def _track_faults(request: TimedRequest, value: ObjectTrack) -> Iterator[str]:
 
 
 def _pose_faults(request: TimedRequest, value: TransformWithCovariance | RigidBodyState) -> Iterator[str]:
+    """Yield the faults of a pose: other frames, or values that are not finite."""
     if isinstance(value, RigidBodyState):
         parent, child, position = value.target_frame, value.source_frame, np.asarray(value.pos)
     else:
@@ -101,6 +102,7 @@ def _pose_faults(request: TimedRequest, value: TransformWithCovariance | RigidBo
 
 
 def _cloud_faults(value: Pointcloud, region: Region | None) -> Iterator[str]:
+    """Yield the faults of a cloud: too few points, or points outside the region."""
     points = value.points_m
     if len(points) < 100:
         yield f"{len(points)} points, expected a cloud"
@@ -129,6 +131,7 @@ def _grid_of(value: Any) -> tuple[GridGeometry, np.ndarray[Any, np.dtype[np.bool
 def _grid_faults(
     request: TimedRequest, geometry: GridGeometry, observed: Any, region: Region | None
 ) -> Iterator[str]:
+    """Yield the faults of a map: frame, cell size, or too few observed cells."""
     if geometry.frame != request.frame:
         yield f"a grid in {geometry.frame}, expected {request.frame}"
     if request.resolution_m is not None and abs(geometry.resolution_m / request.resolution_m - 1) > 1e-6:

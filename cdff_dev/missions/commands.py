@@ -165,6 +165,7 @@ def _mission(args: argparse.Namespace) -> int:
 
 
 def _drive(args: argparse.Namespace) -> int:
+    """Simulate the rovers of a scenario, which commands drive; return the exit code."""
     from cdff_common.bus import Bus
     from cdff_common.output import make_folder
     from cdff_common.process import run_service

@@ -60,6 +60,7 @@ class Locomotion:
         return self._command("follow", b"")
 
     def _command(self, verb: str, payload: bytes) -> tuple[int, int]:
+        """Send a command and return the first and the last time of the motion, nanoseconds."""
         body = self.bus.call(key(self.robot, verb), payload=payload, timeout_s=_TIMEOUT_S).body()
         return int(body["begin_ns"]), int(body["end_ns"])
 
@@ -73,6 +74,7 @@ def _follow(log: GrowingLog, robot: str, _: Request) -> Reply:
 
 
 def _parse_path(request: Request) -> FloatArray:
+    """Return the corners (n, 2) of a commanded path, metres; raises InputError."""
     body = unpack(request.payload)
     path = body.get("path_m") if isinstance(body, dict) else None
     if not isinstance(path, list) or len(path) > _MAX_CORNERS:

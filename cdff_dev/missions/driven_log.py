@@ -103,4 +103,5 @@ class GrowingLog(LogSource):
         self._closed.set()
 
     def _times_ns(self, ticks: tuple[int, int]) -> tuple[int, int]:
+        """Return the times of the first and the last tick of a leg, nanoseconds."""
         return self._epoch_ns + ticks[0] * self._tick_ns, self._epoch_ns + ticks[1] * self._tick_ns

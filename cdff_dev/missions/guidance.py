@@ -74,6 +74,7 @@ class Guidance:
     def _end_of_leg(
         self, ground: NavigationMap, costs: NDArray[np.float64], goal_m: FloatArray
     ) -> FloatArray:
+        """Return the reachable position (2,) from which the rest of the way to the goal costs least."""
         g = ground.geometry
         row, col, inside = g.cells_of([goal_m[0]], [goal_m[1]])
         if inside[0] and np.isfinite(costs[row[0], col[0]]):

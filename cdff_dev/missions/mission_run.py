@@ -209,6 +209,7 @@ def _score(
     stage: Stage,
     bus: Bus,
 ) -> Score:
+    """Return the score of a finished mission against the ground truth."""
     world = make_world(scenario)
     scene = cast_scene(world.relief, world.rocks)
     crossed_terrain = []

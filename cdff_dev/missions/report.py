@@ -99,6 +99,7 @@ def write_report(path: Path, report: Report) -> None:
 
 
 def _page(report: Report) -> Iterator[str]:
+    """Yield the HTML of the report."""
     title = html.escape(report.title)
     yield f"<!doctype html><meta charset=utf-8><title>{title}</title><style>{_STYLE}</style><h1>{title}</h1>"
     yield from (f"<p>{html.escape(text)}</p>" for text in report.paragraphs)

@@ -106,6 +106,7 @@ def run_requests(
 
 
 def _send(request: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
+    """Send a request and return its outcome with the faults of the answer."""
     start_s = time.monotonic()
     try:
         with Client(connect) as client:
@@ -138,6 +139,7 @@ def _region(request: TimedRequest, answer: Answer, client: Client) -> Region | N
 
 
 def _is_available(http: str, product_id: str) -> bool:
+    """Return whether the DPM serves a product by HTTP."""
     try:
         return bool(http_json(http, f"products/{product_id}", timeout_s=5.0).get("id") == product_id)
     except (OSError, ValueError):
@@ -157,6 +159,7 @@ def counts_over_http(http: str) -> str:
 
 
 def _summary(answer: Answer, value: Any) -> str:
+    """Return a line that describes an answer."""
     delivered = answer.delivered
     parts = [type(value).__name__]
     if hasattr(value, "points_m"):

@@ -228,6 +228,7 @@ class Rover:
             )
 
     def _start_leg(self, motion: Motion, tick: int, ticks: int) -> tuple[int, int]:
+        """Start a motion at a tick; return its first and its last tick."""
         self._leg = self._leg_with_readings(motion, tick, tick + ticks)
         return self._leg.first_tick, self._leg.last_tick
 
@@ -295,6 +296,7 @@ class Rover:
     def _sample(
         self, stream: str, value: Any, t0_ns: int, t1_ns: int, frame: str, child: str | None = None
     ) -> LogSample:
+        """Return a sample of a stream with its header."""
         self._counts[stream] += 1
         seq = self._counts[stream] - 1
         sensor, _, port = stream.partition(".")

@@ -35,6 +35,7 @@ def register(nouns: Any) -> None:
 
 
 def _register_profile(verbs: Any) -> None:
+    """Add the parser of ``cdff new profile``."""
     parser = verbs.add_parser(
         "profile",
         help="profile from a log or from questions, with mounts of a URDF and of camera calibrations",
@@ -60,6 +61,7 @@ def _register_profile(verbs: Any) -> None:
 
 
 def _register_driver(verbs: Any) -> None:
+    """Add the parser of ``cdff new driver``."""
     parser = verbs.add_parser(
         "driver",
         help="driver of a sensor, which runs with a simulated device",

@@ -55,6 +55,7 @@ def frames_svg(graph: FrameGraph, robot: str) -> str:
 
 
 def _is_below(graph: FrameGraph, frame: str, base: str) -> bool:
+    """Return whether a frame is the base or a descendant of it."""
     parent: str | None = frame
     while parent is not None and parent != base:
         parent = graph.parent_of(parent)

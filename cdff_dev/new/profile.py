@@ -204,6 +204,7 @@ def _child(log: LogSource, stream: str) -> str:
 
 
 def _robot_lines(robot: RobotDraft) -> Iterator[str]:
+    """Yield the lines of a robot in the profile."""
     yield f"  - id: {robot.id}"
     yield "    # Enter the limits of the rover."
     yield f"    limits: {{{', '.join(f'{name}: {value:g}' for name, value in robot.limits.items())}}}"
@@ -302,6 +303,7 @@ def _entry(
     *,
     is_always: bool = True,
 ) -> Iterator[str]:
+    """Yield the lines of a DFPC in the profile."""
     yield f"      - name: {name}"
     yield f"        process: {process}"
     if implementation:

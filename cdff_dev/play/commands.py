@@ -85,6 +85,7 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    """Play a log on the bus; return the exit code."""
     from contextlib import ExitStack
 
     from cdff_common.bus import Bus

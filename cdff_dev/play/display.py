@@ -44,6 +44,7 @@ def shown_progress(player: Player) -> Iterator[None]:
 
 
 def _show(player: Player, ended: threading.Event) -> None:
+    """Write the progress of a player until it has ended."""
     is_terminal = sys.stderr.isatty()
     with suppress(OSError):  # the terminal was closed
         while not ended.wait(_ON_TERMINAL_S if is_terminal else _LINES_S):

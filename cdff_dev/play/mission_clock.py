@@ -97,6 +97,7 @@ class Pace:
         return not (stop.is_set() or is_interrupted())
 
     def _set_rate(self, rate: float) -> None:
+        """Set the rate of the clock from now on; 0 holds it."""
         with self._lock:
             if rate == self._rate:
                 return

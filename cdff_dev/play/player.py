@@ -245,6 +245,7 @@ class Player:
         return position_ns
 
     def _play(self, items: Iterator[Item], stop: threading.Event) -> None:
+        """Send the items in time until they end or ``stop`` is set."""
         for item in items:
             if item.stamp_ns > self.progress.t_end_ns and self._ready_ns is None:
                 return  # repetition was switched off after the next lap was read
@@ -335,6 +336,7 @@ class Player:
                 self._read_modes()
 
     def _read_modes(self) -> None:
+        """Set the modes of the sensors that the instrument control units report."""
         for robot in self._robots:
             try:
                 sensors = self._bus.call(keys.icu_rpc(robot, "modes"), timeout_s=2.0).body()["sensors"]

@@ -126,6 +126,7 @@ class Prefetch:
         self._thread.join(5.0)
 
     def _fill(self) -> None:
+        """Read samples ahead until the buffer is full or closed; an error is passed to the reader."""
         try:
             for sample in self._samples:
                 item = item_of(sample)

@@ -41,6 +41,7 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    """Record samples until stopped; return the exit code."""
     from cdff_common.bus import Bus
     from cdff_common.errors import InputError
     from cdff_common.process import stop_event

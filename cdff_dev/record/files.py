@@ -93,6 +93,7 @@ class RecordingFiles:
         return is_large or (self._max_s is not None and stamp_ns - self._first_ns >= self._max_s * 1e9)
 
     def _open(self) -> None:
+        """Open the next file; raises InputError if it exists."""
         path = self._path
         if self._max_bytes is not None or self._max_s is not None:
             path = path.with_name(f"{path.stem}_{len(self.paths):03d}{path.suffix}")

@@ -119,6 +119,7 @@ class Recorder:
         return self._recorded
 
     def _record(self, message: Message) -> None:
+        """Write a sample to the log; a malformed one is counted, a full disk ends the recording."""
         try:
             stream = stream_of(message.key)
             header = Header.from_attachment(message.attachment)

@@ -127,6 +127,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _mission(args: argparse.Namespace, log: LogSource) -> int:
+    """Replay a mission with all DFPCs of a profile; return the exit code."""
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile
     from cdff_dev.mission_replay.command import replay_mission
@@ -164,6 +165,7 @@ def _mission(args: argparse.Namespace, log: LogSource) -> int:
 
 
 def _replay(args: argparse.Namespace, log: LogSource) -> int:
+    """Replay a log with one DFPC; return the exit code."""
     import dataclasses
 
     from cdff_common.cli import key_values
@@ -261,6 +263,7 @@ def _replay(args: argparse.Namespace, log: LogSource) -> int:
 
 
 def _speed(text: str) -> float | None:
+    """Return the factor of ``--speed``; None for max."""
     from cdff_common.errors import InputError
 
     if text == "max":

@@ -65,6 +65,7 @@ class Condition:
         return found is not None and _OPERATORS[self.comparison](found, self.value)
 
     def _number(self, product: Product) -> float | None:
+        """Return the value of the field of a product that is compared; None if the product lacks it."""
         if self.field == "metrics":
             number = product.header.quality.metrics.get(self.metric)
             return None if number is None else float(number)
@@ -108,6 +109,7 @@ def _is_numeric_field(field: str, metric: str | None) -> bool:
 
 
 def _is_number(text: str) -> bool:
+    """Return whether a text is a finite number."""
     try:
         return math.isfinite(float(text))
     except ValueError:

@@ -111,6 +111,7 @@ def grey(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def _from_npz(port: Port, s: Source) -> NDArray[Any]:
+    """Return the array of a port in an NPZ file, or its only array; raises InputError."""
     arrays = read_npz(s)
     if port.attribute in arrays:
         return arrays[port.attribute]

@@ -81,6 +81,7 @@ def execute(
 def _run_dfn(
     folder: str, files: Mapping[str, str | Sequence[str]], config: dict[str, Any], implementation: str | None
 ) -> Result:
+    """Run a DFN once with inputs from files, and return its outputs."""
     registry = Registry.default()
     description = registry.dfn(folder)
     node = registry.make_dfn(folder, implementation)
@@ -104,6 +105,7 @@ def _run_dfn(
 def _run_dfpc(
     folder: str, files: Mapping[str, str | Sequence[str]], config: dict[str, Any], implementation: str | None
 ) -> Result:
+    """Run a DFPC with inputs from files, and return its outputs."""
     dfpc = Registry.default().make_dfpc(folder)
     with compilation_notice(folder):
         dfpc.configure(config, DfpcContext(robot=ROBOT), implementation)

@@ -97,6 +97,7 @@ def read_sequence(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]
 
 
 def _names(port: Port) -> tuple[str, ...]:
+    """Return the accepted names of a port."""
     return port.name, port.attribute, *getattr(port, "aliases", ())
 
 
@@ -184,6 +185,7 @@ def _frame_of_only_sensor(poses: list[PoseValue]) -> str:
 
 
 def _is_pose_file(text: str) -> bool:
+    """Return whether a file has a pose: a matrix ``T`` in JSON, or a table of poses."""
     if Path(text).is_dir():
         return False
     s = load(text)
@@ -204,6 +206,7 @@ def _pose_message(type_name: str, pose: PoseValue, stamp_ns: int) -> Any:
 
 
 def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
+    """Return the message of a port from a file or folder; raises InputError."""
     name = port.type_name
     if name in ("Frame", "FramePair", "DistanceImage") and "," in text and not Path(text).exists():
         return _with_calibration(port, text.split(","), metadata)
@@ -233,6 +236,7 @@ def _from_file(type_name: str, s: Source, fmt: str, metadata: _Metadata) -> Any:
 
 
 def _pointcloud(s: Source, fmt: str, metadata: _Metadata) -> Any:
+    """Return the cloud of a file; raises InputError if it has too many points."""
     cloud = read_cloud(s, fmt)
     if len(cloud.points_m) > _MAX_POINTS:
         raise InputError(
@@ -277,6 +281,7 @@ def _lidar_scan(s: Source, fmt: str, metadata: _Metadata) -> Any:
 
 
 def _frame(s: Source, fmt: str, metadata: _Metadata) -> Any:
+    """Return the image of a file."""
     camera_matrix = None
     if fmt == "tif":
         bands = list(read_bands(s)[0].values())

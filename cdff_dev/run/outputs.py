@@ -158,6 +158,7 @@ def detections_value(value: ObjectDetections, covariance_kind: str) -> list[dict
 
 
 def _write_array(port: Port, array: NDArray[Any], folder: Path, stem: str) -> dict[str, Any]:
+    """Write an array as a pose, image, cloud or NPZ file, or return it as a value if it is small."""
     if array.shape == (4, 4) and se3.is_transform(array):
         return _write_pose(PoseValue(UncertainTransform(array)), folder, stem)
     if array.size <= _INLINE_ELEMENTS and "n" not in port.type.partition("[")[2]:

@@ -150,6 +150,7 @@ class StereoCamera:
         return View(np.asarray(radiance, dtype=np.float32), t, origin, directions, all_normals)
 
     def _cast(self, T_site_camera: FloatArray, ray: FloatArray) -> tuple[Any, Float32Array, Float32Array]:
+        """Return the hits of rays, their distances and directions in the site frame."""
         import open3d as o3d
 
         if T_site_camera.ndim == 3:

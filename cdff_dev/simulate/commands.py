@@ -37,6 +37,7 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    """Simulate a scenario and write its log; return the exit code."""
     from cdff_common.output import make_folder, storage_errors
     from cdff_common.progress import progress_of
     from cdff_dev.simulate.scenario_files import load_any_scenario

@@ -139,6 +139,7 @@ class RoverView:
     def _draw(
         self, image: Float32Array, depth: Float32Array, T_site_camera: FloatArray, T_site_body: FloatArray
     ) -> Silhouette | None:
+        """Draw a rover into image and depth; return its silhouette, None outside the image."""
         vertices = se3.transform_points(T_site_body, self._vertices)
         window = self._window(vertices, T_site_camera)
         if window is None:
@@ -179,6 +180,7 @@ class RoverView:
         origin: Float32Array,
         T_site_body: FloatArray,
     ) -> Float32Array:
+        """Return the brightness of visible points by Sun and sky, with shadows."""
         R = T_site_body[:3, :3]
         normals = hits["primitive_normals"].numpy()[visible] @ R.T.astype(np.float32)
         facing = np.einsum("ij,ij->i", normals, directions[visible])
@@ -232,6 +234,7 @@ class RoverView:
         poses: Mapping[str, FloatArray],
         t_s: float,
     ) -> None:
+        """Add the dust that each rover has raised along its path."""
         ages = np.arange(0.0, 4.0 * dust.life_s, dust.period_s) + t_s % dust.period_s
         ages = ages[ages <= t_s]
         for name in poses:
@@ -258,6 +261,7 @@ class RoverView:
         radius_m: float,
         optical_depth: float,
     ) -> None:
+        """Add a cloud of dust with a Gaussian density in front of the scene."""
         from scipy.special import ndtr
 
         reach = 3.0 * radius_m * np.concatenate([np.eye(3), -np.eye(3)])

@@ -72,6 +72,7 @@ class Texture:
 
 @njit(cache=True)
 def _bilinear(texels, offset, n, texel_m, origin_m, wraps, x_m, y_m):  # type: ignore[no-untyped-def]
+    """Return the texture at a position, interpolated between four texels of one level."""
     u = (x_m - origin_m) / texel_m - 0.5
     v = (y_m - origin_m) / texel_m - 0.5
     u0 = math.floor(u)
@@ -90,6 +91,7 @@ def _bilinear(texels, offset, n, texel_m, origin_m, wraps, x_m, y_m):  # type: i
 
 @njit(cache=True)
 def _trilinear(texels, sizes, offsets, texel_m, origin_m, wraps, x, y, footprint_m, out):  # type: ignore[no-untyped-def]
+    """Write the texture at positions, interpolated between the two levels nearest to their footprint."""
     last = sizes.size - 1
     for k in range(x.size):
         if footprint_m[k] <= texel_m:

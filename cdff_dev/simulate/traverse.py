@@ -59,6 +59,7 @@ class _Renderer:
             self._rover_view = self._make_rover_view(world)
 
     def _make_rover_view(self, world: World) -> RoverView | None:
+        """Return the view of rovers in images; None if the scenario has none."""
         scenario, surface = world.scenario, world.scenario.terrain.surface
         if scenario.rovers_in_view is None or surface is None:
             return None
@@ -73,6 +74,7 @@ class _Renderer:
         )
 
     def render(self, task: Task) -> Any:
+        """Return the image pair or scan of a task."""
         kind, robot, index = task
         scenario, faults = self._world.scenario, self._world.scenario.faults
         motion = self._world.motions[robot]
@@ -208,6 +210,7 @@ def _rendered_entries(scenario: Scenario, robot: str) -> Iterator[Entry]:
 
 
 def _true_map(world: World) -> Entry:
+    """Return the true elevation map of the site."""
     scenario, model = world.scenario, world.scenario.terrain
     resolution_m = scenario.truth_map_m or 0.05
     layers = true_heights(world, resolution_m)

@@ -28,6 +28,7 @@ def register(nouns: Any) -> None:
 
 
 def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
+    """Add the parser of a command."""
     parser: argparse.ArgumentParser = nouns.add_parser(
         name,
         help=summary,
@@ -54,6 +55,7 @@ def _add(nouns: Any, name: str, summary: str) -> argparse.ArgumentParser:
 
 
 def _run(name: str, args: argparse.Namespace) -> int:
+    """Estimate trajectory and map of a log, and write the results; return the exit code."""
     from contextlib import suppress
 
     from cdff_common.extras import import_extra

@@ -97,6 +97,7 @@ def map_elevation(
 def _configure_dfpc(
     estimation: Estimation, robot: str, resolution_m: float, profile: str | None, T_base_child: se3.FloatArray
 ) -> Dfpc:
+    """Return the elevation mapping, configured by the profile or, without one, with the given mount."""
     dfpc = Registry.default().make_dfpc(ELEVATION_DFPC)
     parameters: dict[str, Any] = {"resolution_m": resolution_m}
     if profile is None:
@@ -137,6 +138,7 @@ def _stamp(sample: Sample) -> int:
 def _summary(
     dfpc: Dfpc, elevation: ElevationMap, patches: list[Product], reasons: list[str]
 ) -> dict[str, Any]:
+    """Return the summary of an elevation map for ``run.json``."""
     heights = np.asarray(elevation.layer("mean"), dtype=np.float64)
     known = heights[np.isfinite(heights)]
     geometry = elevation.geometry

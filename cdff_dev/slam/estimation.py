@@ -94,6 +94,9 @@ class _Outputs:
     reasons: dict[str, int] = field(default_factory=dict)
 
     def add(self, product: Product) -> None:
+        """Add a product: poses are collected and their status counted, of
+        other ports the last one is kept.
+        """
         if product.port != "pose":
             if product.value is not None:
                 self.last[product.port] = product
@@ -242,6 +245,7 @@ def too_many_failed(statuses: Mapping[str, int]) -> bool:
 
 
 def _configure_dfpc(method: Method, robot: str, profile: str | None) -> Dfpc:
+    """Return the DFPC of a method, configured by the profile if there is one."""
     dfpc = Registry.default().make_dfpc(method.dfpc)
     context, parameters, implementation = DfpcContext(robot), {}, None
     if profile is not None:

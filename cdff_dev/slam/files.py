@@ -147,6 +147,7 @@ def _versions() -> dict[str, str]:
 
 
 def _is_installed(name: str) -> bool:
+    """Return whether a package is installed."""
     try:
         version(name)
     except PackageNotFoundError:

@@ -66,6 +66,7 @@ def run_report(
 
 
 def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of the table of results."""
     statuses = ", ".join(f"{count} {status}" for status, count in sorted(run["statuses"].items()))
     return [
         ("Poses", f"{run['poses']} ({statuses})"),
@@ -79,6 +80,7 @@ def _result_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _error_rows(results: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of the table of errors against the true poses."""
     position, rotation = results["ate"]["translation_m"], results["ate"]["rotation_aligned_deg"]
     alignment = ALIGNMENTS[results["alignment"]["mode"]]
     poses, share = results["poses"], results["ate"]["rmse_percent_of_path"]

@@ -42,6 +42,7 @@ def odometry_graph(track: Track, frame: str) -> PoseGraph:
 
 
 def _information(track: Track, motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the information (n, 6, 6) of motions from the growth of the covariance of the poses."""
     if track.covariances is None or not len(motions):
         growth = np.zeros((len(motions), 6, 6))
     else:

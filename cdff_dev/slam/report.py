@@ -48,6 +48,7 @@ def summary_text(summary: Mapping[str, Any], out: Path) -> str:
 
 
 def _truth_line(results: Mapping[str, Any]) -> str:
+    """Return the line with the errors against the true poses."""
     ate_m = results["ate"]["translation_m"]["rmse"]
     share = 100.0 * ate_m / max(results["path_length_m"], 1e-9)
     rotation_deg = results["ate"]["rotation_aligned_deg"]["rmse"]

@@ -19,6 +19,7 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
 
 
 def _robot_tab(panels: Panels) -> Any:
+    """Return the tab of a robot: 3D views, images, plots and messages."""
     spaces = [_space(space) for space in panels.spaces]
     images = [_image(image) for image in panels.images]
     plots = [

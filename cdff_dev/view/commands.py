@@ -54,6 +54,7 @@ def register(nouns: Any) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    """Show logs or a live mission; return the exit code."""
     from cdff_common.clock import parse_stamp
     from cdff_common.errors import InputError
     from cdff_common.interfaces.profile import load_profile

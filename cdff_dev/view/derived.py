@@ -60,6 +60,7 @@ class Deriver:
             logger.warning("nothing derived from %d images: %s", count, reason)
 
     def _derive(self, sample: LogSample) -> Iterator[LogSample]:
+        """Yield image features and disparity computed from an image or pair."""
         value: Any = sample.value
         image: Frame = value.left if isinstance(value, FramePair) else value
         if FEATURES in self._names:

@@ -173,6 +173,7 @@ class Feed:
         self._is_ok[path] = is_ok
 
     def _add_pose(self, stamp_ns: int, layer: Layer, stream: str) -> None:
+        """Add a pose and its path; a frame with several sources gets a name per source."""
         edge = layer.drawing
         assert isinstance(edge, Transform)
         child = edge.child

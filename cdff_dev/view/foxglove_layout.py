@@ -20,6 +20,7 @@ def layout_of(contents: Contents) -> fl.Layout:
 
 
 def _robot(panels: Panels) -> fl.SplitContainer:
+    """Return the panels of a robot."""
     spaces = [fl.TabItem(title=space.root, content=_space(space)) for space in panels.spaces]
     side = (
         [fl.TabItem(title=image.title, content=_image(image)) for image in panels.images],

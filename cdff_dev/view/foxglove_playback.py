@@ -196,6 +196,7 @@ class PlaybackServer(ServerListener):
         return None if self._is_closed else taken
 
     def _state(self, did_seek: bool, request_id: str | None) -> PlaybackState:
+        """Return the state of the playback for the viewer."""
         is_over = self._now_ns >= self._t1_ns and not self._is_playing
         status = (
             PlaybackStatus.Playing

@@ -153,6 +153,7 @@ def _wait_for(port: int, viewer: subprocess.Popen[bytes]) -> None:
 def _rerun_output(
     recording: rr.RecordingStream, place: str, viewer: subprocess.Popen[bytes] | None = None
 ) -> Output:
+    """Return the output of a recording of rerun."""
     from cdff_dev.view.blueprint import blueprint
     from cdff_dev.view.rerun_scene import RerunScene
 

@@ -64,6 +64,7 @@ class Overlays:
         return replace(layer, drawing=replace(picture, picture=camera.path))
 
     def _release(self, frame: str) -> Iterator[tuple[int, Layer]]:
+        """Yield the layers that waited for the position of a frame."""
         for path, (stamp_ns, layer) in list(self._waiting.items()):
             if layer.frame == frame:
                 del self._waiting[path]

@@ -81,6 +81,7 @@ def panels_of(contents: Contents) -> list[Panels]:
 
 
 def _panels(contents: Contents, robot: str, prefix: str) -> Panels:
+    """Return the panels of the contents under a prefix."""
     own_roots = {contents.root_of(f) for n, f in contents.spatial.items() if n.startswith(prefix) and f}
     return Panels(
         robot,
@@ -92,6 +93,7 @@ def _panels(contents: Contents, robot: str, prefix: str) -> Panels:
 
 
 def _space(contents: Contents, root: str) -> Space:
+    """Return the 3D view of all contents whose frames are connected with ``root``."""
     inside = [name for name, frame in contents.spatial.items() if contents.root_of(frame) == root]
     cameras = [
         name

@@ -159,6 +159,7 @@ def _first_samples(chosen: Sequence[tuple[LogSource, list[str]]]) -> list[LogSam
 
 
 def _order(sample: LogSample) -> tuple[int, str, int]:
+    """Return the key by which samples of several logs are ordered."""
     return sample.stamp_ns, sample.stream, sample.seq
 
 

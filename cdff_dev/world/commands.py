@@ -93,6 +93,7 @@ def _worlds(args: argparse.Namespace, times: list[str | None]) -> list[World]:
 
 
 def _show(args: argparse.Namespace) -> int:
+    """Print the world at a time, or a transform of it; return the exit code."""
     from dataclasses import replace
 
     from cdff_common.json_form import jsonable
@@ -140,6 +141,7 @@ def _diff(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    """Write the world as a file, GLB or GeoPackage; return the exit code."""
     from cdff_common.output import check_file, format_of_suffix, write_file
     from cdff_common.world import write_world
     from cdff_dev.world.export import most_connected_root

@@ -38,6 +38,7 @@ def write_geopackage(world: World, root: str, path: Path) -> None:
 
 
 def _write_layers(world: World, root: str, path: Path) -> None:
+    """Write the frames as points and the outlines of items as polygons."""
     points, rows = [], []
     for frame in world.frames:
         if (T := pose_in(world, root, frame)) is not None:
@@ -68,6 +69,7 @@ def _outline(world: World, root: str, item: WorldItem) -> shapely.Polygon | None
 def _write(
     path: Path, layer: str, root: str, shapes: list[Any], rows: list[tuple[Any, ...]], names: tuple[str, ...]
 ) -> None:
+    """Write one layer of shapes with its columns; nothing without shapes."""
     columns = [np.array([row[i] for row in rows]) for i in range(len(names))]
     if not shapes:
         return

@@ -91,6 +91,7 @@ def _tree_lines(world: World, frame: str, depth: int) -> Iterator[str]:
 
 
 def _edge_text(edge: WorldEdge) -> str:
+    """Return position and uncertainty of an edge as a text."""
     T = edge.transform
     x, y, z = T.matrix[:3, 3]
     text = f"x {x:.3f}, y {y:.3f}, z {z:.3f} m"

@@ -55,6 +55,7 @@ def _object(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Nod
 
 
 def _map(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Struct) -> Any:
+    """Return the dictionary of a structure between two offsets; known fields are read by their node."""
     head = _header(buffer, at, 0x80, 0xDE)
     if head is None:
         return messagepack.unpack(data[at:end])
@@ -76,6 +77,7 @@ def _map(data: bytes, buffer: NDArray[np.uint8], at: int, end: int, node: Struct
 
 
 def _names(field: Field) -> tuple[str, str, str]:
+    """Return the accepted spellings of the name of a field."""
     return field.key, field.name, field.attribute
 
 

@@ -48,6 +48,7 @@ def read_glb(s: Source) -> MeshArrays:
 
 
 def _chunks(s: Source) -> tuple[dict[str, Any], bytes]:
+    """Return the JSON document and the binary chunk of a file."""
     version = struct.unpack_from("<I", s.data, 4)[0]
     if version != 2:
         raise s.error(f"glTF version {version}, expected 2")
@@ -88,6 +89,9 @@ class _Scene:
             self.add(child, matrix, depth + 1)
 
     def _add_primitive(self, primitive: dict[str, Any], matrix: FloatArray) -> None:
+        """Add the triangles of a primitive, transformed by ``matrix`` (4, 4);
+        lines and points are ignored.
+        """
         mode = primitive.get("mode", _TRIANGLES)
         if mode not in (_TRIANGLES, _STRIP, _FAN):
             return
@@ -109,6 +113,7 @@ class _Scene:
         self._count += len(points)
 
     def _accessor(self, index: int) -> Any:
+        """Return the array of an accessor; raises CodecError for sparse and external data."""
         accessor = self._document["accessors"][index]
         if "sparse" in accessor or "bufferView" not in accessor:
             raise self._s.error("a sparse accessor, which is not supported")

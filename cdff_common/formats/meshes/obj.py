@@ -37,6 +37,9 @@ def read_obj(s: Source) -> MeshArrays:
 
 
 def _triangles(s: Source, corners: list[list[bytes]], known: list[int]) -> IntArray:
+    """Return the triangles (n, 3) of faces; ``known`` is the number of vertices before each face, for
+    negative indices.
+    """
     try:
         if corners and all(len(words) == 3 for words in corners):
             indices = np.array(corners).astype(np.int64)

@@ -54,6 +54,7 @@ def write_ply_mesh(
 
 
 def _ascii(s: Source, start: int, skip: int, face: PlyElement) -> IntArray:
+    """Return the triangles (n, 3) of the faces in a text file, after ``skip`` other lines."""
     lines = s.data[start:].split(b"\n", skip + face.count)[skip : skip + face.count]
     if len(lines) < face.count:
         raise s.error(f"ends after {len(lines)} of {face.count} faces")

@@ -30,6 +30,9 @@ def read_stl(s: Source) -> MeshArrays:
 
 
 def _is_binary(s: Source) -> bool:
+    """Return whether a file is binary: its size is that of its number of triangles, or it does not start
+    with solid.
+    """
     if len(s.data) < BINARY_HEADER_BYTES:
         return False
     (count,) = struct.unpack_from("<I", s.data, BINARY_HEADER_BYTES - 4)
@@ -47,6 +50,7 @@ def _binary(s: Source) -> FloatArray:
 
 
 def _ascii(s: Source) -> FloatArray:
+    """Return the corners (3 n, 3) of the triangles of a text file."""
     rows = [line.split()[1:4] for line in s.data.splitlines() if line.split()[:1] == [b"vertex"]]
     try:
         corners = np.array(rows, dtype=np.float64).reshape(-1, 3)

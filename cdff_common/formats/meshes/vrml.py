@@ -88,6 +88,7 @@ class _Parser:
         return self._node(word, depth)
 
     def _node(self, kind: str, depth: int) -> _Node:
+        """Return a node with its fields and children; raises CodecError for geometry other than faces."""
         if depth > _MAX_DEPTH:
             raise self._s.error(f"nodes deeper than {_MAX_DEPTH}")
         if kind in _REFUSED:
@@ -182,6 +183,7 @@ class _Faces:
                     self.add(child, inner)
 
     def _add_faces(self, node: _Node, matrix: FloatArray, points: Any) -> None:
+        """Add the faces of an IndexedFaceSet, transformed by ``matrix`` (4, 4)."""
         for child in node.children:
             if child.kind == "Coordinate":
                 points = child.fields.get("point")

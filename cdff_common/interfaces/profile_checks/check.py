@@ -111,6 +111,7 @@ def _repetitions(located: LocatedMapping) -> Iterable[Finding]:
 
 
 def _fault(path: Path, located: LocatedMapping, finding: Finding) -> ProfileFault:
+    """Return a finding with file, line and key."""
     return ProfileFault(
         file=str(path),
         line=located.line(finding.location),

@@ -90,6 +90,7 @@ def _is_same(name: str, key: str) -> bool:
 
 
 def _all_keys() -> Iterator[tuple[str, list[str]]]:
+    """Yield each model of the schema with its keys."""
     for owner, schema in _schema()["$defs"].items():
         yield owner, _keys(schema)
 
@@ -115,6 +116,7 @@ def _schema_at(location: Location) -> dict[str, Any]:
 
 
 def _inner(schema: dict[str, Any], key: str | int) -> Iterator[dict[str, Any]]:
+    """Yield the schemas that a value may have under a key or index."""
     for option in schema.get("anyOf", (schema,)):
         resolved = _resolve(option)
         if isinstance(key, int):
@@ -128,6 +130,7 @@ def _inner(schema: dict[str, Any], key: str | int) -> Iterator[dict[str, Any]]:
 
 
 def _resolve(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a schema, or the definition that it references."""
     if "$ref" in schema:
         resolved: dict[str, Any] = _schema()["$defs"][schema["$ref"].rsplit("/", 1)[-1]]
         return resolved

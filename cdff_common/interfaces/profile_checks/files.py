@@ -31,6 +31,7 @@ def with_files(profile: Profile, folder: Path, findings: list[Finding]) -> Profi
 
 
 def _urdf_document(robot: Robot, folder: Path, place: Location, findings: list[Finding]) -> str:
+    """Return the URDF of a robot; empty, with a finding, if it cannot be read."""
     if not robot.urdf:
         return ""
     try:
@@ -50,6 +51,7 @@ def _urdf_document(robot: Robot, folder: Path, place: Location, findings: list[F
 def _with_masks(
     sensor: Sensor, robot: Robot, folder: Path, place: Location, findings: list[Finding]
 ) -> Sensor:
+    """Return the sensor with its masks loaded; a mask that cannot be read is a finding."""
     loaded = {}
     for field, value in (("mask", sensor.mask), ("mask_right", sensor.mask_right)):
         if value == URDF_MASK and not robot.urdf:

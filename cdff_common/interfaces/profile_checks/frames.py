@@ -90,6 +90,7 @@ def used_sensors(reading: Reading, robot: Robot) -> set[str]:
 
 
 def _edge_findings(robot: Robot, i: int, frames: FrameParents, robot_ids: set[str]) -> Iterator[Finding]:
+    """Yield the findings about the frames of a robot, and add its edges to ``frames``."""
     if robot.urdf:
         model = read_urdf(robot.urdf)
         for joint in model.joints:
@@ -155,6 +156,7 @@ def _root_findings(robot: Robot, i: int, frames: FrameParents) -> Iterator[Findi
 
 
 def _sensor_findings(reading: Reading, robot: Robot, i: int, frames: FrameParents) -> Iterator[Finding]:
+    """Yield the findings about frames of sensors that do not exist or belong to another robot."""
     used = used_sensors(reading, robot)
     base = f"{robot.id}/base"
     known = {base, *frames.names}

@@ -55,6 +55,7 @@ def _variant(description: DfpcDescription, name: str | None) -> DfpcImplementati
 def _entry_findings(
     entry: DfpcEntry, description: DfpcDescription, variant: DfpcImplementation, place: Location
 ) -> Iterator[Finding]:
+    """Yield the findings about the parameters of a DFPC and of its DFN slots."""
     model = Registry.default().make_dfpc(entry.name).config_model()
     merged = {**variant.parameters, **entry.parameters}
     slots = {slot.dfn_id: slot for slot in variant.dfns}
@@ -97,6 +98,7 @@ def _in_values(given: Any, location: tuple[int | str, ...]) -> Location:
 
 
 def _parameter_finding(model: type[BaseModel], error: ErrorDetails, location: Location) -> Finding:
+    """Return the finding of an error of pydantic, with the nearest accepted name or value."""
     if error["type"] == "extra_forbidden":
         known = _keys_at(model, error["loc"][:-1])
         name = str(error["loc"][-1])

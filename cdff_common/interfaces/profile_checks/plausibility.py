@@ -44,6 +44,7 @@ def plausibility_findings(reading: Reading) -> Iterator[Finding]:
 
 
 def _baseline_findings(robot: Robot, i: int) -> Iterator[Finding]:
+    """Yield a finding for each stereo baseline outside the usual range."""
     lefts = {sensor.frame for sensor in robot.sensors.values() if sensor.kind == "stereo_camera"}
     for k, edge in enumerate(robot.frames):
         if edge.parent not in lefts or "right" not in edge.child.rsplit("/", maxsplit=1)[-1]:
@@ -59,6 +60,7 @@ def _baseline_findings(robot: Robot, i: int) -> Iterator[Finding]:
 
 
 def _tilt_findings(robot: Robot, i: int, edges: dict[str, int]) -> Iterator[Finding]:
+    """Yield a finding for each sensor whose mount has an unusual orientation."""
     graph = _graph_at_zero(robot)
     for name, sensor in robot.sensors.items():
         try:

@@ -63,6 +63,7 @@ class Reading:
         return {"name": "unnamed", **self._prune(self.data, (), ())}
 
     def _prune(self, data: Any, original: Location, place: Location) -> Any:
+        """Return the data without the removed entries, and record the original indices of lists."""
         if isinstance(data, dict):
             return {
                 key: self._prune(value, (*original, key), (*place, key))

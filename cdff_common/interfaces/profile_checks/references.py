@@ -46,6 +46,7 @@ def message_types() -> list[str]:
 
 
 def _robot_findings(reading: Reading, robot: Robot, i: int) -> Iterator[Finding]:
+    """Yield the findings about unknown message types and limits of a robot."""
     known_types = set(message_types())
     for name, sensor in robot.sensors.items():
         for stream, type_name in sensor.streams.items():
@@ -76,6 +77,7 @@ def _unknown_limit(place: Location, limit: str) -> Finding:
 
 
 def _mode_findings(reading: Reading, robot: Robot, entry: DfpcEntry, place: Location) -> Iterator[Finding]:
+    """Yield the findings about sensors and modes that a DFPC needs."""
     for sensor_name, need in entry.modes.items():
         at = (*place, sensor_name)
         if reading.is_unreadable(*place[:2], "sensors", sensor_name):
@@ -106,6 +108,7 @@ def _properties(mode: SensorMode) -> str:
 
 
 def _history_findings(reading: Reading) -> Iterator[Finding]:
+    """Yield the findings about robots and streams in the history policies."""
     profile = reading.profile
     assert profile is not None
     for k, policy in enumerate(profile.history):
@@ -130,6 +133,7 @@ def _history_findings(reading: Reading) -> Iterator[Finding]:
 
 
 def _retention_findings(reading: Reading) -> Iterator[Finding]:
+    """Yield the findings about product types, DFPCs and robots in the retention rules."""
     profile = reading.profile
     assert profile is not None
     products = [_ALL_PRODUCTS, *product_types()]

@@ -49,6 +49,7 @@ def _unknown_dfpc(place: Location, name: str) -> Finding:
 def _entry_findings(
     reading: Reading, robot: Robot, entry: DfpcEntry, description: DfpcDescription, place: Location
 ) -> Iterator[Finding]:
+    """Yield the findings about the implementation and the inputs of a DFPC."""
     ports = {port.attribute: port for port in description.input_ports}
     known = [variant.name for variant in description.implementations]
     if entry.implementation is not None and entry.implementation not in known:
@@ -70,6 +71,7 @@ def _entry_findings(
 def _missing_ports(
     reading: Reading, entry: DfpcEntry, ports: dict[str, InputPort], place: Location
 ) -> Iterator[Finding]:
+    """Yield a finding for each required port without a source, and for a DFPC without any input."""
     for name, port in ports.items():
         is_absent = name not in entry.inputs and not reading.is_unreadable(*place, "inputs", name)
         if is_absent and not port.optional:
@@ -132,6 +134,7 @@ def _unknown_source(at: Location, source: Source, name: str, what: str, known: l
 
 
 def _type_problem(robot: Robot, source: Source, port: InputPort, type_name: str) -> str:
+    """Return the problem of a source of another type, with the sources of the right type."""
     fitting = [
         f"sensor/{name}/{stream}"
         for name, sensor in robot.sensors.items()

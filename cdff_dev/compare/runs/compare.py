@@ -127,6 +127,7 @@ def _each(
 
 
 def _trajectory(a: Path, b: Path) -> dict[str, Any]:
+    """Return the differences between the trajectories of two runs, without alignment."""
     results = compare_trajectories(read_track(a), read_track(b), align="none").results
     ate = results["ate"]
     return {

@@ -103,6 +103,7 @@ def orientation_alignment(estimate: Track, reference: Track) -> Float:
 
 
 def _umeyama(source: Float, target: Float, *, with_scale: bool) -> tuple[Float, float]:
+    """Return the similarity that maps source to target positions (n, 3), and its scale (Umeyama 1991)."""
     s, t = source - source.mean(axis=0), target - target.mean(axis=0)
     U, D, Vt = np.linalg.svd(t.T @ s / len(s))
     if len(s) < 3 or D[1] < 1e-12 * max(D[0], 1e-300):
@@ -117,6 +118,7 @@ def _umeyama(source: Float, target: Float, *, with_scale: bool) -> tuple[Float, 
 
 
 def _yaw(source: Float, target: Float) -> Float:
+    """Return the translation and rotation about z that map source to target positions (n, 3)."""
     s, t = source - source.mean(axis=0), target - target.mean(axis=0)
     sine = float(np.sum(s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]))
     cosine = float(np.sum(s[:, :2] * t[:, :2]))

@@ -59,6 +59,7 @@ def read_track(path: str | Path, stream: str | None = None, frame: str | None = 
 
 
 def _from_log(path: str | Path, stream: str | None, frame: str | None) -> Track:
+    """Return the poses of a stream of a log, in another frame on request; raises InputError."""
     try:
         log = open_log(path)
     except CdffError as error:

@@ -42,6 +42,7 @@ def _without_settings() -> Iterator[None]:
 
 
 def _commands(parser: argparse.ArgumentParser, words: str, doc: str) -> Iterator[Command]:
+    """Yield the commands of a parser and its sub-parsers."""
     nested = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not nested:
         yield Command(
@@ -58,6 +59,7 @@ def _is_shown(action: argparse.Action) -> bool:
 
 
 def _argument(action: argparse.Action) -> tuple[str, str, str]:
+    """Return syntax, default and help of an argument."""
     value = action.metavar or (
         f"{{{','.join(map(str, action.choices))}}}" if action.choices else action.dest.upper()
     )

@@ -19,6 +19,7 @@ def page() -> str:
 
 
 def _rows(path: str, item: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return one row per HTTP method of a path of the OpenAPI document."""
     return [
         {
             "method": method.upper(),
@@ -43,6 +44,7 @@ def _rows(path: str, item: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _schema(schema: dict[str, Any]) -> str:
+    """Return the type of a JSON schema as words."""
     options = [o for o in schema.get("anyOf", [schema]) if o.get("type") != "null"]
     words = [
         " or ".join(map(str, o["enum"]))

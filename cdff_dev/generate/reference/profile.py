@@ -171,6 +171,7 @@ def _references(field: Any) -> list[str]:
 
 
 def _type(field: dict[str, Any]) -> str:
+    """Return the type of a field as Markdown, with links to models."""
     if "$ref" in field:
         name = field["$ref"].rsplit("/", 1)[-1]
         return f"[{name}](#{name.lower()})"

@@ -55,4 +55,5 @@ def diagram(edges: Iterable[tuple[str, str, str]], initial: str, final: Iterable
 
 
 def _label(table: Mapping[tuple[str, str], str]) -> list[tuple[str, str, str]]:
+    """Return the transitions of a table as (start, end, verb)."""
     return [(start, end, verb) for (start, verb), end in table.items()]

@@ -199,6 +199,7 @@ class CameraRays:
 
 
 def _middle_centre(scene: BodyScene, T_camera_body: FloatArray) -> tuple[FloatArray, float]:
+    """Return the centre of a body in the middle of the exposure, and its distance, metres."""
     T = T_camera_body[len(T_camera_body) // 2]
     centre = T[:3, :3] @ scene.centre_m + T[:3, 3]
     return centre, float(np.linalg.norm(centre))
@@ -215,6 +216,7 @@ def _other_bodies(body: PlacedBody, bodies: list[PlacedBody]) -> tuple[tuple[Bod
 
 
 def _select(hits: Hits, keep: NDArray[np.bool_]) -> Hits:
+    """Return the hits of a mask."""
     if keep.all():
         return hits
     return Hits(

@@ -106,6 +106,7 @@ class CameraSimulator:
     # -- light
 
     def _add_earth(self, view: View, t_s: float, light: Light) -> None:
+        """Add the light of the Earth to the view, if it is in the field."""
         assert light.earth_m is not None  # the scenario has an Earth
         R = self._attitude(t_s)
         down = -light.earth_m / np.linalg.norm(light.earth_m)
@@ -299,6 +300,7 @@ class CameraSimulator:
         t_s: float,
         light: Light,
     ) -> CameraImage:
+        """Return the image with the true poses and the client's visible fraction."""
         T_camera_base = se3.inverse(self.model.T_base_camera)
         scenario, times = self.world.scenario, np.array([t_s])
         poses = {

@@ -124,6 +124,7 @@ def load_body(
 
 
 def _built_in(name: str) -> BodyMesh:
+    """Return the mesh of a built-in model: its shapes with their materials."""
     shapes = BUILT_IN_MODELS[name]()
     names = sorted({shape.material for shape in shapes})
     starts = np.cumsum([0, *(len(shape.vertices) for shape in shapes)])

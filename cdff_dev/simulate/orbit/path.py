@@ -62,6 +62,7 @@ class RelativePath:
     def _segment(
         self, segment: Hold | Line | Transfer | Drift | Circle, start_m: FloatArray, start_s: float
     ) -> Positions:
+        """Return the positions of a segment of the path from its start."""
         end_s = start_s + segment.duration_s
         if isinstance(segment, Hold):
             return _hold(segment, start_m, start_s)

@@ -122,6 +122,7 @@ def _times_s(sensor: Any, duration_s: float) -> FloatArray:
 
 
 def _entries(scenario: OrbitScenario) -> Iterator[Entry]:
+    """Yield the entries of the log of a rendezvous."""
     motion = OrbitMotion(scenario)
     yield from _truth(scenario, motion)
     yield from _navigation(scenario, motion)
@@ -242,6 +243,7 @@ def _navigation(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]
 
 
 def _gnss(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
+    """Yield the position and velocity that the GNSS receiver measures."""
     model, name = scenario.servicer.gnss, scenario.servicer.name
     assert model is not None  # checked by the caller
     t_us = sample_times_us(model.rate_hz, scenario.duration_s)

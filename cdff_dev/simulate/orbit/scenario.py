@@ -134,6 +134,7 @@ class Client(Body):
     def _check_inertia(
         cls, value: Vector3 | tuple[Vector3, Vector3, Vector3]
     ) -> Vector3 | tuple[Vector3, Vector3, Vector3]:
+        """Refuse moments of inertia that no rigid body has."""
         try:
             principal_axes(value)
         except InputError as error:
@@ -263,6 +264,7 @@ class OrbitScenario(StrictModel):
 
     @model_validator(mode="after")
     def _check_center(self) -> OrbitScenario:
+        """Refuse a scenario without exactly one central body, or with elements that do not fit it."""
         if (self.orbit is None) == (self.small_body is None):
             raise ValueError("expected either orbit or small_body")
         names = [

@@ -145,6 +145,7 @@ class OrbitLidar(StrictModel):
 
     @model_validator(mode="after")
     def _check_ranges(self) -> OrbitLidar:
+        """Refuse ranges, fields and periods that contradict each other."""
         if self.near_m >= self.far_m:
             raise ValueError(f"near_m {self.near_m} is not below far_m {self.far_m}")
         if max(self.field_deg) >= 180.0:

@@ -88,6 +88,7 @@ def single_frame_log(folder: Path) -> IndexedLog:
 
 
 def _json(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file; raises InputError."""
     if path.stat().st_size > _MAX_JSON_BYTES:
         raise InputError(f"{path}: {path.stat().st_size} bytes, expected at most {_MAX_JSON_BYTES}")
     try:

@@ -38,6 +38,7 @@ def _recognises(location: LogLocation) -> bool:
 
 
 def _open(location: LogLocation, calibration: Path | None) -> IndexedLog:
+    """Open a recording, or else folders of image pairs."""
     assert location.folder is not None
     if recording := recording_folder(location.folder):
         from cdff_dev.logs.formats.euroc.recording import recording_log

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 def _recognises(location: LogLocation) -> bool:
+    """Return whether a location consists of image files, or contains sequences of them."""
     from cdff_dev.logs.formats.images.sequences import image_sequences
     from cdff_dev.logs.image_streams import IMAGE_SUFFIXES
 

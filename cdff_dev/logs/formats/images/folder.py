@@ -197,6 +197,7 @@ def _choose(sequence: ImageSequence, candidates: list[_Calibration]) -> _Calibra
 def _add_stream(
     sequence: ImageSequence, stamps_ns: Stamps, chosen: _Calibration | None, content: _Content
 ) -> None:
+    """Add the stream of an image sequence; depth images without a known unit stay images, with a reason."""
     camera = None if chosen is None else chosen.camera
     is_depth = sequence.is_depth and read_image(sequence.files[0]).dtype == np.uint16
     if is_depth and (chosen is None or chosen.depth_unit_m is None):

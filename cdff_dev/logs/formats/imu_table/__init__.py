@@ -16,6 +16,7 @@ _HEAD_BYTES = 4096
 
 
 def _recognises(location: LogLocation) -> bool:
+    """Return whether a file is a table with columns of an IMU."""
     if len(location.files) != 1 or location.files[0].suffix.lower() not in (".csv", ".txt"):
         return False
     from cdff_dev.logs.formats.imu_table.table import columns_of

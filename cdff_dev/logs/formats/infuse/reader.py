@@ -162,6 +162,7 @@ class LogReader(IndexedLog):
     def _add_part(
         self, path: Path, file: int, name: str, meta: Any, starts: NDArray[np.int64], ends: NDArray[np.int64]
     ) -> None:
+        """Add the samples of a stream in one file; raises CodecError for malformed metadata."""
         if not isinstance(meta, dict) or not isinstance(meta.get("type"), str):
             raise CodecError(
                 f"{path}: {name} has no {name}.meta with type and timestamps; expected an InFuse log"

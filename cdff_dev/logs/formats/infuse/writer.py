@@ -171,6 +171,7 @@ class LogWriter(LogSink):
         return self._prefix.with_name(f"{self._prefix.name}_{len(self._chunks):09d}.msg")
 
     def _flush(self) -> None:
+        """Write the collected samples as the next chunk file; an incomplete file is removed."""
         path = self._next_chunk()
         part = path.with_suffix(".part")
         try:
@@ -189,6 +190,7 @@ class LogWriter(LogSink):
             stream.clear()
 
     def _write_chunk(self, file: BinaryIO) -> None:
+        """Write the collected samples of all streams as one MessagePack map."""
         packer = msgpack.Packer(unicode_errors="surrogateescape")
         filled = {name: s for name, s in sorted(self._streams.items()) if s.samples}
         file.write(packer.pack_map_header(2 * len(filled)))

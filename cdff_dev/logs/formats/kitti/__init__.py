@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 
 def _is_kitti(location: LogLocation) -> bool:
+    """Return whether a folder is a raw recording or a sequence of KITTI."""
     if location.folder is None:
         return False
     from cdff_dev.logs.formats.kitti.raw import is_raw

@@ -186,6 +186,7 @@ def _stamp_ns(table: Path, number: int, line: str) -> int:
 
 
 def _paths_and_stamps(files: Files) -> tuple[list[Path], Stamps]:
+    """Return the paths of the files and their stamps, in order."""
     return [path for path, _ in files.values()], _ascending(list(files.values()))
 
 

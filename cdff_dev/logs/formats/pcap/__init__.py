@@ -26,6 +26,7 @@ def _captures(location: LogLocation) -> list[Path]:
 
 
 def _recognises(location: LogLocation) -> bool:
+    """Return whether the first capture of a location begins like a PCAP or PCAPNG file."""
     found = _captures(location)
     if not found or not found[0].is_file():
         return False
@@ -34,6 +35,7 @@ def _recognises(location: LogLocation) -> bool:
 
 
 def _open(location: LogLocation, metadata: Path | None) -> LogSource:
+    """Open a capture of an Ouster lidar if its metadata is found, otherwise of a Velodyne lidar."""
     found = _captures(location)
     if len(found) > 1:
         raise InputError(f"{location.name}: {len(found)} captures; expected one: name it")

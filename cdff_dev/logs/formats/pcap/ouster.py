@@ -125,6 +125,7 @@ class _Index:
         )
 
     def _is_lidar(self, datagram: Datagram) -> bool:
+        """Return whether a datagram is a lidar packet of this sensor, by its size and serial number."""
         if len(datagram.data) != self._layout.lidar_bytes:
             return False
         serial = self._layout.serial(datagram.data)
@@ -221,6 +222,7 @@ def _stamps(stamps_ns: Any) -> NDArray[np.int64]:
 
 
 def _unconverted(index: _Index, sensor: OusterSensor, bad_imu: int) -> dict[str, Unconverted]:
+    """Return the packets, columns and measurements that are not converted, with the reasons."""
     found = {
         what: Unconverted("UDP packet", count, "neither lidar nor IMU data of this sensor")
         for what, count in index.others.items()

@@ -151,6 +151,7 @@ class _Values:
 
 
 def _sensor(values: _Values) -> OusterSensor:
+    """Return the sensor of checked metadata; raises ValueError."""
     mode = _MODE.match(str(values.get("lidar_mode", "")))
     columns = values.count("columns_per_frame", int(mode[1]) if mode else None, _MAX_COLUMNS)
     beams = values.count("pixels_per_column", _LEGACY["pixels_per_column"], _MAX_BEAMS)

@@ -72,6 +72,7 @@ class RecordReader:
                 yield from self._pcap(file, start)
 
     def _pcap(self, file: BinaryIO, start: int) -> Iterator[Record]:
+        """Yield the records of a PCAP file from a byte on; raises DamagedRecordError."""
         file.seek(0)
         head = file.read(_HEADER_BYTES)
         if len(head) < _HEADER_BYTES:
@@ -94,6 +95,7 @@ class RecordReader:
             at = end
 
     def _blocks(self, file: BinaryIO, start: int) -> Iterator[Record]:
+        """Yield the packets of a PCAPNG file from a byte on; raises DamagedRecordError."""
         file.seek(start)
         at = start
         section = self._sections[max(known for known in self._sections if known <= start)] if start else None
@@ -122,6 +124,7 @@ class RecordReader:
         raise DamagedRecordError(self.path, at, f"byte-order magic {magic.hex()}, expected 1a2b3c4d")
 
     def _packet(self, at: int, length: int, body: bytes, section: _Section) -> Record:
+        """Return the packet of an enhanced packet block."""
         if len(body) < 24:
             raise DamagedRecordError(self.path, at, _wrong_length(length))
         number, high, low, size, _ = struct.unpack_from(f"{section.order}IIIII", body)

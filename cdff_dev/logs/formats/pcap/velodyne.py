@@ -115,6 +115,9 @@ class VelodyneLog(LogSource):
         yield from self._decode_scans(partial(decoder.finish, True))
 
     def _decode_scans(self, call: Any) -> Iterator[tuple[int, Any]]:
+        """Yield stamp and points of the scan that a call of the decoder completes, if any; raises
+        CodecError.
+        """
         try:
             found = call()
         except (RuntimeError, ValueError, TypeError) as error:

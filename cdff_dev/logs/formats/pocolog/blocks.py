@@ -114,6 +114,9 @@ def read_blocks(path: Path) -> FileBlocks:
 
 
 def _byte_order(prologue: bytes, path: Path) -> str:
+    """Return the byte order that the prologue of a file states; raises
+    CodecError if it is no pocolog file.
+    """
     if len(prologue) < _PROLOGUE.size:
         raise CodecError(
             f"{path}: {len(prologue)} bytes, expected a pocolog prologue of {_PROLOGUE.size} bytes"
@@ -181,6 +184,7 @@ def _texts(content: bytes) -> list[bytes]:
 
 
 def _add_sample(stream: StreamBlocks, data: memoryview, start: int, size: int) -> None:
+    """Add the position, size and time of a sample block to its stream; raises _DamageError."""
     if size < SAMPLE.size:
         raise _DamageError(f"sample of {size} bytes, expected a header of {SAMPLE.size}")
     _, _, seconds, microseconds, sample_size, flags = SAMPLE.unpack_from(data, start)

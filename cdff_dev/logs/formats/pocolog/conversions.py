@@ -81,6 +81,7 @@ def _joint_state(value: Any) -> JointState:
 
 
 def _joint_states(values: Any) -> tuple[JointState, ...]:
+    """Return the states of several joints."""
     return tuple(_joint_state(value) for value in values)
 
 

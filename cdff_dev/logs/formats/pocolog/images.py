@@ -31,6 +31,7 @@ _MAX_TEXT = 256
 
 
 def _frame(value: Any, source: Source, name: str) -> Frame:
+    """Return the Frame of a ``base::samples::frame::Frame``."""
     image, mode = _image(value, source.order)
     plain = Frame.from_image(image, stamp_ns=source.stamp_ns, sensor=name, mode=mode.name[5:])
     received = stamp_ns(value["received_time"])

@@ -180,6 +180,7 @@ def _chosen_ports(ports: list[_PortFiles], unconverted: dict[str, Unconverted]) 
 
 
 def _list_remainder(found: FileBlocks, unconverted: dict[str, Unconverted]) -> None:
+    """Add damage, undeclared streams and control streams of a file to the content not converted."""
     name = found.path.name
     if found.damage:
         _log.warning("%s: %s", found.path, found.damage)

@@ -57,6 +57,7 @@ _STATE_FIELDS = (
 def _transform(
     translation: FloatArray, q_xyzw: FloatArray, cov: FloatArray, source: Source, parent: str, child: str
 ) -> TransformWithCovariance:
+    """Return a pose between two frames with its covariance (6, 6)."""
     metadata = TransformWithCovarianceMetadata(
         producer_id=source.sensor_frame,
         data_estimated=np.ones(7, np.bool_),

@@ -134,6 +134,7 @@ def _scan(
     intensity: FloatArray | None = None,
     ring: NDArray[Any] | None = None,
 ) -> Converted:
+    """Return the scan of points (n, 3) with times (n,) after its start, seconds; raises InputError."""
     offsets_us = np.round(offsets_s * 1e6)
     if offsets_us.size and not 0 <= offsets_us.min() <= offsets_us.max() <= _MAX_OFFSET_US:
         raise InputError(

@@ -70,6 +70,7 @@ class Registry:
         return self._types[name]
 
     def _built(self, name: str) -> Type:
+        """Return a type, built from its definition or its name; raises CodecError."""
         node = self._nodes.get(name)
         if node is None:
             if name.endswith("*"):
@@ -108,6 +109,7 @@ class Registry:
         return FixedArray(name, count * element.size, element, count, count * element.min_bytes)
 
     def _container(self, name: str, node: ElementTree.Element) -> Type:
+        """Return the type of a vector or string; raises CodecError for other containers."""
         element, kind = self.build(node.get("of", "")), node.get("kind")
         size = _integer(node, "size") if node.get("size") else 0
         if kind == "/std/string" and element.size == 1:
@@ -119,6 +121,7 @@ class Registry:
         return Vector(name, size, element)
 
     def _compound(self, name: str, node: ElementTree.Element) -> Type:
+        """Return the type of a structure; raises CodecError if its fields overlap."""
         fields = [
             (_integer(field, "offset"), field.get("name", ""), self.build(field.get("type", "")))
             for field in node.iter("field")
@@ -147,6 +150,7 @@ class Registry:
 
     @staticmethod
     def _structure(fields: list[tuple[int, str, Any]], size: int) -> np.dtype[Any]:
+        """Return the numpy type of a structure with fields (offset, name, type)."""
         return np.dtype(
             {
                 "names": [name for _, name, _ in fields],

@@ -17,6 +17,7 @@ _HEAD_BYTES = 1 << 16
 
 
 def _recognises(location: LogLocation) -> bool:
+    """Return whether a file is a table of poses."""
     if len(location.files) != 1 or location.files[0].suffix.lower() not in _SUFFIXES:
         return False
     from cdff_common.formats.file_source import Source

@@ -57,6 +57,7 @@ def read_pose_csv(source: Source) -> tuple[NDArray[np.int64], NDArray[np.float64
 
 
 def _stamp_ns(source: Source, number: int, word: str, unit_ns: int) -> int:
+    """Return the time of a line in nanoseconds; raises CodecError if it is not a number before 2262."""
     try:
         stamp_ns = Decimal(word) * unit_ns
         is_time = abs(stamp_ns) <= _MAX_NS

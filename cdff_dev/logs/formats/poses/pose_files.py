@@ -98,6 +98,7 @@ def poses_log(path: Path) -> IndexedLog:
 
 
 def _of_images(source: Source) -> _Poses:
+    """Return the poses of a table with one image a row; stamps come from the names of the images."""
     rows = list(csv.DictReader(source.data.decode("utf-8", "replace").splitlines()))
     try:
         names = [Path(row.get("image") or row["frame"]) for row in rows]
@@ -110,6 +111,7 @@ def _of_images(source: Source) -> _Poses:
 
 
 def _kitti(source: Source) -> _Poses:
+    """Return the poses of a KITTI file, 100 ms apart; raises CodecError."""
     try:
         table = np.array(_kitti_rows(source), dtype=np.float64).reshape(-1, 12)
         if not np.isfinite(table).all():

@@ -21,6 +21,7 @@ def label_files(folder: Path) -> list[Path]:
 
 
 def _recognises(location: LogLocation) -> bool:
+    """Return whether a folder has labels and the camera of a SPEED data set."""
     folder = location.folder
     if folder is None or not label_files(folder):
         return False

@@ -76,6 +76,7 @@ def labelled_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
 
 
 def _read(path: Path) -> list[dict[str, Any]]:
+    """Return the checked labels of a file; raises InputError."""
     if path.stat().st_size > _MAX_BYTES:
         raise InputError(f"{path}: {path.stat().st_size} bytes, expected at most {_MAX_BYTES}")
     try:

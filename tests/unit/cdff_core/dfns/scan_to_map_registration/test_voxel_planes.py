@@ -73,7 +73,7 @@ def test_deceleration_does_not_distort_the_sweep_if_the_previous_pose_is_known(
     points, fraction = sweep_points(ground, T_start, T_end, rng)
     # Motion of 0.1 s at the previous speed of 1 m/s.
     too_fast = se3.transform(np.eye(3), np.array([-0.1, 0.0, 0.0]))
-    sweep = {"points": points, "fraction": fraction, "guess": T_end, "sweep_guess": too_fast}
+    sweep = {"points": points, "point_times": fraction, "guess": T_end, "sweep_guess": too_fast}
     prior = {"guess_covariance": 4.0 * PRIOR, "sweep_covariance": 0.1 * SWEEP_PRIOR}
     without_previous = node.process(Inputs(**sweep, **prior))
     with_previous = node.process(Inputs(**sweep, **prior, previous_pose=T_previous, sweep_fraction=0.1))
@@ -188,7 +188,7 @@ def test_two_runs_on_the_same_input_are_equal_bit_for_bit(ground: Ground) -> Non
 
 def test_a_malformed_array_is_refused_with_its_name() -> None:
     node = make_node()
-    with pytest.raises(InputError, match="fraction"):
+    with pytest.raises(InputError, match="point_times"):
         node.process(Inputs(points=np.ones((5, 3)), point_times=np.zeros(4)))
     with pytest.raises(InputError, match="guess_covariance"):
         node.process(Inputs(points=np.ones((5, 3)), guess_covariance=np.eye(3)))
