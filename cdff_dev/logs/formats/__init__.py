@@ -142,7 +142,7 @@ def _sub_folders(location: LogLocation) -> list[LogLocation]:
 
 
 def _reason_for_no_log(location: LogLocation, logs_inside: list[str]) -> str:
-    """Return why a location is not a log, and what was expected."""
+    """Return the reason for which a location is not a log, with the expected formats."""
     if location.folder is None and not location.files:
         return f"log {location.name}: no such file or folder, and no file matches it as a pattern"
     if logs_inside:
