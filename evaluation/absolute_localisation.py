@@ -330,7 +330,8 @@ def table(figures: dict[str, Any]) -> str:
     rows = {k: v for k, v in figures["simulated"].items() if isinstance(v, dict) and "answered" in v}
     rows |= {f"traverse, {k}": v for k, v in figures["simulated"]["traverse"].items()}
     lines = [
-        "| drive | answered | false (over 3 cells) | error median, 95 %, maximum | NEES (4 expected; 95 % band) |",
+        "| drive | answered | false (error above 3 cells) | error median, 95 %, maximum "
+        "| NEES (4 expected; 95 % band) |",
         "|---" * 5 + "|",
     ]
     for name, row in rows.items():

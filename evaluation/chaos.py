@@ -50,12 +50,13 @@ def _run(minutes: int, seed: int) -> dict[str, Any]:
 def table(figures: Mapping[str, Any]) -> str:
     """Return the tables of the promises and of the memory."""
     promises = [
-        "| run | disturbances | products promised | requests | alarms seen of those expected | violations |",
+        "| run | disturbances | promised products | requests | alarms raised, of expected | violations |",
         "|---|---|---|---|---|---|",
         *(_promises_row(name, run) for name, run in figures.items()),
     ]
     memory = [
-        "| service | run | at the start | largest | at the end | bound | MB, descriptors, threads an hour |",
+        "| service | run | at the start | largest | at the end | bound "
+        "| change per hour: MB, descriptors, threads |",
         "|---|---|---|---|---|---|---|",
         *(
             f"| `{service}` | {_label(name)} | {m['before']:.0f} MB | {m['peak']:.0f} MB "
@@ -76,7 +77,8 @@ def _promises_row(name: str, run: Mapping[str, Any]) -> str:
     alarms = ", ".join(f"`{kind}` {a['seen']} of {a['expected']}" for kind, a in run["alarms"].items())
     return (
         f"| {_label(name)} | {counts} | {run['products']['promised']} | {run['requests']['sent'] - junk}, "
-        f"{errors} with a typed error; {junk} with junk | {alarms} | {len(run['violations'])} |"
+        f"of which {errors} ended with a typed error; {junk} malformed | {alarms} "
+        f"| {len(run['violations'])} |"
     )
 
 

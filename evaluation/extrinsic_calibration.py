@@ -105,7 +105,7 @@ def _directions(entries: Sequence[tuple[FloatArray, FloatArray, tuple[str, ...]]
 def table(figures: dict[str, Any]) -> str:
     """Return the table of the directions."""
     lines = [
-        "| sensor | direction | drives that determine it | error, RMS | stated, median "
+        "| sensor | direction | drives that determine the direction | RMS error | stated σ, median "
         "| mean NEES (1 expected) | largest error |",
         "|---|---|---|---|---|---|---|",
     ]

@@ -260,7 +260,8 @@ def _rms(errors: list[FloatArray]) -> list[float] | None:
 def table(figures: dict[str, Any]) -> str:
     """Return the table of the page."""
     lines = [
-        "| scenes | inputs | objects | confirmed after, s | continuity | changes of number | false tracks |"
+        "| scenes | inputs | objects | confirmed after (median), s | continuity | changes of number "
+        "| false tracks |"
         " rms about mean, px (u, v) | range error, median / 95 %, % |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

@@ -250,7 +250,7 @@ def table(figures: dict[str, Any]) -> str:
     low, high = c["band_95"]
     lines += [
         "",
-        f"Covariance over {c['seeds']} held-out maps: mean squared normalised error {c['mean_nees']:.2f} "
+        f"Covariance over {c['seeds']} held-out maps: mean NEES {c['mean_nees']:.2f} "
         f"(6 expected, 95 % band {low:.2f} to {high:.2f}), mean sigma of an axis "
         f"{1e3 * c['mean_sigma_m']:.1f} mm and {c['mean_sigma_deg']:.3f}°.",
     ]

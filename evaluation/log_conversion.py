@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""One recording in several formats: ``cdff slam`` and ``cdff vo`` give the result of the compound on its own.
+"""One recording in several formats: ``cdff slam`` and ``cdff vo`` give the result of the compound alone.
 
 The sweeps and stereo pairs of KITTI are converted to a ROS 1 bag and two kinds of MCAP, the sweeps also to
 PLY. The trajectory of each is compared with that of ``cdff replay`` on the original files.
@@ -135,7 +135,7 @@ def table(figures: Mapping[str, Any]) -> str:
         "command",
         "poses",
         "path, m",
-        "difference from the compound on its own",
+        "difference from the compound alone",
     )
     columns += ("RMSE of positions and orientations, drift", "CPU, s")
     lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]

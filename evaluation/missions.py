@@ -110,7 +110,8 @@ def _violations(entry: dict[str, Any]) -> str:
     parts = []
     if entry["too_high"]:
         parts.append(
-            f"{entry['too_high']} of {entry['places']} positions too high, by at most {higher_cm:.0f} cm"
+            f"{entry['too_high']} of {entry['places']} positions above the step limit, "
+            f"by at most {higher_cm:.0f} cm"
         )
     if entry["too_steep"]:
         parts.append(

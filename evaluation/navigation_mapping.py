@@ -322,7 +322,8 @@ def table(figures: dict[str, Any]) -> str:
     lines += [
         "",
         "| heights | rated safe, true hazard | largest excess over a limit "
-        "| IoU safe / passable / hazard | with holes | hazard, exact heights, limit 1σ higher / grown by a cell |",
+        "| IoU safe / passable / hazard | with holes "
+        "| hazards of exact heights against the same with a limit 1σ higher / one cell larger |",
         "|---|---|---|---|---|---|",
     ]
     for name, row in rows.items():

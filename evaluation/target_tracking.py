@@ -280,7 +280,7 @@ def _summary(rows: list[dict[str, float]], frames: list[int]) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """Return the tables of the page."""
     lines = [
-        "| input, motion | median | largest | rate | mean NEES (6 expected) | coasting, failed, tracks "
+        "| input, motion | median | largest | rate error | mean NEES (6 expected) | coasting, failed, tracks "
         "| CPU ms |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -304,7 +304,7 @@ def table(figures: dict[str, Any]) -> str:
             for name, row in rows.items()
             if isinstance(row, dict)
         ]
-        lines += ["", f"{rows['removed_percent']} % of the error of the rotation is removed."]
+        lines += ["", f"The times of the points remove {rows['removed_percent']} % of the rotation error."]
     return "\n".join(lines)
 
 

@@ -102,7 +102,7 @@ def table(figures: dict[str, Any]) -> str:
     """Return the table of results by motion prior."""
     lines = [
         f"| motion prior, every {figures['every']}rd pair | search for lost points | FAILED, DEGRADED "
-        "| points found, median | drives tracked to the end | their end error, median / maximum |",
+        "| points found, median | drives tracked to the end | end error of these drives, median / maximum |",
         "|---|---|---|---|---|---|",
     ]
     for prior, searches in figures["priors"].items():

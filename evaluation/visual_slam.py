@@ -71,7 +71,8 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
     lines = []
     for part, name in (("kitchen", "7-Scenes kitchen"), ("euroc", "EuRoC V1_01"), ("kitti", "KITTI 06")):
         lines += [
-            f"| {name} | images | in the part | ATE online | ATE final | scale | rotation | keyframes, loops "
+            f"| {name} | images | in the largest component | ATE online | ATE final | scale | rotation "
+            "| keyframes, loops "
             "| NEES / 6 (1 expected) | CPU s |",
             "|---" * 10 + "|",
         ]
