@@ -14,9 +14,9 @@ from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Quality, Status
-from cdff_common.types import Pointcloud, TransformWithCovariance
+from cdff_common.types import Pointcloud
 from cdff_core.cloud_matching.matcher import displacement_m
-from cdff_core.cloud_matching.reference import ReferenceCloud
+from cdff_core.cloud_matching.model_localisation import ModelLocalisation
 from cdff_core.dfns.normals_estimation.interface import NormalsEstimationInputs
 from cdff_core.dfns.point_cloud_downsampling.interface import PointCloudDownsamplingInputs
 from cdff_core.dfns.point_cloud_filtering.interface import PointCloudFilteringInputs
@@ -45,7 +45,7 @@ _RESTART_RADII = 0.2
 _AMBIGUITY = 1.15
 
 
-class IcpLocalisation(IcpLocalisationInterface):
+class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
     """Localise the model in each scene."""
 
     Config = IcpLocalisationConfig
@@ -59,52 +59,18 @@ class IcpLocalisation(IcpLocalisationInterface):
         self._transform = self.dfn("transform")
         coarse, fine = self.dfn("register_coarse"), self.dfn("register_fine")
         self._register = [coarse, fine, fine]
-        self._model = ReferenceCloud(self._prepare)
-        self.forget()
-        self.store.offer("model", self._model.cloud)
+        self.setup_model(self._prepare)
         self.store.offer("last_alignment", lambda: self._last)
         self.store.offer("aligned_model", self._aligned_model)
 
     def forget(self) -> None:
         """Clear guess and last alignment; the next scene starts from the identity."""
-        self._guess: Sample | None = None
-        self._last: TransformWithCovariance | None = None
-
-    def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Store the guess for the following scenes."""
-        self._guess = sample
-        return ()
+        self._guess = self._last = None
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare and store the model; process the scene that waited for one."""
         self._last = None
-        waiting = self._model.replace(sample)
-        return () if waiting is None else self.on_scene(waiting)
-
-    def on_scene(self, sample: Sample) -> Iterable[Output]:
-        """Localise the model in the scene; without a model the scene waits."""
-        if self._model.sample is None:
-            self._model.waiting = sample
-            return ()
-        T: UncertainTransform | None = None
-        try:
-            model = self._model.prepared()
-            alignment, quality = self._localise(self._prepare(sample), model)
-            T = UncertainTransform(alignment.T_scene_model, alignment.assessment.covariance)
-        except (InputError, RefusedError) as error:
-            quality = Quality.from_error(error)
-        output = Output.of_pose(
-            "pose",
-            T,
-            stamp_ns=sample.stamp_ns,
-            frame=sample.value.frame,
-            child=self._model.frame,
-            quality=quality,
-            inputs=(self._model.id, sample.id, self._guess.id if self._guess else ""),
-            producer=self.name,
-        )
-        self._last = output.value or self._last
-        return [output]
+        return super().on_model(sample)
 
     @property
     def _covariance_kind(self) -> CovarianceKind:
@@ -112,15 +78,16 @@ class IcpLocalisation(IcpLocalisationInterface):
         is_changed = any(self.slot_parameters(slot) for slot in _CALIBRATED_SLOTS)
         return CovarianceKind.FORMAL if is_changed else self.covariance_kind
 
-    def _localise(self, scene: Pyramid, model: Pyramid) -> tuple[Alignment, Quality]:
+    def _localise(self, model: Pyramid, sample: Sample) -> tuple[UncertainTransform, Quality]:
         """Register coarse to fine from the guess, restart after a failure, confirm the result."""
+        scene = self._prepare(sample)
         alignment = self._coarse_to_fine(scene, model, self._initial_guess())
         quality = alignment_quality(alignment, self.config, self._covariance_kind)
         if quality.status is Status.FAILED:
             alignment, quality = self._restart(scene, model, alignment, quality)
         if quality.status is not Status.FAILED and not self._is_confirmed(scene, model, alignment):
             quality = Quality.failed("ambiguous", *quality.reasons, metrics=quality.metrics)
-        return alignment, quality
+        return UncertainTransform(alignment.T_scene_model, alignment.assessment.covariance), quality
 
     def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: Float, levels: int = 3) -> Alignment:
         """Register on the first ``levels`` levels from a start ``T_scene_model``, and assess the result."""

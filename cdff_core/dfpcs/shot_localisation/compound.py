@@ -11,14 +11,13 @@ from contextlib import suppress
 import numpy as np
 
 from cdff_common.arrays import FloatArray
-from cdff_common.errors import InputError, RefusedError
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Output, Sample
 from cdff_common.interfaces.product import Quality, Status
-from cdff_common.types import TransformWithCovariance
 from cdff_core.cloud_matching.acceptance import registration_quality
 from cdff_core.cloud_matching.matcher import Cloud, CloudMatcher, FewPointsError, Registration, displacement_m
-from cdff_core.cloud_matching.reference import ReferenceCloud
+from cdff_core.cloud_matching.model_localisation import ModelLocalisation
 from cdff_core.cloud_matching.search import AlignmentSearch
 from cdff_core.dfpcs.shot_localisation.configuration import ShotLocalisationConfig
 from cdff_core.dfpcs.shot_localisation.interface import ShotLocalisationInterface
@@ -29,7 +28,7 @@ from cdff_core.partial_views.search import ViewModel, prepare_model
 _AMBIGUITY = 1.5
 
 
-class ShotLocalisation(ShotLocalisationInterface):
+class ShotLocalisation(ModelLocalisation[Cloud], ShotLocalisationInterface):
     """Localisation of the model in each scene, with or without a guess."""
 
     Config = ShotLocalisationConfig
@@ -39,8 +38,7 @@ class ShotLocalisation(ShotLocalisationInterface):
         """Create the DFNs, clear the state, offer the store items."""
         self._matcher = CloudMatcher(self, self.config)
         self._thin = {"model": self.dfn("thin_model"), "scene": self.dfn("thin_scene")}
-        self._last: TransformWithCovariance | None = None
-        self._model = ReferenceCloud(self._prepare)
+        self.setup_model(self._prepare)
         self._view_model: ViewModel | None = None
         self._views = ViewLocaliser(
             self.dfn("refine"),
@@ -49,69 +47,39 @@ class ShotLocalisation(ShotLocalisationInterface):
             self.config.good_agreement,
             self.context.seed,
         )
-        self.forget()
-        self.store.offer("model", self._model.cloud)
         self.store.offer("last_pose", lambda: self._last)
 
     def forget(self) -> None:
         """Clear the guess."""
-        self._guess: Sample | None = None
-
-    def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Store the guess for the next scene."""
-        self._guess = sample
-        return ()
+        self._guess = None
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare and store the model; process the scene that waited for one."""
         self._view_model = None
-        waiting = self._model.replace(sample)
-        return () if waiting is None else self.on_scene(waiting)
+        return super().on_model(sample)
 
     def on_scene(self, sample: Sample) -> Iterable[Output]:
-        """Localise the model in the scene; without a model the scene waits."""
-        if self._model.sample is None:
-            self._model.waiting = sample
-            return ()
-        guess, self._guess = self._guess, None
-        T: UncertainTransform | None = None
-        try:
-            model = self._model.prepared()
-            registration, quality = self._localise(model, sample, guess)
-            if registration is not None:
-                T = registration.transform
-        except (InputError, RefusedError) as error:
-            quality = Quality.from_error(error)
-        output = Output.of_pose(
-            "pose",
-            T,
-            stamp_ns=sample.stamp_ns,
-            frame=sample.value.frame,
-            child=self._model.frame,
-            quality=quality,
-            inputs=(self._model.id, sample.id, guess.id if guess else ""),
-            producer=self.name,
-        )
-        self._last = output.value or self._last
-        return [output]
+        """Localise the model in the scene; the guess is that of one scene."""
+        outputs = super().on_scene(sample)
+        if sample is not self._model.waiting:
+            self._guess = None
+        return outputs
 
     def _prepare(self, sample: Sample) -> Cloud:
         return self._matcher.prepare(sample.value.points_m, sample.port, self._thin[sample.port])
 
-    def _localise(
-        self, model: Cloud, sample: Sample, guess: Sample | None
-    ) -> tuple[Registration | None, Quality]:
-        """Return the registration from the guess, the descriptors or the single-view search.
+    def _localise(self, model: Cloud, sample: Sample) -> tuple[UncertainTransform | None, Quality]:
+        """Return the pose from the guess, the descriptors or the single-view search.
 
         Each method is used only if the previous one yields no acceptable pose.
         """
         scene = self._prepare(sample)
-        if guess is not None:
+        if self._guess is not None:
             with suppress(RefusedError):
-                registration = self._matcher.refine(model, scene, guess.value.transform.matrix, {})
+                registration = self._matcher.refine(model, scene, self._guess.value.transform.matrix, {})
                 quality = self._quality(registration)
                 if quality.status is not Status.FAILED:
-                    return registration, quality
+                    return registration.transform, quality
         try:
             found, quality = self._search(model, scene)
         except FewPointsError as error:  # of a small model, with the voxel size of a large scene
@@ -120,7 +88,7 @@ class ShotLocalisation(ShotLocalisationInterface):
             found, by_view = self._search_views(sample)
             reasons = by_view.reasons if found else (*quality.reasons, *by_view.reasons[1:])
             quality = dataclasses.replace(by_view, reasons=reasons)
-        return found, quality
+        return (found.transform if found else None), quality
 
     def _search_views(self, scene: Sample) -> tuple[Registration | None, Quality]:
         """Return the registration by the single-view search; a refusal becomes FAILED ``not_found``."""
