@@ -166,7 +166,7 @@ class Store:
         self.put_all, self.delete = products.put_all, products.delete
         self.get, self.payload, self.live = products.get, products.payload, products.live
         self.search, self.count, self.ordinals_in = search.run, search.count, search.ordinals_in
-        self.transact = Transactions(database, products, self.annotations, self.frames).run
+        self.transact = Transactions(database, products, self.annotations, self.frames, self.events).run
         self.purge = partial(purge, database, payloads, self.events)
         self.lineage = partial(lineage, database)
         self.verify = partial(verify, database, payloads, self.changes)

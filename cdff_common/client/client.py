@@ -19,9 +19,15 @@ from cdff_common.client.answer import Answer
 from cdff_common.client.live_world import retrieve_world
 from cdff_common.client.request_options import RequestOptions, parameters_of
 from cdff_common.client.stored_product import StoredProduct
+from cdff_common.client.terrain_result import TerrainResult
 from cdff_common.clock import from_datetime, monotonic_s
 from cdff_common.codecs import CODECS, decode_payload, parse_encoding
-from cdff_common.contract.queries import RequestParameters, SearchParameters
+from cdff_common.contract.queries import (
+    TERRAIN_ANALYSES,
+    RequestParameters,
+    SearchParameters,
+    WithdrawalParameters,
+)
 from cdff_common.errors import (
     CdffError,
     CodecError,
@@ -268,6 +274,44 @@ class Client:
     def get(self, product_id: str, form: str | None = None) -> Answer:
         """Return a product by id, as stored or in a codec or file format; raises ProductNotFoundError."""
         return self._get(product_id, form, {})
+
+    def terrain(self, analysis: str, **parameters: object) -> TerrainResult:
+        """Return an analysis of the heights in the DPM.
+
+        Parameters
+        ----------
+        analysis : str
+            ``surface viewshed difference contours statistics``.
+        parameters
+            Those of ``TERRAIN_ANALYSES``: region, frame, resolution_m, …; rasters are retrieved as arrays
+            unless ``format`` is ``tif``.
+        """
+        model = TERRAIN_ANALYSES.get(analysis)
+        if model is None:
+            raise InputError(f"analysis={analysis!r}: expected one of {', '.join(TERRAIN_ANALYSES)}")
+        given = {name: value for name, value in parameters.items() if value is not None}
+        if "format" in model.model_fields:
+            given.setdefault("format", "npz")
+        query = {"analysis": analysis, **model.parse(given).to_parameters()}
+        reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "terrain"), query, timeout_s=_RETRIEVE_S)
+        return TerrainResult(reply.payload, reply.encoding, reply.attachment)
+
+    def withdraw(self, *product_ids: str, reason: str, **selection: object) -> dict[str, Any]:
+        """Remove products, or with ``robot=`` (and ``t0 t1 dfpc type``) all maps of a robot, from all maps.
+
+        Returns
+        -------
+        dict
+            ``withdrawn`` and ``derived`` (ids), ``robots``, ``applied`` (False with ``dry_run=True``).
+        """
+        given = {name: value for name, value in selection.items() if value is not None}
+        parameters = WithdrawalParameters.parse(
+            {"id": product_ids, "reason": reason, **given}
+        ).to_parameters()
+        reply: dict[str, Any] = self._bus.call(
+            keys.dpm_rpc(keys.GROUND, "withdraw"), parameters, timeout_s=_RETRIEVE_S
+        ).body()
+        return reply
 
     def pose(
         self,

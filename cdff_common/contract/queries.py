@@ -19,7 +19,7 @@ from cdff_common.contract.limits import (
     MAX_POINTS,
 )
 from cdff_common.contract.metric_bounds import MetricBound, parse_metric_bounds
-from cdff_common.contract.names import REQUEST_ID
+from cdff_common.contract.names import ANY_ROBOT, REQUEST_ID
 from cdff_common.contract.parameters import (
     Age,
     Flag,
@@ -203,6 +203,101 @@ class ProfileParameters(ElevationParameters, HistoryViewParameters):
     t1: Stamp | None = Field(
         None, description="Captures that ended at or before this: nanoseconds or RFC 3339"
     )
+
+
+class TerrainParameters(WindowParameters):
+    """An analysis of the heights of a region."""
+
+
+class TerrainRasterParameters(TerrainParameters):
+    """An analysis whose result is a raster."""
+
+    format: Literal["tif", "npz"] = Field("tif", description="GeoTIFF or numpy arrays")
+
+
+class SurfaceParameters(TerrainRasterParameters):
+    """Slope, aspect and roughness."""
+
+    baseline_m: Annotated[Number, Field(gt=0, le=1e4)] | None = Field(
+        None, description="Side of the square of cells of the local plane, metres; default: 3 cells"
+    )
+
+
+class ViewshedParameters(TerrainRasterParameters):
+    """Visibility from a point."""
+
+    observer: PointM = Field(description="x,y in frame, metres")
+    observer_height_m: Annotated[Number, Field(ge=0, le=1e4)] = Field(
+        2.0, description="Height of the eye above the ground"
+    )
+    target_height_m: Annotated[Number, Field(ge=0, le=1e4)] = Field(
+        0.0, description="Height above the ground that is to be seen"
+    )
+    range_m: Annotated[Number, Field(gt=0, le=1e5)] | None = Field(
+        None, description="Longest line of sight; without a region 50 m"
+    )
+
+
+class DifferenceParameters(TerrainRasterParameters):
+    """Change of the heights between two times."""
+
+    since: Stamp = Field(
+        description="Captures that ended until this time are compared with later ones: ns or RFC 3339"
+    )
+
+
+class ContourParameters(TerrainParameters):
+    """Contour lines."""
+
+    interval_m: Annotated[Number, Field(ge=1e-3, le=1e4)] = Field(
+        1.0, description="Difference in height of two lines, metres"
+    )
+
+
+class AreaStatisticsParameters(TerrainParameters):
+    """Statistics of a region."""
+
+    region: RegionText = Field(description="polygon: | bbox: | circle: | near:, metres")
+    datum_m: Annotated[Number, Field(ge=-1e6, le=1e6)] | None = Field(
+        None, description="Height of the plane of the volumes; default: the lowest height"
+    )
+
+
+#: Analyses of heights by name, with the model of their parameters.
+TERRAIN_ANALYSES: dict[str, type[TerrainParameters]] = {
+    "surface": SurfaceParameters,
+    "viewshed": ViewshedParameters,
+    "difference": DifferenceParameters,
+    "contours": ContourParameters,
+    "statistics": AreaStatisticsParameters,
+}
+
+
+class WithdrawalParameters(Parameters):
+    """Products that are removed from all maps, by id, or by robot, time and DFPC."""
+
+    id: Names = Field(default_factory=tuple, description="Ids of products, separated by commas")
+    robot: Robot | None = Field(None, description="All maps of this robot")
+    dfpc: str | None = Field(None, max_length=64, description="Only maps that this DFPC produced")
+    t0: Stamp | None = Field(None, description="Captures that end at or after this: nanoseconds or RFC 3339")
+    t1: Stamp | None = Field(None, description="Captures that start at or before this")
+    type: Names = Field(
+        ("dem", "navigation_map"), description="Product types, also of the products made from them"
+    )
+    reason: str = Field(min_length=1, max_length=1000, description="Reason, for the history")
+    dry_run: Flag = Field(False, description="List the products and change nothing")
+
+    @model_validator(mode="after")
+    def _selection_is_by_id_or_by_robot(self) -> Self:
+        if bool(self.id) == (self.robot is not None):
+            raise InputError("id, or robot: give one of the two")
+        if self.robot == ANY_ROBOT:
+            raise InputError("robot=any: name one robot")
+        if self.id and (self.dfpc, self.t0, self.t1) != (None, None, None):
+            raise InputError("dfpc, t0, t1: they select maps of a robot, not single products")
+        if not self.type:
+            raise InputError("type: expected at least one product type")
+        return self
 
 
 class PoseParameters(HistoryViewParameters):

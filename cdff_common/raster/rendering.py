@@ -97,15 +97,52 @@ def _slope(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) 
     return _inner(np.degrees(slope_rad(heights, cell_m)))
 
 
+def _roughness(heights: NDArray[np.float32], _: NDArray[np.float32], cell_m: float) -> NDArray[np.float32]:
+    from cdff_common.raster.surface import local_surface
+
+    unknown = np.full(heights.shape, np.nan)
+    return _inner(local_surface(heights, unknown, cell_m).roughness_m)
+
+
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 RENDERINGS = {
     "elevation": ElevationStyle("Height", "m", -8.0, 8.0, _ramp(*GROUND), lambda h, _v, _m: _inner(h)),
     "hillshade": ElevationStyle("Shaded relief", "1", 1.0, 255.0, _ramp((0, 0, 0), (255, 255, 255)), _shade),
     "slope": ElevationStyle("Slope", "deg", 0.0, 40.0, _ramp(*VIRIDIS), _slope),
+    "roughness": ElevationStyle("Roughness of 3 x 3 cells", "m", 0.0, 0.1, _ramp(*VIRIDIS), _roughness),
     "variance": ElevationStyle(
         "Variance of the height", "m2", 0.0, 0.01, _ramp(*VIRIDIS), lambda _h, v, _m: _inner(v)
     ),
 }
+
+#: Analyses of heights, which are the mean of their layers; each needs parameters.
+ANALYSES = {
+    "contours": LayerStyle("Contour lines", "m", -8.0, 8.0, _ramp((40, 26, 13), (40, 26, 13))),
+    "difference": LayerStyle(
+        "Change of the height", "m", -0.5, 0.5, _ramp((5, 48, 97), (247, 247, 247), (103, 0, 31))
+    ),
+    "viewshed": LayerStyle(
+        "Probability of visibility", "1", 0.0, 1.0, _ramp((60, 20, 90), (160, 160, 160), (250, 240, 120))
+    ),
+}
+
+
+def contour_cells(heights: NDArray[np.floating], interval_m: float) -> NDArray[np.float32]:
+    """Return the heights of contour lines in the cells ``(rows, cols)`` that they cross, NaN elsewhere.
+
+    A line crosses the higher one of two adjacent cells. The last row and column have no line of their own.
+    """
+    z = np.asarray(heights, dtype=np.float64)
+    levels = np.floor(z / interval_m)
+    result = np.full(z.shape, np.nan, dtype=np.float32)
+    for axis in (0, 1):
+        first, second = (levels[:-1], levels[1:]) if axis == 0 else (levels[:, :-1], levels[:, 1:])
+        lines = (result[:-1], result[1:]) if axis == 0 else (result[:, :-1], result[:, 1:])
+        with np.errstate(invalid="ignore"):
+            np.copyto(lines[0], (first * interval_m).astype(np.float32), where=first > second)
+            np.copyto(lines[1], (second * interval_m).astype(np.float32), where=second > first)
+    return result
+
 
 #: Red, green, blue, alpha of the classes unknown, safe, caution, hazard.
 CLASS_COLORS = np.array(

@@ -14,6 +14,8 @@ def warm_rasters() -> None:
     from cdff_common.raster import ELEVATION_LAYERS, GridGeometry, aggregate
     from cdff_common.raster.auxiliary_layers import POOLED_LAYERS
     from cdff_common.raster.mosaic import Mosaic
+    from cdff_common.raster.surface import local_surface
+    from cdff_common.raster.viewshed import viewshed
     from cdff_common.types import ElevationMap
 
     geometry = GridGeometry("site", 1.0, 0.0, 2.0, 2, 2)
@@ -30,3 +32,6 @@ def warm_rasters() -> None:
     window = mosaic.assembled()
     window.to_layers(0)
     aggregate(window.statistics, 2).to_layers(0)
+    zeros = np.zeros(geometry.shape)
+    local_surface(zeros, zeros, geometry.resolution_m)
+    viewshed(geometry, zeros, zeros, (0.5, 0.5), observer_height_m=1.0)

@@ -149,7 +149,7 @@ class PooledBlocks:
             If other windows pool the same blocks for too long, or the time of the request is over. The
             patches read so far stay in the blocks.
         """
-        if any(v is not None for v in (query.t1_ns, query.as_of_ns, query.frames_revision)):
+        if any(v is not None for v in (query.t0_ns, query.t1_ns, query.as_of_ns, query.frames_revision)):
             return None
         keys = list(_keys(query, geometry))
         if sum(key.nbytes for key in keys) > WINDOW_BYTES or len(selection.records) > MAX_PATCHES:

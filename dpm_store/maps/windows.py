@@ -45,8 +45,8 @@ class WindowQuery:
         Only patches of this robot; None for all robots.
     newest_after_ns : int or None
         Lower bound of the end of capture of the newest patch.
-    t1_ns : int or None
-        Upper bound of the end of capture of all patches.
+    t0_ns, t1_ns : int or None
+        Lower and upper bound of the end of capture of all patches.
     as_of_ns : int or None
         Mission time of the state of products and frames to use.
     frames_revision : int or None
@@ -64,6 +64,7 @@ class WindowQuery:
     frame: str = "site"
     robot: str | None = None
     newest_after_ns: int | None = None
+    t0_ns: int | None = None
     t1_ns: int | None = None
     as_of_ns: int | None = None
     frames_revision: int | None = None
@@ -77,6 +78,7 @@ class WindowQuery:
             robot=self.robot,
             region=region,
             frame=self.frame,
+            t0_ns=self.t0_ns,
             t1_ns=self.t1_ns,
             as_of_ns=self.as_of_ns,
             frames_revision=self.frames_revision,

@@ -14,6 +14,7 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform
 from dpm_store.engine.database import Database
 from dpm_store.frames.frames import FrameRevision, FrameTable
+from dpm_store.history.events import EventTable
 from dpm_store.products.annotations import Annotation, AnnotationTable
 from dpm_store.products.insertion import PreparedProduct
 from dpm_store.products.products import MAX_BATCH, ProductTable
@@ -57,17 +58,26 @@ class Transactions:
     """Execution of lists of changes."""
 
     def __init__(
-        self, database: Database, products: ProductTable, annotations: AnnotationTable, frames: FrameTable
+        self,
+        database: Database,
+        products: ProductTable,
+        annotations: AnnotationTable,
+        frames: FrameTable,
+        events: EventTable,
     ) -> None:
+        self._events = events
         self._database = database
         self._products = products
         self._annotations = annotations
         self._frames = frames
 
-    def run(self, changes: Sequence[Change]) -> tuple[Outcome, ...]:
+    def run(
+        self, changes: Sequence[Change], entry: tuple[str, str, Mapping[str, Any]] | None = None
+    ) -> tuple[Outcome, ...]:
         """Make every change, in order; durable when this returns.
 
-        Later changes see the effects of earlier ones.
+        Later changes see the effects of earlier ones. ``entry`` is the scope, kind and body of an entry of
+        the history about all of them.
 
         Raises
         ------
@@ -79,7 +89,10 @@ class Transactions:
         prepared = iter(self._products.prepare([c for c in changes if isinstance(c, NewProduct)]))
         only_deletes = all(isinstance(change, Delete) for change in changes)
         with self._database.deletion() if only_deletes else self._database.write() as connection:
-            return tuple(self._make(connection, change, prepared) for change in changes)
+            outcomes = tuple(self._make(connection, change, prepared) for change in changes)
+            if entry is not None:
+                self._events.append(*entry, connection=connection)
+            return outcomes
 
     def _make(self, connection: Connection, change: Change, prepared: Iterator[PreparedProduct]) -> Outcome:
         """Execute one change of a transaction and return its outcome."""

@@ -56,7 +56,7 @@ class System:
         self._spawn, self._eventually, self._profile = spawn, eventually, tmp_path / "profile.yaml"
         self._profile.write_text(PROFILE)
         self.http = f"http://127.0.0.1:{(port := free_port())}"
-        self._port = port
+        self._port, self.endpoint = port, endpoint
         spawn("services.router")
         self.bus = Bus.open(endpoint, name="test", wait_s=20)
         self.start()
@@ -250,6 +250,44 @@ def test_maps_and_poses_of_two_robots_are_combined(shared: System) -> None:
     pose = shared.call("pose", t=S, parent="site", child="mana/lidar", robot="mana").body()
     assert [row[3] for row in pose["T"]] == pytest.approx([1.0, 0.0, 2.0, 1.0])
     assert np.array(pose["covariance"]).shape == (6, 6)
+
+
+def test_analyses_of_heights_are_the_same_over_every_interface(shared: System, tmp_path: Path) -> None:
+    from cdff_common.client import Client
+
+    shared.put(patch(20.0), "dem", 3, resolution_m=0.1)
+    region = "bbox:20,0,22,2"
+    with Client(shared.endpoint) as client:
+        surface = client.terrain("surface", region=region)
+        statistics = client.terrain("statistics", region=region).document
+        with pytest.raises(InputError, match="expected one of"):
+            client.terrain("gloss")
+    assert surface.geometry.bounds == pytest.approx((20.0, 0.0, 22.0, 2.0))
+    assert set(surface.bands) == {"slope_deg", "slope_sigma_deg", "aspect_deg", "roughness_m"}
+    assert np.nanmax(surface.bands["slope_deg"]) == pytest.approx(0.0, abs=1e-6)
+    assert statistics["area_m2"] == pytest.approx(4.0)
+    reply = shared.call("terrain", analysis="statistics", region=region)
+    assert json.loads(reply.payload) == statistics
+    assert shared.get(f"/api/v1/maps/dem/statistics?region={region}") == statistics
+    out = tmp_path / "surface.tif"
+    command = [sys.executable, "-m", "cdff_common.cli", "dpm", "terrain"]
+    written = subprocess.run(
+        [*command, "surface", "--region", region, "--out", str(out), "--json", "--connect", shared.endpoint],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert json.loads(written.stdout)["coverage"] == 1.0
+    assert out.read_bytes()[:2] in (b"II", b"MM")
+    printed = subprocess.run(
+        [*command, "statistics", "--region", region, "--json", "--connect", shared.endpoint],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert json.loads(printed.stdout) == statistics
 
 
 def test_malformed_calls_are_answered_with_the_reason(shared: System) -> None:

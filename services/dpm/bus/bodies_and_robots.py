@@ -1,12 +1,17 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``dpm/@rpc/{bodies|place|robots|transact|purge}``: bodies and anchors, robots, several changes at once."""
+"""``dpm/@rpc/{bodies|place|robots|transact|withdraw|purge}``: bodies, anchors, robots, several changes."""
 
 from __future__ import annotations
 
 from cdff_common.bus import Reply, Request
 from cdff_common.contract.parameters import Parameters
-from cdff_common.contract.queries import AnchoredFrameParameters, BodyParameters, IdParameters
+from cdff_common.contract.queries import (
+    AnchoredFrameParameters,
+    BodyParameters,
+    IdParameters,
+    WithdrawalParameters,
+)
 from services.dpm.bus.calls import body_map, parse_call
 from services.dpm.operations.dpm import Dpm
 from services.dpm.operations.transactions import parse_changes
@@ -46,6 +51,11 @@ def transact(dpm: Dpm, request: Request) -> Reply:
     parse_call(Parameters, request)
     changes = parse_changes(request.body(), dpm.writer.checked_product, f"{request.scope}/rpc")
     return Reply.of({"items": dpm.writer.transact(changes)})
+
+
+def withdraw(dpm: Dpm, request: Request) -> Reply:
+    """Remove products from all maps: ``{withdrawn, derived, robots, applied}``."""
+    return Reply.of(dpm.withdrawal.run(parse_call(WithdrawalParameters, request)))
 
 
 def purge(dpm: Dpm, request: Request) -> Reply:

@@ -35,7 +35,7 @@ from cdff_common.errors import CdffError, ClockSkewError, InputError, Unavailabl
 from dpm_store import Event, Rule
 from dpm_store.history.events import CHANGES, Actor, acting
 from services.dpm.bus.alarms import acknowledge, alarms
-from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact
+from services.dpm.bus.bodies_and_robots import bodies, place, purge, robots_known, transact, withdraw
 from services.dpm.bus.calls import body_map, parse_call, robot_under
 from services.dpm.bus.history import history
 from services.dpm.bus.retention import retention
@@ -51,7 +51,7 @@ Handler = Callable[[Dpm, Request], Reply | Iterator[Reply]]
 
 #: Verbs that change the store: with a body, or always.
 _WRITES = frozenset({"put", "put_all", "update", "frames", "bodies", "place", "transact"})
-_WRITES_BARE = frozenset({"delete", "purge", "retention", "acknowledge"})
+_WRITES_BARE = frozenset({"delete", "purge", "withdraw", "retention", "acknowledge"})
 _WORKERS = {"put": 4, "get": 4, "search": 4}
 #: Time after which a call counts as hung, seconds; no caller waits so long. Retention reads and deletes much.
 _BUSY_LIMIT_S, _RETENTION_LIMIT_S = 900.0, 7200.0
@@ -81,11 +81,13 @@ def serve(bus: Bus, dpm: Dpm, robots: Sequence[str], rules: Sequence[Rule] = ())
         "history": history,
         "provenance": provenance,
         "profile": profile,
+        "terrain": terrain,
         "bodies": bodies,
         "place": place,
         "robots": robots_known,
         "transact": transact,
         "purge": purge,
+        "withdraw": withdraw,
         "alarms": alarms,
         "acknowledge": acknowledge,
         "retention": lambda dpm, request: retention(dpm, rules, request),
@@ -179,6 +181,17 @@ def profile(dpm: Dpm, request: Request) -> Reply:
     unobserved.
     """
     return Reply.of(dpm.retrieval.profile(parse_call(ProfileParameters, request)))
+
+
+def terrain(dpm: Dpm, request: Request) -> Reply:
+    """Return an ``analysis`` of the heights of a region, with the parameters of ``TERRAIN_ANALYSES``."""
+    p = dict(request.parameters)
+    robot_under(request.scope, p)
+    p.pop("request", None)
+    analysis = p.pop("analysis", None)
+    if analysis is None:
+        raise InputError("parameter 'analysis' is missing")
+    return _reply(dpm.terrain.run(analysis, p))
 
 
 def put(dpm: Dpm, request: Request) -> Reply:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|put|rm|stat|retention|verify|rebuild|backup|restore|export``."""
+"""``cdff dpm search|get|put|rm|withdraw|stat|retention|verify|rebuild|backup|restore|export|terrain``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cdff_common.process import data_dir_of
+from services.dpm.cli import terrain_commands
 
 
 def register(nouns: Any) -> None:
@@ -52,6 +53,18 @@ def register(nouns: Any) -> None:
     remove = verbs.add_parser("rm", help="delete a product")
     remove.add_argument("id")
     remove.set_defaults(run=run_remove)
+    withdraw = verbs.add_parser(
+        "withdraw", help="remove bad patches, or all maps of a robot, from all maps; the history stays"
+    )
+    withdraw.add_argument("id", nargs="*", help="products")
+    withdraw.add_argument("--robot", help="instead of ids: all maps of this robot")
+    withdraw.add_argument("--dfpc")
+    withdraw.add_argument("--t0", help="captured at or after: nanoseconds or RFC 3339")
+    withdraw.add_argument("--t1", help="captured at or before")
+    withdraw.add_argument("--type", help="product types, separated by commas; default: dem,navigation_map")
+    withdraw.add_argument("--reason", required=True)
+    withdraw.add_argument("--dry-run", action="store_true", help="only list the products")
+    withdraw.set_defaults(run=run_withdraw)
     stat = verbs.add_parser("stat", help="counts and sizes")
     stat.set_defaults(run=run_stat)
     verify = verbs.add_parser(
@@ -99,7 +112,8 @@ def register(nouns: Any) -> None:
         "export", help="write the products of a search as files: COG, PLY, LAZ, GeoJSON, TUM, g2o"
     )
     _export_arguments(export)
-    for verb in (search, get, put, remove, stat, retention, export):
+    terrain_commands.register(verbs)
+    for verb in (search, get, put, remove, withdraw, stat, retention, export):
         verb.add_argument("--connect", help="endpoint of the router; CDFF_CONNECT, tcp/127.0.0.1:7447")
         verb.add_argument("--json", action="store_true")
 
@@ -207,6 +221,25 @@ def run_put(args: argparse.Namespace) -> int:
 def run_remove(args: argparse.Namespace) -> int:
     """Delete a product."""
     return _show(args, "delete", {"id": args.id})
+
+
+def run_withdraw(args: argparse.Namespace) -> int:
+    """Withdraw products and list them."""
+    from cdff_common.client import Client
+
+    names = ("robot", "dfpc", "t0", "t1", "type")
+    selection = {name: value for name in names if (value := getattr(args, name)) is not None}
+    with Client(args.connect, name="cdff dpm") as client:
+        result = client.withdraw(*args.id, reason=args.reason, dry_run=args.dry_run, **selection)
+    if args.json:
+        print(json.dumps(result))
+        return 0
+    for kind in ("withdrawn", "derived"):
+        for product_id in result[kind]:
+            print(f"{product_id}  {kind}")
+    outcome = "removed from all maps" if result["applied"] else "would be removed"
+    print(f"{len(result['withdrawn'])} products and {len(result['derived'])} made from them {outcome}")
+    return 0
 
 
 def run_stat(args: argparse.Namespace) -> int:

@@ -19,6 +19,8 @@ from services.dpm.operations.frame_operations import FrameOperations
 from services.dpm.operations.reports import Reports
 from services.dpm.operations.retrieval import Retrieval
 from services.dpm.operations.store_writer import StoreWriter
+from services.dpm.operations.terrain import Terrain
+from services.dpm.operations.withdrawal import Withdrawal
 from services.dpm.operations.work_budget import WorkBudget
 from services.dpm.rendering.conversion_cache import ConversionCache
 from services.dpm.rendering.tiles import Tiles
@@ -66,6 +68,8 @@ class Dpm:
             store, self.events, frame_names, max_payload_bytes, self.alarms, self.budget
         )
         self.retrieval = Retrieval(store, self.events, frame_names, self.budget)
+        self.terrain = Terrain(store, self.retrieval)
+        self.withdrawal = Withdrawal(store, self.events)
         self.frames = FrameOperations(store, self.events)
         self.reports = Reports(store, self.events, self.alarm_board, self.loops)
         self.tiles = Tiles(store)

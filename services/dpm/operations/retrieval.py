@@ -30,7 +30,7 @@ from dpm_store.maps.elevation import DERIVED_PORT
 from dpm_store.maps.navigation import DERIVED_PORT as NAVIGATION_PORT
 from dpm_store.maps.patches import BATCH_BYTES, BATCHES, DERIVED_DFPC
 from dpm_store.maps.profile import elevation_profile
-from dpm_store.maps.windows import Window, WindowPlan
+from dpm_store.maps.windows import Window, WindowPlan, WindowQuery
 from services.dpm.operations.checks import FrameNames
 from services.dpm.operations.event_publisher import EventPublisher
 from services.dpm.operations.work_budget import WorkBudget
@@ -161,11 +161,16 @@ class Retrieval:
 
     def elevation(self, parameters: WindowParameters) -> Window:
         """Return an elevation window as a value; raises UnavailableError below ``min_coverage``."""
-        self._events.count("windows")
         query = window_query(parameters, self._store.clock.now_ns())
+        return _checked_coverage(self.assembled(query), parameters.min_coverage)
+
+    def assembled(self, query: WindowQuery, more_cell_bytes: int = 0) -> Window:
+        """Return an elevation window of a store query; ``more_cell_bytes`` is the memory of its use."""
+        self._events.count("windows")
         plan = self._store.maps.plan(query)
-        self._budget.charge(_window_bytes(plan))
-        return _checked_coverage(self._store.maps.elevation_window(query, plan), parameters.min_coverage)
+        cells = plan.geometry.rows * plan.geometry.cols
+        self._budget.charge(_window_bytes(plan) + more_cell_bytes * cells)
+        return self._store.maps.elevation_window(query, plan)
 
     def navigation(self, parameters: NavigationWindowParameters) -> Window:
         """Return a window of navigation maps as a value; raises UnavailableError below ``min_coverage``."""

@@ -1,16 +1,23 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cells of maps for tiles: of a state of the maps, and of a coarser level where finer cells do not exist."""
+"""Cells of maps for tiles: of a state of the maps, of an analysis of them, and of a coarser level where finer
+cells do not exist.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
+from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
+from cdff_common.raster.rendering import contour_cells
 from cdff_common.raster.tiles import LAST_LEVEL, cell_m, level_of
 from dpm_store import Query, Store
 from dpm_store.maps.tile_queries import tile_query
@@ -58,6 +65,81 @@ class MapState:
 NEWEST = MapState()
 
 
+@dataclass(frozen=True, slots=True)
+class TileAnalysis:
+    """Parameters of the analyses of heights; those of other layers are None.
+
+    Attributes
+    ----------
+    interval_m : float or None
+        Of contours.
+    since_ns : int or None
+        Of the difference: captures that ended until then are compared with later ones.
+    observer_m, observer_height_m, target_height_m, range_m
+        Of the viewshed, see ``cdff_common.raster.viewshed``.
+    """
+
+    interval_m: float | None = None
+    since_ns: int | None = None
+    observer_m: tuple[float, float] | None = None
+    observer_height_m: float | None = None
+    target_height_m: float | None = None
+    range_m: float | None = None
+
+    def check(self, layer: str) -> None:
+        """Raise InputError if a parameter is missing, or belongs to another layer."""
+        of_layer = _ANALYSIS_PARAMETERS.get(layer, ())
+        for parameter in fields(self):
+            name = parameter.name.removesuffix("_ns").replace("observer_m", "observer")
+            is_given = getattr(self, parameter.name) is not None
+            if is_given and parameter.name not in of_layer:
+                raise InputError(f"{name}: layer {layer} has no such parameter")
+            if not is_given and parameter.name in of_layer[:1]:
+                raise InputError(f"layer {layer} without {name}: give it")
+
+
+_ANALYSIS_PARAMETERS = {
+    "contours": ("interval_m",),
+    "difference": ("since_ns",),
+    "viewshed": ("observer_m", "observer_height_m", "target_height_m", "range_m"),
+}
+#: Default of the heights of the observer, and of the longest line of sight, metres.
+EYE_M, RANGE_M = 2.0, 50.0
+_MOST_VIEWSHED_CELLS, _VIEWSHEDS = 1 << 17, 4
+#: No parameters of an analysis.
+NO_ANALYSIS = TileAnalysis()
+
+
+class ViewshedCache:
+    """The last viewsheds, which the tiles of a view share, until a map changes."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._values: OrderedDict[Hashable, NDArray[np.float64]] = OrderedDict()
+        self._changes = 0
+
+    def get(self, key: Hashable, compute: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Return a viewshed, computed if it is not there; the lock is not held meanwhile."""
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+            changes = self._changes
+        value = compute()
+        with self._lock:
+            if self._changes == changes:
+                self._values[key] = value
+                while len(self._values) > _VIEWSHEDS:
+                    self._values.popitem(last=False)
+        return value
+
+    def clear(self) -> None:
+        """Remove all viewsheds."""
+        with self._lock:
+            self._changes += 1
+            self._values.clear()
+
+
 class TileCells:
     """Reads cells of elevation and navigation maps.
 
@@ -67,9 +149,11 @@ class TileCells:
     product : str
         ``dem`` or ``navigation_map``.
     state : MapState
+    viewsheds : ViewshedCache
     """
 
-    def __init__(self, store: Store, product: str, state: MapState) -> None:
+    def __init__(self, store: Store, product: str, state: MapState, viewsheds: ViewshedCache) -> None:
+        self._viewsheds = viewsheds
         self._store = store
         self._product = product
         self._state = state
@@ -84,6 +168,61 @@ class TileCells:
         if self._product == "dem":
             return pyramid.statistics(frame, z, geometry).to_layers(0)
         return pyramid.without_changes(frame, lambda: maps.navigation.rectangle(frame, z, geometry))
+
+    def analysed(self, layer: str, analysis: TileAnalysis, z: int, geometry: GridGeometry) -> Layers:
+        """Return the result of an analysis in a rectangle of cells of a level, as their ``mean``."""
+        if layer == "difference":
+            heights = []
+            assert analysis.since_ns is not None
+            since_ns = analysis.since_ns
+            for state in (replace(self._state, t1_ns=since_ns), replace(self._state, t0_ns=since_ns + 1)):
+                part = TileCells(self._store, self._product, state, self._viewsheds)
+                heights.append(part.read(z, geometry))
+            earlier, later = heights
+            return {
+                "mean": later["mean"] - earlier["mean"],
+                "variance": later["variance"] + earlier["variance"],
+            }
+        if layer == "contours":
+            cells = self.read(z, geometry)
+            assert analysis.interval_m is not None
+            return {**cells, "mean": contour_cells(cells["mean"], analysis.interval_m)}
+        return self._visible(analysis, z, geometry)
+
+    def _visible(self, analysis: TileAnalysis, z: int, geometry: GridGeometry) -> Layers:
+        """Return the probability of visibility; of cells of a coarser level if the range has many."""
+        from cdff_common.raster.viewshed import viewshed
+
+        assert analysis.observer_m is not None
+        x, y = analysis.observer_m
+        reach = RANGE_M if analysis.range_m is None else analysis.range_m
+        level = z
+        while level > 0 and (2.0 * reach / cell_m(level) + 1.0) ** 2 > _MOST_VIEWSHED_CELLS:
+            level -= 1
+        around = GridGeometry.aligned(
+            geometry.frame, cell_m(level), (x - reach, y - reach, x + reach, y + reach)
+        )
+        unknown = np.full(geometry.shape, np.nan, dtype=np.float32)
+        a, b = around.bounds, geometry.bounds
+        if a.xmin >= b.xmax or a.xmax <= b.xmin or a.ymin >= b.ymax or a.ymax <= b.ymin:
+            return {"mean": unknown, "variance": unknown}
+
+        def computed() -> NDArray[np.float64]:
+            eye = EYE_M if analysis.observer_height_m is None else analysis.observer_height_m
+            return viewshed(
+                around,
+                self.read(level, around)["mean"],
+                np.full(around.shape, np.nan),
+                (x, y),
+                observer_height_m=eye,
+                target_height_m=analysis.target_height_m or 0.0,
+                range_m=reach,
+            ).visible
+
+        values = self._viewsheds.get((around, analysis, self._state), computed)
+        rows, cols, inside = around.cells_of(*geometry.centres_m())
+        visible = np.where(inside, values[rows, cols], np.nan).astype(np.float32)
+        return {"mean": visible, "variance": unknown}
 
     def coarser_level(self, z: int, geometry: GridGeometry) -> int | None:
         """Return the level of the finest cells in a rectangle that are larger than those of a level; None

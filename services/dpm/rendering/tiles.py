@@ -22,11 +22,26 @@ from cdff_common.errors import InputError
 from cdff_common.geodesy import FrameLocation, Georeference
 from cdff_common.geodesy.body_grid import BodyTile
 from cdff_common.raster.geometry import GridGeometry
-from cdff_common.raster.rendering import NAVIGATION, RELIEF_STYLE, RENDERINGS, LayerStyle, indices, relief
+from cdff_common.raster.rendering import (
+    ANALYSES,
+    NAVIGATION,
+    RELIEF_STYLE,
+    RENDERINGS,
+    LayerStyle,
+    indices,
+    relief,
+)
 from cdff_common.raster.tiles import FINEST_M, HALF_SIDE_M, LAST_LEVEL, TILE_CELLS, Tile, cell_m
 from dpm_store import Store
 from dpm_store.maps.tile_changes import Change, tiles_of_change
-from services.dpm.rendering.tile_cells import NEWEST, MapState, TileCells
+from services.dpm.rendering.tile_cells import (
+    NEWEST,
+    NO_ANALYSIS,
+    MapState,
+    TileAnalysis,
+    TileCells,
+    ViewshedCache,
+)
 
 #: Layer of the coloured relief; its values are heights.
 RELIEF = "dem"
@@ -34,6 +49,9 @@ CLASSES = "navigation_map"
 #: Style and product type of each tile layer.
 LAYER_STYLES: dict[str, LayerStyle] = {RELIEF: RELIEF_STYLE, **RENDERINGS, **NAVIGATION}
 LAYERS = {name: "navigation_map" if name in NAVIGATION else "dem" for name in LAYER_STYLES}
+#: Styles and product types of these and of the analyses, which need parameters.
+ALL_STYLES: dict[str, LayerStyle] = {**LAYER_STYLES, **ANALYSES}
+PRODUCTS = {**LAYERS, **dict.fromkeys(ANALYSES, "dem")}
 MEDIA_TYPES = {
     "png": "image/png",
     "tif": "image/tiff; application=geotiff",
@@ -58,6 +76,8 @@ class TileRequest:
     low, high : float or None
         Range of the colours, in the layer's unit; None for the default of the layer.
     state : MapState
+    analysis : TileAnalysis
+        Parameters of ``ANALYSES``.
     """
 
     frame: str
@@ -67,10 +87,12 @@ class TileRequest:
     low: float | None = None
     high: float | None = None
     state: MapState = NEWEST
+    analysis: TileAnalysis = NO_ANALYSIS
 
     def __post_init__(self) -> None:
-        if self.layer not in LAYERS:
-            raise InputError(f"layer={self.layer[:40]!r}: expected one of {', '.join(LAYERS)}")
+        if self.layer not in PRODUCTS:
+            raise InputError(f"layer={self.layer[:40]!r}: expected one of {', '.join(PRODUCTS)}")
+        self.analysis.check(self.layer)
         if self.form not in MEDIA_TYPES:
             raise InputError(f"a tile as {self.form[:16]!r}: expected one of {', '.join(MEDIA_TYPES)}")
         range_of(self.layer, self.low, self.high)
@@ -99,6 +121,7 @@ class Tiles:
         self._cache: OrderedDict[tuple[str, int, int, int], dict[TileRequest, RenderedTile]] = OrderedDict()
         # Tiles of a body's grid and of earlier states, until any map changes
         self._others: OrderedDict[tuple[TileRequest, FrameLocation], RenderedTile] = OrderedDict()
+        self._viewsheds = ViewshedCache()
         self._bytes = self._changes = 0
         store.pyramid.listen(self._drop)
 
@@ -108,7 +131,7 @@ class Tiles:
         A tile with smaller cells than the maps in it shows the cells of these, enlarged.
         """
         self._store.pyramid.sync()
-        if isinstance(request.tile, Tile) and request.state == NEWEST:
+        if isinstance(request.tile, Tile) and request.state == NEWEST and request.layer in LAYERS:
             return self._of_frame(request, request.tile)
         location = self._store.anchors.of(request.frame)
         with self._lock:
@@ -154,14 +177,20 @@ class Tiles:
         """Return the raster of a rectangle of cells of a level, or of the finest cells in it if these are
         larger.
         """
-        cells = TileCells(self._store, LAYERS[request.layer], request.state)
-        raster = _raster(request, cells.read(z, with_margin(request.layer, geometry)), geometry.resolution_m)
+        cells = TileCells(self._store, PRODUCTS[request.layer], request.state, self._viewsheds)
+
+        def layers_of(level: int, grid: GridGeometry) -> Mapping[str, NDArray[Any]]:
+            wide = with_margin(request.layer, grid)
+            if request.layer in ANALYSES:
+                return cells.analysed(request.layer, request.analysis, level, wide)
+            return cells.read(level, wide)
+
+        raster = _raster(request, layers_of(z, geometry), geometry.resolution_m)
         if raster.is_empty:
             coarse_z = cells.coarser_level(z, geometry)
             if coarse_z is not None:
                 coarse = geometry.coarsened(1 << (z - coarse_z))
-                layers = cells.read(coarse_z, with_margin(request.layer, coarse))
-                enlarged = _raster(request, layers, coarse.resolution_m)
+                enlarged = _raster(request, layers_of(coarse_z, coarse), coarse.resolution_m)
                 x, y = geometry.centres_m()
                 return enlarged.at(coarse, x, y)
         return raster
@@ -199,12 +228,13 @@ class Tiles:
         with self._lock:
             self._changes += 1
             self._others.clear()
+            self._viewsheds.clear()
             for key in tiles_of_change(tuple(self._cache), change, margin_cells=1):
                 tiles = self._cache.pop(key)
                 remaining = {
                     request: tile_data
                     for request, tile_data in tiles.items()
-                    if change.product not in (None, LAYERS[request.layer])
+                    if change.product not in (None, PRODUCTS[request.layer])
                 }
                 self._bytes -= _size(tiles) - _size(remaining)
                 if remaining:
@@ -270,11 +300,13 @@ def layer_raster(
         values = NAVIGATION[layer].value(layers)
     elif layer == RELIEF and form == "png":
         return Raster(*relief(layers["mean"], resolution_m, *limits))
+    elif layer in ANALYSES:
+        values = layers["mean"][1:-1, 1:-1]
     else:
         rendering = RENDERINGS["elevation" if layer == RELIEF else layer]
         values = rendering.value(layers["mean"], layers["variance"], resolution_m)
     if form == "png":
-        return Raster(indices(values, *limits), LAYER_STYLES[layer].palette)
+        return Raster(indices(values, *limits), ALL_STYLES[layer].palette)
     return Raster(np.asarray(values, dtype=np.float32))
 
 
@@ -295,7 +327,7 @@ def encoded_layer(
 
 def legend(layer: str, low: float | None = None, high: float | None = None) -> list[tuple[float, str]]:
     """Return values and the colours of them, ``#rrggbb``, from low to high."""
-    limits, palette = range_of(layer, low, high), LAYER_STYLES[layer].palette
+    limits, palette = range_of(layer, low, high), ALL_STYLES[layer].palette
     if layer == CLASSES:
         return [(float(i), _hex(palette[i])) for i in (1, 2, 3)]
     if layer == RELIEF:  # tints without shade
@@ -323,7 +355,7 @@ def legend_png(layer: str, low: float | None = None, high: float | None = None) 
         at = np.linspace(0, len(stops) - 1, width)
         ramp = np.stack([np.interp(at, range(len(stops)), values[:, i]) for i in range(3)], axis=1)
         picture.paste(Image.fromarray(np.repeat(ramp[None].round().astype(np.uint8), 16, axis=0)), (10, 6))
-        unit = LAYER_STYLES[layer].unit
+        unit = ALL_STYLES[layer].unit
         draw.text((10, 26), f"{stops[0][0]:g}", fill="black")
         text = f"{stops[-1][0]:g} {'' if unit == '1' else unit}".strip()
         draw.text((_LEGEND_PX[0] - 10, 26), text, fill="black", anchor="ra")
@@ -367,7 +399,7 @@ def _raster(
 
 def range_of(layer: str, low: float | None, high: float | None) -> tuple[float, float]:
     """Return the values of the first and last colour; raises InputError if low is not below high."""
-    style = LAYER_STYLES[layer]
+    style = ALL_STYLES[layer]
     if layer == CLASSES and (low is not None or high is not None):
         raise InputError("low, high: classes have a colour each, and no range")
     limits = style.low if low is None else low, style.high if high is None else high

@@ -12,15 +12,23 @@ from fastapi.responses import Response
 from pydantic import Field
 
 from cdff_common.contract.queries import (
+    AreaStatisticsParameters,
     CloudParameters,
+    ContourParameters,
     DeliveryParameters,
+    DifferenceParameters,
     NavigationWindowParameters,
     ProfileParameters,
+    SurfaceParameters,
+    ViewshedParameters,
     WindowParameters,
+    WithdrawalParameters,
 )
 from services.dpm.http.context import Ctx
 from services.dpm.http.converted_files import file_response
+from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.models import OpenModel
+from services.dpm.operations.retrieval import DeliveredProduct
 from services.dpm.rendering.convert import file_formats
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
@@ -66,6 +74,27 @@ class ProfileAnswer(OpenModel):
     patches: list[str]
 
 
+class Distribution(OpenModel):
+    """Distribution of the values of cells; with percentiles."""
+
+    mean: float
+    std: float
+    min: float
+    max: float
+
+
+class AreaStatistics(OpenModel):
+    """Statistics of an area; null where nothing is observed, or an error is unknown."""
+
+    cells: int
+    area_m2: float
+    coverage: float
+    height_m: Distribution | None
+    mean_sigma_m: float | None
+    slope_deg: Distribution | None
+    roughness_m: Distribution | None
+
+
 @router.get("/dem/window", response_class=Response, responses=_file_of("ElevationMap"))
 def window(context: Ctx, parameters: Annotated[WindowFileParameters, Query()]) -> Response:
     """Return the elevation of a region, assembled from every patch; ``CDFF-…`` headers state origin and
@@ -101,6 +130,68 @@ def cloud(context: Ctx, parameters: Annotated[CloudFileParameters, Query()]) -> 
 def profile(context: Ctx, parameters: Annotated[ProfileParameters, Query()]) -> dict[str, Any]:
     """Return the elevation along a path; each sample is the value of its cell."""
     return context.dpm.retrieval.profile(parameters)
+
+
+_RASTER: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "GeoTIFF, or arrays with corner_m and resolution_m",
+        "content": {"image/tiff": {}, "application/x-npz": {}},
+    }
+}
+
+
+@router.get("/dem/surface", response_class=Response, responses=_RASTER)
+def surface(context: Ctx, parameters: Annotated[SurfaceParameters, Query()]) -> Response:
+    """Return slope with its standard deviation, aspect and roughness of a region, by local planes."""
+    return _analysed(context, context.dpm.terrain.surface(parameters))
+
+
+@router.get("/dem/viewshed", response_class=Response, responses=_RASTER)
+def viewshed(context: Ctx, parameters: Annotated[ViewshedParameters, Query()]) -> Response:
+    """Return the visibility from a point: its probability, and the hidden height with its error."""
+    return _analysed(context, context.dpm.terrain.viewshed(parameters))
+
+
+@router.get("/dem/difference", response_class=Response, responses=_RASTER)
+def difference(context: Ctx, parameters: Annotated[DifferenceParameters, Query()]) -> Response:
+    """Return the change of the heights from the captures until a time to those after it."""
+    return _analysed(context, context.dpm.terrain.difference(parameters))
+
+
+@router.get(
+    "/dem/contours",
+    response_class=Response,
+    responses={200: {"description": "Lines in metres", "content": {"application/geo+json": {}}}},
+)
+def contours(context: Ctx, parameters: Annotated[ContourParameters, Query()]) -> Response:
+    """Return contour lines as GeoJSON."""
+    return _analysed(context, context.dpm.terrain.contours(parameters))
+
+
+@router.get("/dem/statistics", response_model=AreaStatistics)
+def statistics(context: Ctx, parameters: Annotated[AreaStatisticsParameters, Query()]) -> Response:
+    """Return statistics of the heights and slopes of a region, and its volumes above and below a plane."""
+    return _analysed(context, context.dpm.terrain.statistics(parameters))
+
+
+class Withdrawn(OpenModel):
+    """Ids of the products that were removed from all maps, and of those that were made from them."""
+
+    withdrawn: list[str]
+    derived: list[str]
+    robots: list[str]
+    applied: bool
+
+
+@router.post("/withdrawals", response_model=Withdrawn, openapi_extra=allowed("operator"))
+def withdraw(context: Ctx, selection: WithdrawalParameters) -> dict[str, Any]:
+    """Remove patches, or all maps of a robot in a time, and the maps made from them, from all maps."""
+    return context.dpm.withdrawal.run(selection)
+
+
+def _analysed(context: Ctx, product: DeliveredProduct) -> Response:
+    name = f"dem_{product.metadata['analysis']}"
+    return file_response(context, product.body, name, origin_headers(product.metadata))
 
 
 def _form(format_name: str) -> DeliveryParameters:

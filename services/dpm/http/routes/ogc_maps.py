@@ -39,7 +39,7 @@ from services.dpm.http.routes.tiles import (
 )
 from services.dpm.http.stac.catalogue import numbers_of, span_of
 from services.dpm.rendering.convert import convert
-from services.dpm.rendering.tiles import CLASSES, LAYERS, MEDIA_TYPES, RELIEF, TileRequest
+from services.dpm.rendering.tiles import CLASSES, LAYERS, MEDIA_TYPES, RELIEF
 
 router = APIRouter(prefix="/ogc", tags=["ogc"], route_class=NegotiatedRoute)
 
@@ -161,9 +161,8 @@ def map_tile(
     """Return a tile of a layer, as picture or values."""
     if layer not in _layers_of(collection):
         raise ProductNotFoundError(f"no layer {layer[:40]!r} of {collection}")
-    frame, p = checked_frame(parameters.frame), parameters
-    address = tile_address(context, frame, grid, z, column, row)
-    return tile_response(context, request, TileRequest(frame, layer, address, p.f, p.low, p.high, p.state))
+    address = tile_address(context, checked_frame(parameters.frame), grid, z, column, row)
+    return tile_response(context, request, parameters.request(layer, address, parameters.f))
 
 
 @router.get("/collections/{collection}/coverage", response_class=Response, responses=_TIFF)

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from cdff_common.contract.parameters import Robot, Stamp
+from cdff_common.contract.parameters import Number, PointM, Robot, Stamp
 from cdff_common.contract.queries import MetricBounds
 from cdff_common.errors import InputError, ProductNotFoundError
 from cdff_common.geodesy.body_grid import LAST_BODY_LEVEL, BodyGrid, BodyTile, body_grid
@@ -24,11 +24,11 @@ from services.dpm.http.models import OpenModel
 from services.dpm.http.native_models import Items
 from services.dpm.http.ogc.wmts import CURRENT, GRID
 from services.dpm.http.stac.catalogue import span_of
-from services.dpm.rendering.tile_cells import MapState
+from services.dpm.rendering.tile_cells import MapState, TileAnalysis
 from services.dpm.rendering.tiles import (
     LAYER_STYLES,
-    LAYERS,
     MEDIA_TYPES,
+    PRODUCTS,
     TileRequest,
     legend,
     legend_png,
@@ -76,6 +76,36 @@ class TileParameters(BaseModel):
         default_factory=tuple, description="Bounds of quality metrics, such as inliers>=30,rmse_px<0.5"
     )
 
+    interval_m: Annotated[Number, Field(ge=1e-3, le=1e4)] | None = Field(
+        None, description="Of layer contours: difference in height of two lines, metres"
+    )
+    since: Stamp | None = Field(
+        None, description="Of layer difference: captures until this time are compared with later ones"
+    )
+    observer: PointM | None = Field(None, description="Of layer viewshed: x,y in frame, metres")
+    observer_height_m: Annotated[Number, Field(ge=0, le=1e4)] | None = Field(
+        None, description="Height of the eye above the ground; default: 2 m"
+    )
+    target_height_m: Annotated[Number, Field(ge=0, le=1e4)] | None = Field(
+        None, description="Height above the ground that is to be seen; default: 0"
+    )
+    range_m: Annotated[Number, Field(gt=0, le=1e3)] | None = Field(
+        None, description="Longest line of sight, metres; default: 50"
+    )
+
+    def request(self, layer: str, tile: Tile | BodyTile, form: str) -> TileRequest:
+        """Return the request of a tile; raises InputError for an unknown layer or form."""
+        analysis = TileAnalysis(
+            self.interval_m,
+            self.since,
+            self.observer,
+            self.observer_height_m,
+            self.target_height_m,
+            self.range_m,
+        )
+        frame = checked_frame(self.frame)
+        return TileRequest(frame, layer, tile, form, self.low, self.high, self.state, analysis)
+
     @property
     def state(self) -> MapState:
         """The maps in the tile; raises InputError for a malformed time."""
@@ -115,7 +145,7 @@ def layers(context: Ctx, request: Request, frame: Frame = "site") -> dict[str, A
             "name": name,
             "title": style.title,
             "unit": style.unit,
-            "product": LAYERS[name],
+            "product": PRODUCTS[name],
             "low": style.low,
             "high": style.high,
             "minzoom": 0,
@@ -153,8 +183,8 @@ def grid_of_body(context: Ctx, frame: Frame = "site") -> dict[str, Any]:
 @router.get("/{layer}/legend.png", response_class=Response, responses=_PNG)
 def legend_of(layer: LayerName, low: Value = None, high: Value = None) -> Response:
     """Return the colours of a layer with the values of their ends."""
-    if layer not in LAYERS:
-        raise ProductNotFoundError(f"no layer {layer!r}: expected one of {', '.join(LAYERS)}")
+    if layer not in PRODUCTS:
+        raise ProductNotFoundError(f"no layer {layer!r}: expected one of {', '.join(PRODUCTS)}")
     return Response(legend_png(layer, low, high), media_type="image/png")
 
 
@@ -172,9 +202,8 @@ def tile(
     """Return one tile: a picture (png), or the layer's values as GeoTIFF (tif) or float32 rows from the top
     (bin). A tile with smaller cells than the maps in it shows these enlarged.
     """
-    frame, p = checked_frame(parameters.frame), parameters
-    address = tile_address(context, frame, p.grid, z, x, y)
-    return tile_response(context, request, TileRequest(frame, layer, address, form, p.low, p.high, p.state))
+    address = tile_address(context, checked_frame(parameters.frame), parameters.grid, z, x, y)
+    return tile_response(context, request, parameters.request(layer, address, form))
 
 
 def tile_address(context: Context, frame: str, grid: str, z: int, x: int, y: int) -> Tile | BodyTile:

@@ -49,7 +49,10 @@ _BODIES: dict[int | str, dict[str, Any]] = {
     304: {"description": "Not modified"},
 }
 #: Pairs that select maps and colours, in addition to those of WMTS.
-_SELECTION = ("time", "robot", "as_of", "quality", "low", "high")
+_SELECTION = (
+    *("time", "robot", "as_of", "quality", "low", "high", "interval_m", "since", "observer"),
+    *("observer_height_m", "target_height_m", "range_m"),
+)
 _FORMS = {"image/png": "png", "image/tiff": "tif"}
 
 
@@ -105,12 +108,12 @@ def _tile(context: Context, pairs: dict[str, str], frame: str) -> TileRequest:
     z, row, column = (_number(pairs, name) for name in ("TILEMATRIX", "TILEROW", "TILECOL"))
     try:
         given = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
+        given["frame"] = frame
         parameters = TileParameters.model_validate(given)
     except ValidationError as error:
         raise InputError(validation_message(error.errors()[0])) from error
     address = tile_address(context, frame, pairs.get("TILEMATRIXSET", GRID), z, column, row)
-    layer = pairs.get("LAYER", "")
-    return TileRequest(frame, layer, address, _FORMS[form], parameters.low, parameters.high, parameters.state)
+    return parameters.request(pairs.get("LAYER", ""), address, _FORMS[form])
 
 
 def _number(pairs: dict[str, str], name: str) -> int:

@@ -1,0 +1,119 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Withdrawal of bad maps: of single patches, or of all maps of a robot in a time, and of their results.
+
+Withdrawn products are deleted in one transaction. Their metadata and provenance stay, and states of the store
+before the withdrawal (``as_of``) show them until retention collects the payloads of deleted products.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from cdff_common.contract.limits import MAX_PAGE
+from cdff_common.contract.names import GROUND
+from cdff_common.contract.products import product_type
+from cdff_common.contract.queries import WithdrawalParameters
+from cdff_common.errors import InputError, ProductNotFoundError
+from dpm_store import ProductRecord, Query, Store
+from dpm_store.history.events import check_robot
+from dpm_store.products.products import MAX_BATCH
+from dpm_store.products.transaction import Delete
+from services.dpm.operations.event_publisher import EventPublisher
+
+#: Ids in the entry of the history, which has a limited size; each product also has an entry of its own.
+_IDS_IN_ENTRY = 500
+
+
+class Withdrawal:
+    """Withdrawal of products from all maps of a store."""
+
+    def __init__(self, store: Store, events: EventPublisher) -> None:
+        self._store = store
+        self._events = events
+
+    def run(self, p: WithdrawalParameters) -> dict[str, Any]:
+        """Delete the selected products and the maps that were made from them, all or none.
+
+        Returns
+        -------
+        dict
+            ``withdrawn`` and ``derived``: ids; ``robots``; ``applied``: False with ``dry_run``.
+
+        Raises
+        ------
+        ProductNotFoundError
+            If nothing is selected.
+        ConflictError
+            If a product is pinned.
+        InputError
+            If there are more than ``MAX_BATCH`` products.
+        DeniedError
+            If the actor is a robot and a product is of another one.
+        """
+        selected = self._selected(p)
+        if not selected:
+            raise ProductNotFoundError("no product is selected by that robot, time, dfpc and type")
+        derived = self._derived(selected, p.type)
+        records = [*selected.values(), *derived.values()]
+        if len(records) > MAX_BATCH:
+            raise InputError(
+                f"{len(records)} products: expected at most {MAX_BATCH} in one call; give t0 and t1"
+            )
+        for record in selected.values():
+            check_robot(record.robot)
+        robots = sorted({record.robot for record in selected.values()})
+        result = {
+            "withdrawn": list(selected),
+            "derived": list(derived),
+            "robots": robots,
+            "applied": not p.dry_run,
+        }
+        if p.dry_run:
+            return result
+        entry = {
+            "reason": p.reason,
+            "robots": robots,
+            "products": len(selected),
+            "derived": len(derived),
+            "ids": list(selected)[:_IDS_IN_ENTRY],
+            "selection": p.to_parameters(),
+        }
+        scope = robots[0] if len(robots) == 1 else GROUND
+        self._store.transact([Delete(record.id) for record in records], (scope, "withdrawn", entry))
+        for _ in records:
+            self._events.count("deleted")
+        self._events.publish()
+        return result
+
+    def _selected(self, p: WithdrawalParameters) -> dict[str, ProductRecord]:
+        if p.id:
+            return {i: self._store.get(i) for i in p.id}
+        for name in p.type:
+            product_type(name)
+        query = Query(types=p.type, robot=p.robot, dfpc=p.dfpc, t0_ns=p.t0, t1_ns=p.t1, limit=MAX_PAGE)
+        found: dict[str, ProductRecord] = {}
+        while True:
+            page = self._store.search(query)
+            found |= {record.id: record for record in page.items}
+            if page.cursor is None:
+                return found
+            if len(found) > MAX_BATCH:
+                raise InputError(
+                    f"more than {MAX_BATCH} products: expected fewer in one call; give t0 and t1"
+                )
+            query = replace(query, cursor=page.cursor)
+
+    def _derived(self, selected: dict[str, ProductRecord], types: Iterable[str]) -> dict[str, ProductRecord]:
+        """Return the live products of these types that were made from the selected ones."""
+        wanted = set(types)
+        found: dict[str, ProductRecord] = {}
+        for product_id in selected:
+            lineage = self._store.lineage(product_id, "down")
+            if lineage.truncated:
+                raise InputError(f"product {product_id}: too many products were made from it for one call")
+            found |= lineage.records
+        ids = [i for i, r in found.items() if r.product in wanted and i not in selected]
+        return {i: found[i] for i in self._store.live(ids)}
