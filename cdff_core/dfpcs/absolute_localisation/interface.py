@@ -13,8 +13,8 @@ from cdff_common.types import ElevationMap, TransformWithCovariance
 
 
 class AbsoluteLocalisationInterface(Dfpc):
-    """Estimate the pose of the robot on an orbital elevation model: the map of each segment of its
-    path is matched with the model, the matches of a traverse are fused, and ambiguous or
+    """Estimate the pose of the robot on an orbital elevation model. The elevation map of each path
+    segment is matched with the model, the matches along a traverse are fused, and ambiguous or
     unexplained results are refused.
     """
 
@@ -24,8 +24,8 @@ class AbsoluteLocalisationInterface(Dfpc):
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type ElevationMap. Elevation patches in the frame of the robot's own
-        poses; each measurement is in one patch only. Of a map with the layer mean only, each cell
-        counts as one measurement.
+        poses; each measurement must be in one patch only. If a map contains only the layer mean,
+        each cell counts as one measurement.
         """
 
     @abstractmethod
@@ -36,14 +36,14 @@ class AbsoluteLocalisationInterface(Dfpc):
 
     @abstractmethod
     def on_poses(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. The robot's own T_map_base with which the
-        patches were made; without it the output is T_orbital_map.
+        """Process an input of type TransformWithCovariance. T_map_base of the robot, with which the
+        patches were computed; without it the output is T_orbital_map.
         """
 
     @abstractmethod
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_odom_base of wheel odometry, which does
-        not jump; used to measure jumps of the frame of poses.
+        not jump; used to measure jumps of the input poses.
         """
 
     @abstractmethod

@@ -13,9 +13,9 @@ from cdff_common.types import BundleProblem
 
 
 class BundleAdjustmentInterface(Dfpc):
-    """Adjust cameras, points and on request lenses to the observed pixels of single images or
-    rectified pairs, by least squares or with a robust loss. The result states the gauge and the
-    covariances of poses and points. Cameras can be marginalised to a prior.
+    """Adjust cameras, points and, on request, lenses to the observations in single images or rectified
+    pairs, by least squares or with a robust loss. The result states the gauge and the covariances
+    of poses and points. Cameras can be marginalised to a prior.
     """
 
     name = "bundle_adjustment"

@@ -42,14 +42,14 @@ class DigitalElevationMappingInterface(Dfpc):
 
     @abstractmethod
     def get_map(self, resolution_m: float) -> ElevationMap:
-        """Local map around the robot; its cell size is the largest multiple of the map's own that is
-        not above the requested size.
+        """Local map around the robot; its cell size is the largest multiple of the stored cell size
+        that does not exceed the requested size.
         """
 
     @abstractmethod
     def get_whole_map(self) -> ElevationMap:
-        """The whole fused map; with LidarGlobal it covers the whole traverse. If it has more than
-        max_cells cells, its cells are 2^n times as large.
+        """The whole fused map; with LidarGlobal it covers the whole traverse. If the map exceeds
+        max_cells cells, it is returned with cells of 2^n times the size.
         """
 
     @abstractmethod

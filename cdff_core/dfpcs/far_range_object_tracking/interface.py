@@ -15,7 +15,7 @@ from cdff_common.types import ObjectTrack
 class FarRangeObjectTrackingInterface(Dfpc):
     """Detect and track unresolved and small objects among the stars: direction in the inertial frame
     with covariance from the first images, and range from the apparent size once the object is
-    resolved and its size known.
+    resolved and if its size is known.
     """
 
     name = "far_range_object_tracking"
@@ -23,8 +23,8 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_image(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Frame. Grey or colour image with its camera, 8 or 16 bit or float,
-        linear in the light.
+        """Process an input of type Frame. Grey or colour image with its camera, 8 or 16 bit or float;
+        grey levels proportional to the light.
         """
 
     @abstractmethod
@@ -35,9 +35,9 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_navigation(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type RigidBodyState. State of the camera's carrier relative to the
-        Earth, in the frame inertial: the velocity for the aberration of the stars, with the
-        position for track_lvlh.
+        """Process an input of type RigidBodyState. Position and velocity of the camera's carrier
+        relative to the Earth, in the frame inertial; the velocity corrects the aberration of the
+        stars, both are needed for track_lvlh.
         """
 
     @abstractmethod
@@ -54,10 +54,10 @@ class FarRangeObjectTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_sun(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Vector3d. Direction of the Sun from the target in the frame
-        inertial; without it that from the Earth.
+        """Process an input of type Vector3d. Direction from the target to the Sun in the frame
+        inertial; default: the direction from the Earth.
         """
 
     @abstractmethod
     def predict(self, id: int, t_ns: int) -> ObjectTrack:
-        """Direction and covariance of an object at a time, by its motion."""
+        """Direction and covariance of an object at a time, predicted from its motion."""

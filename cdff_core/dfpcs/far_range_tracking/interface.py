@@ -13,8 +13,8 @@ from cdff_common.types import ObjectTrack
 
 
 class FarRangeTrackingInterface(Dfpc):
-    """Detect and track distant rovers and landmarks on the ground: direction with covariance by motion
-    and appearance, and range by apparent size, stereo or the terrain.
+    """Detect and track distant rovers and landmarks on the ground: direction with covariance from
+    motion and appearance, and range from apparent size, stereo or the terrain.
     """
 
     name = "far_range_tracking"
@@ -26,8 +26,8 @@ class FarRangeTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_pair(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type FramePair. Rectified pair with camera matrix and baseline, 8 bit,
-        in place of the image: the range is measured with it.
+        """Process an input of type FramePair. Rectified pair with camera matrix and baseline, 8 bit;
+        replaces the image and also measures the range.
         """
 
     @abstractmethod
@@ -39,13 +39,13 @@ class FarRangeTrackingInterface(Dfpc):
     @abstractmethod
     def on_pose(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_site_base or T_odom_base of the
-        observer, or of its camera; before the image of its time.
+        observer, or the pose of its camera; must arrive before the image of the same time.
         """
 
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type ElevationMap. Elevation map in the frame of the track: the range is
-        that of the terrain below the object.
+        """Process an input of type ElevationMap. Elevation map in the frame of the track; the range is
+        measured to the terrain below the object.
         """
 
     @abstractmethod
@@ -62,4 +62,4 @@ class FarRangeTrackingInterface(Dfpc):
 
     @abstractmethod
     def predict(self, id: int, t_ns: int) -> ObjectTrack:
-        """Direction and covariance of an object at a time, by its motion."""
+        """Direction and covariance of an object at a time, predicted from its motion."""

@@ -12,9 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class FeatureMatchingInterface(Dfpc):
-    """Match the points of two images of one scene, with the probability that each pair is correct, and
-    estimate the epipolar geometry and the homography with their covariance; FAILED without a common
-    scene.
+    """Match points between two images of one scene, state the probability that each match is correct,
+    and estimate the epipolar geometry and the homography with their covariances. Images without a
+    common scene yield FAILED.
     """
 
     name = "feature_matching"

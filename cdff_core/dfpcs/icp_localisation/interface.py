@@ -12,8 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class IcpLocalisationInterface(Dfpc):
-    """Localise a model cloud (an object, a map, an earlier scan) in a scene cloud by iterative closest
-    points, coarse to fine, from a guess or from the identity; an uncertain result is refused.
+    """Determine the pose of a model cloud (an object, a map, an earlier scan) in a scene cloud by
+    iterative closest points, coarse to fine, starting from a guess or from the identity; an
+    uncertain result is refused.
     """
 
     name = "icp_localisation"

@@ -29,13 +29,13 @@ class LidarLocalisationInterface(Dfpc):
 
     @abstractmethod
     def on_map(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Pointcloud. Piece of the map, in the map frame; pieces accumulate,
-        a piece in another frame starts a new map.
+        """Process an input of type Pointcloud. Cloud of the map, in the map frame; clouds accumulate,
+        and a cloud in another frame starts a new map.
         """
 
     @abstractmethod
     def on_dem(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type ElevationMap. Piece of the map as an elevation map; the mean
+        """Process an input of type ElevationMap. Patch of the map as an elevation map; the mean
         heights of its cells are used.
         """
 
@@ -63,7 +63,7 @@ class LidarLocalisationInterface(Dfpc):
 
     @abstractmethod
     def relocalise(self) -> None:
-        """Clear the estimate: the next sweep is searched in the whole map."""
+        """Clear the estimate: the pose of the next sweep is searched for in the whole map."""
 
     @abstractmethod
     def forget_map(self) -> None:

@@ -15,7 +15,7 @@ from cdff_common.types import LidarMap, Pointcloud, PoseTrajectory
 class LidarSlamInterface(Dfpc):
     """Estimate the poses of a robot with a lidar, and a map of its environment: sweeps are registered
     with a local map, keyframes store the points, and loop closures in a pose graph correct drift.
-    Needs neither gravity nor an IMU.
+    Neither gravity nor an IMU is needed.
     """
 
     name = "lidar_slam"
@@ -35,8 +35,8 @@ class LidarSlamInterface(Dfpc):
 
     @abstractmethod
     def on_map(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type LidarMap. A map of an earlier run or of another robot: it becomes
-        the map if the map is empty, otherwise a loop closure connects it.
+        """Process an input of type LidarMap. A map of an earlier run or of another robot; used as the
+        map if there is none yet, otherwise connected with the present map by a loop closure.
         """
 
     @abstractmethod

@@ -13,8 +13,8 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 class LidarTargetTrackingInterface(Dfpc):
     """Track a known body in lidar scans: each scan is registered with the mesh of the body, starting
-    at the predicted state, and corrects position, velocity, attitude, angular rate and centre of
-    mass.
+    at the predicted state. The result corrects position, velocity, attitude, angular rate and
+    centre of mass.
     """
 
     name = "lidar_target_tracking"
@@ -22,14 +22,14 @@ class LidarTargetTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a new one
-        starts a new track.
+        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a different
+        mesh starts a new track.
         """
 
     @abstractmethod
     def on_scan(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type LidarScan. Scan whose points have times: the motion of the body
-        during the scan is removed.
+        """Process an input of type LidarScan. Scan whose points have times, so that the motion of the
+        body during the scan is compensated.
         """
 
     @abstractmethod
@@ -38,8 +38,8 @@ class LidarTargetTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_sensor_body at the first scan after it;
-        without it the body is detected.
+        """Process an input of type TransformWithCovariance. T_sensor_body at the first scan after the
+        guess; without a guess the body is detected.
         """
 
     @abstractmethod

@@ -12,9 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class ModelDetectionInterface(Dfpc):
-    """Find known objects (a tool, a rock, a part of a rover) in a depth image and determine their
-    poses, without a guess, from their meshes; several objects at once; a missing object is not
-    found.
+    """Find one or more known objects (a tool, a rock, a component of a rover) in a depth image and
+    determine their poses from their meshes, without a guess. No pose is reported for an object that
+    is not in the image.
     """
 
     name = "model_detection"
@@ -22,8 +22,8 @@ class ModelDetectionInterface(Dfpc):
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Mesh. Mesh of an object, whose frame is {name}/body; stored by this
-        name until the next one.
+        """Process an input of type Mesh. Mesh of an object, whose frame is {name}/body; stored until a
+        new mesh of this name arrives.
         """
 
     @abstractmethod

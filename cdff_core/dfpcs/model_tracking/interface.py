@@ -12,9 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class ModelTrackingInterface(Dfpc):
-    """Track a known object (a tool, a rock, a part of a rover) in the images and depth images of a
-    camera: texture, depths and edges correct its state; without a guess, and after a loss, it is
-    detected in a depth image.
+    """Track a known object (a tool, a rock, a component of a rover) in the images and depth images of
+    a camera. Texture, depths and edges correct its state; without a guess, and after a loss, the
+    object is detected in a depth image.
     """
 
     name = "model_tracking"
@@ -22,14 +22,14 @@ class ModelTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Mesh. Mesh of the object, whose frame is {name}/body; a new one
-        ends the track.
+        """Process an input of type Mesh. Mesh of the object, whose frame is {name}/body; a different
+        mesh ends the track.
         """
 
     @abstractmethod
     def on_depth(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type DistanceImage. Depths along the optical axis, 0 without a
-        measurement; of the time of an image, or alone.
+        measurement; at the time of an image, or without an image.
         """
 
     @abstractmethod
@@ -40,8 +40,8 @@ class ModelTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_camera_body at the first image after it;
-        starts a new track; without it the object is detected.
+        """Process an input of type TransformWithCovariance. T_camera_body at the first image after the
+        guess; starts a new track; without a guess the object is detected.
         """
 
     @abstractmethod

@@ -13,7 +13,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 class PointCloudMatchingInterface(Dfpc):
     """Register two partially overlapping clouds without a guess by matching descriptors of their
-    surfaces; without sufficient overlap the result is refused.
+    surfaces. Without sufficient overlap the result is refused.
     """
 
     name = "point_cloud_matching"

@@ -15,7 +15,7 @@ from cdff_common.types import PoseTrajectory, TransformWithCovariance
 class PositionManagerInterface(Dfpc):
     """Estimate the pose of the robot, and maintain its frame tree and trajectory. An error-state
     filter fuses wheels, IMU, visual and lidar odometry and absolute poses in any order of arrival.
-    The transform between any two frames at any two times can be requested.
+    On request it returns the transform between any two frames at any two times.
     """
 
     name = "position_manager"
@@ -23,9 +23,7 @@ class PositionManagerInterface(Dfpc):
 
     @abstractmethod
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_odom_base of wheel odometry, relative to
-        its origin.
-        """
+        """Process an input of type TransformWithCovariance. T_odom_base of wheel odometry."""
 
     @abstractmethod
     def on_visual_odometry(self, sample: Sample) -> Iterable[Output]:
@@ -46,8 +44,8 @@ class PositionManagerInterface(Dfpc):
     @abstractmethod
     def on_fix(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. Absolute pose of the base or a sensor in a
-        fixed frame of the tree, or in a frame that the first fix locates (for example that of
-        lidar_slam).
+        fixed frame of the tree, or in another fixed frame, which the first fix locates (for example
+        the frame of lidar_slam).
         """
 
     @abstractmethod

@@ -12,7 +12,7 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class ShotLocalisationInterface(Dfpc):
-    """Localise a model cloud (an object, a map, an earlier scan) in a scene cloud by its SHOT
+    """Determine the pose of a model cloud (an object, a map, an earlier scan) in a scene cloud by SHOT
     descriptors, without a guess; an uncertain result is refused.
     """
 

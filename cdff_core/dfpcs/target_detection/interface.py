@@ -12,8 +12,8 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class TargetDetectionInterface(Dfpc):
-    """Determine the pose of a known body in one lidar scan, without a guess, from its mesh; other
-    bodies and scans that do not determine a pose are refused.
+    """Determine the pose of a known body in one lidar scan from its mesh, without a guess. Scans of
+    other bodies, and scans that do not determine a pose, are refused.
     """
 
     name = "target_detection"
@@ -21,8 +21,8 @@ class TargetDetectionInterface(Dfpc):
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Mesh. Mesh of a body, whose frame is {name}/body; stored by this
-        name until the next one.
+        """Process an input of type Mesh. Mesh of a body, whose frame is {name}/body; stored until a
+        new mesh of this name arrives.
         """
 
     @abstractmethod
@@ -33,8 +33,8 @@ class TargetDetectionInterface(Dfpc):
 
     @abstractmethod
     def on_scan(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type LidarScan. The same with a time for each point; the motion during
-        the scan is ignored.
+        """Process an input of type LidarScan. Scan with a time for each point; the motion during the
+        scan is ignored.
         """
 
     @abstractmethod

@@ -12,8 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class TargetTrackingInterface(Dfpc):
-    """Track a free body from measurements of its pose by any detector: position, velocity, attitude
-    and angular rate with covariance, through outliers, gaps and changes of the detector.
+    """Track a freely moving body from pose measurements of any detector: position, velocity, attitude
+    and angular rate with covariance. Outliers, gaps and changes of the detector do not interrupt
+    the track.
     """
 
     name = "target_tracking"

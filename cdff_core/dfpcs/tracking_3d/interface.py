@@ -13,8 +13,8 @@ from cdff_common.types import BodyMotion, ObjectTrack, TransformWithCovariance
 
 
 class Tracking3DInterface(Dfpc):
-    """Estimate how a body moves from measured poses: rotation axis, period, centre of mass, ratios of
-    the moments of inertia; and predict its poses for a capture.
+    """Estimate the motion of a body from measured poses (rotation axis, period, centre of mass, ratios
+    of the moments of inertia), and predict its poses, for example to capture it.
     """
 
     name = "tracking_3d"
@@ -33,8 +33,8 @@ class Tracking3DInterface(Dfpc):
 
     @abstractmethod
     def predict_point(self, x_m: float, y_m: float, z_m: float, t_ns: int) -> ObjectTrack:
-        """Motion of a point that is fixed in the body, as a grasp point, from the newest pose to a
-        time: one state per step, orientation of the body.
+        """Motion of a point that is fixed in the body, such as a grasp point, from the newest pose to
+        a time: one state per step, with the orientation of the body.
         """
 
     @abstractmethod

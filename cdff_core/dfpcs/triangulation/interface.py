@@ -12,9 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class TriangulationInterface(Dfpc):
-    """Compute 3-D points from images: sparse points with covariance from their pixels in two or more
-    images with known poses, or a dense cloud with grey values from a rectified stereo pair, with
-    the standard deviation of each depth.
+    """Compute 3-D points from images: either sparse points with covariance from their observations in
+    two or more images with known poses, or a dense cloud with grey values and depth standard
+    deviations from a rectified stereo pair.
     """
 
     name = "triangulation"

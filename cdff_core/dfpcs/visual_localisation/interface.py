@@ -12,8 +12,8 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class VisualLocalisationInterface(Dfpc):
-    """Estimate the pose of a camera in an existing map of keyframes from one image, without a guess:
-    similar keyframes are searched, their points are matched with the image, and the pose is
+    """Estimate the pose of a camera in an existing map of keyframes from one image, without a guess.
+    Similar keyframes are searched for, their points are matched with the image, and the pose is
     estimated with covariance; images of other places are refused.
     """
 

@@ -38,7 +38,7 @@ class VisualOdometrySparseInterface(Dfpc):
 
     @abstractmethod
     def on_joints(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Joints. Joint positions of the robot; with them the links of its
+        """Process an input of type Joints. Joint positions of the robot, with which the links of its
         URDF are projected into the images and masked.
         """
 

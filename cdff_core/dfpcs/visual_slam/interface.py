@@ -41,8 +41,8 @@ class VisualSlamInterface(Dfpc):
 
     @abstractmethod
     def on_map(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type VisualMap. A map of an earlier run or of cdff map build: it becomes
-        the map if the map is empty, otherwise a loop closure connects it.
+        """Process an input of type VisualMap. A map of an earlier run or of cdff map build; used as
+        the map if there is none yet, otherwise connected with the present map by a loop closure.
         """
 
     @abstractmethod

@@ -12,9 +12,9 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 
 
 class VisualTargetTrackingInterface(Dfpc):
-    """Track a known body in the images of a camera from a first guess: the edges of each image, and
-    the depths if there is a depth image, are compared with the mesh at the predicted state, and
-    correct position, velocity, attitude, angular rate and centre of mass.
+    """Track a known body in the images of a camera, starting from a guess. The edges of each image,
+    and the depths if there is a depth image, are compared with the mesh at the predicted state. The
+    differences correct position, velocity, attitude, angular rate and centre of mass.
     """
 
     name = "visual_target_tracking"
@@ -22,8 +22,8 @@ class VisualTargetTrackingInterface(Dfpc):
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a new one ends
-        the track.
+        """Process an input of type Mesh. Mesh of the body, whose frame is {name}/body; a different
+        mesh ends the track.
         """
 
     @abstractmethod
@@ -35,13 +35,13 @@ class VisualTargetTrackingInterface(Dfpc):
     @abstractmethod
     def on_depth(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type DistanceImage. Depths along the optical axis, 0 without a
-        measurement; of the time of an image, or alone.
+        measurement; at the time of an image, or without an image.
         """
 
     @abstractmethod
     def on_guess(self, sample: Sample) -> Iterable[Output]:
-        """Process an input of type TransformWithCovariance. T_camera_body at the first image after it;
-        starts a new track.
+        """Process an input of type TransformWithCovariance. T_camera_body at the first image after the
+        guess; starts a new track.
         """
 
     @abstractmethod
