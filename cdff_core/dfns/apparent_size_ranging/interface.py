@@ -21,13 +21,14 @@ class ApparentSizeRangingInputs(DfnInputs):
     Attributes
     ----------
     image : ndarray of float32, shape (r,c)
-        Light of the body without the background; the optical axis of the window passes through its centre.
+        Image window with the light of the body, background removed; the optical axis passes through the
+        centre of the window.
     noise : float
         Standard deviation of the noise of a pixel.
     focal : float
         Focal length of the window, pixels.
     point_spread : float
-        Standard deviation of the image of a point, pixels.
+        Standard deviation of the point spread function, pixels.
     sizes : ndarray of float64, shape (2)
         Smallest and largest apparent size of the body from all directions, metres.
     vertices : ndarray of float64, shape (v,3), optional
@@ -83,7 +84,7 @@ class ApparentSizeRangingOutputs:
     agreement : float
         Correlation of image and rendered model; NaN without a comparison.
     extent : float
-        Largest extent of the light, pixels.
+        Largest extent of the body in the image, pixels.
     """
 
     range: float
@@ -96,8 +97,8 @@ class ApparentSizeRangingOutputs:
 
 class ApparentSizeRangingInterface(Dfn[ConfigT, ApparentSizeRangingInputs, ApparentSizeRangingOutputs]):
     """Measure the range of a resolved body from its apparent size: by comparison with its rendered
-    model where attitude and Sun are known, else as an interval from its smallest and largest
-    apparent size.
+    model if attitude and Sun direction are known, otherwise as an interval from its smallest and
+    largest apparent size.
     """
 
 

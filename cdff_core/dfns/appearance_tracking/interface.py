@@ -23,15 +23,15 @@ class AppearanceTrackingInputs(DfnInputs):
     image : ndarray of uint8, shape (r,c)
         Grey image.
     template : ndarray of float32, shape (h,w)
-        Grey levels of the object and its edge.
+        Grey levels of the object and of the pixels along its edge.
     weights : ndarray of float32, shape (h,w)
         Weights of the pixels of the template, 0 outside the object.
     place : ndarray of float64, shape (2)
         Expected column and row of the middle of the template.
     reach : ndarray of float64, shape (2)
-        Largest distance from it along columns and rows, pixels.
+        Largest distance from the expected position along columns and rows, pixels.
     scales : ndarray of float64, shape (s)
-        Sizes of the object relative to the template, the expected one first.
+        Sizes of the object relative to the template, the expected size first.
     noise : float
         Standard deviation of the noise of a pixel, grey levels.
     """
@@ -67,13 +67,13 @@ class AppearanceTrackingOutputs:
     place : ndarray of float64, shape (2)
         Column and row of the middle of the template; NaN outside the image.
     covariance : ndarray of float64, shape (2,2)
-        Covariance of the place, square pixels.
+        Covariance of the position, square pixels.
     scale : float
         Size relative to the template.
     score : float
         Normalised correlation, -1 to 1; -1 outside the image.
     second : float
-        Largest correlation at another place of the window.
+        Largest correlation at any other position of the search window.
     """
 
     place: NDArray[np.float64]
@@ -84,8 +84,8 @@ class AppearanceTrackingOutputs:
 
 
 class AppearanceTrackingInterface(Dfn[ConfigT, AppearanceTrackingInputs, AppearanceTrackingOutputs]):
-    """Find the place and scale at which an image shows the known appearance of an object, near its
-    expected place, with covariance.
+    """Find the image position (with covariance) and the scale at which an image shows the known
+    appearance of an object, near its expected position.
     """
 
 

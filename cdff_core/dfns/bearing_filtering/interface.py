@@ -31,7 +31,7 @@ class BearingFilteringInputs(DfnInputs):
     measured : ndarray of float64, shape (n,3), optional
         Measured unit vectors; NaN for an object without a measurement.
     measured_covariances : ndarray of float64, shape (n,3,3), optional
-        Covariances of the measured vectors, across them.
+        Covariances of the measured vectors, perpendicular to them.
     """
 
     ARRAYS = ArrayPorts(
@@ -67,7 +67,7 @@ class BearingFilteringOutputs:
     covariances : ndarray of float64, shape (n,6,6)
         Covariances.
     nis : ndarray of float64, shape (n)
-        Squared innovation in standard deviations, two degrees of freedom; NaN without a measurement.
+        Normalised innovation squared, two degrees of freedom; NaN without a measurement.
     """
 
     directions: NDArray[np.float64]

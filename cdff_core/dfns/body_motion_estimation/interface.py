@@ -27,7 +27,8 @@ class BodyMotionEstimationInputs(DfnInputs):
     covariances : ndarray of float64, shape (n,6,6)
         Covariances of the poses, [x y z rx ry rz], perturbation in the reference frame.
     is_noise_known : bool
-        False: only the ratios of the covariances are used; their scale follows from the residuals.
+        True if the covariances are known; False if only their ratios are known, so that their scale is
+        estimated from the residuals.
     queries_s : ndarray of float64, shape (m)
         Times at which the motion is returned, at or after the last pose, s.
     is_fitted : bool
@@ -75,7 +76,7 @@ class BodyMotionEstimationOutputs:
     rate_sigma_rad_s : float
         Standard deviation of the rate, rad/s.
     moment_ratios : ndarray of float64, shape (2), optional
-        Smallest and middle moment of inertia by the largest; absent if unobservable.
+        Smallest and middle moment of inertia, divided by the largest; absent if unobservable.
     moment_ratios_covariance : ndarray of float64, shape (2,2), optional
         Covariance of these ratios.
     principal_axes : ndarray of float64, shape (3,3), optional
@@ -91,7 +92,7 @@ class BodyMotionEstimationOutputs:
     outliers : int
         Number of poses that contradict the motion.
     noise_factor : float
-        Variance of the orientations in units of the stated one; at least 1 for known noise.
+        Ratio of the estimated to the stated variance of the orientations; at least 1 for known noise.
     increment_rad : float
         Median rotation between consecutive poses, rad; above 2.6 the sense of rotation is ambiguous.
     """
@@ -117,8 +118,9 @@ class BodyMotionEstimationOutputs:
 
 
 class BodyMotionEstimationInterface(Dfn[ConfigT, BodyMotionEstimationInputs, BodyMotionEstimationOutputs]):
-    """Estimate the motion of a rigid body without forces from its poses: rotation, centre of mass and
-    its path, ratios of the moments of inertia if the motion determines them; and predict its poses.
+    """Estimate the motion of a force-free rigid body from its poses (rotation, position and motion of
+    the centre of mass, and ratios of the moments of inertia if the motion determines them), and
+    predict its poses.
     """
 
 

@@ -42,10 +42,10 @@ class BundleOptimizationOutputs:
     problem : BundleProblem
         The problem with the estimated poses, points and lenses.
     pose_covariances : ndarray of float64, shape (n,6,6)
-        Formal, [x y z rx ry rz], error in the frame of the problem, relative to the gauge; 0 for fixed
-        components, NaN if undefined.
+        Formal covariances, [x y z rx ry rz], error in the frame of the problem, relative to the gauge; 0
+        for fixed components, NaN if undefined.
     point_covariances : ndarray of float64, shape (p,3,3)
-        Formal, square metres, relative to the gauge; 0 for fixed points, NaN if undefined.
+        Formal covariances, square metres, relative to the gauge; 0 for fixed points, NaN if undefined.
     residuals : ndarray of float64, shape (m,3)
         Predicted minus observed column, row and right column, pixels; the last is 0 for a single image.
     weights : ndarray of float64, shape (m)
@@ -55,8 +55,8 @@ class BundleOptimizationOutputs:
         camera, and the distance of the second camera from the first, keep their initial values; empty if
         fixed cameras, fixed points and the prior constrain all motions.
     remaining : BundleProblem, optional
-        The problem without the dropped cameras and the points they observed, with a prior that replaces
-        their observations; absent if no cameras are to be dropped.
+        The problem without the dropped cameras and the points that they observed; a prior replaces the
+        removed observations; absent if no cameras are to be dropped.
     """
 
     problem: BundleProblem

@@ -60,12 +60,12 @@ class CamerasTransformEstimationOutputs:
     transform : ndarray of float64, shape (4,4)
         T_source_sink: pose of the second camera in the frame of the first, with a translation of length 1.
     covariance : ndarray of float64, shape (6,6)
-        Formal, noise and errors of the cameras, [x y z rx ry rz], perturbation in the first camera's frame;
-        0 along the translation, whose length is not observable.
+        Formal covariance due to image noise and camera errors, [x y z rx ry rz], perturbation in the first
+        camera's frame; 0 along the translation, whose length is not observable.
     inliers : ndarray of bool, shape (n)
         True for pairs that agree with the pose and whose rays intersect in front of both cameras.
     parallax_deg : float
-        Median angle at the points between the rays to both cameras, degrees.
+        Median parallax: angle at a point between the rays to both cameras, degrees.
     """
 
     transform: NDArray[np.float64]

@@ -22,10 +22,10 @@ class DemFusionInputs(DfnInputs):
     Attributes
     ----------
     patch : ElevationMap, optional
-        Statistics of measurements that no earlier patch contains; without it nothing is added.
+        Statistics of measurements that no earlier patch contains; without a patch nothing is added.
     centre : ndarray of float64, shape (2), optional
-        X and y of the window's centre, metres; default: the middle of the patch; without a patch the
-        previous centre, and a RollingWindow does not move.
+        X and y of the window's centre, metres; default: the middle of the patch; without a patch, the
+        previous centre is used and a RollingWindow does not move.
     rays : ndarray of float64, shape (n,6), optional
         Rays from the sensor to the points of the patch: x y z of both ends, metres; a cell is cleared if
         two rays pass below its height.
@@ -52,9 +52,9 @@ class DemFusionOutputs:
     Attributes
     ----------
     map : ElevationMap
-        Map of the bounds, or of the window around the centre, in cells of the configured size or of that of
-        the patches; TiledMap returns cells 2^n times as large if the bounds contain more than max_cells
-        cells.
+        Map of the bounds, or of the window around the centre, with the configured cell size or the cell
+        size of the patches; if the bounds contain more than max_cells cells, TiledMap returns cells that
+        are 2^n times as large.
     cleared : int
         Number of cleared cells.
     forgotten : int

@@ -28,7 +28,8 @@ class DemRasterisationInputs(DfnInputs):
     points : ndarray of float64, shape (n,3)
         Points in the frame of the map, z up, metres; rows that are not finite are ignored.
     height_variance : ndarray of float64, shape (n), optional
-        Variance of each height that the variance within a cell does not contain, square metres.
+        Variance of each height due to the pose, which the variance within a cell does not contain, square
+        metres.
     stamps_ns : ndarray of int64, shape (n), optional
         Measurement time of each point, nanoseconds; default: 0.
     noise_variance : ndarray of float64, shape (n), optional

@@ -45,10 +45,10 @@ class DisparityToPointCloudOutputs:
     points : ndarray of float64, shape (n,3)
         Metres in the left camera's frame: x right, y down, z forward.
     depth_sigma_m : ndarray of float64, shape (n)
-        Standard deviation of each z by the noise of its disparity, metres.
+        Standard deviation of each z due to the noise of its disparity, metres.
     scale_sigma : float
-        Standard deviation of the relative error that all z of the camera have in common, by the errors of
-        focal length and baseline.
+        Standard deviation of the relative error that all z have in common, due to the errors of focal
+        length and baseline.
     intensity : ndarray of int32, shape (n)
         Grey value of each point; all 0 without the left image.
     """

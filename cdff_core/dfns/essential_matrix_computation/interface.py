@@ -66,10 +66,10 @@ class EssentialMatrixComputationOutputs:
     sigma_px : float
         Standard deviation of an inlier's residual in one direction, pixels.
     ambiguity : float
-        Squared error divided by that of the next best, different pose with the points in front; 0 without
-        one, 1 if both are equally good.
+        Sum of squared residuals, divided by that of the next best, different pose with the points in front
+        of both cameras; 0 if there is no other pose, 1 if both are equally good.
     log_false_alarms : float
-        Log10 of the expected number of models that random pairs support as well as this one.
+        Log10 of the expected number of models with at least this support among random pairs.
     """
 
     essential_matrix: NDArray[np.float64]

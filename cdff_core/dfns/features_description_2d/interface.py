@@ -25,10 +25,10 @@ class FeaturesDescription2DInputs(DfnInputs):
     features : ndarray of float64, shape (n,2)
         Column and row of each point, pixels.
     sizes : ndarray of float64, shape (n), optional
-        Diameter of each point, pixels; NaN or absent: that of a corner.
+        Diameter of each point, pixels; if NaN or absent, the diameter of a corner is used.
     angles : ndarray of float64, shape (n), optional
-        Direction of each point, degrees clockwise from x; NaN or absent: computed from the surrounding grey
-        values.
+        Direction of each point, degrees clockwise from x; if NaN or absent, it is computed from the
+        surrounding grey values.
     """
 
     ARRAYS = ArrayPorts(

@@ -23,8 +23,8 @@ class FeaturesExtraction2DInputs(DfnInputs):
     image : ndarray of uint8, shape (r,c)
         Grey image.
     mask : ndarray of bool, shape (r,c), optional
-        True for pixels at which points may be detected; False for example for pixels that show the robot;
-        default: all.
+        True for pixels at which points may be detected, False for example for pixels that show the robot;
+        default: True for all pixels.
     """
 
     ARRAYS = ArrayPorts({"image": "uint8[r,c]", "mask": "bool[r,c]"}, optional=["mask"])
@@ -42,8 +42,8 @@ class FeaturesExtraction2DOutputs:
     features : ndarray of float64, shape (n,2)
         Column and row of each point, pixels; GridGftt and GridFast order them by cell, the best first.
     scores : ndarray of float64, shape (n)
-        Higher is better: GridGftt smaller eigenvalue of the mean gradient matrix (DN/px)^2, GridFast and
-        AdaptiveFast corner score DN, Sift contrast, Orb Harris response.
+        Strength of each point, higher is better. GridGftt: smaller eigenvalue of the mean gradient matrix,
+        (DN/px)^2; GridFast and AdaptiveFast: corner score, DN; Sift: contrast; Orb: Harris response.
     sizes : ndarray of float64, shape (n), optional
         Diameter of each point, pixels; absent for corner detectors with a fixed size.
     angles : ndarray of float64, shape (n), optional

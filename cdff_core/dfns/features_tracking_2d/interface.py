@@ -27,7 +27,7 @@ class FeaturesTracking2DInputs(DfnInputs):
     features : ndarray of float64, shape (n,2)
         Points of the reference, column and row, pixels.
     guess : ndarray of float64, shape (n,2), optional
-        Initial positions in the image, pixels; default: those of the reference.
+        Initial positions in the image, pixels; default: the positions in the reference.
     warps : ndarray of float64, shape (n,3,3), optional
         Expected homographies from offsets around each point to offsets in the image; default: the identity.
     """
@@ -71,7 +71,7 @@ class FeaturesTracking2DOutputs:
 
 class FeaturesTracking2DInterface(Dfn[ConfigT, FeaturesTracking2DInputs, FeaturesTracking2DOutputs]):
     """Track points of one image in another image of the same camera with sub-pixel accuracy, and
-    verify them by tracking them back.
+    verify the result by tracking the points back.
     """
 
 

@@ -33,8 +33,8 @@ class FrameInterpolationInputs(DfnInputs):
     second_covariance : ndarray of float64, shape (6,6), optional
         Covariance of second, [x y z rx ry rz], error in frame a.
     cross_covariance : ndarray of float64, shape (6,6), optional
-        Cross-covariance of the errors of second (rows) and first; without it an upper bound for any
-        correlation is used.
+        Cross-covariance of the errors of second (rows) and first (columns); without it, a covariance that
+        is an upper bound for any correlation is returned.
     """
 
     ARRAYS = ArrayPorts(

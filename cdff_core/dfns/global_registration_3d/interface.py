@@ -21,11 +21,11 @@ class GlobalRegistration3DInputs(DfnInputs):
     Attributes
     ----------
     source : ndarray of float64, shape (n,3)
-        Points to transform, row i paired with row i of the target, metres.
+        Points to transform, metres; row i is paired with row i of the target.
     target : ndarray of float64, shape (n,3)
         Target points, metres.
     noise_m : float, optional
-        Largest distance of the two points of an inlier pair, metres; default: the configured value.
+        Largest distance between the two points of an inlier pair, metres; default: the configured value.
     """
 
     ARRAYS = ArrayPorts(

@@ -21,7 +21,7 @@ class GravityLevellingInputs(DfnInputs):
     Attributes
     ----------
     specific_force : ndarray of float64, shape (n,3)
-        Accelerometer readings in the body's axes, m/s^2; upwards at rest.
+        Accelerometer readings in the body's axes, m/s^2; at rest the specific force points upwards.
     rates_rad_s : ndarray of float64, shape (n,3)
         Gyroscope readings at the same times in the body's axes, rad/s.
     """
@@ -45,7 +45,7 @@ class GravityLevellingOutputs:
     covariance : ndarray of float64, shape (3,3)
         Covariance of the rotation, rad^2, in the level frame; heading 0 by definition.
     gyro_bias_rad_s : ndarray of float64, shape (3)
-        Mean rate at rest, else zero, rad/s.
+        Mean rate if the body is at rest, otherwise zero, rad/s.
     at_rest : bool
         True if the body is at rest.
     """

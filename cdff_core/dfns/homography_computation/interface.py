@@ -25,7 +25,7 @@ class HomographyComputationInputs(DfnInputs):
     sink : ndarray of float64, shape (n,2)
         Matching points of the second image, pixels, without distortion; some pairs are outliers.
     guess : ndarray of float64, shape (3,3), optional
-        H near the solution, from which the least squares start; without it, random samples are drawn.
+        H near the solution, the start of the least squares; without it, random samples are drawn.
     """
 
     ARRAYS = ArrayPorts(
@@ -57,7 +57,7 @@ class HomographyComputationOutputs:
     sigma_px : float
         Standard deviation of an inlier's residual in one direction, pixels.
     log_false_alarms : float
-        Log10 of the expected number of models that random pairs support as well as this one.
+        Log10 of the expected number of models with at least this support among random pairs.
     """
 
     homography: NDArray[np.float64]

@@ -41,12 +41,12 @@ class ImageAssessmentOutputs:
     contrast : float
         Difference between the 98th and 2nd percentile of the grey levels, DN.
     sharpness : float
-        Ratio of the standard deviation of the finest octave to that of the third: 0.5 to 2 for a sharp
-        image, close to 0 for a blurred one.
+        Ratio of the standard deviation of the finest octave to that of the third octave: 0.5 to 2 for a
+        sharp image, close to 0 for a blurred image.
     saturation : float
         Fraction of the pixels at 255.
     change : float
-        Mean absolute difference from the previous image, DN; NaN without one.
+        Mean absolute difference from the previous image, DN; NaN without a previous image.
     """
 
     contrast: float

@@ -32,7 +32,8 @@ class KalmanPredictionInputs(DfnInputs):
     interval_ns : ndarray of int64, shape (2)
         Start and end, nanoseconds.
     stamps_ns : ndarray of int64, shape (k), optional
-        Ascending times of the readings, including the last one before and the first one after the interval.
+        Ascending times of the readings, including the last reading before and the first reading after the
+        interval.
     specific_force : ndarray of float64, shape (k,3), optional
         Specific force in the body's axes at the sensor, m/s^2.
     rates_rad_s : ndarray of float64, shape (k,3), optional
@@ -42,10 +43,11 @@ class KalmanPredictionInputs(DfnInputs):
     lever_m : ndarray of float64, shape (3), optional
         Position of the sensor in the body, metres.
     rate_noise : float, optional
-        Measured noise density of the angular rates, rad/s/sqrt(Hz); the configured one is the lower bound.
+        Measured noise density of the angular rates, rad/s/sqrt(Hz); the configured noise density is the
+        lower bound.
     force_noise : float, optional
-        Measured noise density of the specific forces, m/s^2/sqrt(Hz); the configured one is the lower
-        bound.
+        Measured noise density of the specific forces, m/s^2/sqrt(Hz); the configured noise density is the
+        lower bound.
     """
 
     ARRAYS = ArrayPorts(
@@ -90,7 +92,7 @@ class KalmanPredictionOutputs:
     covariance : ndarray of float64, shape (n,n)
         Covariance at the end.
     transition : ndarray of float64, shape (15,15)
-        Derivative of the errors at the end with respect to those at the start.
+        Derivative of the errors at the end with respect to the errors at the start.
     inertial : bool
         True if readings covered the interval.
     """

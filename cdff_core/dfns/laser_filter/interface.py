@@ -20,7 +20,7 @@ class LaserFilterInputs:
     scan_samples : LaserScan
         Samples of a laser scan.
     laser_2_body_tf : RigidBodyState
-        Laser frame to body frame.
+        Pose of the laser in the body frame, T_body_laser.
     """
 
     scan_samples: LaserScan
@@ -34,7 +34,7 @@ class LaserFilterOutputs:
     Attributes
     ----------
     filtered_scans : LaserScan
-        Filtered laser scans.
+        The scan without the removed ranges.
     """
 
     filtered_scans: LaserScan

@@ -48,7 +48,7 @@ class LoopDetectionOutputs:
     similarity : ndarray of float64, shape (c)
         Correlation of the heights of each candidate, -1 to 1.
     transforms : ndarray of float64, shape (c,4,4)
-        T_candidate_place, a guess: the rotation is accurate to some degrees, the translation is assumed to
+        Guess of T_candidate_place: the rotation is accurate to some degrees, the translation is assumed to
         be 0.
     """
 
@@ -60,9 +60,9 @@ class LoopDetectionOutputs:
 
 
 class LoopDetectionInterface(Dfn[ConfigT, LoopDetectionInputs, LoopDetectionOutputs]):
-    """Describe a place by the terrain around it, and find similar places among earlier descriptors
-    with an initial guess of the relative pose. The results are candidates that must be verified by
-    registration.
+    """Describe a place by the terrain around it, and find similar places among earlier descriptors,
+    each with an initial guess of the relative pose. The results are candidates that must be
+    verified by registration.
     """
 
 

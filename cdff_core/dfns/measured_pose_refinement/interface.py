@@ -27,18 +27,18 @@ class MeasuredPoseRefinementInputs(DfnInputs):
     normals : ndarray of float64, shape (n,2)
         Unit directions of the offsets in the image.
     offsets : ndarray of float64, shape (n,h)
-        Measured offsets of each point, px; NaN where there are fewer hypotheses.
+        Measured offsets of each point, one per hypothesis, px; NaN for missing hypotheses.
     camera_matrix : ndarray of float64, shape (3,3)
         Camera matrix, px.
     pose : ndarray of float64, shape (4,4)
         T_camera_model at the start.
     limit_px : float
-        Residual from which a point has no weight in the first step, px.
+        Residual above which a point has no weight in the first step, px.
     prior_covariance : ndarray of float64, shape (k,k)
-        Covariance of the errors of the predicted state; its first six are those of the pose, [x y z rx ry
-        rz] in the camera's axes.
+        Covariance of the errors of the predicted state; the first six errors are those of the pose, [x y z
+        rx ry rz] in the camera's axes.
     prior_error : ndarray of float64, shape (k), optional
-        Error that leads from the start to the predicted state; 0 by default.
+        Error of the predicted state relative to the start; 0 by default.
     """
 
     ARRAYS = ArrayPorts(
@@ -77,7 +77,7 @@ class MeasuredPoseRefinementOutputs:
     correction : ndarray of float64, shape (k)
         Error of the state to add to the start.
     covariance : ndarray of float64, shape (k,k)
-        Covariance of the errors of the corrected state, with the prediction.
+        Covariance of the errors of the corrected state, including the information of the prediction.
     information : ndarray of float64, shape (6,6)
         Information of the points alone about the pose.
     agreement : float
@@ -96,8 +96,8 @@ class MeasuredPoseRefinementOutputs:
 class MeasuredPoseRefinementInterface(
     Dfn[ConfigT, MeasuredPoseRefinementInputs, MeasuredPoseRefinementOutputs]
 ):
-    """Correct a predicted state of a body with points of its edges that are measured along their
-    normals in an image; a point may have several hypotheses.
+    """Correct a predicted state of a body with the offsets between points on its edges and the image
+    edges, measured along the edge normals; a point may have several hypotheses.
     """
 
 

@@ -67,7 +67,7 @@ class ModelEdgeMeasurementOutputs:
     normals : ndarray of float64, shape (n,2)
         Unit normals of the edges in the image.
     offsets : ndarray of float64, shape (n,h)
-        Offsets of the image edges along the normal, strongest first, px; NaN where there are fewer.
+        Offsets of up to h image edges along the normal, strongest first, px; NaN for missing edges.
     """
 
     points: NDArray[np.float64]
@@ -77,8 +77,9 @@ class ModelEdgeMeasurementOutputs:
 
 
 class ModelEdgeMeasurementInterface(Dfn[ConfigT, ModelEdgeMeasurementInputs, ModelEdgeMeasurementOutputs]):
-    """Measure where the visible edges of a known body are in an image: control points on its outline
-    and creases at a pose, and for each of them the offsets of the image edges along its normal.
+    """Measure the positions of the visible edges of a known body in an image: select control points on
+    its outline and creases at a pose, and measure for each of them the offsets of the image edges
+    along the edge normal.
     """
 
 

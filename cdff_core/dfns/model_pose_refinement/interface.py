@@ -45,7 +45,8 @@ class ModelPoseRefinementInputs(DfnInputs):
     sigma_m : float
         Standard deviation of a range, metres.
     sigma_is_upper_bound : bool, optional
-        True if the standard deviation is to be estimated from the ranges at the best pose, up to sigmaM.
+        True to estimate the standard deviation from the ranges at the best pose, with sigmaM as upper
+        bound.
     """
 
     ARRAYS = ArrayPorts(
@@ -88,15 +89,15 @@ class ModelPoseRefinementOutputs:
     poses : ndarray of float64, shape (j,4,4)
         Refined distinct poses T_sensor_model, best first.
     covariances : ndarray of float64, shape (j,6,6)
-        Covariances of the poses, [x y z rx ry rz] in the sensor's frame; all but the first are those of the
-        registration.
+        Covariances of the poses, [x y z rx ry rz] in the sensor's frame; the covariances of all poses but
+        the first are those of the registration.
     costs : ndarray of float64, shape (j)
         -2 log likelihood, up to a constant.
     rays : ndarray of float64, shape (j,4)
-        Rays that agree with the model, that meet it at another range, that miss it, and directions without
-        a measurement in which the model would have been met.
+        Numbers of rays that agree with the model, that meet the model at another range, and that miss the
+        model, and number of directions without a measurement in which the model should have been measured.
     sigma_m : float
-        Standard deviation of a range that was used, with that of the model, metres.
+        Standard deviation of a range that was used, including errors of the model, metres.
     """
 
     poses: NDArray[np.float64]
@@ -107,9 +108,10 @@ class ModelPoseRefinementOutputs:
 
 
 class ModelPoseRefinementInterface(Dfn[ConfigT, ModelPoseRefinementInputs, ModelPoseRefinementOutputs]):
-    """Rank and refine poses of a known body by the likelihood of a scan: range differences on rays
-    that meet the body, rays that miss it, and free space in which it would have been measured;
-    compute the covariance of the best pose.
+    """Rank and refine poses of a known body by the likelihood of a scan, and compute the covariance of
+    the best pose. The likelihood contains the range differences of rays that meet the body, the
+    rays that miss the body, and directions without a measurement in which the body should have been
+    measured.
     """
 
 

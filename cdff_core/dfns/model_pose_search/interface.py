@@ -35,7 +35,7 @@ class ModelPoseSearchInputs(DfnInputs):
     view_directions : ndarray of float64, shape (d,3)
         Directions from the model to viewers.
     view_centroids : ndarray of float64, shape (d,3)
-        Mean of the points that each viewer sees, metres.
+        Mean of the points that are visible from each direction, metres.
     diameter_m : float
         Largest extent of the model, metres.
     sigma_m : float
@@ -85,8 +85,8 @@ class ModelPoseSearchOutputs:
 
 
 class ModelPoseSearchInterface(Dfn[ConfigT, ModelPoseSearchInputs, ModelPoseSearchOutputs]):
-    """Search for poses of a known body in a scan of it, without a guess: registration from starts that
-    show each side of the body to the sensor.
+    """Search for the pose of a known body in a scan of this body, without a guess, by registration
+    from start poses that show each side of the body to the sensor.
     """
 
 

@@ -55,9 +55,9 @@ class ModelPreparationOutputs:
     view_directions : ndarray of float64, shape (d,3)
         Directions from the model to viewers on all sides.
     view_centroids : ndarray of float64, shape (d,3)
-        Mean of the points that each viewer sees, metres.
+        Mean of the points that are visible from each direction, metres.
     symmetries : ndarray of float64, shape (s,4,4)
-        Transforms of the model that leave its surface as it is, the identity first; a continuous symmetry
+        Transforms of the model that leave its surface unchanged, the identity first; a continuous symmetry
         is sampled every 10 degrees.
     centre_m : ndarray of float64, shape (3)
         Centre of the box around the surface, metres.

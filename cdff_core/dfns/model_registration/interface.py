@@ -27,13 +27,13 @@ class ModelRegistrationInputs(DfnInputs):
     pose : ndarray of float64, shape (4,4)
         T_sensor_model at the start.
     prior_covariance : ndarray of float64, shape (k,k), optional
-        Covariance of the errors of a predicted state; without it, nothing is known beyond the capture
-        range.
+        Covariance of the errors of a predicted state; without it, the pose is assumed to be unknown within
+        the capture range.
     prior_error : ndarray of float64, shape (k), optional
-        Error that leads from the start to the predicted state; 0 by default.
+        Error of the predicted state relative to the start; 0 by default.
     state_jacobian : ndarray of float64, shape (12,k), optional
-        Derivative of the errors of the pose, [x y z rx ry rz] in the sensor's axes, and of their rates with
-        respect to those of the state; by default the state is the pose.
+        Derivative of the errors of the pose, [x y z rx ry rz] in the sensor's axes, and of their rates,
+        with respect to the errors of the state; by default the state is the pose.
     capture_m : float, optional
         Distance of the scan from the surface at the start, metres; a quarter of the diameter by default.
     drawn_vertices : ndarray of float64, shape (v,3)
@@ -109,17 +109,18 @@ class ModelRegistrationOutputs:
     correction : ndarray of float64, shape (k)
         Error of the state to add to the start.
     covariance : ndarray of float64, shape (k,k)
-        Covariance of the errors of the corrected state, with the prediction.
+        Covariance of the errors of the corrected state, including the information of the prediction.
     information : ndarray of float64, shape (6,6)
         Information of the points alone about the pose, [x y z rx ry rz] in the sensor's axes.
     weak_directions : ndarray of float64, shape (j,6)
         Directions that the points do not constrain: displacements in the sensor's axes and rotations about
         the centre, of unit length at half the diameter.
     agreement : float
-        Fraction of the points whose range agrees with the model; without outline, of those that meet it and
-        nothing in front of it.
+        Fraction of the points whose range agrees with the model; without outline, only points that meet the
+        model and are not in front of it are counted.
     in_front : float
-        Fraction of the points that meet the model whose range is shorter: something hides it.
+        Fraction of the points in the direction of the model whose range is shorter, because another object
+        hides the model.
     sigma_m : float
         Robust standard deviation of the range differences, metres.
     """
@@ -135,9 +136,9 @@ class ModelRegistrationOutputs:
 
 
 class ModelRegistrationInterface(Dfn[ConfigT, ModelRegistrationInputs, ModelRegistrationOutputs]):
-    """Register points with a known body, starting at a prediction, whose covariance constrains the
-    directions that the points do not; optionally with the rate of the pose, on which points
-    measured at other times depend.
+    """Register points with a known body, starting at a predicted pose. The covariance of the
+    prediction constrains the directions that the points do not constrain. If the points have times,
+    the rate of the pose can be estimated too.
     """
 
 

@@ -23,16 +23,16 @@ class MovingRegionDetectionInputs(DfnInputs):
     image : ndarray of uint8, shape (r,c)
         Grey image.
     places : ndarray of float32, shape (r,c,2), optional
-        Column and row of each pixel in the previous image; without it the background starts with this
+        Column and row of each pixel in the previous image; if absent, the background starts with this
         image.
     sigma : ndarray of float32, shape (r,c), optional
-        Standard deviation of the places, pixels; default: 0.05.
+        Standard deviation of these positions, pixels; default: 0.05.
     is_at_rest : bool
         True if no pixel has moved since the previous image.
     excluded : ndarray of bool, shape (r,c), optional
-        Pixels that the background does not learn: those of known objects.
+        Pixels of known objects, with which the background is not updated.
     replaced : ndarray of bool, shape (r,c), optional
-        Pixels of sources at rest, which the background adopts at once.
+        Pixels of objects at rest, at which the background is replaced by the image at once.
     """
 
     ARRAYS = ArrayPorts(
@@ -61,7 +61,7 @@ class MovingRegionDetectionOutputs:
     Attributes
     ----------
     boxes : ndarray of float64, shape (n,4)
-        First and last column, first and last row of each region, sub-pixel edges.
+        First and last column, first and last row of each region, with sub-pixel accuracy.
     centroids : ndarray of float64, shape (n,2)
         Column and row of the centre of the area of each region.
     covariances : ndarray of float64, shape (n,2,2)
@@ -71,8 +71,8 @@ class MovingRegionDetectionOutputs:
     significances : ndarray of float64, shape (n)
         Largest difference from the background in standard deviations.
     sharpness : ndarray of float64, shape (n)
-        Largest gradient of the difference over its largest value, 1/pixel: small for dust and shadows of
-        clouds.
+        Largest gradient of the difference, divided by the largest difference, 1/pixel; small for dust and
+        shadows of clouds.
     labels : ndarray of int32, shape (r,c)
         Number of the region of each pixel, from 1; 0 outside.
     noise : float
@@ -91,7 +91,7 @@ class MovingRegionDetectionOutputs:
 
 class MovingRegionDetectionInterface(Dfn[ConfigT, MovingRegionDetectionInputs, MovingRegionDetectionOutputs]):
     """Detect the regions of an image that differ from the background of the previous images, which is
-    moved with the registration of the scene.
+    warped by the registration of the scene.
     """
 
 

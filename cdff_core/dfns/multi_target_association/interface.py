@@ -21,21 +21,22 @@ class MultiTargetAssociationInputs(DfnInputs):
     Attributes
     ----------
     stamp : int
-        Time of the image, nanoseconds; later than that of the previous call.
+        Time of the image, nanoseconds; must be later than the time of the previous call.
     directions : ndarray of float64, shape (n,3)
         Unit vectors of the sources in a frame that does not rotate.
     covariances : ndarray of float64, shape (n,3,3)
-        Covariances of the vectors, across them.
+        Covariances of the vectors, perpendicular to them.
     snr : ndarray of float64, shape (n)
         Ratio of signal to noise of each source.
     pixels : ndarray of float64, shape (n,2)
         Column and row of each source.
     can_start : ndarray of bool, shape (n)
-        True for a source that can belong to a new object; others only continue one.
+        True for a source that can start a new object; other sources can only continue an object.
     defect_evidence : ndarray of float64, shape (n)
-        Difference of the squared residuals of a point and of a single bright pixel, positive for a defect.
+        Squared residuals of the fit of a point source minus those of the fit of a single bright pixel;
+        positive for a defect.
     stars : ndarray of float64, shape (k,3)
-        Unit vectors of the identified stars of the image, which are no sources.
+        Unit vectors of the identified stars of the image, which are not contained in directions.
     blend_angle : float
         Angle below which two sources cannot be separated, radians.
     solid_angle : float

@@ -36,8 +36,8 @@ class NViewTriangulationOutputs:
     points : ndarray of float64, shape (n,3)
         Positions in the frame of the poses, metres; NaN if undefined.
     covariances : ndarray of float64, shape (n,3,3)
-        Formal covariance, square metres: sigma_px^2 (J'J)^-1, multiplied by unitVariance if that is above
-        1.
+        Formal covariance, square metres: sigma_px^2 (J'J)^-1, multiplied by unitVariance if unitVariance is
+        above 1.
     valid : ndarray of bool, shape (n)
         True for points with status 0.
     status : ndarray of uint8, shape (n)
@@ -61,8 +61,8 @@ class NViewTriangulationOutputs:
 
 
 class NViewTriangulationInterface(Dfn[ConfigT, NViewTriangulationInputs, NViewTriangulationOutputs]):
-    """Triangulate points from their observations in two or more images with known poses, with their
-    covariance.
+    """Triangulate points, with covariance, from their observations in two or more images with known
+    poses.
     """
 
 

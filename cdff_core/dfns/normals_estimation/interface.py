@@ -46,8 +46,8 @@ class NormalsEstimationOutputs:
 
 
 class NormalsEstimationInterface(Dfn[ConfigT, NormalsEstimationInputs, NormalsEstimationOutputs]):
-    """Fit a plane to the neighbourhood of each point; return its normal and the standard deviation of
-    the neighbours from it.
+    """Fit a plane to the neighbourhood of each point; return the normal of the plane and the standard
+    deviation of the neighbours from it.
     """
 
 

@@ -63,8 +63,8 @@ class OdometryIncrementOutputs:
     distance_m : float
         Length of the increment's translation, metres.
     pose_covariance : ndarray of float64, shape (6,6)
-        Covariance of the noise of the second pose, [x y z rx ry rz] in the body's second frame; the next
-        increment starts with this noise, and later poses do not contain it.
+        Covariance of the noise of the second pose, [x y z rx ry rz] in the body's second frame; this noise
+        also affects the next increment, but not the poses after it.
     """
 
     increment: NDArray[np.float64]

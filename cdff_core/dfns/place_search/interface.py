@@ -52,8 +52,8 @@ class PlaceSearchOutputs:
 
 
 class PlaceSearchInterface(Dfn[ConfigT, PlaceSearchInputs, PlaceSearchOutputs]):
-    """Find poses on a terrain map at which a scan could have been recorded, by the shape of the
-    terrain. The results are candidates for a registration, best first.
+    """Find the poses on a terrain map at which a scan could have been recorded, by comparing the shape
+    of the terrain. The results are candidates for a registration, best first.
     """
 
 

@@ -59,7 +59,7 @@ class PointCloudDeskewingOutputs:
     points : ndarray of float64, shape (n,3)
         Points in the fixed frame, metres.
     height_variance : ndarray of float64, shape (n)
-        Variance of each z due to the covariance of the poses, square metres; NaN if that covariance is
+        Variance of each z due to the covariance of the poses, square metres; NaN if the covariance is
         unknown.
     """
 

@@ -27,7 +27,7 @@ class PointSourceCentroidingInputs(DfnInputs):
     points : ndarray of float64, shape (n,2)
         Approximate column and row of each source, pixels.
     point_spread : ndarray of float64, shape (2,2)
-        Covariance of the light of a point source, square pixels.
+        Covariance of the point spread function, square pixels.
     """
 
     ARRAYS = ArrayPorts(
@@ -61,12 +61,12 @@ class PointSourceCentroidingOutputs:
     snr : ndarray of float64, shape (n)
         Ratio of the light to its standard deviation in the noise of the background.
     misfit : ndarray of float64, shape (n)
-        Mean squared residual of the fit in standard deviations.
+        Mean squared residual of the fit, normalised by the noise.
     is_single_pixel : ndarray of bool, shape (n)
         True for a source whose light is in one pixel: a hot pixel or cosmic ray.
     defect_evidence : ndarray of float64, shape (n)
-        Difference of the squared residuals of the point and of a single bright pixel, in standard
-        deviations: positive for a defect.
+        Normalised squared residuals of the fit of a point source minus those of the fit of a single bright
+        pixel; positive for a defect.
     spreads : ndarray of float64, shape (n,3)
         Fitted covariance uu, uv, vv of the light, square pixels; NaN for faint sources.
     """
@@ -84,8 +84,8 @@ class PointSourceCentroidingOutputs:
 class PointSourceCentroidingInterface(
     Dfn[ConfigT, PointSourceCentroidingInputs, PointSourceCentroidingOutputs]
 ):
-    """Estimate position and brightness of point sources with covariance, and recognise hot pixels and
-    cosmic rays by their light in a single pixel.
+    """Estimate the position (with covariance) and the brightness of point sources, and recognise hot
+    pixels and cosmic rays by their light in a single pixel.
     """
 
 

@@ -27,7 +27,7 @@ class PointSourceDetectionInputs(DfnInputs):
     mask : ndarray of uint8, shape (r,c)
         0 usable, 1 saturated, 2 trail.
     point_spread : ndarray of float64, shape (2,2)
-        Covariance of the light of a point source, square pixels.
+        Covariance of the point spread function, square pixels.
     """
 
     ARRAYS = ArrayPorts(

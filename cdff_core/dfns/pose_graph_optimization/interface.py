@@ -25,7 +25,7 @@ class PoseGraphOptimizationInputs(DfnInputs):
         Poses and relative measurements; in a component without fixed vertices and priors, the vertex with
         the smallest id is fixed.
     wanted : ndarray of int64, shape (k), optional
-        Ids of the vertices whose covariance is computed.
+        Ids of the vertices for which covariances are computed.
     """
 
     ARRAYS = ArrayPorts({"wanted": "int64[k]"}, optional=["wanted"])

@@ -22,8 +22,8 @@ class RasterMatchingInputs(DfnInputs):
     Attributes
     ----------
     reference : ElevationMap
-        Map that is searched, layer mean; heights are compared in its cells, or in those of the template if
-        these are larger.
+        Map that is searched, layer mean; heights are compared at its cell size, or at that of the template
+        if the cells of the template are larger.
     template : ElevationMap
         Map to locate, layer mean.
     guess : ndarray of float64, shape (4,4), optional
@@ -48,7 +48,8 @@ class RasterMatchingOutputs:
     Attributes
     ----------
     transforms : ndarray of float64, shape (k,4,4)
-        T_reference_template of the candidates, best first: a translation, a rotation about z, a height.
+        T_reference_template of the candidates, best first: horizontal translation, rotation about z, and
+        height.
     covariances : ndarray of float64, shape (k,4,4)
         Covariance of x, y, z and yaw at the template's middle, errors in the reference's frame, square
         metres and radians.
@@ -72,8 +73,8 @@ class RasterMatchingOutputs:
 
 
 class RasterMatchingInterface(Dfn[ConfigT, RasterMatchingInputs, RasterMatchingOutputs]):
-    """Locate an elevation map on a coarser one by the shape of the relief: candidates with covariance
-    and likelihood.
+    """Locate an elevation map on a coarser elevation map by the shape of the relief, and return
+    candidates with covariance and likelihood.
     """
 
 

@@ -53,9 +53,9 @@ class RectificationRefinementOutputs:
     Attributes
     ----------
     corrections : ndarray of float64, shape (n)
-        Corrections to add to the disparities, pixels, as far as they are observable in rows.
+        Corrections to add to the disparities, pixels, as far as row offsets determine them.
     basis : ndarray of float64, shape (n,2)
-        Derivatives of the disparities with respect to the two parameters that are not observable in rows,
+        Derivatives of the disparities with respect to the two parameters that row offsets do not determine,
         an offset (px) and the decentring (px).
     row_residuals : ndarray of float64, shape (n)
         Row offsets minus their estimate, pixels; NaN without row offsets.

@@ -31,7 +31,7 @@ class RegistrationAssessmentInputs(DfnInputs):
     transform : ndarray of float64, shape (4,4)
         T_target_source to assess.
     coarser_transform : ndarray of float64, shape (4,4), optional
-        T_target_source by the same registration with about a third of the points; its difference from
+        T_target_source from the same registration with about a third of the points; the difference from
         transform is added to the covariance as resolution error.
     """
 
@@ -73,7 +73,7 @@ class RegistrationAssessmentOutputs:
     rms_m : float
         Weighted root mean square distance to the target's surface, metres.
     gate_m : float
-        Distance below which points overlap, metres.
+        Distance below which two points count as overlapping, metres.
     centre_m : ndarray of float64, shape (3)
         Centre of the overlap in the target's frame, metres; rotations in directions are about this point.
     radius_m : float

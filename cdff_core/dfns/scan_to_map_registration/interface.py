@@ -37,14 +37,14 @@ class ScanToMapRegistrationInputs(DfnInputs):
     sweep_covariance : ndarray of float64, shape (6,6), optional
         Covariance of the motion during the sweep, [x y z rx ry rz].
     previous_pose : ndarray of float64, shape (4,4), optional
-        T_map_sensor at the end of the previous sweep; if it and sweepFraction are given, the prior of the
-        motion during the sweep is sweepFraction times the motion since this pose, and sweepGuess is only
-        the initial value.
+        T_map_sensor at the end of the previous sweep. If both previousPose and sweepFraction are given, the
+        prior of the motion during the sweep is sweepFraction times the motion since this pose, and
+        sweepGuess is only the initial value.
     sweep_fraction : float, optional
         Ratio of the duration of the sweep to the time since the end of the previous sweep.
     alternative_guesses : ndarray of float64, shape (m,4,4), optional
-        Further guesses of T_map_sensor, for a sweep that does not match at the guess: those with the
-        largest support, guess included, are registered, and the result with the largest supportRatio is
+        Further guesses of T_map_sensor, for a sweep that does not match at the guess. The guesses with the
+        largest support, including guess, are registered, and the result with the largest supportRatio is
         returned.
     """
 
@@ -100,11 +100,11 @@ class ScanToMapRegistrationOutputs:
         Covariance of transform, [x y z rx ry rz], error in the frame of the map; the information of the
         guess is included.
     residual_covariance : ndarray of float64, shape (6,6)
-        Covariance of transform due to errors that all points on a plane share, estimated from their
-        residuals (clustered sandwich).
+        Covariance of transform due to errors that all points on a plane have in common, estimated from
+        their residuals (clustered sandwich).
     calibration_covariance : ndarray of float64, shape (6,6)
-        Covariance of transform due to the calibration of the lidar, not contained in covariance: the same
-        error in every sweep.
+        Covariance of transform due to calibration errors of the lidar, which are the same in every sweep;
+        not contained in covariance.
     directions : ndarray of float64, shape (6,6)
         Eigenvectors of the information as rows: translation of the sensor, then rotation about the sensor
         times radiusM, in the axes of the map.
@@ -114,7 +114,8 @@ class ScanToMapRegistrationOutputs:
     sigma_m : ndarray of float64, shape (6)
         Standard deviation along each direction from the map alone, metres.
     gains : ndarray of float64, shape (6)
-        Weight of the map along each direction, 1 if it is constrained; the rest is that of the guess.
+        Weight of the map along each direction, 1 if the direction is constrained; the weight of the guess
+        is 1 minus this value.
     radius_m : float
         Root mean square distance of the matched points, metres.
     inlier_ratio : float
@@ -150,7 +151,7 @@ class ScanToMapRegistrationOutputs:
 class ScanToMapRegistrationInterface(Dfn[ConfigT, ScanToMapRegistrationInputs, ScanToMapRegistrationOutputs]):
     """Align the sweep of a moving lidar with a local map, estimate the pose together with the motion
     during the sweep, and identify the directions that the map does not constrain. The DFN stores
-    the map: points are added, and distant parts are removed.
+    the map: points are added, and distant regions are removed.
     """
 
 

@@ -25,8 +25,8 @@ class SceneRegistrationInputs(DfnInputs):
     current : ndarray of uint8, shape (r,c)
         Grey image of the same camera.
     guess : ndarray of float64, shape (3,3), optional
-        Expected homography from pixels of the previous image to those of the current one; default: that of
-        a camera at rest.
+        Expected homography from pixels of the previous image to pixels of the current image; default: the
+        identity (camera at rest).
     """
 
     ARRAYS = ArrayPorts(
@@ -45,17 +45,17 @@ class SceneRegistrationOutputs:
     Attributes
     ----------
     homography : ndarray of float64, shape (3,3)
-        Homography from pixels of the previous image to those of the current one.
+        Homography from pixels of the previous image to pixels of the current image.
     places : ndarray of float32, shape (r,c,2)
-        Column and row in the previous image of each pixel of the current one.
+        Column and row, in the previous image, of each pixel of the current image.
     sigma : ndarray of float32, shape (r,c)
-        Standard deviation of the places along an axis, pixels.
+        Standard deviation of these positions along an axis, pixels.
     is_at_rest : bool
         True if no pixel has moved.
     parallax : float
-        Largest displacement around the homography, pixels.
+        Largest displacement relative to the homography, pixels.
     matches : int
-        Number of points that the result is computed from.
+        Number of points from which the result is computed.
     """
 
     homography: NDArray[np.float64]
@@ -67,8 +67,8 @@ class SceneRegistrationOutputs:
 
 
 class SceneRegistrationInterface(Dfn[ConfigT, SceneRegistrationInputs, SceneRegistrationOutputs]):
-    """Find the place of each pixel of an image in the previous one for a scene at rest and a camera
-    that moves: a homography and the parallax that remains around it, with its uncertainty.
+    """Find the position of each pixel of an image in the previous image, for a scene at rest and a
+    moving camera: a homography and the remaining parallax, with its uncertainty.
     """
 
 

@@ -21,7 +21,7 @@ class StarFieldBackgroundInputs(DfnInputs):
     Attributes
     ----------
     image : ndarray of float32, shape (r,c)
-        Grey image, linear in the light, DN.
+        Grey image, proportional to the light, DN.
     saturation : float
         Grey level from which a pixel is saturated, DN; infinity if unknown.
     """
@@ -55,8 +55,8 @@ class StarFieldBackgroundOutputs:
 
 
 class StarFieldBackgroundInterface(Dfn[ConfigT, StarFieldBackgroundInputs, StarFieldBackgroundOutputs]):
-    """Remove the background of an image of point sources and measure its noise; mark pixels that
-    cannot be used: saturated ones, and trails of satellites and cosmic rays.
+    """Remove the background of an image of point sources and measure its noise. Mark pixels that
+    cannot be used: saturated pixels, and trails of satellites and cosmic rays.
     """
 
 

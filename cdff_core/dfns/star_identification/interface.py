@@ -23,13 +23,14 @@ class StarIdentificationInputs(DfnInputs):
     directions : ndarray of float64, shape (n,3)
         Unit vectors of the sources in the camera frame, brightest first.
     sigmas : ndarray of float64, shape (n)
-        Standard deviation of each direction across it, radians.
+        Standard deviation of each direction, perpendicular to it, radians.
     stamp : int
         Time of the image, nanoseconds since the UNIX epoch.
     attitude : ndarray of float64, shape (3,3), optional
         Approximate R_inertial_camera.
     attitude_sigma : float
-        Standard deviation of its rotation about each axis, radians; ignored without an attitude.
+        Standard deviation of the approximate attitude about each axis, radians; ignored without an
+        attitude.
     velocity : ndarray of float64, shape (3), optional
         Velocity of the camera relative to the Sun, m/s, ICRS axes, which shifts the stars by aberration;
         without it they are not shifted.
@@ -64,7 +65,8 @@ class StarIdentificationOutputs:
     stars : ndarray of int64, shape (n)
         Index of the star of each source in the catalogue; -1 for none.
     star_directions : ndarray of float64, shape (n,3)
-        Unit vectors of the stars at the time, ICRS, with aberration if the velocity is given; NaN for none.
+        Unit vectors of the stars at the time of the image, ICRS, with aberration if the velocity is given;
+        NaN for sources without a star.
     corrected : ndarray of float64, shape (n,3)
         Directions in the camera frame with the measured errors of the lens removed.
     rotation : ndarray of float64, shape (3,3)
@@ -72,11 +74,12 @@ class StarIdentificationOutputs:
     scale : float
         Ratio of the measured to the given focal length.
     radial : float
-        Cubic radial distortion that the given camera lacks, per square tangent.
+        Coefficient of cubic radial distortion that the given camera model does not contain, per square
+        tangent.
     residual : float
         Root mean square of the angles between sources and stars, radians.
     is_ambiguous : bool
-        True if the attitude was accepted only because of the approximate one.
+        True if the attitude was accepted only because it agrees with the approximate attitude.
     """
 
     stars: NDArray[np.int64]
@@ -90,9 +93,9 @@ class StarIdentificationOutputs:
 
 
 class StarIdentificationInterface(Dfn[ConfigT, StarIdentificationInputs, StarIdentificationOutputs]):
-    """Identify the sources of an image that are stars of the catalogue, with an approximate attitude
-    or without one, and measure errors of focal length and radial distortion. Refused unless chance
-    is excluded.
+    """Identify the sources of an image that are stars of the catalogue, with or without an approximate
+    attitude, and measure errors of focal length and radial distortion. A result that could be due
+    to chance is refused.
     """
 
 

@@ -73,7 +73,7 @@ class StereoMatching2DOutputs:
 
 
 class StereoMatching2DInterface(Dfn[ConfigT, StereoMatching2DInputs, StereoMatching2DOutputs]):
-    """Match points of the left image of a rectified pair in the right one with sub-pixel accuracy."""
+    """Match points of the left image of a rectified pair in the right image with sub-pixel accuracy."""
 
 
 #: Short names for the implementations.

@@ -21,8 +21,8 @@ class SurfaceFusionInputs(DfnInputs):
     Attributes
     ----------
     points : ndarray of float32, shape (r,c,3)
-        Points in the frame of the camera, metres, at the pixels of cameraMatrix; NaN where none; an image
-        of zero rows adds nothing.
+        Points in the frame of the camera, metres, arranged by the pixels of cameraMatrix; NaN for pixels
+        without a point; an image of zero rows adds nothing.
     normals : ndarray of float32, shape (r,c,3)
         Unit normals towards the camera; NaN excludes the pixel.
     sigmas : ndarray of float32, shape (r,c)
@@ -34,7 +34,7 @@ class SurfaceFusionInputs(DfnInputs):
     pose : ndarray of float64, shape (4,4)
         T_model_camera.
     is_extracted : bool
-        True: return the surface after the addition.
+        True to return the surface after the addition.
     """
 
     ARRAYS = ArrayPorts(
@@ -77,8 +77,8 @@ class SurfaceFusionOutputs:
     vertex_colors : ndarray of uint8, shape (v,3)
         Red, green, blue; zero where no image had colour.
     vertex_sigmas : ndarray of float64, shape (v)
-        Standard deviations along the normals, metres, of stated noise or of the scatter of the views,
-        whichever is larger.
+        Standard deviations along the normals, metres: from the stated noise or from the scatter of the
+        views, whichever is larger.
     vertex_views : ndarray of int64, shape (v)
         Number of images that observed the vertex.
     """

@@ -29,8 +29,8 @@ class TargetStatePredictionInputs(DfnInputs):
     centre_of_mass_m : ndarray of float64, shape (3)
         Centre of mass in the frame of the body, metres.
     inertia : ndarray of float64, shape (3,3)
-        Inertia of the body up to a factor, trace 3; the five errors are along symmetric matrices of norm 1
-        without trace.
+        Inertia of the body up to a factor, scaled to trace 3; its five errors are coefficients of
+        symmetric, traceless matrices of norm 1.
     covariance : ndarray of float64, shape (20,20)
         Covariance of the errors x y z, rx ry rz (both in the frame), velocity (in the frame), rate and
         centre of mass (both in the body), inertia.
@@ -79,7 +79,7 @@ class TargetStatePredictionOutputs:
     covariance : ndarray of float64, shape (20,20)
         Covariance at the end.
     transition : ndarray of float64, shape (20,20)
-        Derivative of the errors at the end with respect to those at the start.
+        Derivative of the errors at the end with respect to the errors at the start.
     """
 
     pose: NDArray[np.float64]
@@ -91,8 +91,8 @@ class TargetStatePredictionOutputs:
 
 class TargetStatePredictionInterface(Dfn[ConfigT, TargetStatePredictionInputs, TargetStatePredictionOutputs]):
     """Propagate pose, velocity and angular rate of a free rigid body, and their covariance, to a later
-    time: constant velocity of the centre of mass, and rotation about it without torque by Euler's
-    equations.
+    time. The centre of mass moves at constant velocity, and the body rotates about it without
+    torque (Euler's equations).
     """
 
 

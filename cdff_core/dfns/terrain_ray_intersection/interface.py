@@ -66,8 +66,8 @@ class TerrainRayIntersectionOutputs:
     Attributes
     ----------
     ranges : ndarray of float64, shape (n)
-        Distances to the first intersection, metres; NaN for none, or where cells in front of it are
-        unknown.
+        Distances to the first intersection, metres; NaN if there is no intersection, or if cells in front
+        of it are unknown.
     sigmas : ndarray of float64, shape (n)
         Standard deviations of the ranges, metres.
     """

@@ -23,7 +23,7 @@ class TrackAssociationInputs(DfnInputs):
     places : ndarray of float64, shape (m,2)
         Expected column and row of each object.
     covariances : ndarray of float64, shape (m,2,2)
-        Covariances of the places, square pixels.
+        Covariances of these positions, square pixels.
     sizes : ndarray of float64, shape (m,2)
         Expected width and height of each object, pixels.
     size_sigmas : ndarray of float64, shape (m)
@@ -73,7 +73,7 @@ class TrackAssociationOutputs:
     chosen : ndarray of int64, shape (m)
         Region of each object; -1 for none.
     costs : ndarray of float64, shape (m)
-        Squared normalised difference; NaN for none.
+        Squared normalised difference between object and region; NaN for objects without a region.
     is_ambiguous : ndarray of bool, shape (m)
         True if another object or another region fits nearly as well.
     """
@@ -84,8 +84,8 @@ class TrackAssociationOutputs:
 
 
 class TrackAssociationInterface(Dfn[ConfigT, TrackAssociationInputs, TrackAssociationOutputs]):
-    """Associate the regions of an image with tracked objects by place, size and appearance, all at
-    once.
+    """Associate the regions of an image with tracked objects by position, size and appearance, jointly
+    for all objects.
     """
 
 

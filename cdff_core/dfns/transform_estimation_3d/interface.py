@@ -25,7 +25,8 @@ class TransformEstimation3DInputs(DfnInputs):
     sink : ndarray of float64, shape (n,3)
         Matching points in the sink frame, metres.
     sigmas : ndarray of float64, shape (n), optional
-        Standard deviation of the distance of each pair along one axis, metres; default: equal.
+        Standard deviation of the difference of each pair along one axis, metres; default: equal for all
+        pairs.
     """
 
     ARRAYS = ArrayPorts(

@@ -18,8 +18,9 @@ class TraversabilityInputs:
     Attributes
     ----------
     dem : ElevationMap
-        Elevation map with the layer mean; with the layer variance, safe cells are below the limits by
-        sigmas standard deviations; with the layer overhang_m, overhangs lower than the rover are hazards.
+        Elevation map with the layer mean. If it has the layer variance, safe cells must be below the limits
+        by the configured number of standard deviations (sigmas). If it has the layer overhang_m, overhangs
+        lower than the rover are hazards.
     """
 
     dem: ElevationMap
@@ -40,8 +41,8 @@ class TraversabilityOutputs:
 
 
 class TraversabilityInterface(Dfn[ConfigT, TraversabilityInputs, TraversabilityOutputs]):
-    """Classify the cells of an elevation map on which a rover can stand, by slope and roughness under
-    its footprint and nearby steps; unobserved terrain is never classified as safe.
+    """Classify the cells of an elevation map by traversability: slope and roughness under the
+    footprint of the rover, and nearby steps. Unobserved terrain is never classified as safe.
     """
 
 

@@ -47,7 +47,7 @@ class VoxelizationOutputs:
     origin_m : ndarray of float64, shape (3)
         Lowest corner of the root, metres.
     depth : int
-        Number of levels below the root; the edge of the root is 2^depth times that of a leaf.
+        Number of levels below the root; the edge of the root is 2^depth times the edge of a leaf.
     """
 
     codes: NDArray[np.int64]
