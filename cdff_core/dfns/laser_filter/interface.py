@@ -20,7 +20,7 @@ class LaserFilterInputs:
     scan_samples : LaserScan
         Samples of a laser scan.
     laser_2_body_tf : RigidBodyState
-        Pose of the laser in the body frame, T_body_laser.
+        Laser frame to body frame.
     """
 
     scan_samples: LaserScan
@@ -34,7 +34,7 @@ class LaserFilterOutputs:
     Attributes
     ----------
     filtered_scans : LaserScan
-        The scan without the removed ranges.
+        Filtered laser scans.
     """
 
     filtered_scans: LaserScan
