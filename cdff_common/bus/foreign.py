@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages and calls of other systems on Zenoh: payloads and attachments of their own, without those of CDFF."""
+"""Messages and calls of other systems on Zenoh, with payloads and attachments of their own."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class CachingPublisher:
 
 
 class CachedSubscription(Subscription):
-    """Subscription that first receives the cached messages of its publishers, also of those that join later."""
+    """Subscription that first receives the cached messages of all its publishers, present and later."""
 
     def _declare(self, session: zenoh.Session, keyexpr: str) -> Any:
         return zenoh.ext.declare_advanced_subscriber(

@@ -185,7 +185,7 @@ class Robot(StrictModel):
     limits: dict[Name, float] = {}
     dfpcs: tuple[DfpcEntry, ...] = ()
     urdf: str = ""
-    gateways: dict[Literal["gateway_ros2"], str] = {}
+    gateways: dict[Literal["gateway_ros1", "gateway_ros2"], str] = {}
 
     @model_validator(mode="after")
     def _names_are_wired(self, info: ValidationInfo) -> Robot:

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Action server of ROS 2: three services and two topics, as in https://design.ros2.org/articles/actions.html."""
+"""Action server of ROS 2: three services and two topics.
+
+Source: https://design.ros2.org/articles/actions.html.
+"""
 
 from __future__ import annotations
 

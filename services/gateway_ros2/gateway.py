@@ -24,6 +24,7 @@ from services.gateways.outputs import OutputLink, StaticTransforms
 from services.gateways.request_types import ACTIONS, SERVICES
 from services.gateways.requests import ProductRequests
 from services.gateways.settings import RequestEntry
+from services.gateways.status import status_of
 from services.ros_messages.conversions import CAMERA_INFO
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.service_types import ActionType, ServiceType
@@ -79,30 +80,15 @@ class Gateway:
 
     def status(self) -> dict[str, Any]:
         """Return the message of the status key: the counters of each topic."""
-        inputs = {}
-        for link in self._inputs:
-            counters = link.counters.to_map()
-            overflow = self._subscriptions[link.entry.topic].dropped
-            if overflow:
-                counters["dropped"]["queue"] = overflow
-            busy = link.sensor.status.dropped
-            if busy:
-                counters["dropped"]["bus"] = busy
-            entry = link.entry
-            name = f"{entry.topic} {entry.stream}" if entry.is_frame_tree else entry.topic
-            inputs[name] = {"type": entry.type, "stream": entry.stream, **counters}
-        outputs = [
-            {"product": o.entry.product, "topic": o.entry.topic, "type": o.entry.type, **o.counters.to_map()}
-            for o in self._outputs
-        ]
-        requests = [
-            {"name": r.entry.name, "type": r.entry.type, **r.counters.to_map()} for r in self._requests
-        ]
+        links = status_of(
+            self._inputs,
+            self._outputs,
+            self._requests,
+            lambda link: self._subscriptions[link.entry.topic].dropped,
+        )
         return {
             "node": self._node.node.name,
-            "inputs": inputs,
-            "outputs": outputs,
-            "requests": requests,
+            **links,
             "parameters": self._parameters.to_map(),
             "type_conflicts": dict(self._type_conflicts),
         }
@@ -117,7 +103,7 @@ class Gateway:
             by_topic.setdefault(link.entry.topic, []).append(link)
         for topic, same in by_topic.items():
             entry = same[0].entry
-            receive = _receiver(same, self._node.hash_of(entry.type))
+            receive = _receiver(same, self._node, self._node.hash_of(entry.type))
             quality, depth = entry.service_quality, entry.queue
             self._subscriptions[topic] = self._node.subscribe(topic, entry.type, quality, receive, depth)
             if entry.camera_info is not None:
@@ -201,10 +187,12 @@ class Gateway:
             self._type_conflicts.pop(topic, None)
 
 
-def _receiver(links: list[InputLink], type_hash: str) -> Callable[[Message], None]:
+def _receiver(links: list[InputLink], node: RobotNode, type_hash: str) -> Callable[[Message], None]:
     """Return the callback of a subscription, which passes messages of the right type to links."""
 
     def receive(message: Message) -> None:
+        if node.is_own(message.attachment):
+            return
         found = message.key.rpartition("/")[2]
         for link in links:
             if found not in (type_hash, rmw_zenoh.NO_HASH):

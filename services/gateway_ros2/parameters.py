@@ -2,25 +2,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parameters of DFPCs as parameters of the node of the gateway, by the services of ``rcl_interfaces``.
 
-The parameter ``lidar_slam.voxel_m`` is ``voxel_m`` of ``lidar_slam``. A parameter is set by ``configure`` of its
-DFPC, which an active DFPC refuses.
+The parameter ``lidar_slam.voxel_m`` is ``voxel_m`` of ``lidar_slam``. A parameter is set by ``configure`` of
+its DFPC, which an active DFPC refuses.
 """
 
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable, Mapping
-from copy import deepcopy
 from typing import Any
 
 import numpy as np
 
-from cdff_common.bus import Bus, keys
-from cdff_common.bus.message import pack
-from cdff_common.errors import CdffError, DeniedError, InputError
+from cdff_common.bus import Bus
+from cdff_common.errors import CdffError, InputError
 from services.gateway_ros2.robot_node import RobotNode
 from services.gateways.counters import TopicCounters
+from services.gateways.dfpc_parameters import DfpcParameters
 from services.ros_messages.service_types import ServiceType
 
 logger = logging.getLogger(__name__)
@@ -53,7 +51,6 @@ _MEMBERS = (
     "string_array_value",
 )
 _ARRAY_OFFSET = 5
-_CALL_S = 5.0
 
 
 class ParameterServer:
@@ -70,9 +67,7 @@ class ParameterServer:
     """
 
     def __init__(self, node: RobotNode, robot: str, allowed: Mapping[str, tuple[str, ...]], bus: Bus) -> None:
-        self._types, self._robot, self._bus = node.types, robot, bus
-        self._allowed = {f"{dfpc}.{name}": (dfpc, name) for dfpc, names in allowed.items() for name in names}
-        self._lock = threading.Lock()
+        self._types, self._parameters = node.types, DfpcParameters(robot, allowed, bus)
         self.counters = TopicCounters()
         self._kinds: dict[str, ServiceType] = {}
         handlers: dict[str, Callable[[Any], dict[str, Any]]] = {
@@ -85,7 +80,7 @@ class ParameterServer:
             "set_parameters": lambda request: {"results": [self._set([p]) for p in request.parameters]},
             "set_parameters_atomically": lambda request: {"result": self._set(request.parameters)},
         }
-        if not self._allowed:
+        if not allowed:
             return
         for name, (last, definition) in _DEFINITIONS.items():
             service = ServiceType.register(node.types, f"rcl_interfaces/srv/{last}", definition)
@@ -95,7 +90,7 @@ class ParameterServer:
 
     def to_map(self) -> dict[str, Any]:
         """Return the names of the parameters, and how many were set and refused."""
-        return {"names": sorted(self._allowed), **self.counters.to_map()}
+        return {"names": self._parameters.names, **self.counters.to_map()}
 
     def _handler(
         self, service: ServiceType, answer: Callable[[Any], dict[str, Any]]
@@ -115,9 +110,7 @@ class ParameterServer:
                     "rcl_interfaces/ParameterDescriptor",
                     name=name,
                     type=self._value(name).type,
-                    description=f"{self._allowed[name][1]} of {self._allowed[name][0]}"
-                    if name in self._allowed
-                    else "",
+                    description="",
                     additional_constraints="",
                     read_only=False,
                     dynamic_typing=False,
@@ -132,7 +125,7 @@ class ParameterServer:
         prefixes, depth = list(request.prefixes), int(request.depth)
         names = [
             name
-            for name in sorted(self._allowed)
+            for name in self._parameters.names
             if (not prefixes or any(name == p or name.startswith(f"{p}.") for p in prefixes))
             and (depth == 0 or name.count(".") < depth)
         ]
@@ -143,12 +136,10 @@ class ParameterServer:
     def _value(self, name: str) -> Any:
         """Return the value of a parameter as a message; not set if it is not known."""
         number, value = 0, None
-        if name in self._allowed:
-            dfpc, inner = self._allowed[name]
-            try:
-                number, value = _typed(_lookup(self._current(dfpc), inner))
-            except (CdffError, LookupError) as error:
-                logger.warning("parameter %s: %s", name, error)
+        try:
+            number, value = _typed(self._parameters.value(name))
+        except (CdffError, LookupError) as error:
+            logger.warning("parameter %s: %r", name, error)
         empty: dict[str, Any] = {
             "bool_value": False,
             "integer_value": 0,
@@ -168,54 +159,16 @@ class ParameterServer:
         """Set parameters of one DFPC, all or none; return the result."""
         reason = ""
         self.counters.receive(0)
-        with self._lock:
-            try:
-                self._configure(parameters)
-            except (CdffError, LookupError, TypeError, ValueError) as error:
-                reason = str(error)
+        try:
+            self._parameters.set({p.name: _plain(p.value, p.name) for p in parameters})
+        except (CdffError, LookupError) as error:
+            reason = str(error)
         if reason:
             self.counters.drop("refused", reason)
         else:
             self.counters.forward(0.0)
         make = self._types.make
         return make("rcl_interfaces/SetParametersResult", successful=not reason, reason=reason[:1000])
-
-    def _configure(self, parameters: list[Any]) -> None:
-        names = [p.name for p in parameters]
-        unknown = sorted(set(names) - set(self._allowed))
-        if unknown:
-            raise DeniedError(f"{unknown[0]}: not among the parameters of the gateway")
-        dfpcs = sorted({self._allowed[name][0] for name in names})
-        if len(dfpcs) != 1:
-            raise InputError(f"parameters of {', '.join(dfpcs) or 'no DFPC'}: expected those of one")
-        (dfpc,) = dfpcs
-        current = self._current(dfpc)
-        # All listed parameters are stated: ``configure`` starts from those of the profile.
-        body = {inner.split(".")[0] for owner, inner in self._allowed.values() if owner == dfpc}
-        changed = {name: deepcopy(current[name]) for name in body if name in current}
-        for parameter in parameters:
-            inner = self._allowed[parameter.name][1]
-            *path, last = inner.split(".")
-            place = changed
-            for part in path:
-                place = place[part]
-            if last not in place:
-                raise InputError(f"{parameter.name}: {dfpc} has no such parameter")
-            place[last] = _plain(parameter.value, parameter.name)
-        key = keys.dfpc_rpc(self._robot, dfpc, "configure")
-        self._bus.call(key, payload=pack(changed), timeout_s=_CALL_S)
-
-    def _current(self, dfpc: str) -> dict[str, Any]:
-        key = keys.dfpc_rpc(self._robot, dfpc, "describe")
-        parameters: dict[str, Any] = self._bus.call(key, timeout_s=_CALL_S).body()["parameters"]
-        return parameters
-
-
-def _lookup(parameters: Mapping[str, Any], name: str) -> Any:
-    value: Any = parameters
-    for part in name.split("."):
-        value = value[part]
-    return value
 
 
 def _typed(value: Any) -> tuple[int, Any]:

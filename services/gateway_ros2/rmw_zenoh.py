@@ -21,7 +21,8 @@ ENCODING = "application/cdr"
 NO_HASH = "TypeHashNotSupported"
 
 _ATTACHMENT = struct.Struct("<qqB16s")
-_GID_BYTES = 16
+#: Bytes of the id of a publisher, the last of an attachment.
+GID_BYTES = 16
 _NONE = "%"
 #: Depth that tokens do not state.
 _DEFAULT_DEPTH = 42
@@ -112,7 +113,7 @@ class Node:
 def gid_of(token: str) -> bytes:
     """Return the id of a publisher, service or client: XXH3 of its token, its low 64 bits first."""
     value = xxhash.xxh3_128_intdigest(token.encode())
-    return value.to_bytes(_GID_BYTES, "little")
+    return value.to_bytes(GID_BYTES, "little")
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +126,12 @@ class Attachment:
 
     def to_bytes(self) -> bytes:
         """Return the 33 bytes of the attachment."""
-        return _ATTACHMENT.pack(self.seq, self.stamp_ns, _GID_BYTES, self.gid)
+        return _ATTACHMENT.pack(self.seq, self.stamp_ns, GID_BYTES, self.gid)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Attachment:
         """Return the attachment in bytes; raises CodecError on anything else."""
-        if len(data) != _ATTACHMENT.size or data[16] != _GID_BYTES:
+        if len(data) != _ATTACHMENT.size or data[16] != GID_BYTES:
             raise CodecError(
                 f"attachment of {len(data)} bytes: expected the {_ATTACHMENT.size} bytes of rmw_zenoh, "
                 "as it has them since 2025"

@@ -57,8 +57,13 @@ class RobotNode:
         self.node = rmw_zenoh.Node(domain, bus.zid, name)
         self._lock = threading.Lock()
         self._entities = 0
+        self._gids: set[bytes] = set()
         self._publishers: dict[tuple[str, str], _Publisher] = {}
         bus.declare_token(self.node.token)
+
+    def is_own(self, attachment: bytes) -> bool:
+        """Return True for the attachment of a message of this node, which would circulate."""
+        return attachment[-rmw_zenoh.GID_BYTES :] in self._gids
 
     def hash_of(self, type_name: str) -> str:
         """Return the hash of a message type."""
@@ -75,6 +80,7 @@ class RobotNode:
             key = rmw_zenoh.data_key(self.node.domain, topic, type_name, type_hash)
             cache = self.bus.foreign.publisher(key, depth=quality.depth) if latched else None
             self._publishers[topic, type_name] = _Publisher(key, rmw_zenoh.gid_of(token), cache)
+            self._gids.add(rmw_zenoh.gid_of(token))
         self.bus.declare_token(token)
 
     def publish(self, out: Outgoing, *, latched: bool) -> None:
@@ -99,7 +105,7 @@ class RobotNode:
     def subscribe(
         self, topic: str, type_name: str, quality: str, callback: Callable[[Message], None], depth: int
     ) -> Subscription:
-        """Subscribe to a topic with any version of its type, as ``sensor_data``, ``default`` or ``latched``."""
+        """Subscribe to a topic with any version of its type; ``quality`` is that of the settings."""
         with self._lock:
             token = self._token("MS", topic, type_name, self.hash_of(type_name), _QUALITIES[quality])
         self.bus.declare_token(token)

@@ -18,9 +18,6 @@ class Ros2Settings(GatewaySettings):
     ----------
     domain : int
         ``ROS_DOMAIN_ID`` of the robot.
-    parameters : mapping of DFPC to list of str
-        Parameters of DFPCs that are parameters of the gateway's node. Empty: the robot can change none.
     """
 
     domain: Annotated[int, Field(ge=0, le=232)] = 0
-    parameters: dict[str, tuple[str, ...]] = {}

@@ -12,6 +12,8 @@ from cdff_common.clock import monotonic_s
 
 #: Duration of a burst within the limit of the rate, seconds.
 _BURST_S = 0.2
+#: Rise of the least age with each message, so that it follows a clock that drifts, milliseconds.
+_AGE_RISE_MS = 0.1
 
 
 class TopicCounters:
@@ -23,12 +25,20 @@ class TopicCounters:
         self._dropped: Counter[str] = Counter()
         self._last_fault = ""
         self._latency_ms = 0.0
+        self._age_ms: float | None = None
 
     def receive(self, size: int) -> None:
         """Count a message with its bytes."""
         with self._lock:
             self._received += 1
             self._bytes += size
+
+    def age(self, age_s: float) -> None:
+        """Take the time between the stamp of a message and its arrival: delay and offset of the clocks."""
+        with self._lock:
+            self._age_ms = (
+                1e3 * age_s if self._age_ms is None else min(1e3 * age_s, self._age_ms + _AGE_RISE_MS)
+            )
 
     def forward(self, latency_s: float) -> None:
         """Count a message that was sent on, and the time that the gateway took for it."""
@@ -44,7 +54,11 @@ class TopicCounters:
             return self._dropped[reason] == 1
 
     def to_map(self) -> dict[str, Any]:
-        """Return the counters as plain data; the latency is the mean of about the last 100 messages."""
+        """Return the counters as plain data; the latency is the mean of about the last 100 messages.
+
+        ``least_age_ms`` is the least time between stamp and arrival of the last messages: the least delay,
+        minus the time by which the clock of the robot is ahead.
+        """
         with self._lock:
             return {
                 "received": self._received,
@@ -53,6 +67,7 @@ class TopicCounters:
                 "dropped": dict(self._dropped),
                 "last_fault": self._last_fault,
                 "latency_ms": round(self._latency_ms, 3),
+                "least_age_ms": None if self._age_ms is None else round(self._age_ms, 3),
             }
 
 

@@ -16,7 +16,7 @@ from rosbags.serde import SerdeError
 from cdff_common import types
 from cdff_common.bus import Bus
 from cdff_common.client import Sensor
-from cdff_common.clock import MAX_STAMP_NS, monotonic_s
+from cdff_common.clock import MAX_STAMP_NS, monotonic_s, wall_ns
 from cdff_common.errors import CdffError, InputError
 from cdff_common.types import TransformWithCovariance
 from services.gateways.counters import RateLimit, TopicCounters
@@ -111,6 +111,7 @@ class InputLink:
             if part is None:
                 return
             value, stamp_ns = self._converted(part)
+            self.counters.age(1e-9 * (wall_ns() - stamp_ns))
             own_ns = getattr(value, "stamp_ns", 0)
             is_sent = self.sensor.publish(value) if own_ns else self.sensor.publish(value, stamp_ns)
         except (CdffError, *DECODER_ERRORS) as error:

@@ -32,7 +32,7 @@ class Publisher(Protocol):
 
 
 class StaticTransforms:
-    """Latched transforms of a topic: its last message holds all of them, as its late subscribers receive it."""
+    """Latched transforms of a topic: its last message, which late subscribers receive, holds all of them."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Types of the services and actions by which a robot requests products.
 
-``GetGridMap`` and ``GetMap`` are those of ``grid_map_msgs`` and ``nav_msgs``. The definitions of ``cdff_msgs`` are
-a package of ROS for the robot in ``deploy/ros/cdff_msgs``.
+``GetGridMap`` and ``GetMap`` are those of ``grid_map_msgs`` and ``nav_msgs``. The definitions of
+``cdff_msgs`` are a package of ROS for the robot in ``deploy/ros/cdff_msgs``.
 """
 
 from __future__ import annotations

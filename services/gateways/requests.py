@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests of the robot: parameters are checked, the orchestrator is asked, and the product becomes a message."""
+"""Requests of the robot: checked, sent to the orchestrator, and answered with the product as a message."""
 
 from __future__ import annotations
 

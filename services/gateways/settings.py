@@ -41,8 +41,8 @@ class InputTopic(StrictModel):
     Attributes
     ----------
     topic, type : str
-        Topic, and its message type such as ``sensor_msgs/msg/Imu``. A frame tree (``/tf``, ``/tf_static``) may
-        be listed several times, once for each transform.
+        Topic, and its message type such as ``sensor_msgs/msg/Imu``. A frame tree (``/tf``, ``/tf_static``)
+        may be listed several times, once for each transform.
     stream : str
         Sensor and stream on the bus, such as ``imu/sample``.
     frame, child : str
@@ -123,7 +123,7 @@ class OutputTopic(StrictModel):
 
     @property
     def is_latched(self) -> bool:
-        """Whether the topic is latched."""
+        """True if the topic is latched."""
         default = self.type in _MAPS or self.topic == STATIC_TRANSFORMS
         return default if self.latched is None else self.latched
 
@@ -134,8 +134,8 @@ class RequestEntry(StrictModel):
     Attributes
     ----------
     name, type : str
-        Name, and its type: ``grid_map_msgs/srv/GetGridMap`` (a DEM), ``nav_msgs/srv/GetMap`` (a navigation map),
-        ``cdff_msgs/srv/Request`` and ``cdff_msgs/action/Request`` (any listed product).
+        Name, and its type: ``grid_map_msgs/srv/GetGridMap`` (a DEM), ``nav_msgs/srv/GetMap`` (a navigation
+        map), ``cdff_msgs/srv/Request`` and ``cdff_msgs/action/Request`` (any listed product).
     products : list of str
         Products that may be requested by a type for any product.
     region : str or None
@@ -183,6 +183,8 @@ class GatewaySettings(StrictModel):
         Empty: the gateway publishes nothing on the robot.
     requests : list of RequestEntry
         Empty: the robot can request nothing.
+    parameters : mapping of DFPC to list of str
+        Parameters of DFPCs that are parameters of the node. Empty: the robot can change none.
     """
 
     robot: RobotId
@@ -191,6 +193,7 @@ class GatewaySettings(StrictModel):
     inputs: tuple[InputTopic, ...] = ()
     outputs: tuple[OutputTopic, ...] = ()
     requests: tuple[RequestEntry, ...] = ()
+    parameters: dict[str, tuple[str, ...]] = {}
 
     @model_validator(mode="after")
     def _is_unambiguous(self) -> GatewaySettings:

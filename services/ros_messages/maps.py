@@ -3,7 +3,7 @@
 """Maps of ROS: ``nav_msgs/OccupancyGrid`` is a NavigationMap, ``grid_map_msgs/GridMap`` an ElevationMap.
 
 CDFF has row 0 at the largest y. An occupancy grid has it at the smallest y. A grid map has rows along -x and
-columns along -y, in a circular buffer (Fankhauser and Hutter, 2016, https://doi.org/10.1007/978-3-319-26054-9_5).
+columns along -y, in a circular buffer (Fankhauser and Hutter, 2016, doi 10.1007/978-3-319-26054-9_5).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 BITSTREAM = "infuse_msgs/msg/Asn1Bitstream"
-#: Definitions of types that the type stores lack: that of the InFuse robots, the frame tree of ROS 1, grid maps.
+#: Definitions of types that the type stores lack: those of the InFuse robots, frame trees and grid maps.
 _DEFINITIONS = {
     BITSTREAM: "std_msgs/Header header\nstring type\nuint8 serialization_method\nuint8[] data\n",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A ROS 2 program of another implementation, zenoh-ros2-sdk: test_gateway_ros2_requests.py runs it.
 
-``ros2_sdk_peer.py PORT`` waits for a latched ``/map``, calls ``GetGridMap``, and prints both as JSON. Definitions of
-types and their hashes are its own, from rosbags and from the library.
+``ros2_sdk_peer.py PORT`` waits for a latched ``/map``, calls ``GetGridMap``, and prints both as JSON.
+Definitions of types and their hashes are its own, from rosbags and from the library.
 
 ``ros2_sdk_peer.py --hashes`` prints the hashes of all messages and services of ros2-pyterfaces.
 """
@@ -17,10 +17,15 @@ import sys
 from typing import Any
 
 MAP, GRID_MAP_SERVICE = "nav_msgs/msg/OccupancyGrid", "grid_map_msgs/srv/GetGridMap"
-REQUEST = "string frame_id\nfloat64 position_x\nfloat64 position_y\nfloat64 length_x\nfloat64 length_y\nstring[] layers"
+REQUEST = (
+    "string frame_id\nfloat64 position_x\nfloat64 position_y\n"
+    "float64 length_x\nfloat64 length_y\nstring[] layers"
+)
 RESPONSE = "grid_map_msgs/GridMap map"
 OWN = {
-    "grid_map_msgs/msg/GridMapInfo": "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose",
+    "grid_map_msgs/msg/GridMapInfo": (
+        "float64 resolution\nfloat64 length_x\nfloat64 length_y\ngeometry_msgs/Pose pose"
+    ),
     "grid_map_msgs/msg/GridMap": (
         "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
         "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot requests products of a real DPM by services and an action of ROS 2, and sets parameters of a DFPC."""
+"""A robot with ROS 2 requests products of a real DPM, and sets parameters of a DFPC."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def test_an_elevation_map_is_equal_after_a_grid_map(
 
 
 def test_cells_of_a_grid_map_are_where_its_library_has_them() -> None:
-    """Index (i, j) is at x = x_max - (i + 1/2) d and y = y_max - (j + 1/2) d, and the matrix is by columns."""
+    """Index (i, j) is at x = x_max - (i + 1/2) d, y = y_max - (j + 1/2) d; the matrix is by columns."""
     heights = np.arange(6, dtype=np.float32).reshape(2, 3)
     grid = _grid((2, 3), (4, 10), 0.5)
     value = ElevationMap.from_layers(grid, {"mean": heights}, t0_ns=_STAMP_NS, t1_ns=_STAMP_NS)

@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The gateway to ROS 1: a node of the robot, the bus, and what passes between them."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import ExitStack, suppress
+from typing import Any
+
+from cdff_common.bus import Bus, keys
+from cdff_common.client import Client
+from cdff_common.errors import CdffError, UnavailableError
+from services.gateway_ros1.node import Ros1Node
+from services.gateway_ros1.settings import Ros1Settings
+from services.gateways.counters import TopicCounters
+from services.gateways.dfpc_parameters import DfpcParameters
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.inputs import InputLink
+from services.gateways.outputs import OutputLink, StaticTransforms
+from services.gateways.request_types import SERVICES
+from services.gateways.requests import ProductRequests
+from services.gateways.settings import RequestEntry
+from services.gateways.status import status_of
+from services.ros_messages.conversions import CAMERA_INFO
+from services.ros_messages.encoding import Outgoing
+from services.ros_messages.message_types import RosTypes
+from services.ros_messages.service_types import ServiceType
+
+logger = logging.getLogger(__name__)
+
+SERVICE = "gateway_ros1"
+_STATUS_S, _CLOCK_S = 1.0, 0.05
+_CLOCK = "rosgraph_msgs/msg/Clock"
+_NS_PER_S = 1_000_000_000
+
+
+class Gateway:
+    """Gateway between the bus and a robot with ROS 1.
+
+    Parameters
+    ----------
+    settings : Ros1Settings
+    bus : Bus
+        Bus of CDFF.
+    client : Client
+        For requests; a connection to the bus of its own.
+    master_uri : str
+    host : str
+        Address of this machine for the robot.
+    """
+
+    def __init__(self, settings: Ros1Settings, bus: Bus, client: Client, master_uri: str, host: str) -> None:
+        self._settings, self._bus, self._client = settings, bus, client
+        self._types = RosTypes(1)
+        self._node = Ros1Node(master_uri, host, f"/{settings.node}", self._types)
+        self._names = FrameNames(settings.robot, settings.frames)
+        self._inputs, self._outputs = self._make_inputs(), self._make_outputs()
+        self._requests = [self._serve(entry) for entry in settings.requests]
+        self._parameters = DfpcParameters(settings.robot, settings.parameters, bus)
+        self._parameter_counters = TopicCounters()
+        self._use_sim_time: Any = None
+        self._watch_parameters()
+        if settings.clock:
+            self._node.declare_publisher("/clock", _CLOCK, latched=False)
+
+    def run(self, stop: threading.Event) -> None:
+        """Register with the master, and publish the status every second until ``stop`` is set."""
+        with ExitStack() as stack:
+            stack.callback(self._node.close)
+            for link in self._inputs:
+                stack.callback(link.close)
+            self._node.start()
+            if self._settings.clock:
+                threading.Thread(target=self._publish_clock, args=(stop,), name="clock", daemon=True).start()
+            while True:
+                key = keys.gateway_status(self._settings.robot, SERVICE)
+                self._bus.publish_latched(key, self.status())
+                if stop.wait(_STATUS_S):
+                    return
+
+    def status(self) -> dict[str, Any]:
+        """Return the message of the status key: the counters of each topic."""
+        return {
+            "node": self._node.name,
+            "master": {"uri": self._node.master_uri, "registered": self._node.is_registered},
+            "use_sim_time": self._use_sim_time,
+            **status_of(self._inputs, self._outputs, self._requests),
+            "parameters": {"names": self._parameters.names, **self._parameter_counters.to_map()},
+        }
+
+    def _make_inputs(self) -> list[InputLink]:
+        tree = FrameTree()
+        links = [
+            InputLink(entry, self._names, self._types, self._bus, tree) for entry in self._settings.inputs
+        ]
+        by_topic: dict[str, list[InputLink]] = {}
+        for link in links:
+            by_topic.setdefault(link.entry.topic, []).append(link)
+        for topic, same in by_topic.items():
+            self._subscribe(topic, same)
+            entry = same[0].entry
+            if entry.camera_info is not None:
+                self._node.subscribe(
+                    entry.camera_info,
+                    CAMERA_INFO,
+                    same[0].on_camera_info,
+                    same[0].drop,
+                    max_bytes=entry.max_bytes,
+                )
+        return links
+
+    def _subscribe(self, topic: str, links: list[InputLink]) -> None:
+        def on_message(data: bytes) -> None:
+            for link in links:
+                link.on_message(data)
+
+        def on_fault(reason: str, detail: str) -> None:
+            for link in links:
+                link.drop(reason, detail)
+
+        largest = max(link.entry.max_bytes for link in links)
+        self._node.subscribe(topic, links[0].entry.type, on_message, on_fault, max_bytes=largest)
+
+    def _make_outputs(self) -> list[OutputLink]:
+        tree, static = FrameTree(), StaticTransforms()
+        links = [
+            OutputLink(entry, self._names, self._types, self._node, tree, static)
+            for entry in self._settings.outputs
+        ]
+        for link in links:
+            entry = link.entry
+            # Images have topics below the listed one, which are announced with the first image.
+            if entry.type not in ("sensor_msgs/msg/Image",):
+                self._node.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
+            dfpc, port = entry.product.split("/")
+            self._bus.subscribe(keys.product(self._settings.robot, dfpc, port), link.on_message)
+        return links
+
+    def _serve(self, entry: RequestEntry) -> ProductRequests:
+        service = ServiceType.register(self._types, entry.type, SERVICES[entry.type].definition)
+        requests = ProductRequests(entry, service.response, self._names, self._types, self._client)
+        self._node.serve(entry.name, service, requests.answer)
+        return requests
+
+    def _watch_parameters(self) -> None:
+        """Follow the parameters of the server that are those of DFPCs, below the name of the node."""
+
+        def on_sim_time(value: Any) -> None:
+            self._use_sim_time = value
+
+        self._node.watch_parameter("/use_sim_time", on_sim_time)
+        for name in self._parameters.names:
+            self._watch_parameter(name)
+
+    def _watch_parameter(self, name: str) -> None:
+        key = f"{self._node.name}/{name.replace('.', '/')}"
+
+        def on_value(value: Any) -> None:
+            """Set the parameter; after a refusal the server has the value of the DFPC again."""
+            self._parameter_counters.receive(0)
+            try:
+                if self._parameters.value(name) == value:
+                    return
+                self._parameters.set({name: value})
+            except (CdffError, LookupError) as error:
+                if self._parameter_counters.drop("refused", str(error)):
+                    logger.warning("%s: refused: %s", key, error)
+                with suppress(CdffError, LookupError):
+                    self._node.master.call("setParam", key, self._parameters.value(name))
+            else:
+                self._parameter_counters.forward(0.0)
+
+        self._node.watch_parameter(key, on_value)
+
+    def _publish_clock(self, stop: threading.Event) -> None:
+        clock = self._bus.mission_clock
+        while not stop.wait(_CLOCK_S):
+            with suppress(UnavailableError):
+                now_ns = clock.now_ns()
+                time = self._types.make(
+                    "builtin_interfaces/Time", sec=now_ns // _NS_PER_S, nanosec=now_ns % _NS_PER_S
+                )
+                message = self._types.make("rosgraph_msgs/Clock", clock=time)
+                self._node.publish(Outgoing("/clock", _CLOCK, message), latched=False)

@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of DFPCs that a robot may read and set: ``lidar_slam.voxel_m`` is ``voxel_m`` of ``lidar_slam``.
+
+A parameter is set by ``configure`` of its DFPC, which an active DFPC refuses.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from copy import deepcopy
+from typing import Any
+
+from cdff_common.bus import Bus, keys
+from cdff_common.bus.message import pack
+from cdff_common.errors import DeniedError, InputError
+
+_CALL_S = 5.0
+
+
+class DfpcParameters:
+    """Listed parameters of the DFPCs of a robot.
+
+    Parameters
+    ----------
+    robot : str
+    allowed : mapping of DFPC to names
+        Parameters that exist for the robot; a name of a DFN's parameter has that of its slot and a dot.
+    bus : Bus
+        Bus of the DFPCs.
+    """
+
+    def __init__(self, robot: str, allowed: Mapping[str, tuple[str, ...]], bus: Bus) -> None:
+        self._robot, self._bus, self._lock = robot, bus, threading.Lock()
+        self._allowed = {f"{dfpc}.{name}": (dfpc, name) for dfpc, names in allowed.items() for name in names}
+
+    @property
+    def names(self) -> list[str]:
+        """Names with their DFPC, sorted."""
+        return sorted(self._allowed)
+
+    def value(self, name: str) -> Any:
+        """Return the value of a parameter as plain data.
+
+        Raises
+        ------
+        LookupError
+            If it is not listed, or its DFPC is not configured.
+        CdffError
+            If its DFPC does not answer.
+        """
+        dfpc, inner = self._allowed[name]
+        found: Any = self._current(dfpc)
+        for part in inner.split("."):
+            found = found[part]
+        return found
+
+    def set(self, values: Mapping[str, Any]) -> None:
+        """Set parameters of one DFPC, all or none.
+
+        Raises
+        ------
+        DeniedError
+            If a parameter is not listed.
+        InputError
+            If they belong to several DFPCs, or the DFPC refuses a value.
+        NotActiveError
+            If the DFPC is active.
+        """
+        unknown = sorted(set(values) - set(self._allowed))
+        if unknown:
+            raise DeniedError(f"{unknown[0]}: not among the parameters of the gateway")
+        dfpcs = sorted({self._allowed[name][0] for name in values})
+        if len(dfpcs) != 1:
+            raise InputError(f"parameters of {', '.join(dfpcs) or 'no DFPC'}: expected those of one")
+        (dfpc,) = dfpcs
+        with self._lock:
+            current = self._current(dfpc)
+            # All listed parameters are stated: ``configure`` starts from those of the profile.
+            listed = {inner.split(".")[0] for owner, inner in self._allowed.values() if owner == dfpc}
+            changed: dict[str, Any] = {name: deepcopy(current[name]) for name in listed if name in current}
+            for name, value in values.items():
+                *path, last = self._allowed[name][1].split(".")
+                place = changed
+                for part in path:
+                    place = place.get(part, {})
+                if last not in place:
+                    raise InputError(f"{name}: {dfpc} has no such parameter, or is not configured")
+                place[last] = value
+            key = keys.dfpc_rpc(self._robot, dfpc, "configure")
+            self._bus.call(key, payload=pack(changed), timeout_s=_CALL_S)
+
+    def _current(self, dfpc: str) -> dict[str, Any]:
+        key = keys.dfpc_rpc(self._robot, dfpc, "describe")
+        parameters: dict[str, Any] = self._bus.call(key, timeout_s=_CALL_S).body()["parameters"]
+        return parameters
