@@ -30,7 +30,12 @@ def matrix_from_rpy_deg(rpy_deg: ArrayLike) -> FloatArray:
 
     They are applied in this order, ``R = Rz(yaw) Ry(pitch) Rx(roll)``, as in URDF.
     """
-    roll, pitch, yaw = np.deg2rad(_numbers(rpy_deg, 3, "rpy_deg"))
+    return matrix_from_rpy(np.deg2rad(_numbers(rpy_deg, 3, "rpy_deg")))
+
+
+def matrix_from_rpy(rpy_rad: FloatArray) -> FloatArray:
+    """Return the rotation matrix of roll, pitch and yaw as ``matrix_from_rpy_deg``, radians."""
+    roll, pitch, yaw = rpy_rad
     return se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import se3
+from cdff_common.geometry.rotation_forms import matrix_from_rpy
 from cdff_common.geometry.se3 import FloatArray
 
 _ROTATING, _SLIDING, _FIXED = ("revolute", "continuous"), "prismatic", "fixed"
@@ -145,11 +146,8 @@ def _joint(element: ElementTree.Element) -> Joint:
         if end is None:
             raise ConfigurationError(f"URDF: joint {name!r} has no <{tag}>")
         ends.append(_required_attribute(end, "link", f"<{tag}> of joint {name!r}"))
-    origin, axis = element.find("origin"), element.find("axis")
-    xyz = _numbers(origin, "xyz", (0.0, 0.0, 0.0), name)
-    roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), name)
-    R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-    direction = _numbers(axis, "xyz", (1.0, 0.0, 0.0), name)
+    origin = origin_of(element, f"joint {name!r}")
+    direction = numbers(element.find("axis"), "xyz", (1.0, 0.0, 0.0), f"joint {name!r}")
     length = float(np.linalg.norm(direction))
     if kind != _FIXED and length < 1e-9:
         raise ConfigurationError(
@@ -163,9 +161,7 @@ def _joint(element: ElementTree.Element) -> Joint:
     if mimic is not None:
         mimicked = _required_attribute(mimic, "joint", f"<mimic> of joint {name!r}")
         mimic_rule = mimicked, _number(mimic, "multiplier", 1.0, name), _number(mimic, "offset", 0.0, name)
-    return Joint(
-        name, kind, ends[0], ends[1], se3.transform(R, xyz), direction / max(length, 1e-9), limits, mimic_rule
-    )
+    return Joint(name, kind, ends[0], ends[1], origin, direction / max(length, 1e-9), limits, mimic_rule)
 
 
 def _required_attribute(element: ElementTree.Element, attribute: str, where: str) -> str:
@@ -177,20 +173,30 @@ def _required_attribute(element: ElementTree.Element, attribute: str, where: str
 
 
 def _number(element: ElementTree.Element, attribute: str, default: float, joint: str) -> float:
-    return float(_numbers(element, attribute, (default,), joint)[0])
+    return float(numbers(element, attribute, (default,), f"joint {joint!r}")[0])
 
 
-def _numbers(
-    element: ElementTree.Element | None, attribute: str, default: tuple[float, ...], joint: str
+def origin_of(element: ElementTree.Element, where: str) -> FloatArray:
+    """Return the transform (4, 4) of the ``origin`` of a joint or shape, metres."""
+    origin, zeros = element.find("origin"), (0.0, 0.0, 0.0)
+    R = matrix_from_rpy(numbers(origin, "rpy", zeros, where))
+    return se3.transform(R, numbers(origin, "xyz", zeros, where))
+
+
+def numbers(
+    element: ElementTree.Element | None, attribute: str, default: tuple[float, ...], where: str
 ) -> FloatArray:
-    """Return the numbers of an attribute, or the default; raises ConfigurationError."""
+    """Return as many finite numbers of an attribute as there are defaults; raises ConfigurationError.
+
+    An attribute whose defaults are NaN is required.
+    """
     text = None if element is None else element.get(attribute)
     try:
         values = np.array(default if text is None else [float(t) for t in text.split()], dtype=np.float64)
     except ValueError as error:
-        raise ConfigurationError(f"URDF: joint {joint!r}: {attribute}={text!r}, expected numbers") from error
+        raise ConfigurationError(f"URDF: {where}: {attribute}={text!r}, expected numbers") from error
     if values.shape != (len(default),) or not np.isfinite(values).all():
         raise ConfigurationError(
-            f"URDF: joint {joint!r}: {attribute}={text!r}, expected {len(default)} finite numbers"
+            f"URDF: {where}: {attribute}={text!r}, expected {len(default)} finite numbers"
         )
     return values

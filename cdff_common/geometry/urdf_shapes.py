@@ -14,8 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cdff_common.errors import ConfigurationError
-from cdff_common.geometry import se3
-from cdff_common.geometry.se3 import FloatArray
+from cdff_common.geometry.se3 import FloatArray, transform_points
+from cdff_common.geometry.urdf import numbers, origin_of
 
 #: Vertices of the polygon that replaces a circle. It is circumscribed, so that it contains the circle.
 _CIRCLE_POINTS = 24
@@ -58,29 +58,31 @@ def read_shapes(urdf: str) -> tuple[LinkShape, ...]:
 
 def _shape(link: str, element: ElementTree.Element) -> LinkShape:
     """Return the shape of a ``collision`` or ``visual`` element in the frame of its link."""
-    geometry, origin = element.find("geometry"), element.find("origin")
+    geometry, where = element.find("geometry"), f"shape of link {link!r}"
     shape = None if geometry is None else next(iter(geometry), None)
-    points = None
-    if shape is not None and shape.tag == "box":
-        points = _UNIT_CUBE * _numbers(shape.get("size"), 3, link)
-    elif shape is not None and shape.tag == "cylinder":
-        points = _cylinder(shape.get("radius"), shape.get("length"), link)
-    elif shape is not None and shape.tag == "sphere":
-        points = _sphere(_numbers(shape.get("radius"), 1, link)[0])
-    if points is None:
-        kind = "none" if shape is None else f"<{shape.tag}>"
-        raise ConfigurationError(f"URDF: shape {kind} of link {link!r}, expected box, cylinder or sphere")
-    xyz = np.zeros(3) if origin is None else _numbers(origin.get("xyz", "0 0 0"), 3, link)
-    roll, pitch, yaw = np.zeros(3) if origin is None else _numbers(origin.get("rpy", "0 0 0"), 3, link)
-    R = se3.exp_so3([0, 0, yaw]) @ se3.exp_so3([0, pitch, 0]) @ se3.exp_so3([roll, 0, 0])
-    return LinkShape(link, points @ R.T + xyz)
+
+    def length(attribute: str) -> float:
+        return float(numbers(shape, attribute, (np.nan,), where)[0])
+
+    match None if shape is None else shape.tag:
+        case "box":
+            points = _UNIT_CUBE * numbers(shape, "size", (np.nan,) * 3, where)
+        case "cylinder":
+            points = _cylinder(length("radius"), length("length"))
+        case "sphere":
+            points = _sphere(length("radius"))
+        case tag:
+            kind = "none" if tag is None else f"<{tag}>"
+            raise ConfigurationError(f"URDF: shape {kind} of link {link!r}, expected box, cylinder or sphere")
+    return LinkShape(link, transform_points(origin_of(element, where), points))
 
 
-def _cylinder(radius: str | None, length: str | None, link: str) -> FloatArray:
+def _cylinder(radius_m: float, length_m: float) -> FloatArray:
     """Return the vertices (n, 3) of a prism that contains a cylinder about z, metres."""
-    half_m = 0.5 * _numbers(length, 1, link)[0]
-    circle = _circle(_numbers(radius, 1, link)[0])
-    return np.concatenate([np.column_stack([circle, np.full(len(circle), z)]) for z in (-half_m, half_m)])
+    circle = _circle(radius_m)
+    return np.concatenate(
+        [np.column_stack([circle, np.full(len(circle), z * length_m)]) for z in (-0.5, 0.5)]
+    )
 
 
 def _sphere(radius_m: float) -> FloatArray:
@@ -102,14 +104,3 @@ def _circle(radius_m: float) -> FloatArray:
     angles_rad = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
     outer_radius_m = radius_m / np.cos(np.pi / _CIRCLE_POINTS)
     return np.asarray(outer_radius_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)]))
-
-
-def _numbers(text: str | None, count: int, link: str) -> FloatArray:
-    """Return ``count`` numbers separated by spaces; raises ConfigurationError."""
-    try:
-        values = np.array([float(word) for word in (text or "").split()])
-    except ValueError as error:
-        raise ConfigurationError(f"URDF: shape of link {link!r}: {text!r}, expected numbers") from error
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise ConfigurationError(f"URDF: shape of link {link!r}: {text!r}, expected {count} finite numbers")
-    return values
