@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cdff_common.arrays import FloatArray
+from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
-from cdff_core.visual_map.pose_fit import linearised_directions
+from cdff_core.visual_map.pose_fit import linearised_directions, robust_step
 
 _ITERATIONS = 8
 #: Images of a camera that are compared, number from which they are, and standard deviations of significance.
@@ -50,13 +51,10 @@ def fit_focal_ratio(
     for _ in range(_ITERATIONS):
         residuals, by_pose, W = linearised_directions(T, points, covariances, directions / ratio, sigma)
         J = np.concatenate([by_pose, (directions / ratio**2)[:, :, None]], axis=2)
-        squares = np.einsum("ni,nij,nj->n", residuals, W, residuals)
-        weights = np.maximum(1.0 - squares / gate**2, 0.0) ** 2
-        JW = np.einsum("nia,nij,n->naj", J, W, weights)
-        normal = np.einsum("naj,njb->ab", JW, J)
-        if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
+        try:
+            _, _, normal, step = robust_step(residuals, J, W, gate)
+        except RefusedError:
             return None
-        step = -np.linalg.solve(normal, np.einsum("naj,nj->a", JW, residuals))
         T, ratio = se3.exp_se3(step[:6]) @ T, ratio + float(step[6])
         if not 0.2 < ratio < 5.0:
             return None

@@ -78,19 +78,33 @@ def fit_pose(
     for iteration in range(_ITERATIONS):
         limit = gate * max(1.0, _FIRST_GATE * 0.5**iteration)
         residuals, J, W = linearised_directions(T, points, covariances, directions, sigma)
-        squares = np.einsum("ni,nij,nj->n", residuals, W, residuals)
-        weights = np.maximum(1.0 - squares / limit**2, 0.0) ** 2
-        JW = np.einsum("nia,nij,n->naj", J, W, weights)
-        normal = np.einsum("naj,njb->ab", JW, J)
-        if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
-            raise RefusedError("the matched points do not determine a pose", ["unconstrained"])
-        step = -np.linalg.solve(normal, np.einsum("naj,nj->a", JW, residuals))
+        squares, weights, normal, step = robust_step(residuals, J, W, limit)
         T = se3.exp_se3(step) @ T
         if limit == gate and np.abs(step).max() < _CONVERGED:
             break
     inliers = weights > 0.0
     factor = float(np.mean(squares[inliers])) / 2.0 if inliers.any() else np.inf
-    return PoseFit(T, np.linalg.inv(normal), inliers, factor)
+    return PoseFit(T, np.asarray(np.linalg.inv(normal), np.float64), inliers, factor)
+
+
+def robust_step(
+    residuals: FloatArray, J: FloatArray, W: FloatArray, limit: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return squared residuals (n,), Tukey's weights (n,), normal matrix (k, k) and Gauss-Newton step (k,).
+
+    Raises
+    ------
+    RefusedError
+        ``unconstrained`` if the residuals (n, 2) with derivatives J (n, 2, k) do not determine the step.
+    """
+    squares = np.einsum("ni,nij,nj->n", residuals, W, residuals)
+    weights = np.maximum(1.0 - squares / limit**2, 0.0) ** 2
+    JW = np.einsum("nia,nij,n->naj", J, W, weights)
+    normal = np.einsum("naj,njb->ab", JW, J)
+    if not np.isfinite(normal).all() or np.linalg.cond(normal) > 1e12:
+        raise RefusedError("the matched points do not determine a pose", ["unconstrained"])
+    step = -np.linalg.solve(normal, np.einsum("naj,nj->a", JW, residuals))
+    return squares, weights, normal, step
 
 
 def linearised_directions(

@@ -16,7 +16,7 @@ from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.registry import Registry
 from cdff_common.progress import Progress
 from cdff_core.runtime import Runner
-from cdff_dev.logs.source import LogSource, split_stream
+from cdff_dev.logs.source import LogSample, LogSource, split_stream
 from cdff_dev.replay.engine import samples_of
 from cdff_dev.slam.methods import LIDAR_SLAM, STEREO_ODOMETRY
 
@@ -84,18 +84,23 @@ def sensor_streams(log: LogSource, robot: str) -> list[str]:
 
 def recorded_poses(log: LogSource, stream: str) -> Trajectory:
     """Return the poses of a stream, in the order of their stamps, without repeated stamps."""
-    samples = list(log.samples([stream]))
-    stamps, index = np.unique(np.array([s.stamp_ns for s in samples], dtype=np.int64), return_index=True)
-    poses = np.array([samples[i].value.transform.matrix for i in index])
+    stamps, samples = _ordered(log, stream)
+    poses = np.array([sample.value.transform.matrix for sample in samples])
     return Trajectory(samples[0].value.child_frame, stamps, poses)
 
 
 def inertial(log: LogSource, stream: str) -> Inertial:
     """Return the readings of an IMU."""
+    stamps, samples = _ordered(log, stream)
+    force, rates = (np.array([getattr(s.value, name) for s in samples]) for name in ("acc", "gyro"))
+    return Inertial(frame_of(log, stream), stamps, force, rates)
+
+
+def _ordered(log: LogSource, stream: str) -> tuple[NDArray[np.int64], list[LogSample]]:
+    """Return the stamps and samples of a stream in the order of time, the first one of each stamp."""
     samples = list(log.samples([stream]))
     stamps, index = np.unique(np.array([s.stamp_ns for s in samples], dtype=np.int64), return_index=True)
-    force = np.array([samples[i].value.acc for i in index])
-    return Inertial(frame_of(log, stream), stamps, force, np.array([samples[i].value.gyro for i in index]))
+    return stamps, [samples[i] for i in index]
 
 
 def estimated_trajectory(log: LogSource, stream: str) -> Trajectory:

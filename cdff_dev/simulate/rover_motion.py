@@ -78,13 +78,13 @@ def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatAr
     curvature = PchipInterpolator(knots[:, 0], knots[:, 1], extrapolate=True)(
         np.clip(s, knots[0, 0], knots[-1, 0])
     )
-    heading = (
-        math.radians(drive.heading_deg)
-        + np.concatenate([[0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]))]) * 0.005
-    )
-    c, n = np.cos(heading), np.sin(heading)
-    x = drive.start_xy_m[0] + np.concatenate([[0], np.cumsum(0.5 * (c[1:] + c[:-1]))]) * 0.005
-    y = drive.start_xy_m[1] + np.concatenate([[0], np.cumsum(0.5 * (n[1:] + n[:-1]))]) * 0.005
+
+    def integral(values: FloatArray) -> FloatArray:
+        return np.asarray(np.concatenate([[0], np.cumsum(0.5 * (values[1:] + values[:-1]))]) * 0.005)
+
+    heading = math.radians(drive.heading_deg) + integral(curvature)
+    x = drive.start_xy_m[0] + integral(np.cos(heading))
+    y = drive.start_xy_m[1] + integral(np.sin(heading))
     xy = np.stack([np.interp(distance_m, s, x), np.interp(distance_m, s, y)], axis=1)
     return xy, np.interp(distance_m, s, heading)
 

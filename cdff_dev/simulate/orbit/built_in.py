@@ -110,9 +110,7 @@ def small_body() -> list[Shape]:
     a, b = row * 2 * n + column, row * 2 * n + following
     c, d = a + 2 * n, b + 2 * n
     triangles = np.concatenate([np.column_stack([a, c, d]), np.column_stack([a, d, b])])
-    edges = vertices[triangles]
-    area = np.linalg.norm(np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0]), axis=1)
-    return [Shape(vertices, triangles[area > 1e-6], "regolith")]
+    return [Shape(vertices, triangles, "regolith").without_slivers(1e-6)]
 
 
 BUILT_IN_MODELS = {"satellite": satellite, "debris": debris, "arm": arm, "small_body": small_body}

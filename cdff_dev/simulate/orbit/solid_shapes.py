@@ -26,6 +26,12 @@ class Shape:
         R = se3.exp_so3(np.radians(np.asarray(rotation_deg, dtype=float)))
         return Shape(self.vertices @ np.asarray(R).T + np.asarray(to_m), self.triangles, self.material)
 
+    def without_slivers(self, double_area_m2: float) -> Shape:
+        """Return the shape without triangles whose double area is not larger."""
+        corners = self.vertices[self.triangles]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        return Shape(self.vertices, self.triangles[area > double_area_m2], self.material)
+
 
 def box(size_m: ArrayLike, material: str, cells: int = 1) -> Shape:
     """Return a box about the origin; each face has ``cells`` × ``cells`` squares."""
@@ -69,9 +75,7 @@ def revolution(profile_m: ArrayLike, material: str, segments: int = 32) -> Shape
     following = np.roll(np.arange(segments), -1)[:, None] * k + np.arange(k - 1)
     a, b, c, d = column.ravel(), following.ravel(), (following + 1).ravel(), (column + 1).ravel()
     triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    corners = vertices[triangles]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return Shape(vertices, triangles[area > 1e-12], material)
+    return Shape(vertices, triangles, material).without_slivers(1e-12)
 
 
 def cylinder(radius_m: float, length_m: float, material: str, segments: int = 32) -> Shape:
