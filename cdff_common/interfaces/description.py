@@ -116,10 +116,14 @@ class Performance(StrictModel):
         Default cell size or spacing of the product; a parameter ``resolution_m`` of the profile has priority.
     latency_s : float or None
         Time from the last required sample to the product, on the machine of the benchmark.
+    sigma_m, sigma_deg : float or None
+        Standard deviation of the product: position or elevation, metres; orientation, degrees.
     accuracy : str
         Error, with the data of its measurement.
     """
 
+    sigma_m: PositiveFloat | None = None
+    sigma_deg: PositiveFloat | None = None
     resolution_m: PositiveFloat | None = None
     latency_s: NonNegativeFloat | None = None
     accuracy: str = ""
@@ -222,6 +226,32 @@ class ManagedItem(StrictModel):
     push: Literal["output", "event", "query"] = "query"
 
 
+class AdjustableParameter(StrictModel):
+    """Parameter of a DFPC that requests set while it runs.
+
+    Attributes
+    ----------
+    parameter : str
+    follows : str
+        Value of the request that sets it. ``resolution_m``: cell size; ``period_s``: period of a standing
+        request; ``range_m``: distance to the farthest point of the region.
+    default : float or None
+        Value without the profile; None if it is not a number, and then the profile must state one.
+    least, greatest : float
+        Bounds of the adjustment.
+    live : bool
+        True if it takes effect at the next sample; otherwise the DFPC finishes its products and is configured
+        again, with its state.
+    """
+
+    parameter: Identifier
+    follows: Literal["resolution_m", "range_m", "period_s"]
+    default: float | None = None
+    least: PositiveFloat
+    greatest: PositiveFloat
+    live: bool = False
+
+
 class DfpcDescription(StrictModel):
     """Content of ``dfpc.yaml``.
 
@@ -230,6 +260,8 @@ class DfpcDescription(StrictModel):
     calibrated : mapping of str to str
         Implementations whose covariance agrees with ground truth on real data, with the record of
         ``docs/evaluation`` that shows it; the covariance of all others is ``formal``.
+    adjustable : list of AdjustableParameter
+        Parameters that requests set while it runs.
     """
 
     name: Identifier
@@ -245,6 +277,7 @@ class DfpcDescription(StrictModel):
     control: tuple[str, ...]
     cost: dict[str, Cost] = {}
     performance: dict[str, Performance] = {}
+    adjustable: tuple[AdjustableParameter, ...] = ()
     accuracy: str = ""
     calibrated: dict[str, Identifier] = {}
     tests: tuple[str, ...] = ()

@@ -20,6 +20,7 @@ from cdff_common.contract.wiring import WIRING, Wiring, mode_names
 from cdff_common.errors import ConfigurationError
 from cdff_common.geometry import FrameGraph, UncertainTransform, rotation_forms, se3
 from cdff_common.geometry.urdf import read_urdf
+from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.dfpc import DfpcContext
 from cdff_common.interfaces.map_merging import MergingConfig
@@ -95,6 +96,8 @@ class DfpcEntry(StrictModel):
         Name of an installed DFPC; see ``cdff dfpc list``.
     implementation : str or None
         Variant of the DFPC; None for its first one.
+    implementations : list of str
+        Variants among which a plan selects, as a fast and an accurate one; empty for ``implementation`` only.
     parameters : mapping
         Parameters of the DFPC, and of a DFN under the name of its slot; see ``cdff dfpc show NAME``.
     inputs : mapping of port to source
@@ -121,10 +124,13 @@ class DfpcEntry(StrictModel):
         Time for which a sample waits for earlier ones of other inputs, seconds.
     step_timeout_s : float
         Longest step, seconds; after it the process is restarted.
+    data_mb_h : float
+        Expected volume of its stored products, megabytes per hour; replaced by the measured one.
     """
 
     name: Name
     implementation: str | None = None
+    implementations: tuple[str, ...] = ()
     parameters: dict[str, Any] = {}
     inputs: dict[Name, WiringText]
     modes: dict[Name, ModeNames | ModeNeed] = {}
@@ -136,6 +142,12 @@ class DfpcEntry(StrictModel):
     queue: Annotated[int, Field(ge=1, le=10_000)] = 64
     reorder_s: Annotated[float, Field(ge=0, le=5)] = 0.05
     step_timeout_s: PositiveFloat = 10.0
+    data_mb_h: NonNegativeFloat = 0.0
+
+    def choices(self, description: DfpcDescription) -> tuple[str, ...]:
+        """Return the implementations among which a plan selects, the default one first."""
+        default = self.implementation or (*self.implementations, description.implementations[0].name)[0]
+        return tuple(dict.fromkeys((default, *self.implementations)))
 
 
 #: Limits of a robot with their meaning; the unit is in the name.
@@ -149,6 +161,9 @@ ROBOT_LIMITS = {
     "max_speed_m_s": "speed, for the area in reach",
     "memory_mb": "memory of all DFPCs together",
     "cpu_cores": "CPU time of all DFPCs together, seconds per second",
+    "power_w": "electrical power of sensors and DFPCs, watts",
+    "heat_w": "heat of sensors and DFPCs that the thermal control removes, watts",
+    "data_mb_h": "stored data of sensors and DFPCs, megabytes per hour",
 }
 
 
@@ -168,7 +183,10 @@ class Robot(StrictModel):
     limits : mapping of limit to float
         Motion limits for the DFPCs and budgets for the orchestrator: ``max_slope_deg``, ``max_step_m``,
         ``max_roughness_m``, ``width_m``, ``length_m``, ``height_m``, ``max_speed_m_s`` (for the area in
-        reach), ``memory_mb`` and ``cpu_cores`` (of all DFPCs together).
+        reach), ``memory_mb`` and ``cpu_cores`` (of all DFPCs together), ``power_w``, ``heat_w`` and
+        ``data_mb_h`` (of sensors and DFPCs together).
+    power_w_per_core : float
+        Electrical power of the computer per busy core, watts.
     dfpcs : list of DfpcEntry
         DFPCs that run for the robot.
     urdf : str
@@ -183,6 +201,7 @@ class Robot(StrictModel):
     frames: tuple[FrameEdge, ...] = ()
     sensors: dict[Name, Sensor] = {}
     limits: dict[Name, float] = {}
+    power_w_per_core: NonNegativeFloat = 0.0
     dfpcs: tuple[DfpcEntry, ...] = ()
     urdf: str = ""
     gateways: dict[Literal["gateway_ros1", "gateway_ros2"], str] = {}

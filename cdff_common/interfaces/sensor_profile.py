@@ -36,6 +36,12 @@ class SensorMode(StrictModel):
         Stereo camera: true for both cameras, false for one.
     exposure : str or None
         Exposure class: short, normal, long or auto.
+    power_w : float
+        Electrical power, watts.
+    heat_w : float or None
+        Heat for the thermal control, watts; None for the electrical power.
+    data_mb_h : float
+        Volume of the data that are stored, megabytes per hour.
     doc : str
         Description for operators.
     """
@@ -46,7 +52,16 @@ class SensorMode(StrictModel):
     height_px: Count | None = None
     stereo: bool | None = None
     exposure: Exposure | None = None
+    power_w: NonNegativeFloat = 0.0
+    heat_w: NonNegativeFloat | None = None
+    data_mb_h: NonNegativeFloat = 0.0
     doc: str = ""
+
+    @property
+    def needs(self) -> dict[str, float]:
+        """Needed part of the budgets of the robot."""
+        heat_w = self.power_w if self.heat_w is None else self.heat_w
+        return {"power_w": self.power_w, "heat_w": heat_w, "data_mb_h": self.data_mb_h}
 
 
 class ModeNeed(StrictModel):
@@ -165,6 +180,12 @@ class Sensor(StrictModel):
         if mode in self.transitions:
             return dict(self.transitions[mode])
         return {m: self.switch_s for m in self.modes if m != mode}
+
+    @cached_property
+    def needs_by_mode(self) -> dict[str, dict[str, float]]:
+        """Needed part of the budgets of the robot in each mode; empty if no mode states any."""
+        needs = {name: mode.needs for name, mode in self.modes.items()}
+        return needs if any(value for amounts in needs.values() for value in amounts.values()) else {}
 
     @cached_property
     def switch_durations_s(self) -> dict[str, dict[str, float]]:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,6 +13,9 @@ from cdff_common.contract.wiring import Wiring, mode_names
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot
+from cdff_core.orchestration.accuracy import Accuracy
+from cdff_core.orchestration.adjustment import adjustables_of
+from cdff_core.orchestration.budgets import BUDGET_UNITS, added
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconciliation import ObservedState
 from cdff_core.orchestration.world import (
@@ -33,6 +36,8 @@ _ROBOT_FRAMES = ("base", "odom", "vo")
 _UNKNOWN_RATE_HZ = 1.0
 #: Assumed cost of a provider without a declared or measured one.
 _UNKNOWN_COST = 1.0
+#: Megabytes per hour in a byte per second.
+_MB_H_PER_B_S = 3600.0 / 1e6
 #: Samples after which measured values replace declared ones.
 _ENOUGH_SAMPLES = 20
 
@@ -46,6 +51,8 @@ class ResourceUsage:
     load: float = 0.0  # CPU seconds per second since the previous status; 0 while inactive
     latency_s: float = 0.0  # duration of the last step
     memory_mb: float = 0.0  # memory of the process
+    stored_bytes: int = 0  # size of the products for the DPM since the start of the process
+    data_mb_h: float = 0.0  # volume of these products since the previous status, megabytes per hour
 
     def describe(self) -> dict[str, float]:
         """Return plain data for the catalogue."""
@@ -57,10 +64,12 @@ class ResourceUsage:
         try:
             samples, cpu_s = int(status.get("samples", 0)), float(status.get("mean_step_cpu_s", 0.0))
             latency_s, memory_mb = float(status.get("last_step_s", 0.0)), float(status.get("rss_mb", 0.0))
-            load = 0.0
+            stored_bytes = int(status.get("stored_bytes", 0))
+            load, data_mb_h = 0.0, 0.0
             if previous is not None and since_s > 0.0 and samples > previous.samples:
                 load = (samples * cpu_s - previous.samples * previous.cpu_s) / since_s
-            return cls(samples, cpu_s, max(load, 0.0), latency_s, memory_mb)
+                data_mb_h = max(stored_bytes - previous.stored_bytes, 0) / since_s * _MB_H_PER_B_S
+            return cls(samples, cpu_s, max(load, 0.0), latency_s, memory_mb, stored_bytes, data_mb_h)
         except (TypeError, ValueError) as error:
             raise InputError(f"status of a DFPC: {error}") from error
 
@@ -116,6 +125,14 @@ def description_of(robot: Robot, entry: DfpcEntry, description: DfpcDescription)
         "linger_s": entry.linger_s,
         "warm_up_s": entry.warm_up_s,
         "resolution_m": _resolution_m(entry, description),
+        "choices": list(entry.choices(description)),
+        "adjustable": [
+            {**a.model_dump(exclude={"default"}), "configured": configured}
+            for a in description.adjustable
+            if (configured := entry.parameters.get(a.parameter, a.default)) is not None
+        ],
+        "data_mb_h": entry.data_mb_h,
+        "power_w_per_core": robot.power_w_per_core,
         "accuracy": description.accuracy,
         "cost": {k: c.model_dump() for k, c in description.cost.items()},
     }
@@ -139,13 +156,33 @@ def provider_of(
     measured: ResourceUsage | None = None,
     rates_hz: Mapping[SensorId, float | None] | None = None,
     wired: Mapping[str, str] | None = None,
+    running: str | None = None,
+    admitted: frozenset[str] | None = None,
 ) -> Provider:
     """Return the provider for a result of ``description_of``; raises InputError if a field is malformed.
 
     ``alive`` states that its process runs. ``rates_hz`` are the sample rates of the sensors in the required
-    modes, ``wired`` the current source of each port, ``measured`` the usage in the last status.
+    modes, ``wired`` the current source of each port, ``measured`` the usage in the last status. ``running``
+    is the current implementation, by default that of the profile, and ``admitted`` are the implementations
+    that serve other requests, by default all.
     """
     try:
+        current = running or str(description["implementation"])
+        names = [n for n in map(str, description.get("choices", ())) if admitted is None or n in admitted]
+        if len(names) > 1 or (names and names != [current]):
+            first, *others = (
+                provider_of(
+                    {**description, "implementation": name, "choices": ()},
+                    alive=alive,
+                    active=active and name == current,
+                    unavailable_reason=unavailable_reason,
+                    measured=measured if name == current else None,
+                    rates_hz=rates_hz,
+                    wired=wired,
+                )
+                for name in sorted(names, key=lambda name: name != current)
+            )
+            return replace(first, alternatives=tuple(others))
         robot = str(description["robot"])
         inputs = tuple(
             Input(str(i["port"]), _sources(robot, str(i["source"])), bool(i["optional"]))
@@ -161,6 +198,9 @@ def provider_of(
             port: source for port, text in (wired or {}).items() for source in _sources(robot, text)
         }
         resolution_m = description.get("resolution_m")
+        data_mb_h = float(description.get("data_mb_h", 0.0))
+        if active and measured is not None and measured.data_mb_h > 0.0:
+            data_mb_h = measured.data_mb_h
         return Provider(
             ProviderId(robot, str(description["name"])),
             outputs={str(o["port"]): (str(o["product"]) or None) for o in description["outputs"]},
@@ -170,6 +210,8 @@ def provider_of(
             cost=_UNKNOWN_COST if cpu is None else cpu,
             cpu=cpu or 0.0,
             memory_mb=memory_mb,
+            power_w=(cpu or 0.0) * float(description.get("power_w_per_core", 0.0)),
+            data_mb_h=data_mb_h,
             ready_s=float(description.get("warm_up_s", 0.0))
             + (measured.latency_s if measured else cpu_s or 0.0),
             resolution_m=None if resolution_m is None else float(resolution_m),
@@ -177,6 +219,8 @@ def provider_of(
             active=active,
             wired=current_sources if active else {},
             unavailable_reason=unavailable_reason,
+            adjustables=adjustables_of(description),
+            accuracy=_described_accuracy(description),
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"description of a DFPC: {type(error).__name__} {error}") from error
@@ -225,6 +269,8 @@ def world_of(
             measured=(measured or {}).get(provider_id),
             rates_hz=rates_hz[provider_id.robot],
             wired=observed.wired.get(provider_id),
+            running=observed.implementations.get(provider_id),
+            admitted=leases.serving_implementations(provider_id, priority),
         )
     sensors = {}
     for robot in selected:
@@ -243,13 +289,17 @@ def world_of(
                 refused=refused.get(sensor_id, {}),
                 lost=observed.lost.get(sensor_id, ""),
                 switch_s=sensor.switch_durations_s.get(current, {}),
+                needs=sensor.needs_by_mode,
             )
     reserved = frozenset(p for p in providers if p in observed.active or leases.is_wanted(p))
     return World(
         providers,
         sensors,
-        memory_free_mb=_remaining(selected, "memory_mb", {p: providers[p].memory_mb for p in reserved}),
-        cpu_free=_remaining(selected, "cpu_cores", {p: providers[p].cpu for p in reserved}),
+        free={
+            robot.id: remaining
+            for robot in selected
+            if (remaining := _remaining(robot, [providers[p] for p in reserved], sensors))
+        },
         reserved=reserved,
         takeable={p: n for p in reserved if (n := leases.takeable(p, priority)) is not None},
     )
@@ -285,14 +335,16 @@ class ProviderCache:
         return provider
 
 
-def _remaining(robots: Iterable[Robot], limit: str, reserved: Mapping[ProviderId, float]) -> dict[str, float]:
-    """Return the remaining budget of each robot with a limit; ``reserved`` is the usage of each provider."""
-    used: dict[str, float] = {}
-    for provider, usage in reserved.items():
-        used[provider.robot] = used.get(provider.robot, 0.0) + usage
-    return {
-        robot.id: robot.limits[limit] - used.get(robot.id, 0.0) for robot in robots if limit in robot.limits
-    }
+def _remaining(
+    robot: Robot, reserved: Iterable[Provider], sensors: Mapping[SensorId, SensorState]
+) -> dict[str, float]:
+    """Return the remaining part of each budget of a robot next to its reserved providers and current modes."""
+    limits = {budget: robot.limits[budget] for budget in BUDGET_UNITS if budget in robot.limits}
+    if not limits:
+        return {}
+    modes = [state.needs.get(state.current, {}) for state in sensors.values() if state.id.robot == robot.id]
+    used = added([*(p.needs for p in reserved if p.id.robot == robot.id), *modes])
+    return {budget: limit - used.get(budget, 0.0) for budget, limit in limits.items()}
 
 
 def _rates_hz(robot: Robot, observed: ObservedState) -> dict[SensorId, float | None]:
@@ -390,6 +442,15 @@ def _counted_inputs(description: Mapping[str, Any], inputs: tuple[Input, ...]) -
     cost = description.get("cost", {}).get(description["implementation"], {})
     ports = tuple(cost.get("ports", ()))
     return tuple(i for i in inputs if not ports or i.port in ports)
+
+
+def _described_accuracy(description: Mapping[str, Any]) -> Accuracy | None:
+    """Return the accuracy in the description of an implementation; None if it states none."""
+    name = description["implementation"]
+    variants = [v for v in description.get("implementations", ()) if v["name"] == name]
+    performance = (variants[0].get("performance") if variants else None) or {}
+    sigma_m, sigma_deg = performance.get("sigma_m"), performance.get("sigma_deg")
+    return None if sigma_m is None and sigma_deg is None else Accuracy(sigma_m, sigma_deg)
 
 
 def _cost(description: Mapping[str, Any], measured: ResourceUsage | None) -> tuple[float | None, float]:

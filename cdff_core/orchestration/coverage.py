@@ -20,7 +20,7 @@ from cdff_common.geometry.region import Region
 from cdff_common.interfaces.profile import Robot
 from cdff_common.types import ElevationMap, NavigationMap, Pointcloud
 from cdff_core.orchestration.conversion import observed_cells
-from cdff_core.orchestration.planner import NoPlan, Plan, combine_plans, plan
+from cdff_core.orchestration.planner import NoPlan, Plan, Root, combine_plans, plan
 from cdff_core.orchestration.world import ProviderId, World
 
 #: Number of coarse cells along the longer side of a region.
@@ -142,7 +142,7 @@ def plan_coverage(
     robots: Iterable[str],
     coverage: RegionCoverage,
     exclude: frozenset[ProviderId] = frozenset(),
-    roots: frozenset[ProviderId] | None = None,
+    roots: frozenset[Root] | None = None,
 ) -> Plan | NoPlan:
     """Return the cheapest plan for the missing cells, with one robot or, if ``pooled``, with several.
 

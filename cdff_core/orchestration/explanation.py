@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from cdff_core.orchestration.budgets import added
 from cdff_core.orchestration.planner import NoPlan, Plan, plan
 from cdff_core.orchestration.world import World
 
@@ -41,11 +42,14 @@ def explain(world: World, product: str, robots: Iterable[str], chosen: Plan | No
 def plan_with_costs(selected: Plan, world: World) -> dict[str, Any]:
     """Return a plan as plain data with the cost of each part.
 
-    ``cpu_cores`` and ``memory_mb`` are declared or measured; running DFPCs add nothing. ``changes`` lists the
-    current and the new mode of each sensor that changes its mode.
+    ``cpu_cores`` and ``memory_mb`` are declared or measured; running DFPCs add nothing. Power, heat and data
+    volume include the changes of sensor modes. ``changes`` lists the current and the new mode of each sensor
+    that changes its mode.
     """
-    parts = [world.providers[provider_id] for provider_id in selected.order]
+    parts = [world.choice(p, selected.implementation(p)) for p in selected.order]
     inactive = [provider for provider in parts if not provider.active]
+    changes = [world.sensors[s].added_needs(mode) for s, mode in selected.modes.items()]
+    needs = added([*(provider.needs for provider in inactive), *changes])
     return {
         **selected.describe(),
         "parts": [
@@ -60,6 +64,9 @@ def plan_with_costs(selected: Plan, world: World) -> dict[str, Any]:
         ],
         "added_cpu_cores": round(sum(provider.cpu for provider in inactive), 6),
         "added_memory_mb": round(sum(provider.memory_mb for provider in inactive), 3),
+        "added_power_w": round(needs.get("power_w", 0.0), 3),
+        "added_heat_w": round(needs.get("heat_w", 0.0), 3),
+        "added_data_mb_h": round(needs.get("data_mb_h", 0.0), 3),
         "changes": {
             str(s): [world.sensors[s].current, mode]
             for s, mode in sorted(selected.modes.items())

@@ -12,11 +12,12 @@ The caller passes times of the monotonic clock.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from cdff_core.orchestration.request import DEFAULT_PRIORITY
+from cdff_core.orchestration.shared_choice import SharedChoices
 from cdff_core.orchestration.world import ProviderId, SensorId
 
 #: Holder of the DFPCs with ``activation: always``; no request can take a sensor mode from it.
@@ -35,15 +36,6 @@ class _Lease:
     priority: int = -1
 
 
-class _Demand(NamedTuple):
-    """Demand of a holder for a sensor: planned mode, all acceptable modes, priority, order of arrival."""
-
-    mode: str
-    accepts: frozenset[str]
-    priority: int
-    number: int
-
-
 @dataclass(slots=True)
 class Leases:
     """Holders of providers and of sensor modes."""
@@ -51,12 +43,12 @@ class Leases:
     #: Time for which a provider stays wanted after the last release; default 0 s.
     linger_s: Mapping[ProviderId, float] = field(default_factory=dict)
     _provider_leases: dict[ProviderId, _Lease] = field(default_factory=dict)
-    _demands: dict[SensorId, dict[str, _Demand]] = field(default_factory=dict)  # by sensor and holder
-    _mode: dict[SensorId, str] = field(default_factory=dict)  # held mode of each sensor
+    _modes: SharedChoices[SensorId] = field(default_factory=SharedChoices)
+    _implementations: SharedChoices[ProviderId] = field(default_factory=SharedChoices)
+    _settings: dict[ProviderId, dict[str, Mapping[str, float]]] = field(default_factory=dict)  # by holder
     #: Modes of the sensors that each wanted provider uses.
     _mode_of: dict[ProviderId, dict[SensorId, str]] = field(default_factory=dict)
     _chosen_sources: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
-    _avoided_modes: dict[SensorId, frozenset[str]] = field(default_factory=dict)
     _held: dict[str, set[ProviderId]] = field(default_factory=dict)  # providers of each holder
     _priorities: dict[str, int] = field(default_factory=dict)  # of each holder
     _count: int = 0  # number of acquisitions
@@ -71,6 +63,8 @@ class Leases:
         accepts: Mapping[SensorId, Iterable[str]] | None = None,
         chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
         uses: Mapping[ProviderId, Container[SensorId]] | None = None,
+        implementations: Mapping[ProviderId, Sequence[str]] | None = None,
+        settings: Mapping[ProviderId, Mapping[str, float]] | None = None,
     ) -> None:
         """Add providers and sensor modes to the lease of ``holder``.
 
@@ -78,7 +72,8 @@ class Leases:
         the earliest holder. ``accepts`` lists all acceptable modes, by default only the one in ``modes``;
         ``chosen_sources`` are the selected sources of the ports of a provider, for all its holders. ``uses``
         are the sensors of each provider, whose modes stay wanted during its linger time; by default all
-        sensors of its robot.
+        sensors of its robot. ``implementations`` are the acceptable implementations of a provider, the
+        planned one first, ``settings`` the adjusted parameters.
         """
         self._count += 1
         self._priorities[holder] = priority
@@ -98,11 +93,12 @@ class Leases:
             if chosen_sources is not None and provider in chosen_sources:
                 self._chosen_sources[provider] = dict(chosen_sources[provider])
         for sensor, mode in modes.items():
-            accepted_modes = frozenset({mode, *(accepts or {}).get(sensor, ())})
-            self._demands.setdefault(sensor, {})[holder] = _Demand(
-                mode, accepted_modes, priority, self._count
-            )
-            self._select_mode(sensor)
+            self._modes.demand(sensor, holder, mode, (accepts or {}).get(sensor, ()), priority, self._count)
+            self._pass_mode_on(sensor)
+        for provider, names in (implementations or {}).items():
+            self._implementations.demand(provider, holder, names[0], names, priority, self._count)
+        for provider, values in (settings or {}).items():
+            self._settings.setdefault(provider, {})[holder] = dict(values)
 
     def release(self, holder: str, now_s: float) -> None:
         """Release the lease of ``holder``; providers without another holder start to linger."""
@@ -115,9 +111,13 @@ class Leases:
                 else:
                     lease.linger_until_s = now_s + self.linger_s.get(provider, 0.0)
         self._priorities.pop(holder, None)
-        for sensor in [s for s, demands in self._demands.items() if holder in demands]:
-            del self._demands[sensor][holder]
-            self._select_mode(sensor)
+        for sensor in self._modes.release(holder):
+            self._pass_mode_on(sensor)
+        self._implementations.release(holder)
+        for provider in [p for p, held in self._settings.items() if holder in held]:
+            del self._settings[provider][holder]
+            if not self._settings[provider]:
+                del self._settings[provider]
 
     def takeable(self, provider: ProviderId, priority: int) -> int | None:
         """Return the priority of a provider that a request of some priority may stop; None if it may not.
@@ -163,12 +163,11 @@ class Leases:
 
     def remove_robot(self, robot: str) -> None:
         """Remove all leases of the DFPCs and sensors of a robot, also those with a holder."""
-        for by_provider in (self._provider_leases, self._mode_of, self._chosen_sources):
+        for by_provider in (self._provider_leases, self._mode_of, self._chosen_sources, self._settings):
             for provider in [p for p in by_provider if p.robot == robot]:
                 del by_provider[provider]
-        for by_sensor in (self._demands, self._mode, self._avoided_modes):
-            for sensor in [s for s in by_sensor if s.robot == robot]:
-                del by_sensor[sensor]
+        self._modes.remove_robot(robot)
+        self._implementations.remove_robot(robot)
 
     def is_holder(self, holder: str) -> bool:
         """Return whether a holder has a lease."""
@@ -176,24 +175,17 @@ class Leases:
 
     def without(self, holder: str) -> Leases:
         """Return the leases of all other holders, in which the providers of ``holder`` do not linger."""
-        others = replace(
+        return replace(
             self,
             _provider_leases={
                 provider: self._lease_without(lease, holder)
                 for provider, lease in self._provider_leases.items()
                 if lease.holders != {holder}
             },
-            _demands={
-                sensor: {h: d for h, d in demands.items() if h != holder} if holder in demands else demands
-                for sensor, demands in self._demands.items()
-            },
-            _mode=dict(self._mode),
+            _modes=self._modes.without(holder),
+            _implementations=self._implementations.without(holder),
             _mode_of={},  # only for the modes of lingering providers
         )
-        for sensor, demands in self._demands.items():
-            if holder in demands:
-                others._select_mode(sensor)
-        return others
 
     def _lease_without(self, lease: _Lease, holder: str) -> _Lease:
         if holder not in lease.holders:
@@ -203,9 +195,9 @@ class Leases:
 
     def avoid(self, modes: Mapping[SensorId, Iterable[str]]) -> None:
         """Select these modes, which sensors do not reach now, only if no other mode serves the holders."""
-        self._avoided_modes = {sensor: frozenset(names) for sensor, names in modes.items()}
-        for sensor in self._avoided_modes.keys() & self._demands.keys():
-            self._select_mode(sensor)
+        self._modes.avoid(modes)
+        for sensor in modes.keys() & self._modes.selected.keys():
+            self._pass_mode_on(sensor)
 
     @property
     def wanted(self) -> frozenset[ProviderId]:
@@ -228,7 +220,13 @@ class Leases:
                 for p, lease in self._provider_leases.items()
                 if p.robot in robots
             },
-            {s: mode for s, mode in self._mode.items() if s.robot in robots},
+            {s: mode for s, mode in self._modes.selected.items() if s.robot in robots},
+            {p: name for p, name in self._implementations.selected.items() if p.robot in robots},
+            {
+                p: {h: dict(v) for h, v in held.items()}
+                for p, held in self._settings.items()
+                if p.robot in robots
+            },
             {p: dict(ports) for p, ports in self._chosen_sources.items() if p.robot in robots},
         )
 
@@ -243,20 +241,33 @@ class Leases:
 
     def held_mode(self, sensor: SensorId) -> str | None:
         """Return the held mode of a sensor; None if it may change: no holder, or lingering providers only."""
-        return self._mode.get(sensor)
+        return self._modes.selected.get(sensor)
 
     def serving_modes(self, sensor: SensorId, priority: int = -1) -> frozenset[str] | None:
         """Return the modes that serve all holders of at least ``priority``; None without a holder."""
-        accepted_modes = [d.accepts for d in self._compatible_demands(sensor) if d.priority >= priority]
-        return None if not accepted_modes else frozenset.intersection(*accepted_modes)
+        return self._modes.serving(sensor, priority)
+
+    def implementation(self, provider: ProviderId) -> str | None:
+        """Return the implementation that serves the holders of a provider; None if they have no choice."""
+        return self._implementations.selected.get(provider)
+
+    def serving_implementations(self, provider: ProviderId, priority: int = -1) -> frozenset[str] | None:
+        """Return the implementations that serve all holders of at least ``priority``; None without a demand."""
+        return self._implementations.serving(provider, priority)
+
+    def settings(self, provider: ProviderId) -> list[Mapping[str, float]]:
+        """Return the adjusted parameters that each holder of a provider requests."""
+        return list(self._settings.get(provider, {}).values())
 
     def displaced(self, holder: str, sensors: Iterable[SensorId] | None = None) -> dict[SensorId, str]:
         """Return the sensors, by default of all, in a mode unacceptable to a holder, with this mode."""
-        return {
-            s: self._mode[s]
-            for s in (self._demands if sensors is None else sensors)
-            if (demand := self._demands.get(s, {}).get(holder)) and self._mode[s] not in demand.accepts
-        }
+        return self._modes.displaced(holder, sensors)
+
+    def displaced_implementations(
+        self, holder: str, providers: Iterable[ProviderId]
+    ) -> dict[ProviderId, str]:
+        """Return the providers that run in an implementation unacceptable to a holder, with this one."""
+        return self._implementations.displaced(holder, providers)
 
     def wanted_modes(self) -> dict[SensorId, str]:
         """Return the wanted mode of each sensor that is held or used by lingering providers."""
@@ -264,7 +275,7 @@ class Leases:
         for provider, lease in sorted(self._provider_leases.items()):
             if not lease.holders:
                 modes.update(self._mode_of.get(provider, {}))
-        modes.update(sorted(self._mode.items()))
+        modes.update(sorted(self._modes.selected.items()))
         return modes
 
     def next_expiry_s(self) -> float | None:
@@ -283,30 +294,11 @@ class Leases:
             for provider, lease in sorted(self._provider_leases.items())
         ]
 
-    def _compatible_demands(self, sensor: SensorId) -> list[_Demand]:
-        """Return the demands that one mode can serve, by descending priority; others are omitted."""
-        common: frozenset[str] | None = None
-        compatible = []
-        for demand in sorted(self._demands.get(sensor, {}).values(), key=lambda d: (-d.priority, d.number)):
-            shared_modes = demand.accepts if common is None else common & demand.accepts
-            if shared_modes:
-                common = shared_modes
-                compatible.append(demand)
-        return compatible
-
-    def _select_mode(self, sensor: SensorId) -> None:
-        """Select a mode that serves the demands: the current one, else the last planned one, else any."""
-        compatible = self._compatible_demands(sensor)
-        if not compatible:
-            del self._demands[sensor]
-            self._mode.pop(sensor, None)
+    def _pass_mode_on(self, sensor: SensorId) -> None:
+        """Let lingering providers of the robot use the selected mode of a sensor."""
+        mode = self._modes.selected.get(sensor)
+        if mode is None:
             return
-        common = frozenset.intersection(*(d.accepts for d in compatible))
-        common = common - self._avoided_modes.get(sensor, frozenset()) or common
-        if self._mode.get(sensor) not in common:
-            planned = [d.mode for d in sorted(compatible, key=lambda d: -d.number) if d.mode in common]
-            self._mode[sensor] = planned[0] if planned else min(common)
-        # Lingering providers of this robot use the new mode.
         for modes in self._mode_of.values():
             if sensor in modes:
-                modes[sensor] = self._mode[sensor]
+                modes[sensor] = mode

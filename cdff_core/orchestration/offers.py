@@ -76,6 +76,8 @@ def _provider_offer(provider: Provider, result: Plan | NoPlan) -> dict[str, Any]
         "memory_mb": provider.memory_mb,
         "ready_s": round(provider.ready_s, 3),
         "resolution_m": provider.resolution_m,
+        "implementations": [choice.implementation for choice in provider.choices],
+        "adjustable": {a.follows: [a.least, a.greatest] for a in provider.adjustables},
     }
     if isinstance(result, Plan):
         return offer | {
@@ -93,11 +95,8 @@ def describe_world(
 ) -> dict[str, Any]:
     """Return DFPCs, sensors and remaining budgets of some robots as plain data."""
     selected, sensors_of = frozenset(robots), {robot.id: robot.sensors for robot in profile.robots}
-    remaining = {
-        robot: {"memory_mb": world.memory_free_mb.get(robot), "cpu_cores": world.cpu_free.get(robot)}
-        for robot in robots
-        if robot in world.memory_free_mb or robot in world.cpu_free
-    }
+    unlimited: dict[str, float | None] = {"memory_mb": None, "cpu_cores": None}
+    remaining = {robot: {**unlimited, **world.free[robot]} for robot in robots if robot in world.free}
     dfpcs = [
         {**descriptions[provider_id], "cpu_cores": round(provider.cpu, 4), "memory_mb": provider.memory_mb}
         for provider_id, provider in sorted(world.providers.items())

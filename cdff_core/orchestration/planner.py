@@ -9,7 +9,9 @@ A plan is *sound* if
   product), and each provider with inputs wired in the profile has a source for at least one of them;
 * each sensor is in one mode that serves all providers of the plan and all holders of at least the priority
   of the request;
-* there is no loop, and no robot exceeds its budget of memory or CPU.
+* there is no loop, and no robot exceeds a budget (memory, CPU, power, heat, data volume).
+
+Where the profile admits several implementations of a DFPC, the plan selects one.
 
 The cost of a plan is the sum of the costs of the providers that do not run yet, ``MODE_COST`` for each mode
 change, ``TAKE_COST`` for each sensor or provider taken from requests of lower priority, ``REWIRE_COST`` for
@@ -25,12 +27,16 @@ cost of the cheapest of them is a lower bound. The search is exact; tests compar
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from graphlib import TopologicalSorter
+from typing import TypeAlias
 
 from cdff_common.contract.wiring import mode_names
+from cdff_core.orchestration.budgets import BUDGET_UNITS, added, excess
 from cdff_core.orchestration.world import (
     Input,
     InputSource,
@@ -45,6 +51,10 @@ MODE_COST = 0.5
 TAKE_COST = 50.0
 REWIRE_COST = 1.0
 OMITTED_INPUT_COST = 100.0
+#: Largest number of combinations of sensor modes that are compared with the budgets of a robot.
+_MAX_MODES = 256
+#: A provider, or one implementation of it.
+Root: TypeAlias = "ProviderId | tuple[ProviderId, str]"
 #: Maximum number of search steps, after which the best plan so far is returned; 100 DFPCs need fewer.
 MAX_STEPS = 20_000
 
@@ -66,8 +76,24 @@ class Plan:
     ready_s: float = (
         0.0  # time until the product is reliable: mode switches and warm-ups in sequence, seconds
     )
-    #: Providers of requests of lower priority that are stopped for their memory and CPU.
+    #: Providers of requests of lower priority that are stopped for their budgets.
     takes: tuple[ProviderId, ...] = ()
+    #: Acceptable implementations of each provider with a choice, the selected one first.
+    implementations: Mapping[ProviderId, tuple[str, ...]] = field(default_factory=dict)
+    #: Parameters that the request adjusts, by provider.
+    settings: Mapping[ProviderId, Mapping[str, float]] = field(default_factory=dict)
+
+    #: Implementation of the provider of the product.
+    root_implementation: str = ""
+
+    def has_same_root(self, other: Plan) -> bool:
+        """Return True if the same implementation of the same DFPC provides the product."""
+        return (self.provider, self.root_implementation) == (other.provider, other.root_implementation)
+
+    def implementation(self, provider: ProviderId) -> str | None:
+        """Return the selected implementation of a provider; None if there is no choice."""
+        names = self.implementations.get(provider)
+        return None if names is None else names[0]
 
     def describe(self) -> dict[str, object]:
         """Return plain data for the journal and for replies."""
@@ -81,6 +107,8 @@ class Plan:
             "sources": {str(p): dict(ports) for p, ports in sorted(self.chosen_sources.items()) if ports},
             "ready_s": round(self.ready_s, 3),
             "takes": [str(provider) for provider in self.takes],
+            "implementations": {str(p): names[0] for p, names in sorted(self.implementations.items())},
+            "settings": {str(p): dict(values) for p, values in sorted(self.settings.items())},
         }
 
 
@@ -99,6 +127,9 @@ def combine_plans(plans: Sequence[Plan]) -> Plan:
         chosen_sources={provider: ports for p in plans for provider, ports in p.chosen_sources.items()},
         ready_s=max(p.ready_s for p in plans),
         takes=tuple(provider for p in plans for provider in p.takes),
+        root_implementation=plans[0].root_implementation,
+        implementations={provider: names for p in plans for provider, names in p.implementations.items()},
+        settings={provider: values for p in plans for provider, values in p.settings.items()},
     )
 
 
@@ -122,7 +153,7 @@ class _PartialPlan:
 
     ``accepts`` holds the acceptable modes of each sensor, cheapest first; ``cost`` includes the cheapest one.
     ``path_cost`` is the cost of the providers on the path from the product to a provider, including this one,
-    ``connected`` the number of its connected inputs, ``used`` the allocated memory and CPU by robot and unit.
+    ``connected`` the number of its connected inputs, ``used`` the allocated part of each budget by robot.
     """
 
     providers: dict[ProviderId, Provider] = field(default_factory=dict)
@@ -133,7 +164,7 @@ class _PartialPlan:
     connected: dict[ProviderId, int] = field(default_factory=dict)
     omitted_inputs: tuple[str, ...] = ()
     cost: float = 0.0
-    used: dict[tuple[str, str], float] = field(default_factory=dict)
+    used: dict[str, dict[str, float]] = field(default_factory=dict)
 
     def copy(self) -> _PartialPlan:
         return _PartialPlan(
@@ -185,7 +216,7 @@ class _LowerBound:
         if provider is not None and provider.available:
             self._bounds[provider_id] = 0.0
             upstream_bound = max((self.of_input(port) for port in provider.inputs), default=0.0)
-            bound = upstream_bound + (0.0 if provider.active else provider.cost)
+            bound = upstream_bound + min(0.0 if c.active else c.cost for c in provider.choices)
         self._bounds[provider_id] = bound
         return bound
 
@@ -252,13 +283,44 @@ class _Search:
 
     def _finish(self, state: _PartialPlan, root: tuple[ProviderId, str]) -> None:
         """Keep a complete plan if it is sound and cheaper than the best one."""
+        state = state.copy()
         unconnected = next(
             (p for p in state.providers.values() if state.connected[p.id] == 0 and _is_wired(p)), None
         )
         if unconnected is not None:
             self.reasons[f"none of the inputs of {unconnected.id} can be connected"] = None
-        elif self.best is None or state.cost < self.best.cost:
-            self.best, self.best_root = state.copy(), root
+        elif self._select_modes(state) and (self.best is None or state.cost < self.best.cost):
+            self.best, self.best_root = state, root
+
+    def _select_modes(self, state: _PartialPlan) -> bool:
+        """Put the cheapest modes within the budgets first; return False if no modes are."""
+        for robot, free in self.world.free.items():
+            sensors = [s for s in state.accepts if s.robot == robot and self.world.sensors[s].needs]
+            if not sensors:
+                continue
+            combinations = itertools.islice(
+                itertools.product(*(state.accepts[s] for s in sensors)), _MAX_MODES
+            )
+            reason = ""
+            for modes in sorted(combinations, key=partial(self._modes_cost, sensors)):
+                changes = [self.world.sensors[s].added_needs(m) for s, m in zip(sensors, modes, strict=True)]
+                over = excess(added([state.used.get(robot, {}), *changes]), free)
+                if over is None:
+                    break
+                chosen = ", ".join(f"{s} {m}" for s, m in zip(sensors, modes, strict=True))
+                reason = reason or f"modes {chosen} do not fit: {_excess_text(over, robot)}"
+            else:
+                self.reasons[reason] = None
+                return False
+            first = [state.accepts[s][0] for s in sensors]
+            state.cost += self._modes_cost(sensors, modes) - self._modes_cost(sensors, first)
+            for sensor, mode in zip(sensors, modes, strict=True):
+                others = (m for m in state.accepts[sensor] if m != mode)
+                state.accepts[sensor] = (mode, *others)
+        return True
+
+    def _modes_cost(self, sensors: Sequence[SensorId], modes: Sequence[str]) -> float:
+        return sum(mode_cost(self.world.sensors[s], m) for s, m in zip(sensors, modes, strict=True))
 
     def _connect(
         self,
@@ -285,11 +347,21 @@ class _Search:
             self.reasons[f"{owner} needs {source}, which no DFPC provides"] = None
         elif state.depends(provider.id, owner):
             self.reasons[f"{owner} and {provider.id} depend on each other"] = None
-        elif provider.id in state.providers or self._add_provider(state, todo, provider):
-            state.upstream[owner] |= {provider.id}
-            path_cost = state.path_cost[owner] + (0.0 if provider.active else provider.cost)
-            state.path_cost[provider.id] = max(state.path_cost.get(provider.id, 0.0), path_cost)
-            yield state, todo
+        elif provider.id in state.providers:
+            yield self._with_upstream(state, owner, state.providers[provider.id]), todo
+        else:
+            for choice in provider.choices:
+                chosen, chosen_todo = state.copy(), list(todo)
+                if self._add_provider(chosen, chosen_todo, choice):
+                    yield self._with_upstream(chosen, owner, choice), chosen_todo
+
+    @staticmethod
+    def _with_upstream(state: _PartialPlan, owner: ProviderId, provider: Provider) -> _PartialPlan:
+        """Record that ``owner`` takes an input from ``provider``."""
+        state.upstream[owner] |= {provider.id}
+        path_cost = state.path_cost[owner] + (0.0 if provider.active else provider.cost)
+        state.path_cost[provider.id] = max(state.path_cost.get(provider.id, 0.0), path_cost)
+        return state
 
     def _add_provider(
         self, state: _PartialPlan, todo: list[tuple[ProviderId, Input]], provider: Provider
@@ -314,22 +386,23 @@ class _Search:
         )
 
     def _fits(self, state: _PartialPlan, provider: Provider) -> bool:
-        """Allocate memory and CPU of a provider; return False if they exceed the budgets of its robot."""
+        """Allocate the needs of a provider; return False if they exceed a budget of its robot."""
         robot = provider.id.robot
-        if provider.id in self.world.reserved:
+        free = self.world.free.get(robot)
+        if free is None:
             return True
-        for free, needs, unit in (
-            (self.world.memory_free_mb.get(robot), provider.memory_mb, "MB"),
-            (self.world.cpu_free.get(robot), provider.cpu, "cores"),
-        ):
-            if free is None:
-                continue
-            needed = state.used.get((robot, unit), 0.0) + needs
-            if needed > free * (1.0 + 1e-9):
-                remaining = f"{robot} has {max(free, 0.0):.6g} {unit} left"
-                self.reasons[f"{provider.id} does not fit: {needed:.6g} {unit}, {remaining}"] = None
-                return False
-            state.used[robot, unit] = needed
+        needs = provider.needs
+        if provider.id in self.world.reserved:
+            running = self.world.providers[provider.id]
+            if running.implementation == provider.implementation:
+                return True
+            needs = {budget: max(value - running.needs[budget], 0.0) for budget, value in needs.items()}
+        needed = added([state.used.get(robot, {}), needs])
+        over = excess(needed, free)
+        if over is not None:
+            self.reasons[f"{provider.id} does not fit: {_excess_text(over, robot)}"] = None
+            return False
+        state.used[robot] = needed
         return True
 
     def _restrict_modes(self, state: _PartialPlan, sensor: SensorId, modes: Sequence[str] | None) -> bool:
@@ -367,13 +440,13 @@ def plan(
     product: str,
     robots: Iterable[str],
     exclude: frozenset[ProviderId] = frozenset(),
-    roots: frozenset[ProviderId] | None = None,
+    roots: frozenset[Root] | None = None,
 ) -> Plan | NoPlan:
     """Return the cheapest sound plan for ``product`` on one of ``robots``, or the reasons if there is none.
 
-    ``exclude`` are providers that failed for this request; ``roots``, by default all, are the providers that
-    may provide the product itself. Providers of requests of lower priority are stopped for their memory and
-    CPU only if there is no other plan.
+    ``exclude`` are providers that failed for this request; ``roots``, by default all, are the providers, or
+    their implementations, that may provide the product itself. Providers of requests of lower priority are
+    stopped for their budgets only if there is no other plan.
     """
     arguments = (product, frozenset(robots), exclude, roots)
     known: Plan | NoPlan | None = world.plans.get(arguments)
@@ -387,7 +460,7 @@ def _plan(
     product: str,
     robots: frozenset[str],
     exclude: frozenset[ProviderId],
-    roots: frozenset[ProviderId] | None,
+    roots: frozenset[Root] | None,
 ) -> Plan | NoPlan:
     result = _cheapest(world, product, robots, exclude, roots)
     if isinstance(result, Plan) or not world.takeable:
@@ -401,21 +474,13 @@ def _plan(
 
 
 def _without(world: World, providers: Collection[ProviderId]) -> World:
-    """Return a world in which the memory and CPU of some reserved providers are free."""
-    memory_free_mb, cpu_free = dict(world.memory_free_mb), dict(world.cpu_free)
-    for provider in (world.providers[p] for p in providers):
-        robot = provider.id.robot
-        if robot in memory_free_mb:
-            memory_free_mb[robot] += provider.memory_mb
-        if robot in cpu_free:
-            cpu_free[robot] += provider.cpu
-    return replace(
-        world,
-        memory_free_mb=memory_free_mb,
-        cpu_free=cpu_free,
-        reserved=world.reserved - frozenset(providers),
-        takeable={},
-    )
+    """Return a world in which the budgets of some reserved providers are free."""
+    free = {
+        robot: added([amounts, *(world.providers[p].needs for p in providers if p.robot == robot)])
+        for robot, amounts in world.free.items()
+    }
+    limited = {robot: {budget: free[robot][budget] for budget in world.free[robot]} for robot in free}
+    return replace(world, free=limited, reserved=world.reserved - frozenset(providers), takeable={})
 
 
 def _least_takes(
@@ -423,15 +488,14 @@ def _least_takes(
 ) -> tuple[ProviderId, ...]:
     """Return the providers that must be stopped for a plan; those of higher priority are kept first."""
     order = frozenset(order)
-    memory_mb, cpu = dict(freed.memory_free_mb), dict(freed.cpu_free)
+    used: dict[str, dict[str, float]] = {}
 
     def allocate(provider: Provider) -> bool:
         robot = provider.id.robot
-        budgets = ((memory_mb, provider.memory_mb), (cpu, provider.cpu))
-        if any(needed > free.get(robot, math.inf) * (1.0 + 1e-9) for free, needed in budgets):
+        needed = added([used.get(robot, {}), provider.needs])
+        if excess(needed, freed.free.get(robot, {})) is not None:
             return False
-        for free, needed in budgets:
-            free[robot] = free.get(robot, math.inf) - needed
+        used[robot] = needed
         return True
 
     for provider_id in order - freed.reserved:
@@ -445,16 +509,17 @@ def _cheapest(
     product: str,
     robots: frozenset[str],
     exclude: frozenset[ProviderId],
-    roots: frozenset[ProviderId] | None,
+    roots: frozenset[Root] | None,
 ) -> Plan | NoPlan:
     usable = world
     if exclude:
         usable = replace(world, providers={i: p for i, p in world.providers.items() if i not in exclude})
     search = _Search(usable)
     candidates = [
-        (provider, port)
+        (choice, port)
         for provider, port in usable.outputs_of(product, sorted(robots))
-        if roots is None or provider.id in roots
+        for choice in provider.choices
+        if roots is None or _is_root(choice, roots)
     ]
     candidates.sort(key=lambda pair: (0.0 if pair[0].active else pair[0].cost, pair[0].id))
     for provider, port in candidates:
@@ -481,7 +546,36 @@ def _cheapest(
         accepts=dict(state.accepts),
         chosen_sources={provider: dict(ports) for provider, ports in state.chosen_sources.items()},
         ready_s=_ready_s(usable, order, state),
+        implementations=_implementations(usable, state, search.best_root[0], roots),
+        root_implementation=state.providers[search.best_root[0]].implementation,
     )
+
+
+def _is_root(provider: Provider, roots: frozenset[Root]) -> bool:
+    return provider.id in roots or (provider.id, provider.implementation) in roots
+
+
+def _implementations(
+    world: World, state: _PartialPlan, root: ProviderId, roots: frozenset[Root] | None
+) -> dict[ProviderId, tuple[str, ...]]:
+    """Return the acceptable implementations of the providers with a choice, the selected one first."""
+    implementations = {}
+    for provider_id, selected in state.providers.items():
+        choices = world.providers[provider_id].choices
+        if len(choices) > 1:
+            others = (
+                c.implementation
+                for c in choices
+                if provider_id != root or roots is None or _is_root(c, roots)
+            )
+            implementations[provider_id] = tuple(dict.fromkeys((selected.implementation, *others)))
+    return implementations
+
+
+def _excess_text(over: tuple[str, float, float], robot: str) -> str:
+    budget, needed, limit = over
+    unit = BUDGET_UNITS[budget]
+    return f"{needed:.6g} {unit}, {robot} has {max(limit, 0.0):.6g} {unit} left"
 
 
 def possible_products(world: World, robots: Iterable[str]) -> tuple[str, ...]:
@@ -502,9 +596,10 @@ def has_plan(world: World, product: str, robot: str) -> bool:
     """Return whether there is a sound plan for a product of a robot."""
     search = _Search(world)
     for provider, port in world.outputs_of(product, [robot]):
-        search.search_root(provider, port)
-        if search.best is not None:
-            return True
+        for choice in provider.choices:
+            search.search_root(choice, port)
+            if search.best is not None:
+                return True
     return False
 
 

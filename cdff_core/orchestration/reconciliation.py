@@ -20,6 +20,19 @@ BACK_OFF_S = (0.5, 2.0, 10.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Configuration:
+    """Implementation of a DFPC, by default that of the profile, and its adjusted parameters, sorted by name."""
+
+    implementation: str | None = None
+    parameters: tuple[tuple[str, float], ...] = ()
+
+    def is_met_by(self, observed: Configuration) -> bool:
+        """Return True if a DFPC that runs in the ``observed`` configuration need not change."""
+        same = self.implementation in (None, observed.implementation)
+        return same and self.parameters == observed.parameters
+
+
+@dataclass(frozen=True, slots=True)
 class SetMode:
     """Set the mode of a sensor through the instrument control unit."""
 
@@ -39,10 +52,13 @@ class Activate:
     """Activate a DFPC, or change the sources of an active one.
 
     ``inputs`` holds the planned sources, ``((port, source), …)``; other ports use the profile.
+    ``configuration`` is None for a DFPC without a choice of implementations and without adjustable
+    parameters.
     """
 
     provider: ProviderId
     inputs: tuple[tuple[str, str], ...] = ()
+    configuration: Configuration | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +110,15 @@ class ObservedState:
     warm_at_s: dict[ProviderId, float] = field(default_factory=dict)
     #: Current source of each port of active providers.
     wired: dict[ProviderId, Mapping[str, str]] = field(default_factory=dict)
+    #: Current configuration of active providers.
+    configurations: dict[ProviderId, Configuration] = field(default_factory=dict)
     #: Failures of providers and sensors.
     failures: dict[ProviderId | SensorId, FailureHistory] = field(default_factory=dict)
+
+    @property
+    def implementations(self) -> dict[ProviderId, str | None]:
+        """Current implementation of active providers."""
+        return {p: c.implementation for p, c in self.configurations.items()}
 
     def add_failure(self, subject: ProviderId | SensorId, reason: str, now_s: float) -> None:
         """Count a failure of a provider or sensor."""
@@ -114,12 +137,14 @@ def next_actions(
     observed: ObservedState,
     now_s: float,
     chosen_sources: Mapping[ProviderId, Mapping[str, str]] | None = None,
+    configurations: Mapping[ProviderId, Configuration] | None = None,
 ) -> list[Action]:
     """Return the actions that are possible now; empty if all is as wanted or must wait.
 
     ``wanted`` lists the wanted providers, upstream ones first; ``wanted_modes`` are the modes that they need,
     ``uses`` and ``upstream`` the sensors and providers from which each provider takes samples, and
-    ``chosen_sources`` the planned source of each of its ports. ``now_s`` is monotonic.
+    ``chosen_sources`` the planned source of each of its ports, and ``configurations`` the implementation and
+    parameters of those that requests configure. ``now_s`` is monotonic.
     """
 
     def is_due(subject: ProviderId | SensorId) -> bool:
@@ -148,14 +173,18 @@ def next_actions(
             upstream.get(provider, frozenset()) & starting & visited
         )
         visited.add(provider)
+        configuration = (configurations or {}).get(provider)
         if provider in observed.active:
             wired = observed.wired.get(provider, {})
-            if any(wired.get(port, source) != source for port, source in inputs):
-                actions.append(Activate(provider, inputs))
+            current = observed.configurations.get(provider)
+            is_rewired = any(wired.get(port, source) != source for port, source in inputs)
+            is_as_wanted = configuration is None or current is None or configuration.is_met_by(current)
+            if is_rewired or not is_as_wanted:
+                actions.append(Activate(provider, inputs, configuration))
         elif observed.states.get(provider) in ("unconfigured", "error"):
             actions.append(Configure(provider))
         elif not waits:
-            actions.append(Activate(provider, inputs))
+            actions.append(Activate(provider, inputs, configuration))
     surplus = (observed.active & observed.alive & observed.owned) - wanted_set
     for provider in sorted(surplus):
         in_use = any(provider in upstream.get(other, frozenset()) for other in surplus)

@@ -4,9 +4,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
+
+from cdff_core.orchestration.accuracy import Accuracy
+from cdff_core.orchestration.adjustment import Adjustable
+from cdff_core.orchestration.budgets import Amounts
 
 
 class ProviderId(NamedTuple):
@@ -73,6 +78,8 @@ class Provider:
     cost: float = 1.0  # cost in the comparison of plans, usually CPU seconds per second
     cpu: float = 0.0  # CPU load on its robot, CPU seconds per second
     memory_mb: float = 0.0
+    power_w: float = 0.0  # power of its CPU load, watts, which becomes heat
+    data_mb_h: float = 0.0  # volume of its stored products, megabytes per hour
     ready_s: float = 0.0  # time from activation to reliable output, seconds
     resolution_m: float | None = None  # resolution of its product; None if not declared
     available: bool = True  # true if its process answers and it can be activated
@@ -80,6 +87,32 @@ class Provider:
     #: Current source of each port while active; another source costs ``REWIRE_COST``.
     wired: Mapping[str, InputSource] = field(default_factory=dict)
     unavailable_reason: str = ""  # reason why it is not available
+    adjustables: tuple[Adjustable, ...] = ()  # parameters that requests adjust
+    accuracy: Accuracy | None = None  # described accuracy of its product; None if not described
+    #: The same DFPC with other implementations that a plan may select.
+    alternatives: tuple[Provider, ...] = ()
+
+    @property
+    def choices(self) -> tuple[Provider, ...]:
+        """The provider and its alternatives."""
+        return (self, *self.alternatives)
+
+    @property
+    def finest_m(self) -> float | None:
+        """Finest resolution of its product that a request can have; None if not declared."""
+        least = [a.least for a in self.adjustables if a.follows == "resolution_m"]
+        return self.resolution_m if self.resolution_m is None else min(self.resolution_m, *least, math.inf)
+
+    @property
+    def needs(self) -> dict[str, float]:
+        """Needed part of each budget of its robot."""
+        return {
+            "memory_mb": self.memory_mb,
+            "cpu_cores": self.cpu,
+            "power_w": self.power_w,
+            "heat_w": self.power_w,
+            "data_mb_h": self.data_mb_h,
+        }
 
     @property
     def products(self) -> frozenset[str]:
@@ -105,6 +138,8 @@ class SensorState:
     lost: str = ""  # reason why the sensor is unavailable; empty otherwise
     #: Time to reach each mode from the current one, seconds; others cannot be reached. Empty: unknown.
     switch_s: Mapping[str, float] = field(default_factory=dict)
+    #: Needed part of each budget of its robot, by mode.
+    needs: Mapping[str, Amounts] = field(default_factory=dict)
 
     def obstacle(self, mode: str) -> str | None:
         """Return the reason why the sensor cannot be used in ``mode``; None if it can."""
@@ -126,6 +161,11 @@ class SensorState:
         shared = self.priority_modes if self.shared_modes is None else self.shared_modes
         return self.held is not None and shared is not None and mode not in shared
 
+    def added_needs(self, mode: str) -> dict[str, float]:
+        """Return the difference of the needs in ``mode`` and in the current mode, by budget."""
+        now = self.needs.get(self.current, {})
+        return {budget: value - now.get(budget, 0.0) for budget, value in self.needs.get(mode, {}).items()}
+
     def streaming_modes(self) -> tuple[str, ...]:
         """Return the streaming modes: the held mode, the current mode, then the others as in the profile."""
         named = dict.fromkeys(m for m in (self.held, self.current, *self.modes) if m is not None)
@@ -138,11 +178,9 @@ class World:
 
     providers: Mapping[ProviderId, Provider]
     sensors: Mapping[SensorId, SensorState] = field(default_factory=dict)
-    #: Robot to the free memory in addition to the ``reserved`` providers; robots not listed have no limit.
-    memory_free_mb: Mapping[str, float] = field(default_factory=dict)
-    #: Robot to the free CPU, CPU seconds per second; robots not listed have no limit.
-    cpu_free: Mapping[str, float] = field(default_factory=dict)
-    #: Providers with allocated memory and CPU: running providers, and those in plans of other requests.
+    #: Robot to the free part of each of its budgets, next to the ``reserved`` providers and the current modes.
+    free: Mapping[str, Amounts] = field(default_factory=dict)
+    #: Providers with allocated budgets: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()
     #: Reserved providers that the request may stop, with the priority of their requests.
     takeable: Mapping[ProviderId, int] = field(default_factory=dict)
@@ -159,6 +197,11 @@ class World:
             for port, product in sorted(provider.outputs.items()):
                 if product is not None:
                     self._outputs.setdefault((provider.id.robot, product), []).append((provider, port))
+
+    def choice(self, provider_id: ProviderId, implementation: str | None) -> Provider:
+        """Return a provider with an implementation, by default with the current one."""
+        provider = self.providers[provider_id]
+        return next((c for c in provider.choices if c.implementation == implementation), provider)
 
     def outputs_of(self, product: str, robots: Iterable[str]) -> list[tuple[Provider, str]]:
         """Return the providers of a product on some robots, each with its output port."""

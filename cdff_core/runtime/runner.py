@@ -74,6 +74,16 @@ class Runner:
         #: Comparison of the sensors of the inputs; its findings are reasons of the products.
         self.sensors = SensorMonitor(dfpc.context, dfpc.description.input_ports)
 
+    def continued(self, dfpc: Dfpc) -> Runner:
+        """Return a runner of a DFPC that replaces this one's: with its queue, order and counters."""
+        runner = Runner(dfpc)
+        for name in (
+            *("_heap", "_arrivals", "_newest_ns", "_behind", "_received", "_stepped_ns", "_next_seq"),
+            *("counters", "sensors"),
+        ):
+            setattr(runner, name, getattr(self, name))
+        return runner
+
     @property
     def pending(self) -> int:
         """Number of queued samples."""

@@ -15,7 +15,7 @@ from cdff_common.interfaces.product import Product, Status
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_core.runtime import Runner
 from cdff_dev.mission_replay.local_bus import LocalBus
-from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState, serve_life_cycle
+from services.dfpc_host.lifecycle import Adjustment, DfpcLifeCycle, DfpcState, serve_life_cycle
 
 _COUNTED = ("samples", "outputs", "degraded", "failed", "late", "out_of_order", "errors")
 
@@ -77,10 +77,10 @@ class ReplayedDfpc(DfpcLifeCycle):
         super().configure(parameters)
         self._count(previous)
 
-    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+    def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:
         """Become active, and count the activation."""
         previous_state = self.state
-        super().activate(inputs)
+        super().activate(inputs, adjustment)
         self.totals["activations"] += previous_state is not DfpcState.ACTIVE
 
     def deactivate(self) -> None:
@@ -114,8 +114,8 @@ class ReplayedDfpc(DfpcLifeCycle):
 
         As in a DFPC host it is the mean over the samples of all ports, whose numbers are those of the log.
         """
-        implementation = self.entry.implementation or self.description.implementations[0].name
-        cost, body = self.description.cost.get(implementation), super().status()
+        body = super().status()
+        cost = self.description.cost.get(body["implementation"])
         if cost is None:
             return {**body, "mean_step_cpu_s": 0.0}
         by_port: Mapping[str, int] = body.get("samples_by_port", {})

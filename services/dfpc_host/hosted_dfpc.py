@@ -15,13 +15,13 @@ from cdff_common.clock import monotonic_s
 from cdff_common.codecs import encode, encoding_string
 from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import CdffError, NotActiveError, OverloadedError, RefusedError
+from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
-from cdff_core.runtime import Runner
 from cdff_core.runtime.stream_counters import StreamCounters
 from services.dfpc_host.calibration_alarms import CalibrationMonitor
 from services.dfpc_host.inputs import StoredInput, decode_sample
-from services.dfpc_host.lifecycle import DfpcLifeCycle, DfpcState
+from services.dfpc_host.lifecycle import Adjustment, DfpcLifeCycle, DfpcState
 from services.dfpc_host.outbox import Outbox
 from services.dfpc_host.spool import SpooledProduct
 from services.dfpc_host.state_store import ActivityRecord, StateStore, state_file
@@ -44,6 +44,7 @@ class HostedDfpc(DfpcLifeCycle):
         self._malformed = 0
         self._refused_inputs = 0
         self._dropped_before = 0
+        self._stored_bytes = 0
         self._bus, self._outbox = bus, outbox
         file = state_file(robot.id, entry.name)
         self._state_store = StateStore(file)
@@ -71,13 +72,15 @@ class HostedDfpc(DfpcLifeCycle):
                 self.last_error = str(error)
                 logger.warning("%s starts without its checkpoint: %s", self.entry.name, error)
 
-    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
-        """Subscribe the inputs and start stepping; an active DFPC only changes its sources."""
+    def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:
+        """Subscribe the inputs and start stepping; an active DFPC only changes its sources, or is adjusted."""
         with self._life:
             sources = self.sources(inputs or {})
             if self.state is DfpcState.ERROR:
                 self.configure()
             target = self.state_after("activate")
+            with self._use:
+                self.adjust(adjustment)
             if self.state is DfpcState.ACTIVE:
                 self._connect(sources)
                 self._record_activity()
@@ -89,6 +92,11 @@ class HostedDfpc(DfpcLifeCycle):
             self.state = target
             self._record_activity()
         self._publish_event("activated")
+
+    def continue_queue(self, new: Dfpc) -> None:
+        """Step the queued samples with another DFPC from now on."""
+        with self._queue:
+            super().continue_queue(new)
 
     def reactivate(self) -> None:
         """Activate a DFPC with ``activation: always`` that was active when its last process ended.
@@ -183,7 +191,8 @@ class HostedDfpc(DfpcLifeCycle):
             oldest_ns = None if self.runner is None else self.runner.oldest_ns
         return {
             **body,
-            "pending": 0 if self.runner is None else self.runner.pending,
+            "pending": self._pending,
+            "stored_bytes": self._stored_bytes,
             "oldest_ns": oldest_ns,
             "dropped": self._dropped_before + sum(s.dropped for s in subscriptions),
             "malformed": self._malformed,
@@ -271,22 +280,27 @@ class HostedDfpc(DfpcLifeCycle):
     # -- step thread
 
     def _run(self) -> None:
-        assert self.runner is not None
-        runner, stopping = self.runner, self._stopping
+        stopping = self._stopping
         while not stopping.is_set():
             with self._queue:
-                self._queue.wait_for(lambda: runner.pending or stopping.is_set(), timeout=1.0)
-            if not runner.pending:
+                self._queue.wait_for(lambda: self._pending or stopping.is_set(), timeout=1.0)
+            if not self._pending:
                 continue
             stopping.wait(self.entry.reorder_s)
-            while not stopping.is_set() and self._step(runner):
+            while not stopping.is_set() and self._step():
                 pass
 
-    def _step(self, runner: Runner) -> bool:
+    @property
+    def _pending(self) -> int:
+        """Number of queued samples."""
+        return 0 if self.runner is None else self.runner.pending
+
+    def _step(self) -> bool:
         """Step one sample; return False if the queue is empty or the DFPC failed."""
         with self._use:
             with self._queue:
-                if not runner.pending:
+                runner = self.runner
+                if runner is None or not runner.pending:
                     return False
             started_s, cpu_s = monotonic_s(), time.thread_time()
             self.step_started_s = started_s
@@ -341,6 +355,7 @@ class HostedDfpc(DfpcLifeCycle):
                 qos=Qos.POSE if product.type_name == "TransformWithCovariance" else Qos.PRODUCT,
             )
             if payload and product.product:
+                self._stored_bytes += len(payload)
                 self._outbox.put(
                     SpooledProduct(**names, payload=payload, encoding=encoding, attachment=attachment)
                 )

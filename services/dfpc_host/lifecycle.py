@@ -8,9 +8,11 @@
 from __future__ import annotations
 
 import logging
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
@@ -47,6 +49,14 @@ def next_state(verb: str, state: DfpcState, name: str) -> DfpcState:
     return DfpcState(target)
 
 
+@dataclass(frozen=True, slots=True)
+class Adjustment:
+    """Implementation of a DFPC, by default that of the profile, and values of adjustable parameters."""
+
+    implementation: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
 class DfpcLifeCycle(ABC):
     """A DFPC of a robot with its state, wiring and counters.
 
@@ -61,8 +71,10 @@ class DfpcLifeCycle(ABC):
         None while the DFPC is unconfigured.
     wired : dict of str to str
         Source of each connected input port; empty unless active.
+    adjusted : dict of str to float
+        Parameters that requests have adjusted.
     changes : int
-        Number of state changes; orders status messages.
+        Number of changes of state or configuration; orders status messages.
     last_error : str
     """
 
@@ -72,6 +84,7 @@ class DfpcLifeCycle(ABC):
         self.dfpc: Dfpc = Registry.default().make_dfpc(entry.name)
         self.runner: Runner | None = None
         self.wired: dict[str, str] = {}
+        self.adjusted: dict[str, float] = {}
         self.changes = 0
         self.last_error = ""
         self._state = DfpcState.UNCONFIGURED
@@ -93,27 +106,103 @@ class DfpcLifeCycle(ABC):
     def configure(self, parameters: Mapping[str, Any] | None = None) -> None:
         """Create the DFPC with the parameters of the profile, overridden by ``parameters``."""
         target = self.state_after("configure")
+        self.dfpc, self.adjusted = self._configured(parameters or {}, None), {}
+        self.runner = Runner(self.dfpc)
+        self.state = target
+
+    def _configured(self, parameters: Mapping[str, Any], implementation: str | None) -> Dfpc:
+        """Return a new DFPC with parameters in place of those of the profile, and an implementation."""
         dfpc = Registry.default().make_dfpc(self.entry.name)
-        merged = {**self.entry.parameters, **(parameters or {})}
+        name = implementation or self.entry.choices(self.description)[0]
         try:
-            dfpc.configure(merged, self.robot.context(self.entry), self.entry.implementation)
+            dfpc.configure({**self.entry.parameters, **parameters}, self.robot.context(self.entry), name)
         except CdffError as error:
             self.last_error = str(error)
             raise
-        self.dfpc, self.runner = dfpc, Runner(dfpc)
-        self.state = target
+        return dfpc
 
-    def activate(self, inputs: Mapping[str, str] | None = None) -> None:
+    def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:
         """Become active with the sources in ``inputs``; an active DFPC only changes its sources.
 
         Raises
         ------
         InputError
-            If a source is not among the alternatives of its port in the profile.
+            If a source is not among the alternatives of its port in the profile, or an adjustment is not
+            allowed.
         """
         target = self.state_after("activate")
-        self.wired = self.sources(inputs or {})
+        sources = self.sources(inputs or {})
+        self.adjust(adjustment)
+        self.wired = sources
         self.state = target
+
+    def adjust(self, adjustment: Adjustment | None) -> bool:
+        """Change implementation and adjustable parameters; return True if the DFPC was configured again.
+
+        Before that it steps the queued samples and publishes the products that are due; its state, if it has
+        one, is continued. None and an equal adjustment change nothing.
+
+        Raises
+        ------
+        InputError
+            If a parameter is not adjustable or outside its bounds, or the profile does not admit the
+            implementation.
+        """
+        if adjustment is None or self.runner is None:
+            return False
+        name = self.checked_implementation(adjustment)
+        if (name, adjustment.parameters) == (self.dfpc.implementation, self.adjusted):
+            return False
+        live = {a.parameter for a in self.description.adjustable if a.live}
+        changed = {p for p, _ in adjustment.parameters.items() ^ self.adjusted.items()}
+        new = self._configured(adjustment.parameters, name)
+        is_live = name == self.dfpc.implementation and changed <= live
+        if is_live:
+            self.dfpc.config = new.config
+            new = self.dfpc
+        else:
+            self.publish(self.runner.finish())
+        self._replace(new, adjustment.parameters)
+        logger.info("%s is adjusted: %s %s", self.entry.name, name, self.adjusted or "as in the profile")
+        return not is_live
+
+    def _replace(self, new: Dfpc, adjusted: Mapping[str, float]) -> None:
+        """Continue with another DFPC, to which the state is passed if it has one that fits."""
+        if new is not self.dfpc and (state := self.dfpc.state()) is not None:
+            try:
+                new.resume(state)
+            except CdffError as error:
+                logger.warning("%s starts without its state: %s", self.entry.name, error)
+        self.continue_queue(new)
+        self.dfpc, self.adjusted = new, dict(adjusted)
+        self.changes += 1
+
+    def continue_queue(self, new: Dfpc) -> None:
+        """Step the queued samples with another DFPC from now on."""
+        assert self.runner is not None
+        self.runner = self.runner.continued(new)
+
+    def checked_implementation(self, adjustment: Adjustment) -> str:
+        """Return the implementation of an adjustment; raises InputError as ``adjust``."""
+        admitted = self.entry.choices(self.description)
+        name = adjustment.implementation or admitted[0]
+        if name not in admitted:
+            raise InputError(
+                f"{self.entry.name}: implementation {name!r}; the profile admits {', '.join(admitted)}"
+            )
+        adjustable = {a.parameter: a for a in self.description.adjustable}
+        for parameter, value in adjustment.parameters.items():
+            bounds = adjustable.get(parameter)
+            if bounds is None:
+                expected = ", ".join(adjustable) or "none"
+                raise InputError(
+                    f"{self.entry.name}: {parameter} is not adjustable; adjustable are {expected}"
+                )
+            if not bounds.least <= value <= bounds.greatest:
+                raise InputError(
+                    f"{self.entry.name}: {parameter}={value}: expected {bounds.least:g} to {bounds.greatest:g}"
+                )
+        return name
 
     def deactivate(self) -> None:
         """Become inactive, step the queued samples and publish the products that are due."""
@@ -122,6 +211,8 @@ class DfpcLifeCycle(ABC):
         self.state = target
         if previous_state is DfpcState.ACTIVE and self.runner is not None:
             self.publish(self.runner.finish())
+            if (self.dfpc.implementation, self.adjusted) != (self.entry.choices(self.description)[0], {}):
+                self._replace(self._configured({}, None), {})
 
     def clean_up(self) -> None:
         """Release the configured DFPC and discard its data."""
@@ -188,6 +279,8 @@ class DfpcLifeCycle(ABC):
             "state": str(self.state),
             "changes": self.changes,
             "wired": dict(self.wired),
+            "implementation": self.dfpc.implementation if self.runner else "",
+            "adjusted": dict(self.adjusted),
             **counters,
             "sensor_findings": [finding.to_dict() for finding in self.sensor_findings],
             "unknown_frames": {} if self.runner is None else self.runner.sensors.unknown_frames,
@@ -231,7 +324,7 @@ def serve_life_cycle(
     reports = {"describe": dfpc.describe, "status": status}
     changes: dict[str, Callable[[Request], None]] = {
         "configure": lambda request: dfpc.configure(_parameters(request)),
-        "activate": lambda request: dfpc.activate(_inputs(request)),
+        "activate": lambda request: dfpc.activate(*_activation(request)),
         "deactivate": lambda _: dfpc.deactivate(),
         "clean_up": lambda _: dfpc.clean_up(),
     }
@@ -243,7 +336,9 @@ def serve_life_cycle(
             return Reply.of(reports[verb]())
         changes[verb](request)
         publish_status()
-        return Reply.of({"state": str(dfpc.state)}, changes=dfpc.changes)
+        implementation = dfpc.dfpc.implementation if dfpc.runner else ""
+        body = {"state": str(dfpc.state), "implementation": implementation, "adjusted": dict(dfpc.adjusted)}
+        return Reply.of(body, changes=dfpc.changes)
 
     for verb in (*reports, *changes):
         bus.serve(keys.dfpc_rpc(dfpc.robot.id, dfpc.entry.name, verb), answer, workers=1)
@@ -256,9 +351,23 @@ def _parameters(request: Request) -> dict[str, Any] | None:
     return body
 
 
-def _inputs(request: Request) -> dict[str, str]:
+def _activation(request: Request) -> tuple[dict[str, str], Adjustment | None]:
+    """Return the sources in the body of ``activate``, and the adjustment if it has one."""
     body = request.body() if request.payload else {}
-    inputs = body.get("inputs", {}) if isinstance(body, dict) else None
+    if not isinstance(body, dict) or body.keys() - {"inputs", "implementation", "parameters"}:
+        raise InputError("activate: expected a body {inputs: …, implementation: …, parameters: …}, or none")
+    inputs, parameters = body.get("inputs", {}), body.get("parameters", {})
     if not isinstance(inputs, dict):
-        raise InputError("activate: expected a body {inputs: {port: source}}, or none")
-    return {str(port): str(source) for port, source in inputs.items()}
+        raise InputError("activate: expected inputs {port: source}")
+    if not isinstance(parameters, dict) or not all(_is_number(v) for v in parameters.values()):
+        raise InputError("activate: expected parameters {name: number}")
+    sources = {str(port): str(source) for port, source in inputs.items()}
+    if not body.keys() & {"implementation", "parameters"}:
+        return sources, None
+    implementation = body.get("implementation")
+    name = None if implementation is None else str(implementation)
+    return sources, Adjustment(name, {str(p): float(v) for p, v in parameters.items()})
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

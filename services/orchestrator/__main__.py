@@ -44,7 +44,7 @@ def main(argv: list[str] | None = None) -> int:
         "--scope",
         default="",
         metavar="ROBOT|ground",
-        help="robot of this orchestrator, or ground if the robots have their own; default: all robots and ground",
+        help="robot of this orchestrator, or ground if robots have their own; default: all robots and ground",
     )
     args = parser.parse_args(argv)
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Newest products of a robot's own DFPCs, from the bus, for the time in which no DPM can be reached.
 
-The orchestrator of a robot that is out of contact with the ground serves them as they are. Meanwhile the hosts of the
-DFPCs keep all products for the DPM (``services.dfpc_host.outbox``).
+The orchestrator of a robot that is out of contact with the ground serves them as they are. Meanwhile the
+hosts of the DFPCs keep all products for the DPM (``services.dfpc_host.outbox``).
 """
 
 from __future__ import annotations

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Control of robots by several orchestrators: one for each robot, and one on the ground.
 
-The owner of a robot is its own orchestrator while that is on the bus, otherwise the one on the ground. Only the
-owner switches the DFPCs and sensors of a robot; open requests stay with the orchestrator that accepted them. The
-ground takes over when the liveliness token of a robot's orchestrator has been absent for ``TAKE_OVER_S``, and hands
-the robot back, with the DFPCs that it has activated, when the token returns.
+The owner of a robot is its own orchestrator while that is on the bus, otherwise the one on the ground. Only
+the owner switches the DFPCs and sensors of a robot; open requests stay with the orchestrator that accepted
+them. The ground takes over when the liveliness token of a robot's orchestrator has been absent for
+``TAKE_OVER_S``, and hands the robot back, with the DFPCs that it has activated, when the token returns.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ logger = logging.getLogger(__name__)
 #: Time without the token of a robot's orchestrator after which the ground takes over, seconds: a router that
 #: reloads its access list closes its links for about one.
 TAKE_OVER_S = 1.5
-#: Longest wait for the running actions of a robot, period of the check, and pause after a refused hand-over, seconds.
+#: Longest wait for the running actions of a robot, period of the check, and pause after a refused hand-over,
+#: seconds.
 _ACTIONS_S, _PERIOD_S, _RETRY_S = 10.0, 0.02, 0.5
 _CALL_S, _BUSY_LIMIT_S = 3.0, 120.0
 #: Kinds of history records from which the changes of an orchestrator follow.

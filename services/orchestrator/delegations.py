@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Requests that the orchestrators of robots execute for jobs of the orchestrator on the ground.
 
-A job on the ground leases the DFPCs of its plan as usual. For a robot that has an orchestrator of its own, the lease
-is a request to that one, with ``deliver=none``: the product appears in the DPM, where the job finds it. Equal jobs
-share a request. It is repeated while a job needs it, and dropped when the ground takes the robot over, so that every
-job has one final reply whoever controls the robot.
+A job on the ground leases the DFPCs of its plan as usual. For a robot that has an orchestrator of its own,
+the lease is a request to that one, with ``deliver=none``: the product appears in the DPM, where the job finds
+it. Equal jobs share a request. It is repeated while a job needs it, and dropped when the ground takes the
+robot over, so that every job has one final reply independent of the owner of the robot.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
-#: Pause before a request is repeated after it was fulfilled or has failed, and longest wait without a change, seconds.
+#: Pause before a request is repeated after it was fulfilled or has failed, and longest wait without a change,
+#: seconds.
 _REPEAT_S, _IDLE_S = 1.0, 5.0
 #: Least time for a request, and time for its transmission, seconds.
 _LEAST_S, _TRANSMISSION_S = 0.2, 0.5
@@ -43,7 +44,7 @@ class _Delegation:
     Attributes
     ----------
     providers : set of ProviderId
-        DFPCs of the plans that provide the product; a failure counts as theirs.
+        DFPCs of the plans that provide the product; a failure of the request counts as a failure of each.
     sent_id : str
         Id of the request while it runs; empty otherwise.
     not_before_s : float
@@ -127,7 +128,7 @@ class Delegations:
                 self._send(delegation, jobs[0][0].request, priority, deadline_s)
 
     def _needs(self) -> dict[Hashable, tuple[str, list[tuple[Job, Plan]]]]:
-        """Return the jobs that need a request, by robot and by what they request."""
+        """Return the jobs that need a request, by robot and by request."""
         with self._changed:
             held = list(self._held.values())
         needs: dict[Hashable, tuple[str, list[tuple[Job, Plan]]]] = {}

@@ -45,7 +45,8 @@ class DpmClient:
     Parameters
     ----------
     without_dpm : callable, optional
-        Returns the newest product of a type, and of a child frame, if the DPM is unreachable; None if there is none.
+        Returns the newest product of a type, and of a child frame, if the DPM is unreachable; None if there
+        is none.
     scope : str
         Scope under which the identity of this process may call; default: ground.
     """
@@ -106,7 +107,9 @@ class DpmClient:
         except NoAnswerError:
             if {name for name, value in query.items() if value is not None} - {"robot", "type", "child"}:
                 raise
-            substitute = self._without_dpm(str(query["type"]), parameters.get("child"))  # type: ignore[arg-type]
+            substitute = self._without_dpm(
+                str(query["type"]), str(query["child"]) if "child" in query else None
+            )
             if substitute is None:
                 raise
             return substitute

@@ -101,10 +101,15 @@ class JobPlan:
             return
         self._alternative_tried = True
         provider = self.plan.provider
-        alternative = self._select(match, self._excluded_now | {provider})
+        # Another implementation of the DFPC, now that the accuracy of this one is known, or another DFPC.
+        alternative = self._select(match, self._excluded_now)
+        is_other = isinstance(alternative, Plan) and not alternative.has_same_root(self.plan)
+        if is_degraded or not is_other:
+            alternative = self._select(match, self._excluded_now | {provider})
         if isinstance(alternative, Plan) and (is_degraded or self._may_be_accurate(alternative)):
             self._alternative_since_ns = max(self.clock.now_ns(), match.candidate.t1_ns)
-            self._excluded.add({provider}, self.job.timing.now_s())
+            if alternative.provider != provider:
+                self._excluded.add({provider}, self.job.timing.now_s())
             reason = "is DEGRADED" if is_degraded else f"is not accurate enough ({assessment.bounds[0]})"
             self.jobs.move(self.job, JobState.PLANNING, f"the product of {provider} {reason}")
             self._adopt(alternative)
@@ -112,7 +117,8 @@ class JobPlan:
     def _may_be_accurate(self, plan: Plan) -> bool:
         """Return False if the newest product of the provider of a plan misses the bounds."""
         request = self.job.request
-        accuracy = self.planner.accuracies(request, self.robots, self.query_until_s).get(plan.provider)
+        accuracies = self.planner.accuracies(request, self.robots, self.query_until_s)
+        accuracy = accuracies.get((plan.provider, plan.root_implementation))
         return accuracy is None or not request.accuracy.unmet(accuracy)
 
     def follow(self, match: ProductMatch | None) -> PlanProgress | None:

@@ -6,14 +6,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 from cdff_common.bus import Reply
 from cdff_common.clock import Clock
 from cdff_common.errors import CdffError, DeadlineError, FrameNotFoundError, UnavailableError
 from cdff_core.orchestration.acceptance import RESOLUTION_TOLERANCE, delivery_summary
 from cdff_core.orchestration.accuracy import Accuracy
+from cdff_core.orchestration.adjustment import settings_for
 from cdff_core.orchestration.catalogue import frames_of
 from cdff_core.orchestration.coverage import RegionCoverage, plan_coverage
 from cdff_core.orchestration.explanation import explain, plan_with_costs
@@ -26,6 +27,9 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
+#: Accuracy of the newest product, else the described one, of each implementation of the DFPCs of a product.
+Accuracies: TypeAlias = "dict[tuple[ProviderId, str], Accuracy]"
+
 
 @dataclass(frozen=True, slots=True)
 class _Plans:
@@ -36,7 +40,7 @@ class _Plans:
     optimistic_world: World
     later: Plan | NoPlan
     coverage: RegionCoverage | None
-    accuracies: dict[ProviderId, Accuracy]
+    accuracies: Accuracies
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,25 +92,50 @@ class RequestPlanner:
         plans = self._plans(request, robots, match, exclude, until_s, horizon_s, holder)
         now, later = plans.now, plans.later
         waits = isinstance(now, NoPlan) or isinstance(later, NoPlan) or now.provider == later.provider
-        return (later if waits else now), plans.coverage is not None
+        selected, world = (later, plans.optimistic_world) if waits else (now, plans.world)
+        if isinstance(selected, Plan):
+            selected = self.adjusted(request, selected, world, until_s)
+        return selected, plans.coverage is not None
 
-    def accuracies(
-        self, request: ProductRequest, robots: Sequence[str], until_s: float
-    ) -> dict[ProviderId, Accuracy]:
-        """Return the accuracy of the newest product of each DFPC that provides the requested type.
+    def adjusted(self, request: ProductRequest, selected: Plan, world: World, until_s: float) -> Plan:
+        """Return a plan with the parameters that the request adjusts: cell size, range and period."""
+        settings = {}
+        for provider in selected.order:
+            adjustables = world.choice(provider, selected.implementation(provider)).adjustables
+            if not adjustables:
+                continue
+            distance_m = None
+            if any(a.follows == "range_m" for a in adjustables):
+                distance_m = self.finder.distance_m(request, provider.robot, until_s)
+            requested = {
+                "resolution_m": request.resolution_m,
+                "period_s": request.every_s or None,
+                "range_m": distance_m,
+            }
+            settings[provider] = settings_for(
+                adjustables, {name: value for name, value in requested.items() if value is not None}
+            )
+        settings = {provider: values for provider, values in settings.items() if values}
+        return replace(selected, settings=settings) if settings else selected
 
-        It is empty for a request without bounds on the accuracy, or if the DPM does not answer.
+    def accuracies(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> Accuracies:
+        """Return the accuracy of each implementation of the DFPCs that provide the requested type.
+
+        It is that of its newest product, else the described one. It is empty for a request without bounds on
+        the accuracy, or if the DPM does not answer.
         """
-        known: dict[ProviderId, Accuracy] = {}
+        known: Accuracies = {}
         if not request.accuracy.is_set:
             return known
         try:
             for provider, _ in self.state.world(optimistic=True, robots=robots).outputs_of(
                 request.product, robots
             ):
-                accuracy = self.finder.accuracy(provider.id, request.product, until_s)
-                if accuracy is not None:
-                    known[provider.id] = accuracy
+                measured = self.finder.accuracies(provider.id, request.product, until_s)
+                for choice in provider.choices:
+                    accuracy = measured.get(choice.implementation) or choice.accuracy
+                    if accuracy is not None:
+                        known[provider.id, choice.implementation] = accuracy
         except (UnavailableError, DeadlineError) as error:
             logger.info("the accuracy of the DFPCs for request %s is unknown: %s", request.id, error)
         return known
@@ -114,8 +143,10 @@ class RequestPlanner:
     def advice(self, request: ProductRequest, robots: Sequence[str], until_s: float) -> str:
         """Return which DFPCs met the bounds on the accuracy in their newest product."""
         meets = [
-            f"{provider} met the bounds in its newest product ({accuracy.text})"
-            for provider, accuracy in sorted(self.accuracies(request, robots, until_s).items())
+            f"{provider} ({implementation}) met the bounds in its newest product ({accuracy.text})"
+            for (provider, implementation), accuracy in sorted(
+                self.accuracies(request, robots, until_s).items()
+            )
             if not request.accuracy.unmet(accuracy)
         ]
         return "; ".join(meets) or "the newest product of no DFPC meets the bounds"
@@ -148,19 +179,24 @@ class RequestPlanner:
         match = None if best is None else best[0]
         plans = self._plans(request, robots, match, frozenset(), until_s, request.deadline_s)
         world, coverage, later = plans.world, plans.coverage, plans.later
-        body |= explain(world, request.product, robots, plans.now)
+        now = plans.now
+        if isinstance(now, Plan):
+            now = self.adjusted(request, now, world, until_s)
+        body |= explain(world, request.product, robots, now)
         if plans.accuracies:
             body["accuracy"] = [
                 {
                     "provider": str(provider),
+                    "implementation": implementation,
                     "newest": accuracy.text,
                     "unmet": list(request.accuracy.unmet(accuracy)),
                 }
-                for provider, accuracy in sorted(plans.accuracies.items())
+                for (provider, implementation), accuracy in sorted(plans.accuracies.items())
             ]
         if coverage is not None:
             body["held"] = 0.0 if match is None else match.candidate.coverage
         if body["plan"] is None and isinstance(later, Plan):
+            later = self.adjusted(request, later, plans.optimistic_world, until_s)
             body["plan"] = {
                 **plan_with_costs(later, plans.optimistic_world),
                 "waits_for": [str(m) for m in later.order if not world.providers[m].available],
@@ -227,16 +263,20 @@ def _plan(
     robots: Sequence[str],
     exclude: frozenset[ProviderId],
     coverage: RegionCoverage | None,
-    misses: frozenset[ProviderId],
+    misses: frozenset[tuple[ProviderId, str]],
 ) -> Plan | NoPlan:
     """Return the cheapest plan with the requested resolution and accuracy, else with one of them, else any.
 
-    ``misses`` are the providers whose newest product does not meet the bounds on the accuracy.
+    ``misses`` are the implementations whose newest product does not meet the bounds on the accuracy.
     """
-    providers = [m for m in world.providers.values() if request.product in m.products]
+    providers = [
+        choice for m in world.providers.values() if request.product in m.products for choice in m.choices
+    ]
     limit_m = _limit_m(request)
-    every = frozenset(m.id for m in providers)
-    fine = frozenset(m.id for m in providers if m.resolution_m is None or m.resolution_m <= limit_m)
+    every = frozenset((m.id, m.implementation) for m in providers)
+    fine = frozenset(
+        (m.id, m.implementation) for m in providers if m.finest_m is None or m.finest_m <= limit_m
+    )
     result: Plan | NoPlan = NoPlan(())
     for roots in dict.fromkeys((fine - misses, fine, every - misses, every)):
         if not roots and every:
@@ -265,4 +305,4 @@ def _could_be_finer(
     providers = (
         m for m in world.providers.values() if request.product in m.products and m.id.robot in robots
     )
-    return any(m.resolution_m is not None and m.resolution_m <= limit_m for m in providers)
+    return any(m.finest_m is not None and m.finest_m <= limit_m for m in providers)

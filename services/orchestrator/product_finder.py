@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from cdff_common.clock import NS_PER_S, Clock
-from cdff_common.errors import ExtrapolationError, FrameNotFoundError, ProductNotFoundError
+from cdff_common.errors import CdffError, ExtrapolationError, FrameNotFoundError, ProductNotFoundError
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.region import Region
 from cdff_common.interfaces.product import CovarianceKind, Header
@@ -362,14 +362,34 @@ class ProductFinder:
         """Return the reference time of ages: the requested time, else the mission time."""
         return self.clock.now_ns() if request.t_ns is None else request.t_ns
 
-    def accuracy(self, provider: ProviderId, product: str, until_s: float) -> Accuracy | None:
-        """Return the accuracy of the newest product of a DFPC; None if the DPM holds none."""
-        parameters = {"type": product, "robot": provider.robot, "dfpc": provider.dfpc, "limit": 10}
-        items = self._usable(self.dpm.search(until_s, **parameters))
-        if not items:
+    def accuracies(self, provider: ProviderId, product: str, until_s: float) -> dict[str, Accuracy]:
+        """Return the accuracy of the newest product of each implementation of a DFPC that the DPM holds."""
+        parameters = {"type": product, "robot": provider.robot, "dfpc": provider.dfpc, "limit": _NEWEST}
+        newest: dict[str, str] = {}
+        for item in self._usable(self.dpm.search(until_s, **parameters)):
+            _, _, implementation = str(item.get("producer", "")).partition("/")
+            newest.setdefault(implementation.partition("/")[0], str(item["id"]))
+        matches = {
+            implementation: self._whole(self.dpm.value(product_id, provider.robot, until_s))
+            for implementation, product_id in newest.items()
+        }
+        known = {name: _with_accuracy(match).candidate.accuracy for name, match in matches.items()}
+        return {name: accuracy for name, accuracy in known.items() if accuracy is not None}
+
+    def distance_m(self, request: ProductRequest, robot: str, until_s: float) -> float | None:
+        """Return the distance from a robot to the farthest corner of the region; None if unknown, or without
+        one.
+        """
+        if request.region is None:
             return None
-        match = self._whole(self.dpm.value(str(items[0]["id"]), provider.robot, until_s))
-        return _with_accuracy(match).candidate.accuracy
+        try:
+            region, frame, _ = self._resolved_region(request, robot, until_s)
+            T = self.dpm.pose(robot, frame, f"{robot}/base", None, until_s)
+        except CdffError:
+            return None
+        x0, y0, x1, y1 = region.bounds
+        x, y = float(T.matrix[0, 3]), float(T.matrix[1, 3])
+        return math.hypot(max(abs(x0 - x), abs(x1 - x)), max(abs(y0 - y), abs(y1 - y)))
 
     def _newest_usable(
         self, request: ProductRequest, robot: str, until_s: float, **parameters: object

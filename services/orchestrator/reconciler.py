@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import logging
 import threading
+from dataclasses import replace
+from typing import Any
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.bus.message import pack
@@ -148,7 +150,12 @@ class Reconciler:
             self._state.set_owned(provider, owned=True)
         try:
             inputs = dict(action.inputs) if isinstance(action, Activate) else {}
-            payload = pack({"inputs": inputs}) if inputs else b""
+            configuration = action.configuration if isinstance(action, Activate) else None
+            body: dict[str, Any] = {"inputs": inputs} if inputs else {}
+            if configuration is not None:
+                body["implementation"] = configuration.implementation
+                body["parameters"] = dict(configuration.parameters)
+            payload = pack(body) if body else b""
             reply = self._bus.call(keys.dfpc_rpc(*provider, verb), payload=payload, timeout_s=_DFPC_TIMEOUT_S)
             state = str(reply.body().get("state", ""))
         except CdffError as error:
@@ -166,7 +173,13 @@ class Reconciler:
         logger.info("%s of %s: done", verb, provider)
         changes = reply.attachment.get("changes")
         self._state.set_state(
-            provider, state, wired=inputs or None, changes=None if changes is None else int(changes)
+            provider,
+            state,
+            wired=inputs or None,
+            changes=None if changes is None else int(changes),
+            configuration=None
+            if configuration is None
+            else replace(configuration, implementation=reply.body().get("implementation")),
         )
 
 

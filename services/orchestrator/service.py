@@ -68,7 +68,8 @@ _STOP_S = 1.0
 _COMPACTION_BYTES = 16 << 20
 
 
-#: Service in the liveliness tokens of the scopes in which the ground stands in for the robots' own orchestrators.
+#: Service in the liveliness tokens of the scopes in which the ground stands in for the robots' own
+#: orchestrators.
 STAND_IN = "orchestrator_ground"
 
 
@@ -88,8 +89,8 @@ class Orchestrator:
     timing : Timing, optional
         Time and threads; default: those of the system.
     scope : str
-        ``ground`` for the orchestrator of a ground whose robots have their own, the id of a robot for one of those;
-        empty for the only orchestrator.
+        ``ground`` for the orchestrator of a ground whose robots have their own, the id of a robot for one of
+        those; empty for the only orchestrator.
 
     Attributes
     ----------

@@ -15,6 +15,7 @@ from cdff_common.contract.wiring import mode_names
 from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.robot_profile import RobotProfile, with_robot
+from cdff_core.orchestration.adjustment import union
 from cdff_core.orchestration.catalogue import (
     ProviderCache,
     description_of,
@@ -27,6 +28,7 @@ from cdff_core.orchestration.offers import describe_world, product_offers
 from cdff_core.orchestration.planner import Plan
 from cdff_core.orchestration.reconciliation import (
     Action,
+    Configuration,
     ObservedState,
     SetMode,
     dependency_order,
@@ -310,8 +312,9 @@ class SystemState:
         last_error: str = "",
         wired: Mapping[str, str] | None = None,
         changes: int | None = None,
+        configuration: Configuration | None = None,
     ) -> None:
-        """Record the reported state and input sources of a DFPC.
+        """Record the reported state, input sources and configuration of a DFPC.
 
         A late report, with fewer state ``changes`` than the last one, is ignored.
         """
@@ -321,7 +324,7 @@ class SystemState:
                     return
                 self._state_changes[provider] = changes
             o, now_s = self._observed, self._timing.now_s()
-            before = (provider in o.active, o.states.get(provider), o.wired.get(provider))
+            before = self._seen(provider)
             if state in ("unconfigured", "inactive", "active", "error"):
                 o.states[provider] = state
             if state == "active":
@@ -333,17 +336,30 @@ class SystemState:
                     o.clear_failures(provider)
                 if wired is not None and o.wired.get(provider) != wired:
                     o.wired[provider] = dict(wired)
+                if configuration is not None:
+                    o.configurations[provider] = configuration
             else:
                 self._set_inactive(provider)
                 if state == "error" and before[0]:
                     o.add_failure(provider, last_error or "it reported state error", now_s)
-            if before != (provider in o.active, o.states.get(provider), o.wired.get(provider)):
+            if before != self._seen(provider):
                 self.notify(provider.robot)
+
+    def _seen(self, provider: ProviderId) -> tuple[bool, object, object, object]:
+        """Return whether a provider is active, and its state, sources and configuration."""
+        o = self._observed
+        return (
+            provider in o.active,
+            o.states.get(provider),
+            o.wired.get(provider),
+            o.configurations.get(provider),
+        )
 
     def _set_inactive(self, provider: ProviderId) -> None:
         self._observed.active.discard(provider)
         self._observed.warm_at_s.pop(provider, None)
         self._observed.wired.pop(provider, None)
+        self._observed.configurations.pop(provider, None)
         self._monitor.set_inactive(provider)
 
     def add_status(self, provider: ProviderId, status: Mapping[str, Any]) -> None:
@@ -441,6 +457,8 @@ class SystemState:
                 accepts=plan.accepts,
                 chosen_sources=plan.chosen_sources,
                 uses=sensors_used(world, plan.chosen_sources),
+                implementations=plan.implementations,
+                settings=plan.settings,
             )
 
     def release(self, holder: str) -> None:
@@ -490,6 +508,7 @@ class SystemState:
                 observed=self._observed,
                 now_s=now_s,
                 chosen_sources=sources,
+                configurations={p: c for p in wanted if (c := self._configuration(p, world)) is not None},
             )
             # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
             actions = [
@@ -503,6 +522,20 @@ class SystemState:
             expiry_s = self._leases.next_expiry_s()
             later_times_s = [t for t in times if t > now_s] + ([] if expiry_s is None else [expiry_s])
             return actions, min(later_times_s, default=None)
+
+    def _configuration(self, provider: ProviderId, world: World) -> Configuration | None:
+        """Return the implementation and parameters that the holders of a provider want; None if it has no
+        choice.
+
+        A lingering provider stays as it is.
+        """
+        current, description = world.providers.get(provider), self._descriptions[provider]
+        if current is None or not (current.adjustables or len(description.get("choices", ())) > 1):
+            return None
+        if not self._leases.holders(provider):
+            return None
+        settings = union(current.adjustables, self._leases.settings(provider))
+        return Configuration(self._leases.implementation(provider), tuple(settings.items()))
 
     def _idle_modes(self, world: World) -> dict[SensorId, str]:
         """Return the initial modes of changed sensors without a lease that no other active DFPC uses."""
@@ -578,8 +611,12 @@ class SystemState:
                         for s, mode in sorted(self._leases.displaced(holder, modes).items())
                     ),
                     *(
-                        f"{p} is stopped: a request of higher priority needs its memory or CPU"
+                        f"{p} is stopped: a request of higher priority needs its budgets"
                         for p in self._leases.taken(holder, providers)
+                    ),
+                    *(
+                        f"{p} runs as {name} for a request of higher priority"
+                        for p, name in self._leases.displaced_implementations(holder, providers).items()
                     ),
                 ),
                 problems=self._monitor.problems(providers, self._timing.now_s()),

@@ -13,6 +13,7 @@ from cdff_common.bus.message import on_map
 from cdff_common.errors import CodecError, UnavailableError
 from cdff_common.loops import Loops
 from cdff_core.orchestration.catalogue import provider_of
+from cdff_core.orchestration.reconciliation import Configuration
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.state import SystemState
 from services.orchestrator.timing import REAL, Timing
@@ -113,6 +114,7 @@ class SystemMonitor:
                 str(body.get("last_error", "")),
                 wired if isinstance(wired, dict) else None,
                 changes if isinstance(changes, int) else None,
+                _configuration(body),
             )
             self._state.add_status(provider, body)
 
@@ -136,6 +138,18 @@ def _execute(task: Callable[[], None]) -> None:
         task()
     except UnavailableError as error:
         logger.warning("%s", error)
+
+
+def _configuration(body: Mapping[str, Any]) -> Configuration | None:
+    """Return the configuration in the status of a DFPC; None if it is missing or malformed."""
+    adjusted = body.get("adjusted")
+    if not isinstance(adjusted, dict) or not isinstance(body.get("implementation"), str):
+        return None
+    try:
+        parameters = sorted((str(name), float(value)) for name, value in adjusted.items())
+    except (TypeError, ValueError):
+        return None
+    return Configuration(body["implementation"], tuple(parameters))
 
 
 def _lost(body: Mapping[str, object]) -> str:

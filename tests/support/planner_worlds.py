@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 from cdff_core.orchestration.planner import NoPlan, Plan
 from cdff_core.orchestration.world import (
@@ -71,6 +72,9 @@ def random_sensor(r: random.Random, name: str) -> SensorState:
         dict.fromkeys(r.sample(STREAMING, r.choice([0, 0, 0, 1, 2])), "refused"),
         lost="gone" if r.random() < 0.05 else "",
         switch_s=switch_s,
+        needs={m: {"power_w": float(r.randint(0, 4))} for m in ("off", *STREAMING)}
+        if r.random() < 0.4
+        else {},
     )
 
 
@@ -95,6 +99,7 @@ def random_world(seed: int) -> World:
             modes[r.choice(sensors).id.sensor] = "|".join(r.sample(["off", *STREAMING], r.randint(1, 2)))
         active = r.random() < 0.2
         wired = {i.port: r.choice(i.sources) for i in inputs if active and i.sources and r.random() < 0.7}
+        power_w = float(r.randint(0, 3))
         providers.append(
             Provider(
                 ProviderId("mana", f"d{i}"),
@@ -107,9 +112,21 @@ def random_world(seed: int) -> World:
                 available=r.random() < 0.85,
                 active=active,
                 wired=wired,
+                implementation="a",
+                power_w=power_w,
             )
         )
+        if r.random() < 0.3:
+            other = {"cost": float(r.randint(1, 9)), "cpu": r.randint(0, 8) / 8, "power_w": power_w + 1.0}
+            alternative = replace(providers[-1], implementation="b", active=False, wired={}, **other)
+            providers[-1] = replace(providers[-1], alternatives=(alternative,))
     reserved = frozenset(p.id for p in providers if p.active or r.random() < 0.1)
-    free_mb = {"mana": float(r.randint(0, 12))} if r.random() < 0.4 else {}
-    free_cpu = {"mana": r.randint(0, 16) / 8} if r.random() < 0.4 else {}
-    return World({p.id: p for p in providers}, {s.id: s for s in sensors}, free_mb, free_cpu, reserved)
+    limits = {"memory_mb": float(r.randint(0, 12)), "cpu_cores": r.randint(0, 16) / 8}
+    limits |= {"power_w": float(r.randint(0, 6))}
+    free = {budget: limit for budget, limit in limits.items() if r.random() < 0.4}
+    return World(
+        {p.id: p for p in providers},
+        {s.id: s for s in sensors},
+        {"mana": free} if free else {},
+        reserved,
+    )

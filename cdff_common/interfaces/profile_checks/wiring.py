@@ -55,6 +55,10 @@ def _entry_findings(
     if entry.implementation is not None and entry.implementation not in known:
         at = (*place, "implementation")
         yield unknown_name(at, entry.implementation, f"implementation of {entry.name}", known)
+    for i, name in enumerate(entry.implementations):
+        if name not in known:
+            at = (*place, "implementations", i)
+            yield unknown_name(at, name, f"implementation of {entry.name}", known)
     unknown = [port for port in entry.inputs if port not in ports]
     for port in unknown:
         free = [name for name in ports if name not in entry.inputs]

@@ -39,7 +39,7 @@ def test_running_and_leased_dfpcs_use_the_memory_budget_of_their_robot() -> None
     leases.acquire("request", [A], {})
     observed = ObservedState(alive={A, B, C, OTHER}, active={A, B, OTHER})
     world = world_of(profile, {p: describe(p) for p in (A, B, C, OTHER)}, observed, leases, {})
-    assert world.memory_free_mb == {"mana": 150.0}
+    assert world.free == {"mana": {"memory_mb": 150.0}}
     assert world.reserved == {A, B, OTHER}
 
 
@@ -66,12 +66,12 @@ def test_running_dfpcs_use_the_declared_or_measured_cpu() -> None:
     assert world.providers[A].cpu == pytest.approx(1.0), (
         "0.1 s per sample at no more than 10 samples per second"
     )
-    assert world.cpu_free == {"mana": pytest.approx(1.0)}
+    assert world.free == {"mana": {"cpu_cores": pytest.approx(1.0)}}
     previous = ResourceUsage.of({"samples": 100, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, None, 1.0)
     current = ResourceUsage.of({"samples": 110, "mean_step_cpu_s": 0.02, "last_step_s": 0.3}, previous, 2.0)
     assert current.load == pytest.approx(0.1)
     measured = world_of(profile, {A: with_lidar}, observed, Leases(), {}, measured={A: current})
-    assert measured.cpu_free == {"mana": pytest.approx(1.9)}
+    assert measured.free == {"mana": {"cpu_cores": pytest.approx(1.9)}}
     assert measured.providers[A].ready_s == 0.3
     idle = provider_of(
         with_lidar, alive=True, active=False, measured=current, rates_hz={SensorId("mana", "lidar"): 10.0}

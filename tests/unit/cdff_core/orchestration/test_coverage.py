@@ -90,12 +90,12 @@ def test_generated_partial_coverages_are_planned_at_the_optimal_cost(block: int)
     for seed in range(40 * block, 40 * block + 40):
         r = random.Random(seed)
         costs = {robot: float(r.randint(1, 9)) for robot in ROBOTS[: r.randint(1, 3)]}
-        free = {robot: r.choice([0.0, 10.0]) for robot in costs if r.random() < 0.2}
-        w = robot_world(costs, cpu_free=free)
+        free = {robot: {"cpu_cores": r.choice([0.0, 10.0])} for robot in costs if r.random() < 0.2}
+        w = robot_world(costs, free=free)
         providers = {  # each needs one core
             id_: Provider(p.id, p.outputs, p.inputs, cost=p.cost, cpu=1.0) for id_, p in w.providers.items()
         }
-        w = World(providers, w.sensors, cpu_free=free)
+        w = World(providers, w.sensors, free=free)
         requested = r.getrandbits(8) | 1
         coverage = RegionCoverage(
             requested,
@@ -104,7 +104,7 @@ def test_generated_partial_coverages_are_planned_at_the_optimal_cost(block: int)
             {robot: r.getrandbits(8) for robot in costs if r.random() < 0.8},
             pooled=r.random() < 0.6,
         )
-        able = [robot for robot in costs if free.get(robot, 10.0) >= 1.0]
+        able = [robot for robot in costs if free.get(robot, {}).get("cpu_cores", 10.0) >= 1.0]
         best = None
         for size in range(1, (len(able) if coverage.pooled else 1) + 1):
             for team in itertools.combinations(able, size):

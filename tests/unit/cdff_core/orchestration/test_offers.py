@@ -52,6 +52,8 @@ def test_an_offer_has_the_plan_and_the_cost_of_each_provider() -> None:
                 "memory_mb": 12.5,
                 "ready_s": 1.235,
                 "resolution_m": 0.1,
+                "implementations": ["A"],
+                "adjustable": {},
                 "needs": ["mana/position", "mana/dem"],
                 "modes": {"mana/lidar": "on", "mana/wheels": "on"},
             }
@@ -104,8 +106,7 @@ def test_the_world_is_described_for_the_named_robots_only() -> None:
     here = replace(
         here,
         sensors={state.id: state},
-        memory_free_mb={"mana": 100.0},
-        cpu_free={"minnie": 0.5, "third": 1.0},
+        free={"mana": {"memory_mb": 100.0}, "minnie": {"cpu_cores": 0.5}, "third": {"cpu_cores": 1.0}},
     )
     descriptions = {provider_id: {"dfpc": str(provider_id)} for provider_id in here.providers}
     described = describe_world(here, PROFILE, descriptions, ["mana", "minnie", "fourth"])

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import pytest
 
+from cdff_core.orchestration.budgets import added, excess
 from cdff_core.orchestration.planner import (
     MODE_COST,
     OMITTED_INPUT_COST,
@@ -19,7 +20,15 @@ from cdff_core.orchestration.planner import (
     Plan,
     plan,
 )
-from cdff_core.orchestration.world import Input, InputSource, ProviderId, SensorId, SensorState, World
+from cdff_core.orchestration.world import (
+    Input,
+    InputSource,
+    Provider,
+    ProviderId,
+    SensorId,
+    SensorState,
+    World,
+)
 from tests.support.planner_worlds import (
     from_provider,
     from_sensor,
@@ -167,15 +176,15 @@ def test_plans_beyond_the_memory_budget_are_avoided_or_refused_with_the_values()
         provider("small", "pose", cost=5.0, memory_mb=100.0),
         provider("large", "pose", memory_mb=300.0),
     )
-    free = {"mana": 200.0}
+    free = {"mana": {"memory_mb": 200.0}}
     w = world(small, large)
     assert names(plan(w, "pose", ["mana"])) == ["large"]
-    assert names(plan(replace(w, memory_free_mb=free), "pose", ["mana"])) == ["small"]
-    with_active = replace(w, memory_free_mb=free, reserved=frozenset({large.id}))
+    assert names(plan(replace(w, free=free), "pose", ["mana"])) == ["small"]
+    with_active = replace(w, free=free, reserved=frozenset({large.id}))
     assert names(plan(with_active, "pose", ["mana"])) == ["large"], (
         "a running provider needs no additional memory"
     )
-    refused = plan(replace(world(large), memory_free_mb=free), "pose", ["mana"])
+    refused = plan(replace(world(large), free=free), "pose", ["mana"])
     assert isinstance(refused, NoPlan)
     assert "300 MB, mana has 200 MB left" in refused.text
 
@@ -183,8 +192,10 @@ def test_plans_beyond_the_memory_budget_are_avoided_or_refused_with_the_values()
 @pytest.mark.req("CDFF-SUP-076")
 def test_plans_beyond_the_cpu_budget_are_avoided_or_refused_with_the_values() -> None:
     slow, fast = provider("slow", "pose", cost=5.0, cpu=0.2), provider("fast", "pose", cpu=0.8)
-    assert names(plan(replace(world(slow, fast), cpu_free={"mana": 0.5}), "pose", ["mana"])) == ["slow"]
-    refused = plan(replace(world(fast), cpu_free={"mana": 0.5}), "pose", ["mana"])
+    assert names(plan(replace(world(slow, fast), free={"mana": {"cpu_cores": 0.5}}), "pose", ["mana"])) == [
+        "slow"
+    ]
+    refused = plan(replace(world(fast), free={"mana": {"cpu_cores": 0.5}}), "pose", ["mana"])
     assert isinstance(refused, NoPlan)
     assert "0.8 cores, mana has 0.5 cores left" in refused.text
 
@@ -231,7 +242,7 @@ def budget_world(**takeable: int) -> World:
     reserved = frozenset(p.id for p in running)
     return replace(
         world(dem, *running, sensor("lidar", current="on")),
-        cpu_free={"mana": 0.0},
+        free={"mana": {"cpu_cores": 0.0}},
         reserved=reserved,
         takeable={ProviderId("mana", name): priority for name, priority in takeable.items()},
     )
@@ -250,10 +261,51 @@ def test_providers_are_not_stopped_if_that_is_not_sufficient_or_not_necessary() 
     refused = plan(budget_world(c=2), "dem", ["mana"])
     assert isinstance(refused, NoPlan)
     assert "0.8 cores, mana has 0 cores left" in refused.text
-    roomy = replace(budget_world(b=1, c=1), cpu_free={"mana": 0.9})
+    roomy = replace(budget_world(b=1, c=1), free={"mana": {"cpu_cores": 0.9}})
     fits = plan(roomy, "dem", ["mana"])
     assert isinstance(fits, Plan)
     assert fits.takes == ()
+
+
+def test_a_plan_within_the_power_and_heat_of_the_robot_selects_modes_and_states_the_excess() -> None:
+    modes = {"off": False, "fast": True, "slow": True}
+    needs = {"off": {"power_w": 1.0}, "fast": {"power_w": 9.0}, "slow": {"power_w": 4.0}}
+    lidar = sensor("lidar", modes=modes, needs=needs)
+    dem = provider("dem", "dem", from_sensor("scan", "lidar"), power_w=2.0)
+    roomy, tight, dark = (
+        replace(world(dem, lidar), free={"mana": {"power_w": power_w}}) for power_w in (10.0, 5.0, 2.5)
+    )
+    assert modes_of(plan(roomy, "dem", ["mana"])) == {LIDAR: "fast"}
+    assert modes_of(plan(tight, "dem", ["mana"])) == {LIDAR: "slow"}
+    refused = plan(dark, "dem", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert refused.text.startswith("modes mana/lidar fast do not fit: 10 W, mana has 2.5 W left")
+    hot = plan(replace(world(dem, lidar), free={"mana": {"heat_w": 1.0}}), "dem", ["mana"])
+    assert isinstance(hot, NoPlan)
+    assert "mana/dem does not fit: 2 W of heat, mana has 1 W of heat left" in hot.text
+
+
+def modes_of(planned: Plan | NoPlan) -> dict[SensorId, str]:
+    assert isinstance(planned, Plan), planned
+    return dict(planned.modes)
+
+
+def test_the_cheapest_admitted_implementation_is_selected() -> None:
+    accurate = provider("match", "pose", implementation="Accurate", cost=3.0)
+    both = replace(accurate, alternatives=(replace(accurate, implementation="Fast", cost=1.0),))
+    cheap = plan(world(both), "pose", ["mana"])
+    assert isinstance(cheap, Plan)
+    assert cheap.implementations == {both.id: ("Fast", "Accurate")}
+    assert cheap.describe()["implementations"] == {"mana/match": "Fast"}
+    assert cheap.cost == 1.0
+    exact = plan(world(both), "pose", ["mana"], roots=frozenset({(both.id, "Accurate")}))
+    assert isinstance(exact, Plan)
+    assert exact.implementations == {both.id: ("Accurate",)}
+    assert not exact.has_same_root(cheap)
+    running = replace(both, active=True)
+    kept = plan(world(running), "pose", ["mana"])
+    assert isinstance(kept, Plan)
+    assert kept.implementation(both.id) == "Accurate", "it runs already"
 
 
 @pytest.mark.req("CDFF-SUP-141")
@@ -289,22 +341,33 @@ def test_a_plan_is_ready_after_the_slowest_chain_of_modes_and_warm_up() -> None:
 
 
 def cheapest_by_enumeration(w: World, product: str) -> float | None:
-    """Return the cost of the cheapest valid plan over all subsets of providers, sources and modes."""
+    """Return the cost of the cheapest valid plan over all subsets, implementations, sources and modes."""
     best: float | None = None
     ids = sorted(w.providers)
     for size in range(1, len(ids) + 1):
-        for chosen in itertools.combinations(ids, size):
-            new = [w.providers[m] for m in chosen if m not in w.reserved]
-            fits = sum(m.memory_mb for m in new) <= w.memory_free_mb.get("mana", float("inf"))
-            fits = fits and sum(m.cpu for m in new) <= w.cpu_free.get("mana", float("inf"))
-            if fits and all(w.providers[m].available for m in chosen):
-                for cost in costs_of(w, set(chosen), product):
-                    best = cost if best is None else min(best, cost)
+        for subset in itertools.combinations(ids, size):
+            for selected in itertools.product(*(w.providers[m].choices for m in subset)):
+                needs = [added_needs(w, p) for p in selected]
+                free = w.free.get("mana", {})
+                if excess(added(needs), free) is None and all(p.available for p in selected):
+                    with_selected = replace(w, providers={**w.providers, **{p.id: p for p in selected}})
+                    for cost in costs_of(with_selected, set(subset), product, added(needs)):
+                        best = cost if best is None else min(best, cost)
     return best
 
 
-def costs_of(w: World, chosen: set[ProviderId], product: str) -> Iterator[float]:
-    """Yield the costs of all valid plans with exactly the chosen providers."""
+def added_needs(w: World, selected: Provider) -> dict[str, float]:
+    """Return the needs of a provider in addition to those that are allocated already."""
+    running = w.providers[selected.id]
+    if selected.id not in w.reserved:
+        return selected.needs
+    if running.implementation == selected.implementation:
+        return {}
+    return {budget: max(value - running.needs[budget], 0.0) for budget, value in selected.needs.items()}
+
+
+def costs_of(w: World, chosen: set[ProviderId], product: str, used: dict[str, float]) -> Iterator[float]:
+    """Yield the costs of all valid plans with exactly the chosen providers, which use some of the budgets."""
     if not any(product in w.providers[m].products for m in chosen):
         return
     ports = [(m, i) for m in sorted(chosen) for i in w.providers[m].inputs]
@@ -330,10 +393,12 @@ def costs_of(w: World, chosen: set[ProviderId], product: str) -> Iterator[float]
         base += sum(OMITTED_INPUT_COST for _, i, s in pairs if s is None and i.sources)
         base += sum(REWIRE_COST for m, i, s in pairs if s and w.providers[m].wired.get(i.port, s) != s)
         streams = {SensorId(s.robot, s.owner) for _, _, s in pairs if s and s.kind == "sensor"}
-        yield from (base + extra for extra in mode_costs(w, chosen, streams))
+        yield from (base + extra for extra in mode_costs(w, chosen, streams, used))
 
 
-def mode_costs(w: World, chosen: set[ProviderId], streams: set[SensorId]) -> Iterator[float]:
+def mode_costs(
+    w: World, chosen: set[ProviderId], streams: set[SensorId], used: dict[str, float]
+) -> Iterator[float]:
     """Yield the costs of all valid combinations of sensor modes; sensors in ``streams`` must stream."""
     requirements = [
         (SensorId("mana", s), modes.split("|")) for m in chosen for s, modes in w.providers[m].modes.items()
@@ -341,6 +406,9 @@ def mode_costs(w: World, chosen: set[ProviderId], streams: set[SensorId]) -> Ite
     needed = sorted({s for s, _ in requirements} | streams)
     for modes in itertools.product(*(list(w.sensors[s].modes) for s in needed)):
         mode_of = dict(zip(needed, modes, strict=True))
+        changes = [w.sensors[s].added_needs(m) for s, m in mode_of.items()]
+        if excess(added([used, *changes]), w.free.get("mana", {})) is not None:
+            continue
         if any(mode_of[s] not in serve for s, serve in requirements) or not all(
             may_have_mode(w.sensors[s], mode_of[s]) for s in needed
         ):

@@ -294,8 +294,10 @@ class Day:
             assert is_settled or is_in_progress(sensor), (
                 f"{where}: {sensor} is not switched to mode {mode}, which has a lease"
             )
-            for job in (j for j in leases._demands.get(sensor, {}) if sensor not in leases.displaced(j)):
-                accepted = leases._demands[sensor][job].accepts
+            for job in (
+                j for j in leases._modes._demands.get(sensor, {}) if sensor not in leases.displaced(j)
+            ):
+                accepted = leases._modes._demands[sensor][job].accepts
                 assert mode in accepted, f"{where}: {sensor} is in {mode}, {job} needs {accepted}"
         for provider in (observed.active & observed.owned & observed.alive) - wanted:
             is_source_of_lingering = any(

@@ -65,10 +65,10 @@ class Planner:
 
     def __init__(self, is_covered: bool = True, providers: tuple[ProviderId, ...] = (FIRST, SECOND)) -> None:
         self.is_covered, self.providers = is_covered, providers
-        self.known: dict[ProviderId, Accuracy] = {}
+        self.known: dict[tuple[ProviderId, str], Accuracy] = {}
         self.calls = list[tuple[Any, frozenset[ProviderId]]]()
 
-    def accuracies(self, *_: object) -> dict[ProviderId, Accuracy]:
+    def accuracies(self, *_: object) -> dict[tuple[ProviderId, str], Accuracy]:
         return self.known
 
     def best(
@@ -266,7 +266,7 @@ def test_a_product_that_is_not_accurate_enough_is_replaced_unless_the_other_is_k
 ) -> None:
     planner = Planner()
     if other_sigma_m is not None:
-        planner.known[SECOND] = Accuracy(sigma_m=other_sigma_m)
+        planner.known[SECOND, ""] = Accuracy(sigma_m=other_sigma_m)
     plan = job_plan(journal, state, planner, max_sigma_m="0.1")
     plan.make(None, "")
     made = match(101 * S)

@@ -121,6 +121,7 @@ def test_an_explanation_states_the_accuracy_of_each_dfpc(stage: Stage) -> None:
     assert body["accuracy"] == [
         {
             "provider": "mana/position",
+            "implementation": "Simulated",
             "newest": "sigma 0.5 m and 28.6 deg, covariance none, OK",
             "unmet": ["sigma_m: 0.5, asked at most 0.1"],
         }
@@ -149,7 +150,7 @@ def test_a_request_of_higher_priority_takes_the_cpu_of_a_standing_one_which_resu
 
     count = len(low)
     assert provider_of(stage.final_answer(stage.send(**POSE, priority="7"))) == "slam"
-    reason = "mana/stereo_dem is stopped: a request of higher priority needs its memory or CPU"
+    reason = "mana/stereo_dem is stopped: a request of higher priority needs its budgets"
     assert any(reason in str(r.body()) for r in low[count:] if r.attachment["kind"] == "progress")
     assert stage.run_until(lambda: stereo.state == "active", 40.0), "it resumes"
     count = len(low)

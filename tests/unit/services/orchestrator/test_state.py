@@ -225,7 +225,7 @@ def test_the_world_of_some_robots_is_the_part_of_the_whole(state: SystemState) -
     whole, part = state.world(), state.world(robots=["mana"])
     assert part.providers == {p: x for p, x in whole.providers.items() if p.robot == "mana"}
     assert part.sensors == {s: x for s, x in whole.sensors.items() if s.robot == "mana"}
-    assert set(part.memory_free_mb) <= {"mana"}
+    assert set(part.free) <= {"mana"}
     assert part.reserved == {p for p in whole.reserved if p.robot == "mana"}
 
 

@@ -14,6 +14,7 @@ import pytest
 from cdff_common.bus import keys
 from cdff_common.errors import UnavailableError
 from cdff_common.loops import Loops
+from cdff_core.orchestration.reconciliation import Configuration
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.system_monitor import SystemMonitor
 from services.orchestrator.timing import Timing
@@ -110,14 +111,18 @@ def test_a_heartbeat_repeats_a_failed_description(
     assert state.calls == []
     bus.answers[keys.dfpc_rpc(*VO, "describe")] = answer
     heartbeat = {"state": "active", "last_error": "e", "wired": {"stereo": 1}, "changes": 3}
+    heartbeat |= {"implementation": "KeyframeKlt", "adjusted": {"b": 2, "a": 1}}
     monitor._on_status(keys.dfpc_status(*VO), heartbeat)
     assert state.calls[0] == ("set_description", VO, description)
     assert state.calls[-2:] == [
-        ("set_state", VO, "active", "e", {"stereo": 1}, 3),
+        (
+            *("set_state", VO, "active", "e", {"stereo": 1}, 3),
+            Configuration("KeyframeKlt", (("a", 1.0), ("b", 2.0))),
+        ),
         ("add_status", VO, heartbeat),
     ]
     monitor._on_status(keys.dfpc_status(*VO), {"state": "active", "wired": [], "changes": "3"})
-    assert state.calls[-2] == ("set_state", VO, "active", "", None, None)
+    assert state.calls[-2] == ("set_state", VO, "active", "", None, None, None)
 
 
 def test_heartbeats_without_a_token_or_state_are_ignored(
