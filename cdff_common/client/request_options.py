@@ -43,8 +43,11 @@ class RequestOptions(TypedDict, total=False):
         InFuse type, encoding (``uper ber xer msgpack tif ply tum png``), ``auto inline reference``.
     priority
         0 to 9, default 5; 9 is served first.
+    acquire
+        One acquisition for the request: ``now``, or its parameters, as ``pan_deg:30,tilt_deg:-10``.
     """
 
+    acquire: str | None
     region: str | None
     region_frame: str | None
     frame: str | None

@@ -153,6 +153,7 @@ class Sensor:
         self._monitor = StampMonitor(limits)
         self._lock = threading.Lock()
         self._seq = self._withheld = self._clock_faults = 0
+        self._acquired = (0, 0)  # number of the last acquisition, and of its samples
         self._last_fault: StampFault | None = None
         self._reported_s = -_REPORT_S
         self._owns_bus = bus is None
@@ -233,7 +234,8 @@ class Sensor:
         value, t0_ns, t1_ns = self._value_with_times(value, stamp_ns)
         self._check_frames(value)
         with self._lock:
-            if not self._modes.current.on:
+            mode = self._modes.current
+            if not mode.on or not self._is_acquired(mode):
                 self._withheld += 1
                 return False
             fault = self._stamp_fault(t1_ns)
@@ -253,6 +255,15 @@ class Sensor:
             self._seq += 1
             self._queue.put(EncodedSample(payload, encoding, header.to_attachment()))
         return True
+
+    def _is_acquired(self, mode: ActiveMode) -> bool:
+        """Return True if a sample is sent: in a mode for single acquisitions only its first samples are."""
+        if mode.acquires is None:
+            return True
+        number, count = self._acquired
+        count = count if number == mode.acquisition else 0
+        self._acquired = (mode.acquisition, count + 1)
+        return count < mode.acquires
 
     def report_lost(self, reason: str) -> None:
         """Report to the instrument control unit that the device does not work: plans use other sensors."""

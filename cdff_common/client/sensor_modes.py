@@ -8,7 +8,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from cdff_common.bus import Bus, keys
@@ -35,6 +35,12 @@ class ActiveMode:
         Samples per second.
     width_px, height_px, stereo, exposure
         Properties of the mode as in the profile (``SensorMode``); None if not stated.
+    acquires : int or None
+        Samples of a single acquisition; None in other modes.
+    acquisition : int
+        Number of the acquisition.
+    parameters : mapping of str to float
+        Parameters of the acquisition, such as ``pan_deg``.
     """
 
     name: str = "unknown"
@@ -44,6 +50,9 @@ class ActiveMode:
     height_px: int | None = None
     stereo: bool | None = None
     exposure: str | None = None
+    acquires: int | None = None
+    acquisition: int = 0
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def from_body(cls, body: Mapping[str, Any]) -> ActiveMode:
@@ -53,8 +62,12 @@ class ActiveMode:
             raise InputError(f"sensor mode {dict(body)!r}: expected mode: text and on: bool")
         if rate_hz is not None and not isinstance(rate_hz, int | float):
             raise InputError(f"sensor mode {dict(body)!r}: expected rate_hz: number or none")
-        others = {key: body.get(key) for key in ("width_px", "height_px", "stereo", "exposure")}
-        return cls(name, on, None if rate_hz is None else float(rate_hz), **others)
+        others = {key: body.get(key) for key in ("width_px", "height_px", "stereo", "exposure", "acquires")}
+        number, parameters = body.get("acquisition", 0), body.get("parameters", {})
+        if not isinstance(number, int) or not isinstance(parameters, Mapping):
+            raise InputError(f"sensor mode {dict(body)!r}: expected acquisition: integer and parameters: map")
+        rate = None if rate_hz is None else float(rate_hz)
+        return cls(name, on, rate, acquisition=number, parameters=dict(parameters), **others)
 
 
 #: Called with each new mode, in a thread of its own; it sets the device and may raise any exception.

@@ -27,6 +27,7 @@ from pydantic import (
 )
 
 from cdff_common.clock import parse_stamp
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.limits import LATEST_NS, MAX_AGE_S, MAX_COORDINATE_M, MAX_PATH_CORNERS
 from cdff_common.contract.names import MAX_FRAME_LENGTH, ROBOT_ID
 from cdff_common.errors import InputError
@@ -194,6 +195,15 @@ RegionText = Annotated[
     BeforeValidator(_region),
     PlainSerializer(lambda region: region.text, return_type=str),
     WithJsonSchema(_TEXT | {"maxLength": 40_000}),
+]
+#: Parameters of a single acquisition, ``now`` or ``name:value,…``.
+Acquire = Annotated[
+    AcquisitionParameters,
+    BeforeValidator(
+        lambda v: v if isinstance(v, AcquisitionParameters) else AcquisitionParameters.parse(str(v))
+    ),
+    PlainSerializer(str, return_type=str),
+    WithJsonSchema(_TEXT | {"maxLength": 400}),
 ]
 Frame = Annotated[str, Field(max_length=MAX_FRAME_LENGTH), AfterValidator(_frame)]
 Robot = Annotated[str, AfterValidator(_robot)]

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.limits import (
     DEADLINE_BOUNDS_MS,
     DEFAULT_DEADLINE_MS,
@@ -21,6 +22,7 @@ from cdff_common.contract.limits import (
 from cdff_common.contract.metric_bounds import MetricBound, parse_metric_bounds
 from cdff_common.contract.names import ANY_ROBOT, REQUEST_ID
 from cdff_common.contract.parameters import (
+    Acquire,
     Age,
     Flag,
     Frame,
@@ -459,6 +461,9 @@ class ModeParameters(RobotParameters):
     sensor: str
     mode: str
     holder: str = ""
+    acquire: Acquire = Field(
+        default_factory=AcquisitionParameters, description="Parameters of a mode for single acquisitions"
+    )
 
 
 class FaultParameters(RobotParameters):
@@ -505,6 +510,9 @@ class RequestParameters(Parameters):
     )
     deadline_ms: Deadline = Field(DEFAULT_DEADLINE_MS, description="Time until the final answer")
     explain: Flag = Field(False, description="Describe the plan without running it")
+    acquire: Acquire | None = Field(
+        None, description="One acquisition for this request: now, or parameters as pan_deg:30,tilt_deg:-10"
+    )
     every_s: Annotated[Number, Field(ge=0, le=3600)] | None = Field(
         None, description="Standing request: least time between answers, 0 for every change"
     )

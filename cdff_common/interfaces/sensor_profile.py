@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Literal
 
@@ -19,6 +20,31 @@ Count = Annotated[int, Field(ge=1)]
 #: Value of ``Sensor.mask`` that selects the shapes of the robot's URDF instead of an image.
 URDF_MASK = "urdf"
 Exposure = Literal["short", "normal", "long", "auto"]
+
+
+class AcquisitionParameter(StrictModel):
+    """Parameter of a single acquisition.
+
+    Attributes
+    ----------
+    least, greatest : float
+        Bounds, in the unit of the name, such as ``pan_deg``.
+    initial : float
+        Value before the first acquisition, and of an acquisition that does not state it.
+    rate_per_s : float or None
+        Speed of the mechanism, units per second; None if a change takes no time.
+    """
+
+    least: float
+    greatest: float
+    initial: float = 0.0
+    rate_per_s: PositiveFloat | None = None
+
+    @model_validator(mode="after")
+    def _initial_is_within_the_bounds(self) -> AcquisitionParameter:
+        if not self.least <= self.initial <= self.greatest:
+            raise ValueError(f"initial={self.initial:g}: expected {self.least:g} to {self.greatest:g}")
+        return self
 
 
 class SensorMode(StrictModel):
@@ -42,6 +68,15 @@ class SensorMode(StrictModel):
         Heat for the thermal control, watts; None for the electrical power.
     data_mb_h : float
         Volume of the data that are stored, megabytes per hour.
+    acquires : int or None
+        Samples of each stream that the sensor delivers in this mode before it returns to the previous mode,
+        for single acquisitions; None for a mode in which it streams.
+    acquire_s : float
+        Duration of an acquisition, seconds, without the motion of its parameters.
+    energy_j : float or None
+        Energy of an acquisition, joules; None for ``power_w`` times its duration.
+    parameters : mapping of name to AcquisitionParameter
+        Parameters of an acquisition, such as the angles of a pan-tilt unit.
     doc : str
         Description for operators.
     """
@@ -55,7 +90,49 @@ class SensorMode(StrictModel):
     power_w: NonNegativeFloat = 0.0
     heat_w: NonNegativeFloat | None = None
     data_mb_h: NonNegativeFloat = 0.0
+    acquires: Count | None = None
+    acquire_s: NonNegativeFloat = 1.0
+    energy_j: NonNegativeFloat | None = None
+    parameters: dict[Name, AcquisitionParameter] = {}
     doc: str = ""
+
+    @model_validator(mode="after")
+    def _only_acquisitions_have_parameters(self) -> SensorMode:
+        if self.acquires is None and (self.parameters or self.energy_j is not None):
+            raise ValueError("parameters and energy_j: expected with acquires only")
+        if self.acquires is not None and not self.on:
+            raise ValueError("acquires: expected in a mode that is on")
+        return self
+
+    @property
+    def streams(self) -> bool:
+        """True if the sensor streams in this mode; False if it is off or for single acquisitions."""
+        return self.on and self.acquires is None
+
+    def acquisition_fault(self, values: Mapping[str, float]) -> str:
+        """Return why these parameters cannot be acquired in this mode; empty if they can."""
+        if self.acquires is None:
+            return "it is not for single acquisitions"
+        for name, value in values.items():
+            bounds = self.parameters.get(name)
+            if bounds is None:
+                return f"it has no parameter {name}; it has {', '.join(self.parameters) or 'none'}"
+            if not bounds.least <= value <= bounds.greatest:
+                return f"{name}={value:g}: expected {bounds.least:g} to {bounds.greatest:g}"
+        return ""
+
+    def acquisition_s(self, values: Mapping[str, float], current: Mapping[str, float]) -> float:
+        """Return the duration of an acquisition from the current values of the parameters, seconds."""
+        motions_s = [
+            abs(values.get(name, p.initial) - current.get(name, p.initial)) / p.rate_per_s
+            for name, p in self.parameters.items()
+            if p.rate_per_s is not None
+        ]
+        return self.acquire_s + max(motions_s, default=0.0)
+
+    def acquisition_j(self, duration_s: float) -> float:
+        """Return the energy of an acquisition of some duration, joules."""
+        return self.power_w * duration_s if self.energy_j is None else self.energy_j
 
     @property
     def needs(self) -> dict[str, float]:
@@ -89,7 +166,7 @@ class ModeNeed(StrictModel):
     def is_met_by(self, mode: SensorMode) -> bool:
         """Return True if a mode meets the requirements; an unspecified property does not."""
         return (
-            mode.on
+            mode.streams
             and (self.min_rate_hz == 0.0 or (mode.rate_hz or 0.0) >= self.min_rate_hz)
             and (self.max_rate_hz is None or (mode.rate_hz is not None and mode.rate_hz <= self.max_rate_hz))
             and (self.min_width_px == 1 or (mode.width_px or 0) >= self.min_width_px)

@@ -47,7 +47,7 @@ class Adjustable:
 
 
 def adjustables_of(description: Mapping[str, Any]) -> tuple[Adjustable, ...]:
-    """Return the adjustable parameters in the description of a DFPC; raises KeyError, TypeError, ValueError."""
+    """Return the adjustable parameters in a description; raises KeyError, TypeError or ValueError."""
     return tuple(
         Adjustable(
             str(a["parameter"]),

@@ -9,11 +9,13 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
 
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.wiring import Wiring, mode_names
 from cdff_common.errors import InputError
 from cdff_common.interfaces.description import DfpcDescription
 from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot
 from cdff_core.orchestration.accuracy import Accuracy
+from cdff_core.orchestration.acquisition import acquisitions_of
 from cdff_core.orchestration.adjustment import adjustables_of
 from cdff_core.orchestration.budgets import BUDGET_UNITS, added
 from cdff_core.orchestration.leases import Leases
@@ -239,6 +241,7 @@ def world_of(
     absent: Container[ProviderId] = frozenset(),
     cache: ProviderCache | None = None,
     robots: Container[str] | None = None,
+    acquire: AcquisitionParameters | None = None,
 ) -> World:
     """Return the current world for a request of a priority, only of ``robots`` if they are given.
 
@@ -247,7 +250,8 @@ def world_of(
     ``refused`` are the modes that the instrument control unit refused or did not confirm, with the reason.
     With ``optimistic``, every DFPC of the profile counts as available, also without a running process, except
     ``absent`` ones, whose robot has left or no longer has them. A request may take sensors, memory and CPU
-    from requests of lower ``priority``, by default from none.
+    from requests of lower ``priority``, by default from none. ``acquire`` are the parameters of a single
+    acquisition: sensors with a mode for it do not stream then.
     """
     providers = {}
     cache = ProviderCache() if cache is None else cache
@@ -279,9 +283,17 @@ def world_of(
             current = observed.modes.get(sensor_id, sensor.initial_mode)
             held = leases.held_mode(sensor_id)
             serving = leases.serving_modes(sensor_id, priority)
+            possible = (
+                {}
+                if acquire is None
+                else acquisitions_of(sensor, acquire, observed.acquired.get(sensor_id, {}))
+            )
             sensors[sensor_id] = SensorState(
                 id=sensor_id,
-                modes={name: mode.on for name, mode in sensor.modes.items()},
+                modes={
+                    name: name in possible if possible else mode.streams
+                    for name, mode in sensor.modes.items()
+                },
                 current=current,
                 held=held,
                 priority_modes=serving if serving is not None or held is None else frozenset(sensor.modes),
@@ -290,7 +302,9 @@ def world_of(
                 lost=observed.lost.get(sensor_id, ""),
                 switch_s=sensor.switch_durations_s.get(current, {}),
                 needs=sensor.needs_by_mode,
+                acquisitions=possible,
             )
+    providers = {p: _with_acquisitions(provider, sensors) for p, provider in providers.items()}
     reserved = frozenset(p for p in providers if p in observed.active or leases.is_wanted(p))
     return World(
         providers,
@@ -335,10 +349,25 @@ class ProviderCache:
         return provider
 
 
+def _with_acquisitions(provider: Provider, sensors: Mapping[SensorId, SensorState]) -> Provider:
+    """Return a provider that also accepts the possible single acquisitions of the sensors with required
+    modes.
+    """
+    modes = {
+        name: "|".join((modes, *sensors[SensorId(provider.id.robot, name)].acquisitions))
+        for name, modes in provider.modes.items()
+        if SensorId(provider.id.robot, name) in sensors
+    }
+    if modes == dict(provider.modes):
+        return provider
+    alternatives = tuple(_with_acquisitions(other, sensors) for other in provider.alternatives)
+    return replace(provider, modes={**provider.modes, **modes}, alternatives=alternatives)
+
+
 def _remaining(
     robot: Robot, reserved: Iterable[Provider], sensors: Mapping[SensorId, SensorState]
 ) -> dict[str, float]:
-    """Return the remaining part of each budget of a robot next to its reserved providers and current modes."""
+    """Return the remaining budgets of a robot next to its reserved providers and current modes."""
     limits = {budget: robot.limits[budget] for budget in BUDGET_UNITS if budget in robot.limits}
     if not limits:
         return {}
@@ -352,7 +381,7 @@ def _rates_hz(robot: Robot, observed: ObservedState) -> dict[SensorId, float | N
     rates: dict[SensorId, float | None] = {}
     for name, sensor in robot.sensors.items():
         mode = sensor.modes.get(observed.modes.get(SensorId(robot.id, name), sensor.initial_mode))
-        streaming = [m for m in (mode, *sensor.modes.values()) if m is not None and m.on]
+        streaming = [m for m in (mode, *sensor.modes.values()) if m is not None and m.streams]
         rates[SensorId(robot.id, name)] = streaming[0].rate_hz if streaming else None
     return rates
 

@@ -65,6 +65,7 @@ def plan_with_costs(selected: Plan, world: World) -> dict[str, Any]:
         "added_cpu_cores": round(sum(provider.cpu for provider in inactive), 6),
         "added_memory_mb": round(sum(provider.memory_mb for provider in inactive), 3),
         "added_power_w": round(needs.get("power_w", 0.0), 3),
+        "energy_j": round(sum(a.energy_j for a in selected.acquisitions.values()), 3),
         "added_heat_w": round(needs.get("heat_w", 0.0), 3),
         "added_data_mb_h": round(needs.get("data_mb_h", 0.0), 3),
         "changes": {

@@ -169,6 +169,10 @@ class Leases:
         self._modes.remove_robot(robot)
         self._implementations.remove_robot(robot)
 
+    def held(self, holder: str) -> frozenset[ProviderId]:
+        """Return the providers of a holder."""
+        return frozenset(self._held.get(holder, ()))
+
     def is_holder(self, holder: str) -> bool:
         """Return whether a holder has a lease."""
         return holder in self._held
@@ -252,7 +256,7 @@ class Leases:
         return self._implementations.selected.get(provider)
 
     def serving_implementations(self, provider: ProviderId, priority: int = -1) -> frozenset[str] | None:
-        """Return the implementations that serve all holders of at least ``priority``; None without a demand."""
+        """Return the implementations that serve all holders of at least ``priority``; None without any."""
         return self._implementations.serving(provider, priority)
 
     def settings(self, provider: ProviderId) -> list[Mapping[str, float]]:

@@ -9,11 +9,20 @@ the time (monotonic seconds), so that the simulated unit and replay share the ma
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
-from cdff_common.errors import DeniedError, ProductNotFoundError, UnavailableError
+from cdff_common.errors import (
+    ConflictError,
+    DeniedError,
+    InputError,
+    ProductNotFoundError,
+    UnavailableError,
+)
 from cdff_common.interfaces.sensor_profile import Sensor
 
+#: Properties of a mode that its events do not repeat.
+_NOT_IN_EVENTS = {"doc", "power_w", "heat_w", "data_mb_h", "acquire_s", "energy_j", "parameters"}
 #: (state, event) -> state of a sensor. ``demand`` is a call, the others are events.
 MODE_TRANSITIONS: Mapping[tuple[str, str], str] = {
     ("steady", "demand"): "switching",
@@ -40,6 +49,12 @@ class ModeMachine:
     holder: str = ""  # client of the last demand
     refusal: str = ""  # reason why the last switch was refused; empty otherwise
     lost: str = ""  # reason why the sensor is unavailable; empty otherwise
+    acquisitions: int = 0  # number of single acquisitions that have begun
+    parameters: dict[str, float] = field(default_factory=dict)  # of the last acquisition
+    #: Mode to which the sensor returns after an acquisition, and when, monotonic seconds.
+    returns: tuple[str, float] | None = None
+    _acquire_s: float = 0.0  # duration of the demanded acquisition
+    _return_mode: str = ""  # mode before it
 
     def __post_init__(self) -> None:
         self.mode = self.mode or self.sensor.initial_mode
@@ -51,10 +66,19 @@ class ModeMachine:
             return "lost"
         return "steady" if self.target is None else "switching"
 
-    def demand(self, mode: str, holder: str, now_s: float, slowness: float = 1.0) -> bool:
+    def demand(
+        self,
+        mode: str,
+        holder: str,
+        now_s: float,
+        slowness: float = 1.0,
+        parameters: Mapping[str, float] = MappingProxyType({}),
+    ) -> bool:
         """Demand a mode; return whether a switch is in progress afterwards.
 
-        ``slowness`` is a factor on the declared durations, which a simulated unit varies. Raises
+        ``slowness`` is a factor on the declared durations, which a simulated unit varies. ``parameters`` are
+        those of a mode for single acquisitions: each demand of such a mode is another acquisition. Raises
+        InputError for parameters that the mode does not have, ConflictError during an acquisition,
         ProductNotFoundError for an unknown mode, DeniedError if the sensor refuses it or cannot reach it from
         the current mode, UnavailableError if the sensor is lost.
         """
@@ -65,7 +89,15 @@ class ModeMachine:
             raise UnavailableError(f"sensor {self.name} is lost: {self.lost}")
         if mode in self.sensor.refuses:
             raise DeniedError(f"sensor {self.name} refuses mode {mode!r} now; it stays in {self.mode}")
+        acquires = self.sensor.modes[mode].acquires is not None
+        fault = self.sensor.modes[mode].acquisition_fault(parameters) if acquires or parameters else ""
+        if fault:
+            raise InputError(f"sensor {self.name} mode {mode}: {fault}")
+        if self.is_acquiring:
+            raise ConflictError(f"sensor {self.name} acquires for {self.holder}; repeat the demand")
         self.refusal = ""
+        if acquires:
+            return self._demand_acquisition(mode, holder, now_s, slowness, parameters)
         if mode == self.target or (mode == self.mode and self.target is None):
             self.holder = holder
             return self.target is not None
@@ -82,14 +114,54 @@ class ModeMachine:
         self.holder, self.target, self.steps = holder, mode, tuple(steps)
         return True
 
+    @property
+    def is_acquiring(self) -> bool:
+        """True from the demand of a single acquisition to the return to the previous mode."""
+        return self.returns is not None or (
+            self.target is not None and self.sensor.modes[self.target].acquires is not None
+        )
+
+    def _demand_acquisition(
+        self, mode: str, holder: str, now_s: float, slowness: float, parameters: Mapping[str, float]
+    ) -> bool:
+        path = self.sensor.mode_path(self.mode, mode)
+        if path is None:
+            raise DeniedError(
+                f"sensor {self.name} cannot switch from mode {self.mode} to {mode}; it stays in {self.mode}"
+            )
+        at_s, steps = now_s, []
+        for step, duration_s in path or ((mode, 0.0),):
+            at_s += slowness * duration_s
+            steps.append((step, at_s))
+        declared = self.sensor.modes[mode]
+        self._acquire_s = slowness * declared.acquisition_s(parameters, self.parameters)
+        values = {name: p.initial for name, p in declared.parameters.items()}
+        self.parameters = {**values, **parameters}
+        self._return_mode = self.mode
+        self.holder, self.target, self.steps = holder, mode, tuple(steps)
+        return True
+
+    def next_s(self) -> float | None:
+        """Return the time of the next change, monotonic seconds; None in a steady state."""
+        if self.steps:
+            return self.steps[0][1]
+        return None if self.returns is None else self.returns[1]
+
     def settle(self, now_s: float) -> bool:
         """Confirm the next mode if its time is reached; return whether the mode changed."""
-        if not self.steps or now_s < self.steps[0][1]:
+        at_s = self.next_s()
+        if at_s is None or now_s < at_s:
             return False
+        if not self.steps and self.returns is not None:
+            self.mode, self.returns = self.returns[0], None
+            return True
         (self.mode, _), *remaining_steps = self.steps
         self.steps = tuple(remaining_steps)
         if not remaining_steps:
             self.target = None
+            if self.sensor.modes[self.mode].acquires is not None:
+                self.acquisitions += 1
+                self.returns = (self._return_mode, at_s + self._acquire_s)
         return True
 
     def refuse(self, reason: str) -> None:
@@ -99,7 +171,7 @@ class ModeMachine:
 
     def fail(self, reason: str) -> None:
         """Mark the sensor as lost for a reason."""
-        self.target, self.steps, self.lost = None, (), reason
+        self.target, self.steps, self.returns, self.lost = None, (), None, reason
 
     def recover(self) -> None:
         """Mark the sensor as available, in its initial mode."""
@@ -118,6 +190,9 @@ class ModeMachine:
 
     def event(self) -> dict[str, object]:
         """Return the body of ``event/sensor_mode``."""
-        current = self.sensor.modes[self.mode].model_dump(exclude={"doc"})
+        current = self.sensor.modes[self.mode].model_dump(exclude=_NOT_IN_EVENTS)
+        if current.pop("acquires") is not None:
+            current |= {"acquires": self.sensor.modes[self.mode].acquires, "acquisition": self.acquisitions}
+            current |= {"parameters": dict(self.parameters)}
         body = {"sensor": self.name, "mode": self.mode, "state": self.state, **current, "reason": self.lost}
         return body | ({"on": False} if self.lost else {})

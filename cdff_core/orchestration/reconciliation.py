@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cdff_core.orchestration.acquisition import Acquisition
 from cdff_core.orchestration.world import ProviderId, SensorId
 
 #: Back-off of a failed activation or mode change: first wait in seconds, factor, longest wait in seconds.
@@ -21,7 +22,7 @@ BACK_OFF_S = (0.5, 2.0, 10.0)
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """Implementation of a DFPC, by default that of the profile, and its adjusted parameters, sorted by name."""
+    """Implementation of a DFPC, by default that of the profile, and adjusted parameters, sorted by name."""
 
     implementation: str | None = None
     parameters: tuple[tuple[str, float], ...] = ()
@@ -38,6 +39,15 @@ class SetMode:
 
     sensor: SensorId
     mode: str
+
+
+@dataclass(frozen=True, slots=True)
+class Acquire:
+    """Let a sensor make a single acquisition for the holder of a lease."""
+
+    sensor: SensorId
+    holder: str
+    acquisition: Acquisition
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +85,7 @@ class Deactivate:
     provider: ProviderId
 
 
-Action = SetMode | Configure | Activate | Deactivate | CleanUp
+Action = SetMode | Acquire | Configure | Activate | Deactivate | CleanUp
 
 
 @dataclass(slots=True)
@@ -104,6 +114,8 @@ class ObservedState:
     owned: set[ProviderId] = field(default_factory=set)
     modes: dict[SensorId, str] = field(default_factory=dict)  # confirmed modes
     lost: dict[SensorId, str] = field(default_factory=dict)  # unavailable sensors with the reason
+    #: Parameters of the last single acquisition of each sensor.
+    acquired: dict[SensorId, Mapping[str, float]] = field(default_factory=dict)
     #: Last reported states: unconfigured, inactive, active or error.
     states: dict[ProviderId, str] = field(default_factory=dict)
     #: Time when the output of an active provider becomes reliable, monotonic seconds; default: at once.

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.limits import DEFAULT_DEADLINE_MS
 from cdff_common.contract.names import GROUND, ROBOT_ID
 from cdff_common.contract.products import ProductType, product_type, requestable_products
@@ -62,6 +63,8 @@ class ProductRequest:
     #: Minimum time between two replies of a standing request, 0: at each change. Its deadline is a renewable
     #: lease. None: one reply.
     every_s: float | None = None
+    #: Parameters of a single acquisition from the sensors of the plan; None: the sensors stream.
+    acquire: AcquisitionParameters | None = None
     #: Send progress replies. By default only if the deadline is beyond the default timeout of Zenoh: a client
     #: that keeps only the last reply could otherwise receive a progress reply instead of a late error.
     progress: bool = True
@@ -112,6 +115,7 @@ class ProductRequest:
             "deadline_s": self.deadline_s,
             "priority": self.priority,
             "every_s": self.every_s,
+            "acquire": None if self.acquire is None else str(self.acquire),
         }
 
 
@@ -133,6 +137,10 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
     for name, products in (("max_sigma_m", SIGMA_M_PRODUCTS), ("max_sigma_deg", SIGMA_DEG_PRODUCTS)):
         if name in p.model_fields_set and p.type not in products:
             raise InputError(f"{name} does not apply to type={p.type}; it applies to {', '.join(products)}")
+    if p.acquire is not None:
+        others = [name for name in ("every_s", "t", "t0") if getattr(p, name) is not None]
+        if others:
+            raise InputError(f"acquire={p.acquire}: not together with {others[0]}: it is one acquisition now")
     type_name, form = _type_and_format(product, p.as_type, p.format)
     deadline_s = p.deadline_ms / 1000
     sends_progress = p.every_s is not None or deadline_s >= _ZENOH_TIMEOUT_S
@@ -163,6 +171,7 @@ def parse_request(parameters: Mapping[str, str], scope: str) -> ProductRequest:
         explain=p.explain,
         priority=p.priority,
         every_s=p.every_s,
+        acquire=p.acquire,
         progress=sends_progress if p.progress is None else p.progress,
     )
 

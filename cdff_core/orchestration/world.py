@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from cdff_core.orchestration.accuracy import Accuracy
+from cdff_core.orchestration.acquisition import Acquisition
 from cdff_core.orchestration.adjustment import Adjustable
 from cdff_core.orchestration.budgets import Amounts
 
@@ -140,6 +141,8 @@ class SensorState:
     switch_s: Mapping[str, float] = field(default_factory=dict)
     #: Needed part of each budget of its robot, by mode.
     needs: Mapping[str, Amounts] = field(default_factory=dict)
+    #: Possible single acquisitions for the request, by mode.
+    acquisitions: Mapping[str, Acquisition] = field(default_factory=dict)
 
     def obstacle(self, mode: str) -> str | None:
         """Return the reason why the sensor cannot be used in ``mode``; None if it can."""
@@ -178,7 +181,8 @@ class World:
 
     providers: Mapping[ProviderId, Provider]
     sensors: Mapping[SensorId, SensorState] = field(default_factory=dict)
-    #: Robot to the free part of each of its budgets, next to the ``reserved`` providers and the current modes.
+    #: Robot to the free part of each of its budgets, next to the ``reserved`` providers and the current
+    #: modes.
     free: Mapping[str, Amounts] = field(default_factory=dict)
     #: Providers with allocated budgets: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()

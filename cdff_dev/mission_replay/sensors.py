@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cdff_common.bus import Reply, Request, keys
+from cdff_common.contract.acquisition import NOW, AcquisitionParameters
 from cdff_common.errors import DeniedError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.request import parse_robot
@@ -38,17 +39,19 @@ class ReplayedIcu:
         """Set a mode and wait in virtual time until it is reached, unlike ``SimulatedIcu.set_mode``."""
         p = request.parameters
         robot = parse_robot(p.get("robot"), request.scope)
-        machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""))
-        while machine.target == p["mode"]:
-            self._scheduler.sleep(max(machine.steps[0][1] - self._scheduler.now_s, 0.001))
+        parameters = AcquisitionParameters.parse(p.get("acquire", NOW)).to_dict()
+        machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""), parameters)
+        acquires = machine.sensor.modes[p["mode"]].acquires is not None
+        while machine.target == p["mode"] or (acquires and machine.is_acquiring):
+            self._scheduler.sleep(max((machine.next_s() or 0.0) - self._scheduler.now_s, 0.001))
             self._unit.modes(robot)  # updates the states to the current virtual time
         if machine.lost:
             raise UnavailableError(f"sensor {p['sensor']} is lost: {machine.lost}")
-        if machine.refusal or machine.mode != p["mode"]:
+        if machine.refusal or (machine.mode != p["mode"] and not acquires):
             raise DeniedError(
                 f"sensor {p['sensor']}: {machine.refusal or 'another mode was demanded meanwhile'}"
             )
-        return Reply.of({"robot": robot, "confirmed": True, **machine.event()})
+        return Reply.of({"robot": robot, "confirmed": True, **machine.event(), "mode": p["mode"]})
 
     def _on_mode(self, robot: str, event: Mapping[str, object]) -> None:
         self._gate.set(robot, str(event["sensor"]), event)

@@ -17,10 +17,14 @@ _EARLY_FRACTION = 0.1
 
 @dataclass(frozen=True, slots=True)
 class SensorState:
-    """State of a sensor: whether it is on, and the rate limit of its mode, if any."""
+    """State of a sensor: whether it is on, the rate limit of its mode, if any, and the samples of a single
+    acquisition with its number.
+    """
 
     on: bool = True
     rate_hz: float | None = None
+    acquires: int | None = None
+    acquisition: int = 0
 
 
 class SensorGate:
@@ -30,6 +34,8 @@ class SensorGate:
         self._lock = threading.Lock()
         self._states: dict[tuple[str, str], SensorState] = {}
         self._passed_ns: dict[tuple[str, str, str], int] = {}
+        #: Number of the last acquisition of each stream, and of its samples.
+        self._acquired: dict[tuple[str, str, str], tuple[int, int]] = {}
 
     def set(self, robot: str, sensor: str, body: Mapping[str, Any]) -> None:
         """Set the mode of a sensor from the body of ``event/sensor_mode``.
@@ -41,8 +47,15 @@ class SensorGate:
             raise InputError(
                 f"mode of {robot}/{sensor}: {dict(body)!r}, expected on: bool and rate_hz: number or none"
             )
+        acquires, acquisition = body.get("acquires"), body.get("acquisition", 0)
+        if not (acquires is None or isinstance(acquires, int)) or not isinstance(acquisition, int):
+            raise InputError(
+                f"mode of {robot}/{sensor}: {dict(body)!r}, expected acquires, acquisition: integers"
+            )
         with self._lock:
-            self._states[robot, sensor] = SensorState(on, None if rate_hz is None else float(rate_hz))
+            self._states[robot, sensor] = SensorState(
+                on, None if rate_hz is None else float(rate_hz), acquires, acquisition
+            )
 
     def clear_times(self) -> None:
         """Clear the times of the rate limits, after a jump of mission time."""
@@ -62,6 +75,13 @@ class SensorGate:
             state = self._states.get((robot, sensor), SensorState())
             if not state.on or state.rate_hz == 0.0:
                 return False
+            if state.acquires is not None:
+                number, count = self._acquired.get(key, (0, 0))
+                count = count if number == state.acquisition else 0
+                if count >= state.acquires:
+                    return False
+                self._acquired[key] = (state.acquisition, count + 1)
+                return True
             last_ns = self._passed_ns.get(key)
             if state.rate_hz is not None and last_ns is not None:
                 period_ns = 1e9 / state.rate_hz

@@ -73,7 +73,7 @@ class HostedDfpc(DfpcLifeCycle):
                 logger.warning("%s starts without its checkpoint: %s", self.entry.name, error)
 
     def activate(self, inputs: Mapping[str, str] | None = None, adjustment: Adjustment | None = None) -> None:
-        """Subscribe the inputs and start stepping; an active DFPC only changes its sources, or is adjusted."""
+        """Subscribe the inputs and start stepping; an active DFPC changes its sources or is adjusted."""
         with self._life:
             sources = self.sources(inputs or {})
             if self.state is DfpcState.ERROR:

@@ -199,9 +199,8 @@ class DfpcLifeCycle(ABC):
                     f"{self.entry.name}: {parameter} is not adjustable; adjustable are {expected}"
                 )
             if not bounds.least <= value <= bounds.greatest:
-                raise InputError(
-                    f"{self.entry.name}: {parameter}={value}: expected {bounds.least:g} to {bounds.greatest:g}"
-                )
+                allowed = f"{bounds.least:g} to {bounds.greatest:g}"
+                raise InputError(f"{self.entry.name}: {parameter}={value}: expected {allowed}")
         return name
 
     def deactivate(self) -> None:
@@ -355,7 +354,7 @@ def _activation(request: Request) -> tuple[dict[str, str], Adjustment | None]:
     """Return the sources in the body of ``activate``, and the adjustment if it has one."""
     body = request.body() if request.payload else {}
     if not isinstance(body, dict) or body.keys() - {"inputs", "implementation", "parameters"}:
-        raise InputError("activate: expected a body {inputs: …, implementation: …, parameters: …}, or none")
+        raise InputError("activate: expected a body {inputs, implementation, parameters}, or none")
     inputs, parameters = body.get("inputs", {}), body.get("parameters", {})
     if not isinstance(inputs, dict):
         raise InputError("activate: expected inputs {port: source}")

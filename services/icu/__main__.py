@@ -120,7 +120,8 @@ def _modes(unit: SimulatedIcu, request: Request) -> Reply:
 
 def _set_mode(unit: SimulatedIcu, request: Request) -> Reply:
     p = ModeParameters.parse(request.parameters)
-    return Reply.of(unit.set_mode(parse_robot(p.robot, request.scope), p.sensor, p.mode, p.holder))
+    robot = parse_robot(p.robot, request.scope)
+    return Reply.of(unit.set_mode(robot, p.sensor, p.mode, p.holder, p.acquire.to_dict()))
 
 
 def _fault(unit: SimulatedIcu, request: Request) -> Reply:

@@ -117,8 +117,10 @@ class SimulatedIcu:
         """Ids of the robots with sensors."""
         return tuple(sorted({robot for robot, _ in self._machines}))
 
-    def set_mode(self, robot: str, sensor: str, mode: str, holder: str) -> dict[str, Any]:
-        """Set a mode and return once it is confirmed.
+    def set_mode(
+        self, robot: str, sensor: str, mode: str, holder: str, parameters: Mapping[str, float] | None = None
+    ) -> dict[str, Any]:
+        """Set a mode and return once it is confirmed; a single acquisition, once it has ended.
 
         Raises
         ------
@@ -131,7 +133,8 @@ class SimulatedIcu:
         UnavailableError
             If the sensor is lost, or the unit shuts down.
         """
-        machine = self.demand(robot, sensor, mode, holder)
+        machine = self.demand(robot, sensor, mode, holder, parameters)
+        started_s = self._now_s()
         while True:
             self._settle()
             with self._changed:
@@ -141,22 +144,48 @@ class SimulatedIcu:
                     raise UnavailableError(f"sensor {sensor} is lost: {machine.lost}")
                 if machine.target is None and machine.refusal:
                     raise DeniedError(f"sensor {sensor}: {machine.refusal}; it stays in {machine.mode}")
+                if machine.is_acquiring and machine.holder == holder:
+                    self._wait(machine)
+                    continue
+                if machine.sensor.modes[mode].acquires is not None:
+                    return self._acquired(robot, machine, mode, self._now_s() - started_s)
                 if machine.target is None and machine.mode == mode:
                     return {"robot": robot, "confirmed": True, **machine.event()}
                 if machine.target != mode:
                     raise ConflictError(
                         f"sensor {sensor}: {machine.holder or 'another client'} demanded another mode"
                     )
-                self._changed.wait(max(machine.steps[0][1] - self._now_s(), 0.001))
+                self._wait(machine)
 
-    def demand(self, robot: str, sensor: str, mode: str, holder: str) -> ModeMachine:
+    def _wait(self, machine: ModeMachine) -> None:
+        """Wait for a change, at most until the next one of a sensor is due."""
+        next_s = machine.next_s()
+        if next_s is not None:
+            self._changed.wait(max(next_s - self._now_s(), 0.001))
+
+    @staticmethod
+    def _acquired(robot: str, machine: ModeMachine, mode: str, duration_s: float) -> dict[str, Any]:
+        """Return the answer to the demand of an acquisition that has ended."""
+        declared = machine.sensor.modes[mode]
+        return {
+            "robot": robot,
+            "confirmed": True,
+            **machine.event(),
+            "mode": mode,
+            "duration_s": round(duration_s, 3),
+            "energy_j": round(declared.acquisition_j(duration_s), 3),
+        }
+
+    def demand(
+        self, robot: str, sensor: str, mode: str, holder: str, parameters: Mapping[str, float] | None = None
+    ) -> ModeMachine:
         """Start a switch and return its machine. Raises like ``set_mode``."""
         key = (robot, sensor)
         with self._changed:
             machine = self._machine(*key)
             before, r = machine.steps, self._random[key]
             slowness = r.lognormvariate(0.0, self.faults.spread) if self.faults.spread else 1.0
-            is_switching = machine.demand(mode, holder, self._now_s(), slowness)
+            is_switching = machine.demand(mode, holder, self._now_s(), slowness, parameters or {})
             if is_switching and machine.steps != before:
                 (self._will_refuse.add if r.random() < self.faults.refuses else self._will_refuse.discard)(
                     key
@@ -199,8 +228,8 @@ class SimulatedIcu:
         events = []
         with self._changed:
             for key, machine in self._machines.items():
-                while machine.steps and now_s >= machine.steps[0][1]:
-                    if key in self._will_refuse:
+                while (due_s := machine.next_s()) is not None and now_s >= due_s:
+                    if machine.steps and key in self._will_refuse:
                         self._will_refuse.discard(key)
                         machine.refuse(f"simulated refusal of mode {machine.target}")
                     elif machine.settle(now_s):

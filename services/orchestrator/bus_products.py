@@ -35,7 +35,7 @@ class BusProducts:
         self._bus.subscribe(keys.product(self._robot, "*", "*"), self._on_product)
 
     def newest(self, product: str, child: str | None = None) -> StoredProduct | None:
-        """Return the newest usable product of a type, of a pose only one of ``child``; None if there is none."""
+        """Return the newest usable product of a type, a pose of ``child``; None if there is none."""
         with self._lock:
             received = list(self._newest.get(product, {}).values())
         usable = [pair for pair in received if child in (None, pair[0].child)]

@@ -78,6 +78,11 @@ def register_request(nouns: Any) -> None:
         "--priority", type=int, choices=range(10), help="0 to 9, 9 is served first; default: 5"
     )
     parser.add_argument(
+        "--acquire",
+        metavar="now|NAME:VALUE,…",
+        help="one acquisition of the sensors for this request, with its parameters, such as pan_deg:30",
+    )
+    parser.add_argument(
         "--every-s",
         type=float,
         help="standing request: least time between replies with newer products; 0: reply at each change",

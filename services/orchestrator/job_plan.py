@@ -16,9 +16,10 @@ from services.orchestrator.delegations import Delegations
 from services.orchestrator.exclusions import Exclusions
 from services.orchestrator.jobs import Job, JobRegistry
 from services.orchestrator.journal import Journal
+from services.orchestrator.plan_progress import PlanProgress
 from services.orchestrator.planning import RequestPlanner
 from services.orchestrator.product_finder import ProductMatch
-from services.orchestrator.state import PlanProgress, SystemState
+from services.orchestrator.state import SystemState
 
 #: Largest number of reasons for abandoned plans in the final reply.
 _MAX_ABANDONED_REASONS = 4
@@ -83,6 +84,11 @@ class JobPlan:
     def has_made(self, match: ProductMatch) -> bool:
         """Return True if a match was captured after the start of a planned job."""
         return self.plan is not None and match.candidate.t1_ns > self._started_ns
+
+    def has_acquired(self, match: ProductMatch) -> bool:
+        """Return True if a match was captured by the single acquisitions of the plan."""
+        is_done = self.progress is not None and not self.progress.pending
+        return is_done and self.has_made(match)
 
     def supersedes(self, match: ProductMatch) -> bool:
         """Return True if an alternative plan was adopted to replace a DEGRADED match."""

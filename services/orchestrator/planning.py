@@ -217,13 +217,15 @@ class RequestPlanner:
         holder: str = "",
     ) -> _Plans:
         optimistic_world = self.state.world(
-            optimistic=True, priority=request.priority, holder=holder, robots=robots
+            optimistic=True, priority=request.priority, holder=holder, robots=robots, acquire=request.acquire
         )
         coverage = self._coverage(request, optimistic_world, robots, match, until_s, horizon_s)
         accuracies = self.accuracies(request, robots, until_s)
         misses = frozenset(p for p, accuracy in accuracies.items() if request.accuracy.unmet(accuracy))
         # After the queries of coverage and accuracy, which take time.
-        world = self.state.world(priority=request.priority, holder=holder, robots=robots)
+        world = self.state.world(
+            priority=request.priority, holder=holder, robots=robots, acquire=request.acquire
+        )
         return _Plans(
             world=world,
             now=_plan(request, world, robots, exclude, coverage, misses),
@@ -287,6 +289,11 @@ def _plan(
             result = plan_coverage(world, request.product, robots, coverage, exclude, roots)
         if isinstance(result, Plan):
             break
+    if request.acquire is not None and isinstance(result, Plan) and not result.acquisitions:
+        sensors = ", ".join(map(str, sorted(result.modes))) or "none"
+        reason = f"no sensor of the plan ({sensors}) has a mode for a single acquisition"
+        parameters = "" if not request.acquire.values else f" with {request.acquire}"
+        return NoPlan((reason + parameters,))
     return result
 
 

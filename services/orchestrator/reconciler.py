@@ -13,7 +13,15 @@ from cdff_common.bus import Bus, Reply, keys
 from cdff_common.bus.message import pack
 from cdff_common.errors import CdffError, CodecError, DeadlineError, DeniedError
 from cdff_common.loops import Loops
-from cdff_core.orchestration.reconciliation import Action, Activate, CleanUp, Configure, Deactivate, SetMode
+from cdff_core.orchestration.reconciliation import (
+    Acquire,
+    Action,
+    Activate,
+    CleanUp,
+    Configure,
+    Deactivate,
+    SetMode,
+)
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.journal import Journal
 from services.orchestrator.mode_alarms import ModeAlarms
@@ -92,7 +100,7 @@ class Reconciler:
         self._version, self._wait_s = self._state.version, _IDLE_S
         actions, next_s = self._state.actions()
         for action in actions:
-            subject = action.sensor if isinstance(action, SetMode) else action.provider
+            subject = action.sensor if isinstance(action, SetMode | Acquire) else action.provider
             with self._lock:
                 if subject in self._busy:
                     continue
@@ -103,7 +111,7 @@ class Reconciler:
 
     def _execute(self, action: Action, subject: ProviderId | SensorId) -> None:
         try:
-            if isinstance(action, SetMode):
+            if isinstance(action, SetMode | Acquire):
                 self._set_mode(action)
             else:
                 self._switch(action, _VERBS[type(action)])
@@ -115,13 +123,17 @@ class Reconciler:
                 self._busy.discard(subject)
             self._state.notify(subject.robot)
 
-    def _set_mode(self, action: SetMode) -> None:
-        sensor, mode = action.sensor, action.mode
+    def _set_mode(self, action: SetMode | Acquire) -> None:
+        sensor = action.sensor
+        acquisition = action.acquisition if isinstance(action, Acquire) else None
+        mode = action.mode if isinstance(action, SetMode) else action.acquisition.mode
         parameters = {"sensor": sensor.sensor, "mode": mode, "holder": "orchestrator"}
+        timeout_s = _MODE_TIMEOUT_S
+        if acquisition is not None:
+            parameters["acquire"] = str(acquisition.parameters)
+            timeout_s += acquisition.duration_s
         try:
-            reply = self._bus.call(
-                keys.icu_rpc(sensor.robot, "set_mode"), parameters, timeout_s=_MODE_TIMEOUT_S
-            )
+            reply = self._bus.call(keys.icu_rpc(sensor.robot, "set_mode"), parameters, timeout_s=timeout_s)
             _check_confirmation(reply, mode)
         except CdffError as error:
             self._journal.append("mode", sensor=str(sensor), mode=mode, ok=False, reason=str(error))
@@ -136,9 +148,13 @@ class Reconciler:
             else:  # no unit, a lost sensor or another demand: the mode itself may work
                 self._state.add_failure(sensor, reason)
             return
-        self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason="")
+        reason = "" if acquisition is None else f"single acquisition, {acquisition.parameters}"
+        self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason=reason)
         self._mode_alarms.confirm(sensor, mode)
         self._state.clear_failures(sensor)
+        if isinstance(action, Acquire):
+            self._state.end_acquisition(action.holder, sensor, action.acquisition.parameters.to_dict())
+            return
         self._state.add_mode_change(sensor)
         self._state.set_mode(sensor, mode)
 

@@ -93,7 +93,10 @@ class _RequestRun:
     @property
     def acceptable(self) -> ProductMatch | None:
         """Best product so far, if it meets all mandatory requirements."""
-        return self.best[0] if self.best is not None and self.best[1].acceptable else None
+        if self.best is None or not self.best[1].acceptable:
+            return None
+        acquires = self.job.request.acquire is not None
+        return None if acquires and not self.plan.has_acquired(self.best[0]) else self.best[0]
 
     @property
     def is_deliverable(self) -> bool:

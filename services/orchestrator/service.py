@@ -320,7 +320,7 @@ class Orchestrator:
     def _answers_elsewhere(
         self, verb: str, parameters: Mapping[str, object], robots: Iterable[str]
     ) -> Iterator[dict[str, Any]]:
-        """Yield the answers of the orchestrators that control some robots; those out of contact are omitted."""
+        """Yield the answers of the orchestrators of some robots; those out of contact are omitted."""
         for robot in sorted(robots):
             if not self._state.controls(robot):
                 with suppress(CdffError):

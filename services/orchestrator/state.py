@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
+from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.products import requestable_products
 from cdff_common.contract.wiring import mode_names
 from cdff_common.interfaces.profile import Profile, Robot
@@ -35,79 +35,20 @@ from cdff_core.orchestration.reconciliation import (
     next_actions,
 )
 from cdff_core.orchestration.world import ProviderId, SensorId, World
+from services.orchestrator.pending_acquisitions import PendingAcquisitions
+from services.orchestrator.plan_progress import PlanProgress
+from services.orchestrator.provider_entry import provider_entry
 from services.orchestrator.provider_monitor import ProviderMonitor
+from services.orchestrator.refused_modes import RefusedModes
 from services.orchestrator.timing import REAL, Timing
 from services.orchestrator.watchers import Watcher, Watchers
+from services.orchestrator.worlds import Worlds
 
 #: Time for which a mode is not demanded after the instrument control unit refused or did not confirm it,
 #: seconds.
 REFUSAL_S = 30.0
 #: Time in state active after which the failures of a DFPC are cleared, seconds.
 HEALTHY_S = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class PlanProgress:
-    """Progress of a plan.
-
-    Attributes
-    ----------
-    inactive, dead : tuple of str
-        Providers that are not active, and those without a process.
-    pending_modes : tuple of str
-        Sensors that are not in their mode.
-    lost : tuple of str
-        Reasons of lost sensors.
-    displaced : tuple of str
-        Reasons of sensors and providers lost to a request of higher priority.
-    problems : mapping of ProviderId to str
-        Providers without input, without good output or without process, and the reason.
-    failures : mapping of str to (int, str)
-        Consecutive failures of providers and sensors, and the last reason.
-    """
-
-    inactive: tuple[str, ...]
-    dead: tuple[str, ...]
-    pending_modes: tuple[str, ...]
-    lost: tuple[str, ...]
-    displaced: tuple[str, ...]
-    problems: Mapping[ProviderId, str]
-    failures: Mapping[str, tuple[int, str]]
-
-    @property
-    def pending(self) -> tuple[str, ...]:
-        """Sensors and providers that the plan still waits for."""
-        return (*self.pending_modes, *self.inactive)
-
-
-#: Selection of a world: optimistic, priority and robots.
-_WorldKey = tuple[bool, int, frozenset[str]]
-
-
-class _Worlds:
-    """Worlds of the last requests, each until a change of one of its robots, or for ``LONGEST_S``: resource
-    usage and refused modes change without a signal.
-    """
-
-    LONGEST_S = 0.5
-
-    def __init__(self) -> None:
-        self._worlds: dict[_WorldKey, tuple[float, World]] = {}
-
-    def get(self, key: _WorldKey, now_s: float) -> World | None:
-        """Return a world that is valid now."""
-        made_s, world = self._worlds.get(key, (-math.inf, None))
-        return world if now_s - made_s <= self.LONGEST_S else None
-
-    def add(self, key: _WorldKey, world: World, now_s: float) -> None:
-        """Add a world, and remove old ones."""
-        self._worlds = {k: w for k, w in self._worlds.items() if now_s - w[0] <= self.LONGEST_S}
-        self._worlds[key] = (now_s, world)
-
-    def clear(self, robots: Collection[str]) -> None:
-        """Remove the worlds with one of these robots, or all."""
-        changed = frozenset(robots)
-        self._worlds = {k: w for k, w in self._worlds.items() if changed and not changed & k[2]}
 
 
 class SystemState:
@@ -128,15 +69,16 @@ class SystemState:
         self._monitor = ProviderMonitor(profile, self._observed, self._descriptions)
         self._state_changes: dict[ProviderId, int] = {}
         self._warm_up_s: dict[ProviderId, float] = {}
-        self._refused_modes: dict[tuple[SensorId, str], tuple[float, str]] = {}  # until when, and why
+        self._refused_modes = RefusedModes()
         self._changed_modes: set[SensorId] = set()
         self._watchers = Watchers()
         self._cache = ProviderCache()
-        self._worlds = _Worlds()
+        self._worlds = Worlds()
         self._linger_s: dict[ProviderId, float] = {}
         self._leases = Leases(self._linger_s)
         self._left: set[str] = set()
         self._elsewhere: set[str] = set()
+        self._acquisitions = PendingAcquisitions()
         self._absent: set[ProviderId] = set()
         for robot in profile.robots:
             self._add_dfpcs(robot)
@@ -162,11 +104,6 @@ class SystemState:
         """Ids of the robots of the profile and of those that have joined, without those that have left."""
         with self._changed:
             return tuple(r for r in self.profile.robot_ids if r not in self._left)
-
-    def has_left(self, robot: str) -> bool:
-        """Return True for a robot that had joined and has left."""
-        with self._changed:
-            return robot in self._left
 
     def set_robot(self, joined: RobotProfile) -> None:
         """Add a robot, or replace it by another revision of its profile; its DFPCs are then observed again.
@@ -205,7 +142,7 @@ class SystemState:
             for sensor in [s for s in by_sensor if s.robot == robot]:
                 del by_sensor[sensor]
         self._changed_modes = {s for s in self._changed_modes if s.robot != robot}
-        self._refused_modes = {k: v for k, v in self._refused_modes.items() if k[0].robot != robot}
+        self._refused_modes.remove_robot(robot)
         self._leases.remove_robot(robot)
         self._absent.update(providers)
 
@@ -345,15 +282,10 @@ class SystemState:
             if before != self._seen(provider):
                 self.notify(provider.robot)
 
-    def _seen(self, provider: ProviderId) -> tuple[bool, object, object, object]:
+    def _seen(self, provider: ProviderId) -> tuple[object, ...]:
         """Return whether a provider is active, and its state, sources and configuration."""
-        o = self._observed
-        return (
-            provider in o.active,
-            o.states.get(provider),
-            o.wired.get(provider),
-            o.configurations.get(provider),
-        )
+        o, p = self._observed, provider
+        return p in o.active, o.states.get(p), o.wired.get(p), o.configurations.get(p)
 
     def _set_inactive(self, provider: ProviderId) -> None:
         self._observed.active.discard(provider)
@@ -392,18 +324,10 @@ class SystemState:
         """Record a mode that was refused or not confirmed; it is not demanded for ``REFUSAL_S``."""
         with self._change(sensor.robot):
             now_s = self._timing.now_s()
-            self._refused_modes[sensor, mode] = (now_s + REFUSAL_S, reason)
+            self._refused_modes.add(sensor, mode, now_s + REFUSAL_S, reason)
             self._observed.add_failure(sensor, reason, now_s)
             self._observed.failures[sensor].not_before_s = now_s  # another mode may be demanded at once
-            self._leases.avoid(self._refusals(now_s))
-
-    def _refusals(self, now_s: float) -> dict[SensorId, dict[str, str]]:
-        """Return the modes that are not demanded now, with the reason, by sensor."""
-        self._refused_modes = {k: v for k, v in self._refused_modes.items() if v[0] > now_s}
-        refusals: dict[SensorId, dict[str, str]] = {}
-        for (sensor, mode), (_, reason) in self._refused_modes.items():
-            refusals.setdefault(sensor, {})[mode] = reason
-        return refusals
+            self._leases.avoid(self._refused_modes.at(now_s))
 
     def add_mode_change(self, sensor: SensorId) -> None:
         """Record a sensor whose mode this orchestrator changed, for its reset after the last use."""
@@ -460,11 +384,19 @@ class SystemState:
                 implementations=plan.implementations,
                 settings=plan.settings,
             )
+            self._acquisitions.set(holder, plan.acquisitions)
 
     def release(self, holder: str) -> None:
         """Release the lease of a holder."""
         with self._change_of_leases(self._leases.robots_of(holder)):
+            self._acquisitions.remove(holder)
             self._leases.release(holder, self._timing.now_s())
+
+    def end_acquisition(self, holder: str, sensor: SensorId, parameters: Mapping[str, float]) -> None:
+        """Record the end of a single acquisition for a holder, and the last parameters of the sensor."""
+        with self._change(sensor.robot):
+            self._acquisitions.end(holder, sensor)
+            self._observed.acquired[sensor] = dict(parameters)
 
     @contextmanager
     def _change_of_leases(self, robots: set[str]) -> Iterator[None]:
@@ -487,7 +419,7 @@ class SystemState:
             # A process that is not observed yet, after a restart of this one, may be active.
             unknown = self._descriptions.keys() - self._observed.alive
             expired = self._leases.expire(now_s, self._observed.active | unknown)
-            refusals = self._refusals(now_s)
+            refusals = self._refused_modes.at(now_s)
             self._leases.avoid(refusals)
             if expired or refusals:
                 self._worlds.clear(())
@@ -501,27 +433,34 @@ class SystemState:
                 wanted_modes={
                     s: mode
                     for s, mode in {**self._idle_modes(world), **self._leases.wanted_modes()}.items()
-                    if s.robot not in self._elsewhere
+                    if s.robot not in self._elsewhere and self._is_held(s, mode)
                 },
-                uses=sensors_used(world, sources),
+                uses=(uses := sensors_used(world, sources)),
                 upstream=upstream,
                 observed=self._observed,
                 now_s=now_s,
                 chosen_sources=sources,
                 configurations={p: c for p in wanted if (c := self._configuration(p, world)) is not None},
             )
+            acquisitions = self._acquisitions.due(self._leases.held, uses, self._observed, now_s)
+            actions += [a for a in acquisitions if a.sensor.robot not in self._elsewhere]
             # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
             actions = [
                 a for a in actions if not (isinstance(a, SetMode) and a.mode in refusals.get(a.sensor, ()))
             ]
             times = [
-                *(until_s for until_s, _ in self._refused_modes.values()),
+                *self._refused_modes.ends_s,
                 *(h.not_before_s for h in self._observed.failures.values()),
                 *self._observed.warm_at_s.values(),
             ]
             expiry_s = self._leases.next_expiry_s()
             later_times_s = [t for t in times if t > now_s] + ([] if expiry_s is None else [expiry_s])
             return actions, min(later_times_s, default=None)
+
+    def _is_held(self, sensor: SensorId, mode: str) -> bool:
+        """Return False for a mode of single acquisitions, which ends with each acquisition."""
+        declared = self.profile.robot(sensor.robot).sensors[sensor.sensor].modes.get(mode)
+        return declared is None or declared.acquires is None
 
     def _configuration(self, provider: ProviderId, world: World) -> Configuration | None:
         """Return the implementation and parameters that the holders of a provider want; None if it has no
@@ -557,6 +496,7 @@ class SystemState:
         priority: int = -1,
         holder: str = "",
         robots: Collection[str] | None = None,
+        acquire: AcquisitionParameters | None = None,
     ) -> World:
         """Return the current world of the planner for a request of some priority, of all robots or of some.
 
@@ -565,17 +505,22 @@ class SystemState:
         """
         with self._changed:
             if holder and self._leases.is_holder(holder):
-                return self._new_world(optimistic, priority, holder, robots)
+                return self._new_world(optimistic, priority, holder, robots, acquire)
             now_s = self._timing.now_s()
-            key = (optimistic, priority, frozenset(self._by_robot if robots is None else robots))
+            key = (optimistic, priority, frozenset(self._by_robot if robots is None else robots), acquire)
             world = self._worlds.get(key, now_s)
             if world is None:
-                world = self._new_world(optimistic, priority, "", robots)
+                world = self._new_world(optimistic, priority, "", robots, acquire)
                 self._worlds.add(key, world, now_s)
             return world
 
     def _new_world(
-        self, optimistic: bool, priority: int, holder: str, robots: Collection[str] | None
+        self,
+        optimistic: bool,
+        priority: int,
+        holder: str,
+        robots: Collection[str] | None,
+        acquire: AcquisitionParameters | None,
     ) -> World:
         selected = self._by_robot if robots is None else robots
         return world_of(
@@ -583,13 +528,14 @@ class SystemState:
             {p: d for robot in selected for p, d in self._by_robot.get(robot, {}).items()},
             self._observed,
             self._leases.without(holder) if holder else self._leases,
-            self._refusals(self._timing.now_s()),
+            self._refused_modes.at(self._timing.now_s()),
             optimistic=optimistic,
             priority=priority,
             measured=self._monitor.usage,
             absent=self._absent,
             cache=self._cache,
             robots=robots,
+            acquire=acquire,
         )
 
     def progress(self, plan: Plan, holder: str) -> PlanProgress:
@@ -602,7 +548,12 @@ class SystemState:
                 pending_modes=tuple(
                     str(s)
                     for s in modes
-                    if o.modes.get(s) != (self._leases.held_mode(s) or modes[s]) or s in o.lost
+                    if s in o.lost
+                    or (
+                        self._acquisitions.is_pending(holder, s)
+                        if s in plan.acquisitions
+                        else o.modes.get(s) != (self._leases.held_mode(s) or modes[s])
+                    )
                 ),
                 lost=tuple(f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost),
                 displaced=(
@@ -635,18 +586,9 @@ class SystemState:
         robots = sorted(set(robots).intersection(self.robot_ids))
         with self._changed:
             world, optimistic, o = self.world(), self.world(optimistic=True), self._observed
+            usage = self._monitor.usage
             descriptions = {
-                m: {
-                    **d,
-                    "state": o.states.get(m, "unknown"),
-                    "alive": m in o.alive,
-                    "active": m in o.active,
-                    "holders": sorted(self._leases.holders(m)),
-                    "wired": dict(o.wired.get(m, {})),
-                    "failures": o.failures[m].failures if m in o.failures else 0,
-                    "last_failure": o.failures[m].reason if m in o.failures else "",
-                    "measured": self._monitor.usage[m].describe() if m in self._monitor.usage else None,
-                }
+                m: {**d, **provider_entry(m, o, usage.get(m)), "holders": sorted(self._leases.holders(m))}
                 for robot in robots
                 for m, d in self._by_robot.get(robot, {}).items()
             }

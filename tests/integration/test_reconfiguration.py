@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests select the implementation of a DFPC by its accuracy, and adjust the parameters of the running one."""
+"""Requests select the implementation of a DFPC by its accuracy, and adjust parameters while it runs."""
 
 from __future__ import annotations
 

@@ -27,6 +27,8 @@ class Driver:
         self.next_child = ""
         self.modes: list[str] = []
         self.events: list[str] = []
+        #: Parameters of the single acquisitions, each of which sends its samples only.
+        self.acquired: list[dict[str, float]] = []
         self._stop = threading.Event()
         self._seq = 0
         bus.subscribe(keys.event("mana", "sensor_mode"), self._on_mode)
@@ -38,6 +40,11 @@ class Driver:
     def _on_mode(self, message: Message) -> None:
         body = unpack(message.payload)
         self.modes.append(body["mode"])
+        if body.get("acquires"):
+            self.acquired.append(body["parameters"])
+            for _ in range(body["acquires"]):
+                self.send("mana/base")
+            return
         (self.on.set if body["on"] else self.on.clear)()
 
     def _run(self) -> None:

@@ -55,7 +55,7 @@ def test_a_request_takes_providers_of_lower_priority_and_lingering_ones_of_its_o
 @pytest.mark.req("CDFF-SUP-025")
 def test_reconciliation_has_actions_for_modes_and_the_life_cycle_of_dfpcs_only() -> None:
     names = {action.__name__ for action in get_args(Action)}
-    assert names == {"SetMode", "Configure", "Activate", "Deactivate", "CleanUp"}
+    assert names == {"SetMode", "Acquire", "Configure", "Activate", "Deactivate", "CleanUp"}
 
 
 def test_a_released_lease_keeps_the_dfpc_active_for_other_holders() -> None:

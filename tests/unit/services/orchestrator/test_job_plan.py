@@ -21,8 +21,8 @@ from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.job_plan import JobPlan
 from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
+from services.orchestrator.plan_progress import PlanProgress
 from services.orchestrator.product_finder import ProductMatch
-from services.orchestrator.state import PlanProgress
 
 S = 1_000_000_000
 FIRST, SECOND = ProviderId("mana", "first"), ProviderId("mana", "second")
