@@ -468,10 +468,9 @@ class SystemState:
 
         A lingering provider stays as it is.
         """
-        current, description = world.providers.get(provider), self._descriptions[provider]
-        if current is None or not (current.adjustables or len(description.get("choices", ())) > 1):
-            return None
-        if not self._leases.holders(provider):
+        current, choices = world.providers.get(provider), self._descriptions[provider].get("choices", ())
+        is_fixed = current is None or not (current.adjustables or len(choices) > 1)
+        if current is None or is_fixed or not self._leases.holders(provider):
             return None
         settings = union(current.adjustables, self._leases.settings(provider))
         return Configuration(self._leases.implementation(provider), tuple(settings.items()))
