@@ -16,7 +16,7 @@ from cdff_common.geometry.se3 import FloatArray
 DIRECTIONS = ("x", "y", "z", "roll", "pitch", "yaw")
 #: Largest standard deviation of a determined direction, metres and radians.
 LIMITS = np.array([0.1] * 3 + [np.deg2rad(3.0)] * 3)
-#: Information of a weak prior, 10 m and 180°, with which that of every drive is regular.
+#: Information of a weak prior (10 m and 180°), which makes the information of every drive invertible.
 WEAK_PRIOR = np.diag([1e-2] * 3 + [1.0 / np.pi**2] * 3)
 
 

@@ -31,12 +31,12 @@ from cdff_core.calibration.motions import MotionPairs
 #: Least number of motions.
 LEAST_PAIRS = 10
 _ITERATIONS = 100
-#: Huber's constant: residuals above it, in standard deviations, are weighted down.
+#: Huber's constant: residuals above this number of standard deviations get less weight.
 _HUBER = 1.345
 #: Smallest standard deviation of a residual, metres and radians, so that exact data stay regular.
 _FLOOR = np.array([1e-4] * 3 + [1e-5] * 3)
-#: Standard deviation of the scale of the distances of the base before the drive, and its limits: a negative
-#: one would be a mount that looks backwards.
+#: Prior standard deviation of the scale of the distances that the base measures, and limits of the scale: a
+#: negative scale would be a mount that looks backwards.
 _SCALE_SIGMA, _SCALES = 0.2, (0.5, 2.0)
 #: Information of mount and scale before the drive.
 _PRIOR = np.diag([*np.diag(WEAK_PRIOR), _SCALE_SIGMA**-2])

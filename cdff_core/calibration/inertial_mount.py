@@ -46,7 +46,7 @@ _SYSTEMATIC = np.array([0.15, 0.15, 0.0, *np.deg2rad([0.5, 0.5, 1.0])])
 _FLOORS = np.array([0.005, 0.001, 0.01])
 #: Offsets between the clocks of unit and wheels that are tried, seconds.
 _OFFSETS_S = np.arange(-0.5, 0.51, 0.02)
-#: Starts about the vertical, and limit of the yaw rate of a useful drive, rad/s.
+#: Number of initial rotations about the vertical, and least yaw rate of a useful drive, rad/s.
 _STARTS, _LEAST_RATE = 12, 0.02
 
 

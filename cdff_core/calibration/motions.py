@@ -13,8 +13,8 @@ from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 
-#: Duration of an interval, seconds, and the rotation or distance after which it ends before, so that fast
-#: drives give several motions; both ends are stamps of the second trajectory.
+#: Longest duration of an interval, seconds. An interval ends earlier after the rotation or distance below,
+#: so that fast drives give several motions; both of its ends are stamps of the second trajectory.
 INTERVAL_S = 2.0
 #: Rotation of the base, radians, and distance, metres, below which a motion carries no information.
 _LEAST_RAD, _LEAST_M = np.deg2rad(1.0), 0.05

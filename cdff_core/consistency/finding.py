@@ -12,7 +12,8 @@ import numpy as np
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Kinds of findings, which are the start of their reasons: mount, clock, samples and frame of a sensor.
+#: Kinds of findings about a sensor (mount, clock, samples, frame); the reason of a finding starts with its
+#: kind.
 ROTATION, CLOCK, SAMPLES, FRAME = "sensor_rotation", "sensor_clock", "sensor_samples", "sensor_frame"
 KINDS = (ROTATION, CLOCK, SAMPLES, FRAME)
 

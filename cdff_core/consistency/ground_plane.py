@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Points of a cloud that are used, and triples of points that are tried.
+#: Number of points of a cloud that are used, and number of triples of points that are tried.
 _POINTS, _TRIPLES = 1200, 96
-#: Fraction of the ranges of a cloud in the surroundings of the robot, and the greatest range, m.
+#: The surroundings of the robot contain this fraction of the points of a cloud, the nearest ones, up to the
+#: greatest range, m.
 _NEAR_FRACTION, _GREATEST_RADIUS_M = 0.7, 12.0
 #: Distance of a point from its plane, as a fraction of the range of the point; least distance, metres.
 _RELATIVE_DISTANCE, _LEAST_DISTANCE_M = 0.03, 0.05
 #: Least fraction of the points on the plane, and least number of points.
 _LEAST_FRACTION, _LEAST_POINTS = 0.35, 60
-#: Cosine of the angle within which a plane counts as the expected one, and the fraction of the points of the
-#: best plane that it needs: a wall or a ceiling with more points is then no ground.
+#: Cosine of the largest angle between a plane and the expected ground, and least ratio of its points to
+#: those of the best plane, so that a wall or a ceiling with more points is not taken as ground.
 _EXPECTED_COSINE, _EXPECTED_FRACTION = float(np.cos(np.radians(20.0))), 0.5
 
 

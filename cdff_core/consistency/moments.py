@@ -27,9 +27,9 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 #: Contractions of the symbol: of (k, m) to the gradient (3,), and of (k, m, p) to the information (3, 3).
 _GRADIENT = -np.swapaxes(_EPSILON, 1, 2).reshape(9, 3)
 _INFORMATION = np.einsum("kjm,klp->kmpjl", _EPSILON, _EPSILON).reshape(27, 9)
-#: Steps of the search for the best rotation, and the largest step, rad.
+#: Number of Gauss-Newton steps of the search for the best rotation, and largest step, rad.
 _STEPS, _LARGEST_STEP_RAD = 6, 0.5
-#: Standard deviation of the prior of a rotation, which only decides where the data have no information, rad.
+#: Prior standard deviation of a rotation, rad; it only matters where the data contain no information.
 PRIOR_RAD = 2.0
 
 

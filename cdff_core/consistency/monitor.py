@@ -38,10 +38,11 @@ from cdff_core.consistency.vertical import VerticalEstimate
 _PERIOD_NS, _CONFIRMING = 2_000_000_000, 2
 #: Time after which a reason of an input no longer applies to the outputs, nanoseconds.
 _INHERITED_NS = 5_000_000_000
-#: A sample older than the newest one by this starts the comparison again: the mission clock was set back.
+#: If a sample is older than the newest one by more than this, the mission clock was set back, and the
+#: comparison starts again.
 _BACK_NS = 10_000_000_000
 _SITE = "site"
-#: Types of the samples of sensors, whose frame must be one of the robot.
+#: Sample types whose frame must be a frame of the robot, since they come from its sensors.
 _SENSOR_TYPES = ("IMUSensors", "LidarScan", "FramePair", "Frame")
 #: Number of samples with an unknown frame that are a finding.
 _UNKNOWN_SAMPLES = 3

@@ -37,7 +37,8 @@ _GREATEST_ROTATION_RAD = 1.0
 #: Standard deviations of errors of the model: rotation in rad (bias of a gyro, products of small rotations)
 #: and translation in m (lever arms).
 _ROTATION_FLOOR_RAD, _TRANSLATION_FLOOR_M = 7e-4, 0.01
-#: Factor by which consecutive errors of a window are correlated: slip, bias and terrain last for windows.
+#: Number of consecutive windows whose errors are correlated, by which the information is divided: slip, bias
+#: and terrain last for several windows.
 CORRELATION = 4.0
 #: Standard deviation of a rotation above which its axis counts as unobservable, rad.
 _UNOBSERVABLE_RAD = float(np.radians(10.0))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cdff_common.geometry.se3 import FloatArray
 
-#: Time for which a motion is stored, seconds, and the number of entries by which it may exceed that.
+#: Time for which a motion is stored, seconds, and number of entries by which the store may exceed that time.
 _MEMORY_S, _BLOCK = 20.0, 256
 
 

@@ -17,9 +17,10 @@ from cdff_core.consistency.ground_plane import GroundPlane, ground_plane
 #: Size of a cell and half of the side of the grid, metres; points that are used.
 _CELL_M, _HALF_M, _POINTS = 0.5, 12.0, 2500
 _SIDE = int(2 * _HALF_M / _CELL_M)
-#: Least points of a cell, least cells of a local plane, least points of a registration.
+#: Least number of points of a cell, of cells of a local plane, and of points of a registration.
 _LEAST_POINTS, _LEAST_CELLS, _LEAST_ROWS = 2, 5, 200
-#: Steps of the registration, and the largest residual (sigma, metres) of one that has succeeded.
+#: Number of steps of the registration, and largest standard deviation of the residuals, metres, after a
+#: successful one.
 _STEPS, _LARGEST_SIGMA_M = 4, 0.15
 #: Distance of the neighbours of a cell in the flat grid.
 _NEIGHBOURS = tuple(i * _SIDE + j for i in (-1, 0, 1) for j in (-1, 0, 1))

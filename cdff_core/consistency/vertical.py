@@ -18,7 +18,8 @@ _MEMORY, LEAST_DIRECTIONS = 60.0, 4
 #: Scatter of a direction per axis that is assumed beforehand, rad², and the number of directions it
 #: counts for: few directions, which are correlated, agree by chance.
 _PRIOR_SCATTER, _PRIOR_DIRECTIONS = float(np.radians(10.0)) ** 2, 2.0
-#: Factor by which successive directions are correlated: a slope lasts for several of them.
+#: Number of successive directions whose errors are correlated, a factor on the variance: a slope lasts for
+#: several of them.
 _CORRELATION = 4.0
 #: Number of directions that the vertical counts for when sensors are compared: more would outweigh motions.
 _GREATEST_WEIGHT = 20.0

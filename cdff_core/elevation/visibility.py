@@ -19,7 +19,8 @@ from cdff_core.elevation.map_cells import MapCells
 
 Array = NDArray[np.float64]
 
-#: Cells by which a ray ends before the measured point, since adjacent cells belong to the same surface.
+#: Number of cells before the measured point at which a ray ends, since adjacent cells belong to the same
+#: surface.
 _BEFORE_HIT_CELLS = 3
 
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from cdff_common.arrays import ByteArray, FloatArray, IntArray
 
-#: Scale factor, levels and patch of ORB, and initial smoothing and layers of the pyramid of SIFT.
+#: Scale factor, levels and patch size of ORB; initial smoothing and layers per octave of SIFT.
 ORB_SCALE, ORB_LEVELS, ORB_PATCH_PX = 1.2, 8, 31.0
 _SIFT_SIGMA_PX, _SIFT_LAYERS = 1.6, 3
 

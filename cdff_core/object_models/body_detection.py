@@ -68,7 +68,7 @@ class BodyDetection(Dfpc):
 
     @abstractmethod
     def _hypotheses(self, sample: Sample, metrics: dict[str, float]) -> tuple[list[Hypothesis], list[str]]:
-        """Return the hypotheses of all bodies, best first, and the reasons against the others."""
+        """Return the hypotheses of all bodies, best first, and the reasons why the others are refused."""
 
     @abstractmethod
     def _frame(self, sample: Sample) -> str:

@@ -47,7 +47,7 @@ class BodyTrackingConfig(NewTrackConfig):
 
 
 class BodyTracking(Dfpc):
-    """Compound that tracks one body; a subclass corrects the predicted state by its measurements."""
+    """Compound that tracks one body; a subclass corrects the predicted state with its measurements."""
 
     config: BodyTrackingConfig
 
@@ -109,7 +109,7 @@ class BodyTracking(Dfpc):
         return ["new_track"]
 
     def _start(self, model: ModelPreparationOutputs, stamp_ns: int, pose: UncertainTransform) -> None:
-        """Start a track with a pose; without covariance, with that of a guess."""
+        """Start a track with a pose; a missing covariance is replaced by that of a guess."""
         covariance = pose.covariance
         if covariance is None:
             covariance = np.diag(self._guess_sigmas(model) ** 2)
@@ -125,7 +125,7 @@ class BodyTracking(Dfpc):
     def _use_detection(
         self, model: ModelPreparationOutputs, found: list[Hypothesis], stamp_ns: int
     ) -> list[str]:
-        """Correct the track by a detection that agrees with it, or start one; return the reasons.
+        """Correct the track with a detection that agrees with it, or start a track; return the reasons.
 
         The state has the time of the detection; the same measurement then corrects it.
         """
@@ -141,7 +141,9 @@ class BodyTracking(Dfpc):
         return reasons
 
     def _agreeing(self, model: ModelPreparationOutputs, poses: Iterable[FloatArray]) -> TrackedState | None:
-        """Return the state corrected by the first detected pose (4, 4) that agrees with it, if any."""
+        """Return the state corrected with the first detected pose (4, 4) that agrees with it; None without
+        one.
+        """
         if self._state is None:
             return None
         covariance = np.diag(self._guess_sigmas(model) ** 2)

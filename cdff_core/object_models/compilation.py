@@ -15,7 +15,8 @@ from cdff_core.dfns.model_preparation.interface import ModelPreparationInputs
 from cdff_core.dfns.model_registration.interface import ModelRegistrationInputs
 from cdff_core.object_models.scan_detection import DetectionLimits, ScanDetector, surface_ports
 
-#: A wedge without symmetry, metres, and its distance from the sensor.
+#: Vertices of a wedge without symmetry, metres, with which the kernels are compiled, and its distance from
+#: the sensor.
 _VERTICES = np.array([[0, 0, 0], [1.0, 0, 0], [0, 0.7, 0], [0, 0, 0.4]])
 _TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 _DISTANCE_M = 5.0

@@ -11,7 +11,8 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray, IntArray
 
-#: Singular values below this fraction of the largest one do not move a vertex from the mean of its cluster.
+#: Singular values below this fraction of the largest one are ignored: along their directions a vertex stays
+#: at the mean of its cluster.
 _RANK = 1e-3
 _ROUNDS = 20
 

@@ -30,18 +30,20 @@ from cdff_core.object_models.scan_detection import (
 from cdff_core.object_models.scan_parts import range_noise
 from cdff_core.object_models.scene_parts import scene_parts
 
-#: Largest number of points in which parts are searched, and of points of a part and of its surroundings.
+#: Largest number of points in which parts are searched, of points of a part, and of points in its
+#: surroundings.
 _SCENE_POINTS, _PART_POINTS, _CHECKED_POINTS = 80_000, 1500, 4000
 #: Radius of the surroundings in which a pose is checked, in diameters.
 _REACH = 0.6
-#: Score of the search below which a part is not checked, and standard deviations of a depth that agrees.
+#: Score of the search below which a part is not checked, and largest deviation of an agreeing depth,
+#: standard deviations.
 _MIN_RANK, _SIGMAS = 0.2, 3.0
 #: Tolerance of a depth, in diameters, above which any object of this size would agree.
 _RESOLVED = 0.07
-#: Pixels of the diameter at the median depth below which a model is not searched, and its largest diameter in
-#: median depths.
+#: A model is not searched if its diameter has fewer pixels than this at the median depth, or is larger than
+#: this number of median depths.
 _LEAST_PIXELS, _LARGEST = 5.0, 20.0
-#: Centres of two objects are further apart than this, in diameters of the larger model.
+#: Least distance between the centres of two objects, in diameters of the larger model.
 _APART = 0.3
 
 
@@ -315,7 +317,9 @@ def _check_visible(name: str, view: _Comparison, cfg: DepthDetectionConfig) -> N
 
 
 def separate(detections: list[tuple[DepthDetection, float]]) -> list[DepthDetection]:
-    """Return detections, each with the diameter of its model, without those at the place of a better one."""
+    """Return detections, each with the diameter of its model, without detections at the position of a better
+    one.
+    """
     kept: list[tuple[DepthDetection, float]] = []
     for detection, diameter_m in sorted(detections, key=lambda pair: -pair[0].score):
         is_apart = all(

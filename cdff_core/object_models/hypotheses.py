@@ -16,15 +16,17 @@ from cdff_core.object_models.nearest_grid import NearestGrid
 from cdff_core.object_models.registration import register
 from cdff_core.object_models.views import view_rotation
 
-#: Iterations and points of the first registration, from all starts, and of the second one.
+#: Iterations and points of the first registration, which starts from all poses, and of the second
+#: registration.
 _FIRST_ITERATIONS, _FIRST_POINTS = 8, 100
 _SECOND_ITERATIONS, _SECOND_POINTS = 10, 400
-#: Distances from which a point has no weight, in diameters: at the start and at the end of the first
-#: registration, and at least at the end of the second one.
+#: Distance above which a point has no weight, in diameters: at the start and at the end of the first
+#: registration, and its lower bound at the end of the second registration.
 _FIRST_SCALE, _MIDDLE_SCALE, _LAST_SCALE = 0.25, 0.06, 0.015
-#: The same at the end of the second registration, in standard deviations of the noise.
+#: Distance above which a point has no weight at the end of the second registration, in standard deviations
+#: of the noise.
 _SIGMAS = 3.0
-#: Rotations that differ by less are one hypothesis.
+#: Hypotheses whose rotations differ by less than this are the same.
 _DISTINCT_RAD = math.radians(6.0)
 
 

@@ -18,7 +18,8 @@ from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurement
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.tracked_state import TrackedState
 
-#: Smallest range of the search for edges, px, and the standard deviations of the prediction that it covers.
+#: Smallest range of the search for edges, px, and number of standard deviations of the prediction that the
+#: range covers.
 _MIN_RANGE_PX, _SIGMAS = 4.0, 3.0
 
 

@@ -33,8 +33,8 @@ from cdff_core.object_models.tracked_state import TrackedState
 
 #: Weight of a new estimate of the noise of the depths.
 _NOISE_GAIN = 0.2
-#: Gates up to which depths that agree with the model show that the prediction was too certain, and the factor
-#: of its covariance beyond that of the difference.
+#: If depths agree with the model, but only within this number of gates, the covariance of the prediction was
+#: too small. It is then enlarged to explain the difference, times this margin.
 _NEAR_GATES, _MARGIN = 10.0, 4.0
 
 
@@ -118,8 +118,8 @@ class ImageTrackingConfig(BodyTrackingConfig):
     )
 
 
-#: Distance from the points of the surface up to which a depth is on the body: in standard deviations, and at
-#: least, in diameters, that of the points.
+#: Distance from the surface up to which a depth is on the body: in standard deviations, and at least the
+#: spacing of the points of the surface, in diameters.
 _SIGMAS, _SPACING = 3.0, 0.03
 
 
@@ -197,7 +197,7 @@ class ImageTracking(BodyTracking):
         return self._track_views(self._pairing.add(sample))
 
     def finish(self) -> Iterable[Output]:
-        """Track the body in a sample that still waits for another one."""
+        """Track the body in a sample that still waits for its image or depth image."""
         return self._track_views(self._pairing.take_waiting())
 
     def _track_views(self, views: list[RgbdSamples]) -> list[Output]:
@@ -258,7 +258,7 @@ class ImageTracking(BodyTracking):
         predicted: TrackedState,
         transition: FloatArray,
     ) -> ViewFit:
-        """Return the state corrected by the texture, the depths and the edges, in this order."""
+        """Return the state corrected with texture, depths and edges, in this order."""
         fit = ViewFit(predicted)
         if view.image is not None:
             check_undistorted(view.image.value)
@@ -280,7 +280,7 @@ class ImageTracking(BodyTracking):
     def _correct_by_texture(
         self, sample: Sample, model: ModelPreparationOutputs, transition: FloatArray, fit: ViewFit
     ) -> None:
-        """Correct the prediction of a fit by the motion since the previous image.
+        """Correct the prediction of a fit with the motion since the previous image.
 
         It adds no knowledge of the pose itself: a state with this correction alone is still a prediction.
         """
@@ -300,7 +300,7 @@ class ImageTracking(BodyTracking):
     def _correct_by_depths(
         self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit, delay_sigma_s: float
     ) -> None:
-        """Correct the state of a fit by a depth image, whose delay has a standard deviation."""
+        """Correct the state of a fit with a depth image whose delay has the given standard deviation."""
         cfg = self.config
         # With the axes of the camera and the origin of the depth camera.
         state = replace(fit.state, T=moved(fit.state.T, -np.array(cfg.depth_offset_m)))
@@ -363,7 +363,9 @@ class ImageTracking(BodyTracking):
         return self._depths.fit(model, state, points_m, times_s, self._depth_sigma_m, delay_sigma_s)
 
     def _is_underestimated(self, found: ScanFit) -> bool:
-        """Return True if the depths agree with the model, and nearly with a too certain prediction."""
+        """Return whether the covariance of the prediction is too small: the depths agree with the model, and
+        are only a few gates away from the prediction.
+        """
         is_near = self._gate < found.distance < _NEAR_GATES * self._gate
         return is_near and found.agreement >= self.config.good_depth_agreement
 
@@ -390,7 +392,7 @@ class ImageTracking(BodyTracking):
         return min(count * step**2 / max(pixels, 1.0), 1.0)
 
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
-        """Correct the state of a fit by an image."""
+        """Correct the state of a fit with the edges in an image."""
         cfg = self.config
         assert fit.grey is not None
         image = fit.grey.astype(np.float32)

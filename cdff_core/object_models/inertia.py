@@ -10,7 +10,8 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 
-#: Bounds of a principal moment: above half the trace it would exceed the sum of the other two.
+#: Bounds of a principal moment for a trace of 3: above half the trace it would exceed the sum of the other
+#: two.
 _LEAST, _GREATEST = 0.05, 1.49
 
 
@@ -34,7 +35,9 @@ def inertia_of(ratios: tuple[float, float, float]) -> FloatArray:
 
 
 def changed_inertia(inertia: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the inertia (3, 3) plus errors (5,) along ``BASIS``, restricted to those of real bodies."""
+    """Return the inertia (3, 3) plus errors (5,) along ``BASIS``,
+    restricted to the inertia of a real body.
+    """
     moments, axes = np.linalg.eigh(inertia + np.tensordot(errors, BASIS, axes=1))
     moments = np.clip(moments, _LEAST, _GREATEST)
     return np.asarray((axes * (3.0 * moments / moments.sum())) @ axes.T)

@@ -19,7 +19,8 @@ from cdff_common.geometry.small_vectors import cross
 from cdff_core.object_models.rendering import draw
 from cdff_core.object_models.scan_view import ScanView
 
-#: Largest cost of a ray that meets the model, and cost of a ray that does not or should have.
+#: Largest cost of a ray that meets the model, and cost of a ray that misses the model, or passes through it
+#: without an echo.
 LIMIT, MISS = 9.0, 6.75
 
 

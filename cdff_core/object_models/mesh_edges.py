@@ -12,9 +12,10 @@ from numba import njit
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_core.object_models.rendering import Window
 
-#: Vertices closer than this, relative to the extent of the mesh, are one.
+#: Vertices closer than this, relative to the extent of the mesh, are the same vertex.
 _SAME_VERTEX = 1e-5
-#: Depth by which a surface must be in front of a control point to hide it, relative to its depth.
+#: A surface hides a control point if it is in front of the point by more than this fraction of the depth of
+#: the point.
 _HIDDEN = 0.01
 
 

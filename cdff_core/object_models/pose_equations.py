@@ -19,7 +19,8 @@ from cdff_core.object_models.rendering import Window, draw
 
 #: Smallest cosine of the angle of incidence of a ray that is used.
 _MIN_COSINE = 0.05
-#: A depth that differs by more from that of the centre of the pixel belongs to a face that is seen edge-on.
+#: A depth belongs to a face seen edge-on if it differs from the depth at the centre of the pixel by more
+#: than this fraction.
 _EDGE = 0.1
 
 

@@ -22,17 +22,19 @@ from cdff_core.object_models.likelihood import likelihood, range_residuals
 from cdff_core.object_models.registration import normal_equations, register
 from cdff_core.object_models.scan_view import ScanView
 
-#: Population, generations and initial deviation (in those of the registration) of the search.
+#: Population and generations of the evolutionary search, and its initial deviation relative to the standard
+#: deviations of the registration.
 _POPULATION, _GENERATIONS, _DEVIATION = 12, 6, 1.5
-#: Rounds and poses of the importance sampling, inflation of the proposal, and least effective sample size.
+#: Rounds of the importance sampling, poses per round, inflation of the proposal, and least effective sample
+#: size.
 _ROUNDS, _SAMPLES, _INFLATION, _MIN_EFFECTIVE = 4, 48, 1.2, 16.0
-#: Division of the costs: neighbouring rays see the same part of the model, and are not independent.
+#: Divisor of the costs, since neighbouring rays see the same part of the model and are not independent.
 _TEMPERATURE = 2.0
 #: Number of rays at which the covariance is the mean of that of the registration, which ignores the outline,
 #: and that of the samples, for which the rays along the outline are independent. The contribution of the
 #: outline to the information falls with the number of rays. Chosen by the NEES of simulated scans.
 _OUTLINE_RAYS = 200
-#: A hypothesis whose cost exceeds the best one by more is not refined.
+#: A hypothesis is not refined if its cost exceeds the smallest cost by more than this.
 _HOPELESS = 60.0
 #: Rays that must meet the model for an estimate of the noise.
 _MIN_RESIDUALS = 10
@@ -134,7 +136,8 @@ class PoseRefiner:
         return sorted(found, key=lambda refined: refined.cost)
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
-        """Reduce the noise to that of the ranges at the best of poses T_view_model (k, 4, 4); return it.
+        """Reduce the noise to that of the range residuals at the best of poses T_view_model (k, 4, 4);
+        return the noise.
 
         Parameters
         ----------

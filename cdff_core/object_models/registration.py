@@ -13,8 +13,8 @@ from cdff_common.arrays import FloatArray
 from cdff_common.geometry.small_vectors import cross, rotated
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_row
 
-#: Weight of the distance between the points relative to that across the surface: it keeps the poses apart
-#: from directions that the planes leave unconstrained.
+#: Weight of the distance along the surface relative to the distance across it: it keeps poses from moving
+#: along directions that the planes leave unconstrained.
 _ALONG_SURFACE = 0.05
 #: Damping, relative to the mean diagonal of the normal equations.
 _DAMPING = 1e-6
@@ -230,8 +230,8 @@ def _cost(
     scale: float,
     one_sided: bool,
 ) -> float:  # pragma: no cover - compiled
-    """Return the mean squared distance of the scan to the model,
-    truncated at ``scale`` and relative to it.
+    """Return the mean squared distance of the scan from the model, truncated at ``scale`` and divided by its
+    square.
     """
     total, limit2 = 0.0, scale * scale
     sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])

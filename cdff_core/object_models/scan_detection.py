@@ -25,9 +25,9 @@ from cdff_core.object_models.scan_parts import range_noise
 
 #: Largest extent of a body relative to that of the model, and bounds of the noise relative to the model.
 _MAX_SIZE, _MIN_SIGMA, _MAX_SIGMA = 1.6, 2e-4, 0.05
-#: Relation of a scan to the model from which a wrong unit is the likely reason.
+#: Ratio of the extents of scan and model above which a wrong unit is the likely reason.
 _WRONG_UNIT = 50.0
-#: Poses closer than this, in rad and diameters of the model, are one.
+#: Poses closer than this, in rad and diameters of the model, are the same.
 _SAME_RAD, _SAME = 0.2, 0.1
 
 
@@ -203,7 +203,7 @@ def _check_size(model: ModelPreparationOutputs, scan_m: FloatArray) -> None:
 
 
 def _is_equivalent(model: ModelPreparationOutputs, first: FloatArray, second: FloatArray) -> bool:
-    """Return whether two poses are one, or equivalent by the symmetry of the model."""
+    """Return whether two poses are the same, or equivalent because of the symmetry of the model."""
     differences = se3.inverse(first) @ second @ model.symmetries
     centre = np.append(model.centre_m, 1.0)
     moved_m = np.linalg.norm((differences @ centre)[:, :3] - model.centre_m, axis=1)

@@ -19,11 +19,13 @@ from cdff_core.dfns.point_cloud_deskewing.interface import PointCloudDeskewingIn
 from cdff_core.object_models.scan_detection import surface_ports
 from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
-#: Rotation of the body between two poses of the motion correction, rad, and largest number of poses.
+#: Largest rotation of the body between two poses of the motion correction, rad, and largest number of poses.
 _STEP_RAD, _MAX_POSES = math.radians(0.5), 200
-#: Rotation during the scan by a correction of the rate from which the motion correction is repeated.
+#: The motion correction is repeated while the correction of the rate changes the rotation during the scan by
+#: more than this, at most this number of times.
 _RESIDUAL_MOTION_RAD, _MAX_ROUNDS = math.radians(0.05), 4
-#: Bounds of the capture range, in diameters, and the standard deviations of the prediction that it covers.
+#: Bounds of the capture range, in diameters, and number of standard deviations of the prediction that the
+#: range covers.
 _MIN_CAPTURE, _MAX_CAPTURE, _SIGMAS = 0.05, 0.25, 3.0
 
 

@@ -14,9 +14,10 @@ from cdff_common.geometry.neighbours import radius_neighbours
 _LINK = 0.25
 #: Smallest number of neighbours within the link of a point that is not an outlier.
 _MIN_NEIGHBOURS = 3
-#: Bodies with fewer points than this fraction of the largest one are outliers.
+#: Bodies with fewer points than this fraction of the points of the largest body are outliers.
 _SMALL = 0.1
-#: Largest number of points that are linked; the others follow the nearest of them.
+#: Largest number of points that are linked; each other point belongs to the body of the nearest linked
+#: point.
 _MAX_LINKED = 800
 _PLANE_NEIGHBOURS = 8
 

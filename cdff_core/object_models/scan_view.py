@@ -18,8 +18,8 @@ from cdff_core.object_models.views import view_rotation
 _MAX_SIDE = 160
 #: Pixels of a spacing, as far as ``_MAX_SIDE`` permits: rays do not meet the centres of pixels.
 _OVERSAMPLING = 3.0
-#: Half the edge of the square around a direction that was measured, in spacings; those of a grid at any
-#: angle leave no gaps above 0.71.
+#: Half the edge of the square around a measured direction, in spacings. The squares around a grid of
+#: directions at any angle leave no gaps above 0.71.
 _HIT_RADIUS = 0.75
 #: Largest tangent of the angle between a point and the optical axis.
 _MAX_TANGENT = 2.0

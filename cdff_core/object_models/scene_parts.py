@@ -11,16 +11,18 @@ import numpy as np
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 
-#: Largest number of planes, the fraction of the points from which they are removed, and the extent of a plane
-#: in diameters of the object from which it is not a face of it.
+#: Largest number of planes that are removed, least fraction of the points on such a plane, and its least
+#: extent, in diameters of the object: a smaller plane may be a face of the object.
 _MAX_PLANES, _MIN_FRACTION, _MIN_EXTENT = 6, 0.03, 1.5
-#: Trials and points of the search for a plane, and rounds of its refinement.
+#: Number of trials and of points of the search for a plane, and rounds of its refinement.
 _TRIALS, _SAMPLE, _ROUNDS = 200, 2000, 3
-#: Distance from a plane up to which a point belongs to it: in diameters of the object and in depths.
+#: Distance from a plane up to which a point belongs to the plane: in diameters of the object, and per metre
+#: of depth.
 _THICKNESS, _THICKNESS_PER_M = 0.06, 0.012
 #: Least number of points of a region of a plane that is removed.
 _MIN_REGION = 30
-#: Distance of neighbouring points of one part: in diameters of the object and in spacings of the pixels.
+#: Distance up to which points belong to the same part: in diameters of the object, and in spacings of the
+#: pixels.
 _LINK, _LINK_SPACINGS = 0.1, 4.0
 #: Smallest and largest extent of a part, in diameters of the object.
 _SMALLEST, _LARGEST = 0.3, 1.6

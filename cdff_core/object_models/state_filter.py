@@ -22,7 +22,7 @@ from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 #: A measured pose is the first six errors of the state.
 _JACOBIAN = np.eye(6, STATE_ERROR_DIM)
 #: Adaptation of the noise: gain, largest excess of a squared normalised correction, bounds of the factors,
-#: and the decrease of a variance, relative to it, from which a direction was measured.
+#: and relative decrease of a variance above which its direction was measured.
 _GAIN, _MAX_EXCESS, _MIN_SCALE, _MAX_SCALE, _LEAST_DECREASE = 0.3, 3.0, 0.3, 300.0, 0.02
 
 

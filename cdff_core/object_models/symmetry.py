@@ -17,9 +17,9 @@ from cdff_core.object_models.registration import register
 from cdff_core.object_models.surface import VisibleSurface
 from cdff_core.object_models.views import directions, view_rotation
 
-#: Points of the search and of the test of a symmetry.
+#: Number of points of the search for symmetries and of their test.
 _SEARCH_POINTS, _TEST_POINTS = 150, 2500
-#: Directions and rolls of the rotations that are tried.
+#: Number of directions and of rolls of the rotations that are tried.
 _DIRECTIONS, _ROLLS = 120, 12
 #: Fraction of the points that must lie on the surface after the rotation.
 _FRACTION = 0.995
@@ -27,7 +27,7 @@ _FRACTION = 0.995
 _SPACINGS = 2.5
 #: Largest difference between the normals of a rotated point and of the surface, cosine.
 _NORMAL = 0.5
-#: Rotations closer than this are one.
+#: Rotations closer than this are the same.
 _SAME_RAD = math.radians(6.0)
 #: Largest order of a discrete rotation about an axis; above it the symmetry is continuous.
 _MAX_ORDER = 12
@@ -117,7 +117,7 @@ class _SurfaceTest:
 
 
 def _close_under_products(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
-    """Return the transforms with the products of two of them that are symmetries as well."""
+    """Add to the transforms the products of two of them that are symmetries as well."""
     group = list(found)
     for first in range(_MAX_GROUP):
         if first >= len(group) or len(group) >= _MAX_GROUP:

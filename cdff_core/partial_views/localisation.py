@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 #: Radius of the part of the scene that is registered, and voxel size in it, in diameters of the model.
 _REGION, _VOXEL = 0.6, 0.02
 _NORMAL_NEIGHBOURS = 20
-#: Factors on the tolerance with which candidates are compared if their scores are too similar.
+#: If the scores of candidates are too similar, they are compared again with the tolerance times these
+#: factors.
 _FINER = (0.5, 0.25, 0.125)
-#: Factor on the limits of ``is_same`` up to which a pose is not an alternative to another one.
+#: A pose is an alternative to another one if they differ by more than the limits of ``is_same`` times this
+#: factor.
 _ELSEWHERE = 2.0
 
 
@@ -125,7 +127,9 @@ class ViewLocaliser:
         choice: _Choice,
         metrics: Mapping[str, float],
     ) -> Registration:
-        """Return the registration of the visible points, or, if the view contradicts it, the pose found."""
+        """Return the registration of the visible points; if the view contradicts it, the found pose without
+        refinement.
+        """
         best = choice.best
         surface = best.side.surface
         visible = surface.visible_from(-best.T[:3, :3].T @ best.T[:3, 3])

@@ -15,9 +15,10 @@ from cdff_common.geometry.kdtree import kd_tree, spacing
 _MAX_TANGENT = 3.0
 #: Edge of a pixel relative to the distance between points.
 _PIXEL_SPACINGS = 1.5
-#: Relative depth beyond the nearest point of a window from which a point belongs to a hidden surface.
+#: A point belongs to a hidden surface if its depth exceeds that of the nearest point of the window around it
+#: by more than this fraction.
 _BEHIND = 0.05
-#: Edge of this window, pixels.
+#: Edge of the window around a point, pixels.
 _WINDOW = 3
 #: Minimum number of measured pixels among the 8 neighbours to interpolate the depth of an empty pixel.
 _MIN_NEIGHBOURS = 4

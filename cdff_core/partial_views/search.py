@@ -34,7 +34,7 @@ _RELIEF_POINTS, _PARTNERS = 8000, 0.4
 #: Perturbations of all hypotheses, and of the best distinct ones, in diameters and radians.
 _FIRST_REFINEMENT = Perturbations(0.05, 0.12, 3, 40)
 _LAST_REFINEMENT = Perturbations(0.03, 0.09, 6, 80)
-#: Poses that differ by less than this, in diameters and radians, are one hypothesis.
+#: Poses that differ by less than this, in diameters and radians, are the same hypothesis.
 _SAME_M, _SAME_RAD = 0.1, 0.35
 #: Number of points of the scene from which the noise is computed.
 _NOISE_POINTS = 5000

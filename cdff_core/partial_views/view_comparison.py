@@ -20,7 +20,7 @@ from cdff_core.partial_views.range_image import RangeImage
 #: Weights of visible points that agree with the scene, that are in front of it (in free space), that are
 #: behind it, and that have no measurement.
 _WEIGHTS = np.array([1.0, -1.0, -0.25, -0.1])
-#: Factor on the perturbations from one round of a refinement to the next.
+#: Factor by which the perturbations of a refinement decrease per round.
 _CONTRACTION = 0.65
 #: Minimum fraction of the points of a model that must be visible for a valid score.
 _MIN_VISIBLE = 0.1

@@ -9,7 +9,7 @@ from numba import njit
 
 from cdff_common.arrays import Float32Array, FloatArray
 
-#: Points per pixel and axis at which the Gaussian is evaluated.
+#: Number of points per pixel and axis at which the Gaussian is evaluated.
 _SAMPLES = 3
 
 

@@ -17,10 +17,11 @@ from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry import se3
 from cdff_core.rigid_body.drifting_fit import DriftingFit, DriftingProblem
 
-#: Squared normalised innovation above which a position is an outlier, the factor on its covariance, and the
-#: largest number of times that outliers are determined.
+#: Squared normalised innovation above which a position is an outlier, factor on the covariance of an
+#: outlier, and largest number of rounds in which outliers are determined again.
 _OUTLIER, _EXCLUDED, _MAX_ROUNDS = 25.0, 1e8, 5
-#: Part of its prior standard deviation above which a component of the offset is unobservable.
+#: Ratio of the standard deviation of a component of the offset to its prior standard deviation above which
+#: the component is unobservable.
 _UNOBSERVABLE = 0.5
 
 

@@ -22,7 +22,7 @@ from cdff_core.rigid_body.torque_free import TorqueFreeBody
 
 #: Half of the interval of central differences: radians, fraction of the angular rate, logarithms of moments.
 _STEP = 1e-5
-#: Smallest angular rate of which a fraction is a usable interval, rad/s.
+#: Smallest angular rate with which an interval is computed as a fraction of the period, rad/s.
 _MIN_RATE_RAD_S = 1e-7
 #: Orthonormal basis of the symmetric matrices (3, 3) without trace.
 _BASIS = np.array(

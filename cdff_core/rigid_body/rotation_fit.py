@@ -38,7 +38,8 @@ _MIN_STARTS = 2
 #: Angle from the axis of the middle moment within which moments are unobservable, rad, and number of times
 #: at which the angle is tested.
 _MIDDLE_AXIS_RAD, _CHECKED = 0.2, 200
-#: Growth of the number of orientations after which unexplained ones start a new search.
+#: Growth of the number of orientations after which orientations that the fit does not explain start a new
+#: search.
 _SEARCH_GROWTH = 2.0
 #: Largest deviation of the mean squared residual from 1, in standard deviations, that noise explains.
 _EXPLAINED = 2.0

@@ -10,7 +10,8 @@ from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
 from cdff_core.rigid_body.motion_models import SteadyRotation, Tumble, with_inertia
 
-#: Rotation within which the rate is taken as constant, rad, and least number of orientations for it.
+#: Largest rotation over which the rate is taken as constant, rad, and least number of orientations from
+#: which it is computed.
 _WINDOW_RAD, _MIN_WINDOW = 0.7, 3
 #: Moments of inertia of initial values that do not follow from the orientations.
 _MOMENTS = ((1.0, 1.0, 1.0), (1.0, 1.0, 0.6), (0.6, 1.0, 1.0))

@@ -15,9 +15,10 @@ from cdff_common.geometry import se3
 from cdff_core.visual_map.pose_fit import linearised_directions, robust_step
 
 _ITERATIONS = 8
-#: Images of a camera that are compared, number from which they are, and standard deviations of significance.
+#: Largest number of images of a camera that are compared, least number for a result, and number of standard
+#: deviations of a significant error.
 _IMAGES, _MIN_IMAGES, _SIGNIFICANT = 40, 8, 4.0
-#: Relative error above which one image is reported: below it, errors of the map are not excluded.
+#: Relative error above which a single image is reported: a smaller one may be an error of the map.
 _MAX_ERROR_OF_ONE = 0.05
 
 

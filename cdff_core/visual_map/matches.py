@@ -21,7 +21,8 @@ from cdff_core.dfns.features_matching_2d.interface import (
 from cdff_core.visual_map.features import ImageFeatures
 
 MatchingDfn = Dfn[Any, FeaturesMatching2DInputs, FeaturesMatching2DOutputs]
-#: Focal length of the direction noise of keyframes, pixels: that of a camera of VGA size and 70 degrees.
+#: Focal length with which the noise of directions to keyframes is computed, pixels: that of a camera of VGA
+#: size and 70 degrees.
 MAP_FOCAL_PX = 450.0
 
 

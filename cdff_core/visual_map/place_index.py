@@ -14,7 +14,7 @@ from cdff_common.arrays import ByteArray, Float32Array, IntArray
 
 _TRAINING_ROWS = 20_000
 _ITERATIONS = 10
-#: Growth of the number of keyframes after which the clusters of a growing index are made again.
+#: Growth of the number of keyframes after which the clusters of the index are computed again.
 _GROWTH = 4
 
 

@@ -13,7 +13,8 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 
 _ITERATIONS = 10
-#: Factor of the gate in the first iteration; it is halved in each, since the first estimate has an error.
+#: Factor on the gate in the first iteration; it is halved in each iteration, since the first estimate is
+#: inaccurate.
 _FIRST_GATE = 4.0
 #: Step of the last iteration, metres and radians.
 _CONVERGED = 1e-5

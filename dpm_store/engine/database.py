@@ -137,7 +137,7 @@ class Database:
 
     @contextmanager
     def session(self) -> Iterator[Session]:
-        """Open one connection for several transactions, so that temporary tables outlive each of them."""
+        """Open one connection for several transactions, so that temporary tables persist between them."""
         with self._translated_errors(), self.engine.connect() as connection:
             yield Session(self, connection)
 

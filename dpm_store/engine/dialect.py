@@ -66,7 +66,7 @@ class Dialect(Protocol):
         """Return a select of the elements of the list that is bound to a parameter by ``list_value``."""
 
     def elements_of(self, values: Sequence[Any]) -> Select[Any]:
-        """Return a select of these values, which are one parameter."""
+        """Return a select of several values that are bound as one parameter."""
 
     def matches(self, value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
         """Return whether a text matches a pattern of ``LIKE``, in which a backslash escapes; case matters."""

@@ -168,13 +168,15 @@ def elements(name: str) -> Select[Any]:
 
 
 def elements_of(values: Sequence[Any]) -> Select[Any]:
-    """Return a select of these values, which are one parameter."""
+    """Return a select of several values that are bound as one parameter."""
     listed: BindParameter[str] = bindparam("elements", json.dumps(values), unique=True)
     return select(literal_column("value")).select_from(text("json_each(:elements)").bindparams(listed))
 
 
 def matches(value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
-    """Return whether a text matches a pattern of ``LIKE``; that of SQLite ignores the case."""
+    """Return whether a text matches a pattern of ``LIKE``, with its case: the ``LIKE`` of SQLite ignores the
+    case.
+    """
     glob, escaped = "", False
     for letter in pattern:
         if letter == "\\" and not escaped:

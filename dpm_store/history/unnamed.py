@@ -23,7 +23,7 @@ _PAGE = 1000
 
 @dataclass(frozen=True, slots=True)
 class UnnamedPayloads:
-    """Payloads without a row, and those with one.
+    """Payloads without a row, and payloads with a row.
 
     Attributes
     ----------

@@ -67,7 +67,7 @@ class AnnotationChanges(Parameters):
 
     @property
     def values(self) -> dict[str, Any]:
-        """The fields that change, as those of an ``Annotation``."""
+        """The fields that change, with the types of the fields of an ``Annotation``."""
         values = {name: getattr(self, name) for name in self.model_fields_set}
         if "tags" in values:
             values["tags"] = tuple(sorted(set(self.tags)))

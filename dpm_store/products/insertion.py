@@ -282,7 +282,7 @@ def _extend_heights(
     current: tuple[float, ...],
     boxes_m: Sequence[tuple[float, ...] | None],
 ) -> None:
-    """Extend the current heights of a frame, given by its ordinal, by those of more boxes."""
+    """Extend the stored range of heights of a frame, given by its ordinal, to contain more boxes."""
     heights = [*current, *(box[i] for box in boxes_m if box is not None for i in (2, 5))]
     if heights and current != (span := (min(heights), max(heights))):
         extended = {"zmin_m": span[0], "zmax_m": span[1]}

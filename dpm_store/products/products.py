@@ -104,7 +104,7 @@ class ProductTable:
         return record_of(row)
 
     def live(self, product_ids: Iterable[str]) -> frozenset[str]:
-        """Return those of some ids whose products are stored and not deleted."""
+        """Return the ids whose products are stored and not deleted."""
         ids = sorted(product_ids)
         if not ids:
             return frozenset()

@@ -76,7 +76,8 @@ def rings_in(connection: Connection, ordinals: Iterable[int]) -> dict[int, Float
 
 
 def footprints(database: Database, ids: Iterable[str]) -> dict[str, FloatArray]:
-    """Return the outlines of products by id: the footprint, else the outline of the box, if there is one.
+    """Return the outlines of products by id: the footprint, or else the outline of the box; none without
+    either.
 
     Rings ``(k, 2)``, metres in the product's frame, not closed.
     """

@@ -11,11 +11,14 @@ from cdff_common.arrays import Float32Array, FloatArray, IntArray
 from cdff_common.geometry import se3
 from cdff_core.object_models.rendering import Window, camera_normals, render
 
-#: Sides of the image of the body from the Sun, pixels, and distance of its camera in radii.
+#: Side of the image of the body as seen from the Sun, pixels, and distance of the camera of this image,
+#: radii of the body.
 _SHADOW_PX, _SHADOW_DISTANCE = 384, 200.0
-#: Difference of depth from which a point is in shadow, in pixels of the image from the Sun.
+#: Difference in depth to the surface nearest to the Sun above which a point is in shadow, pixels of the
+#: image seen from the Sun.
 _SHADOW_BIAS_PX = 2.0
-#: Pixels per pixel of the window for a body of this many pixels, at least one and at most four.
+#: The image is rendered with one to four pixels per pixel of the window, so that the body has at least this
+#: extent, pixels.
 _RENDERED_PX = 200.0
 
 

@@ -17,16 +17,18 @@ from cdff_core.dfns.apparent_size_ranging.lit_body import lit_body
 from cdff_core.dfns.apparent_size_ranging.similarity import Similarity, registered
 from cdff_core.object_models.rendering import Window
 
-#: Parts of the median brightness at which the outline is drawn: the certain and the possible one.
+#: Levels of brightness, relative to the median, at which the certain and the possible outline are drawn.
 _OUTLINES = (0.5, 0.15)
-#: Least part of the apparent size that is lit, for an unknown Sun and for any direction of the Sun.
+#: Lit fraction of the apparent size: assumed if the direction of the Sun is unknown, and lower bound for a
+#: known direction.
 _LIT_UNKNOWN, _LIT_LEAST = 0.5, 0.3
 #: Area of the pixels whose residuals are not independent, in units of the point spread's variance.
 _CORRELATED = 4.0 * np.pi
 _RENDERINGS = 3
-#: Part of the brightest light below which it belongs to haze, dust or the wings of the point spread.
+#: Brightness relative to the maximum below which light belongs to haze, dust or the wings of the point
+#: spread.
 _HAZE = 0.1
-#: Relative error of the extent of the light: it depends on the level at which the outline is drawn.
+#: Relative error of the extent of the light, which depends on the level at which the outline is drawn.
 _OUTLINE_ERROR = 0.03
 
 
@@ -123,10 +125,11 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         template = self._render_at(inputs, range_m, origin, image.shape, extent_px)
         if not template.any():
             raise _disagreement(0.0, self.config.min_agreement)
-        # The first range and place are those with the same radius and centre of the light.
-        (place, radius), (model_place, model_radius) = _moments(target), _moments(template)
+        # The first range and position give the light of the rendering the radius and centre of the light of
+        # the image.
+        (light_centre, radius), (model_light_centre, model_radius) = _moments(target), _moments(template)
         range_m *= model_radius / max(radius, 1e-6)
-        origin = origin + place - model_place
+        origin = origin + light_centre - model_light_centre
         blurs: tuple[float, ...] = (max(0.06 * extent_px, 1.0), max(0.02 * extent_px, 0.6), 0.0)
         for _ in range(_RENDERINGS):
             template = self._render_at(inputs, range_m, origin, image.shape, extent_px)

@@ -13,7 +13,7 @@ from cdff_common.arrays import Float32Array, FloatArray
 
 #: Iterations at each resolution, and the change of scale below which they end.
 _ITERATIONS, _CONVERGED = 12, 1e-5
-#: Residual, in standard deviations, from which its weight decreases.
+#: Residual, in standard deviations, above which its weight decreases.
 _HUBER = 1.5
 
 

@@ -21,7 +21,7 @@ from cdff_core.dfns.appearance_tracking.interface import Inputs, Interface, Outp
 
 #: Smallest side of a template after scaling, pixels.
 _MIN_SIDE_PX = 3
-#: Distance of another place from the best one, pixels.
+#: Least distance of the second best position from the best one, pixels.
 _OTHER_PX = 3
 
 

@@ -145,7 +145,7 @@ class Gauge:
 
 
 def _quantity_derivatives(offset: FloatArray, has_distance: bool) -> FloatArray:
-    """Return the derivative ``(7, 7)`` of rotation, log distance and position by a motion.
+    """Return the derivative ``(7, 7)`` of rotation, log distance and position with respect to a motion.
 
     ``offset`` is that of the first camera from the centre.
     """

@@ -106,7 +106,8 @@ def residuals(
 def _derivatives(
     R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, stereo: bool, J: FloatArray, A: FloatArray
 ) -> None:
-    """Write the derivatives of the prediction by pose and lens to J, by the point to A ``(3, 3)``.
+    """Write the derivatives of the prediction with respect to pose and lens to J, and to the point to A
+    ``(3, 3)``.
 
     J has the shape (3, WIDTH); its rows are column, row and right-image column.
     """

@@ -19,14 +19,18 @@ ROUNDING = 1e-9
 
 
 def position_derivatives(offsets: FloatArray) -> FloatArray:
-    """Return the derivatives ``(n, 3, 7)`` of positions at offsets ``(n, 3)`` from the centre by a motion."""
+    """Return the derivatives ``(n, 3, 7)`` with respect to a motion of positions at offsets ``(n, 3)`` from
+    the centre.
+    """
     return np.concatenate(
         [np.tile(np.eye(3), (len(offsets), 1, 1)), -se3.skew(offsets), offsets[:, :, None]], axis=2
     )
 
 
 def pose_derivatives(offsets: FloatArray) -> FloatArray:
-    """Return the derivatives ``(6n, 7)`` of poses at offsets ``(n, 3)`` from the centre by a motion."""
+    """Return the derivatives ``(6n, 7)`` with respect to a motion of poses at offsets ``(n, 3)`` from the
+    centre.
+    """
     rotations = np.tile(np.eye(7)[3:6], (len(offsets), 1, 1))
     return np.concatenate([position_derivatives(offsets), rotations], axis=1).reshape(-1, 7)
 

@@ -120,7 +120,7 @@ class Prior:
         return result
 
     def residuals(self, R: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the residuals ``(r,)`` and their derivatives ``(r, 6k)`` by the poses.
+        """Return the residuals ``(r,)`` and their derivatives ``(r, 6k)`` with respect to the poses.
 
         R, c are the rotations and positions of all cameras of the problem, as in ``Estimate``. The residuals
         are infinite if a camera is too far from the others.

@@ -56,7 +56,7 @@ class RollingWindow(Interface[WindowConfig]):
         return Outputs(map=cells.to_map(*self._span_ns), cleared=cleared, forgotten=0)
 
     def _move(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> MapCells:
-        """Move the window, or start an empty one for another frame or cell size; return it."""
+        """Return the moved window, or an empty one if the frame or the cell size has changed."""
         previous = self._cells
         if previous is not None and previous.geometry.shares_cells_with(geometry):
             self._span_ns = (min(self._span_ns[0], t0_ns), max(self._span_ns[1], t1_ns))

@@ -106,7 +106,9 @@ def find_overhanging_structure(
 
 
 def _levels(cell: IntArray, z_m: FloatArray, gap_m: float) -> tuple[IntArray, IntArray]:
-    """Return the points of cells with gaps by cell and height, and the number of gaps below each of them."""
+    """Return the points of cells with gaps, sorted by cell and height, and the number of gaps below each
+    point.
+    """
     cells = int(cell.max(initial=0)) + 1
     low, high = np.full((2, cells), [[np.inf], [-np.inf]])
     use = cell >= 0

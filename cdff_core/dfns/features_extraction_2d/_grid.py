@@ -11,7 +11,7 @@ from pydantic import Field
 from cdff_common.arrays import BoolArray, Float32Array, FloatArray
 from cdff_common.interfaces.dfn import DfnConfig
 
-#: Maximum number of points in a cell. The size of a cell follows from it and the desired number of points.
+#: Maximum number of points in a cell; it determines the size of the cells for the desired number of points.
 _FEATURES_PER_CELL = 8
 #: Width of the image border that is excluded: patches of descriptors and trackers must lie in the image.
 _BORDER_PX = 12

@@ -44,7 +44,7 @@ def weighted_scatters(
 def are_local_maxima(
     salience: FloatArray, candidates: IntArray, start: IntArray, index: IntArray
 ) -> BoolArray:  # pragma: no cover - compiled
-    """Return which candidates (k,) are the most salient of their neighbours, of equal ones the first.
+    """Return which candidates (k,) are more salient than their neighbours; of equally salient ones the first.
 
     ``start`` and ``index`` are the neighbours of the candidates.
     """

@@ -14,7 +14,7 @@ from cdff_core.dfns.features_matching_3d.interface import Inputs, Interface, Out
 
 #: Rows of the source that are compared with all targets at a time, so that the distances fit in the cache.
 _BLOCK_ROWS = 256
-#: Descriptors, at least, per component of which the principal components are computed.
+#: Least number of descriptors per principal component from which the components are computed.
 _SAMPLE_PER_COMPONENT = 4
 #: Ratio of the variance of all discarded components to the total variance of the descriptors.
 _MAX_DISCARDED = 1e-5

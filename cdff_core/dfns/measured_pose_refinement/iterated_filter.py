@@ -15,7 +15,7 @@ from cdff_common.geometry.robust import median_sigma
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.measured_pose_refinement.interface import Inputs, Interface, Outputs
 
-#: Least number of points with weight, and residuals up to this number of standard deviations that agree.
+#: Least number of points with weight, and largest residual of an agreeing point, standard deviations.
 _MIN_POINTS, _SIGMAS = 6, 3.0
 
 

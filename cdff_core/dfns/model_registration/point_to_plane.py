@@ -21,19 +21,20 @@ from cdff_core.object_models.pose_equations import nearest_distances, nearest_eq
 from cdff_core.object_models.rendering import Window
 from cdff_core.object_models.views import view_rotation
 
-#: Points and least number of steps of the registration with the nearest surface points; its last scale in
-#: diameters.
+#: Number of points and least number of steps of the registration with the nearest surface points, and its
+#: last scale, diameters of the model.
 _NEAREST_POINTS, _LEAST_STEPS, _LAST_SCALE = 400, 2, 0.05
-#: Capture range and standard deviation of a pose of which nothing is known, in diameters.
+#: Capture range, and standard deviation of an unknown pose, diameters of the model.
 _CAPTURE, _UNKNOWN = 0.25, 0.2
 #: Margin of the window around the body.
 _MARGIN = 1.15
 _MIN_AGREEING = 6
-#: Ratio of the capture range to the last scale from which the start counts as wide.
+#: Ratio of the initial to the last scale above which the first limit of the rendered iterations is doubled.
 _WIDE = 1.5
 #: Squared step, in standard deviations of the result, at which the registration has converged.
 _CONVERGED = 0.02
-#: Weight of the distance of a ray from the outline that it misses, relative to a range.
+#: Weight of the residual of a ray that misses the model, its distance from the outline, relative to a range
+#: residual.
 _MISS = 4.0
 #: Range differences up to this number of standard deviations agree.
 _SIGMAS = 3.0
@@ -117,7 +118,9 @@ class PointToPlane(Interface[PointToPlaneConfig]):
 
 @dataclass(slots=True)
 class _Weak:
-    """Projection (6, 6) to the constrained directions, its square root, and the other directions (j, 6)."""
+    """Projection (6, 6) on the constrained directions, its square root, and the degenerate directions (j,
+    6).
+    """
 
     projection: FloatArray
     root: FloatArray

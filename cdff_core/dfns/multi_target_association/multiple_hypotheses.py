@@ -34,7 +34,8 @@ UNDECIDED, MOVING, RESTING, DEFECT = range(4)
 _MIN_FALSE = 3.0
 #: Path of an object that moves, in units of the distance of sources that can be separated.
 _MIN_PATH = 1.0
-#: Number of sources from which a confirmed object coasts; one with fewer ends after twice as many images.
+#: A confirmed object with at least this number of sources coasts; with fewer it ends after twice as many
+#: images without a source as it had sources.
 _ESTABLISHED = 10
 #: Sum of the evidence that excludes a defect for an object that rests in the sensor.
 _NO_DEFECT = -15.0
@@ -231,8 +232,8 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         return best
 
     def _without_repetitions(self, best: IntArray) -> IntArray:
-        """Remove objects with the direction and the motion of a confirmed one; that keeps the better of
-        both states.
+        """Remove objects with the direction and motion of a confirmed object, which keeps the better of both
+        states.
 
         Two objects whose sources cannot be distinguished are one object.
         """

@@ -10,13 +10,14 @@ from scipy.spatial import cKDTree
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_core.bearing_tracking.motion import BearingStates, tangents
 
-#: Numbers of sightings from which a source starts no object, and from which it is known to be at rest.
+#: Number of sightings above which a source starts no object, and above which it is known to be at rest.
 REPEATED, KNOWN = 2, 6
 #: Numbers of images without a sighting after which a source is removed, before and after it is known.
 _FORGET_NEW, _FORGET_KNOWN = 4, 20_000
-#: Number of sightings and squared rate in standard deviations from which a source is moving.
+#: Least number of sightings and least squared rate, in squared standard deviations, of a moving source.
 _MIN_SIGHTINGS, _MIN_SIGNIFICANCE = 8, 60.0
-#: Squared rate in standard deviations from which the end of the line is used instead of the mean.
+#: Squared rate, in squared standard deviations, above which the position at the end of the fitted line is
+#: used instead of the mean.
 _MIN_FOLLOWED = 25.0
 _GATE_SIGMAS = 4.0
 _MAX_SOURCES = 20_000
@@ -40,7 +41,9 @@ class RestingSources:
         return len(self._origin)
 
     def positions(self, time_s: float) -> FloatArray:
-        """Return the direction of each source (n, 3): the mean, or the line of a moving one."""
+        """Return the direction of each source (n, 3): the mean or, of a
+        moving source, the end of its line.
+        """
         n, t, tt, x, y, tx, ty = self._sums[:, :7].T
         place = self._sums[:, 3:5] / self._sums[:, :1]
         spread = tt - t * t / n
@@ -139,7 +142,7 @@ class RestingSources:
     def _states(
         self, chosen: IntArray, slope: FloatArray, variance: FloatArray, spread: FloatArray, now: FloatArray
     ) -> BearingStates:
-        """Return the states of sources at a time by their lines."""
+        """Return the states of sources at a time, from their lines."""
         n, t = self._sums[chosen, 0], self._sums[chosen, 1]
         mean_t = t / n
         place = self._sums[chosen, 3:5] / n[:, None] + slope * (now - mean_t)[:, None]

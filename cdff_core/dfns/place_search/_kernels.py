@@ -10,7 +10,7 @@ from numba import njit
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry.small_vectors import rotated
 
-#: Number of points after which a pose is rejected if the mean difference is above this fraction of the
+#: After this number of points, a pose is rejected if the mean difference exceeds this fraction of the
 #: cut-off.
 _EARLY_POINTS, _EARLY_LIMIT = 40, 0.6
 

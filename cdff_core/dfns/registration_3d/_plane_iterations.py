@@ -17,7 +17,7 @@ from cdff_core.dfns.registration_3d import _kernels, _steps
 _GATE_PER_SCALE = 6.0
 #: Factor on the gate per iteration.
 _ANNEALING = 0.8
-#: Number of residuals, at least, of which the robust scale is computed.
+#: Least number of residuals from which the robust scale is computed.
 _SCALE_SAMPLE = 4000
 
 

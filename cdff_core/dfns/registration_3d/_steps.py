@@ -12,7 +12,7 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray
 
-#: Number of iterations after which the pairs may repeat.
+#: Largest length of a cycle of repeating pairs that is detected, iterations.
 _LONGEST_CYCLE = 4
 #: Ratio of successive steps above which convergence is slow, and largest factor on a step.
 _SLOW, _LONGEST_STEP = 0.25, 6.0

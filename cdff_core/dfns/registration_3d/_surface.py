@@ -19,7 +19,7 @@ from cdff_core.dfns.registration_3d.interface import Inputs
 MIN_PAIRS = 20
 #: Initial gate in median pair distances at the guess; most correct pairs are nearer.
 INITIAL_GATE_MEDIANS = 3.0
-#: Number of points, at least, of which the median pair distance at the guess is computed.
+#: Least number of points from which the median pair distance at the guess is computed.
 _GATE_SAMPLE = 2000
 
 

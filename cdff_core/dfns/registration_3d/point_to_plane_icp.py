@@ -16,7 +16,7 @@ from cdff_core.dfns.registration_3d._kernels import KERNELS
 from cdff_core.dfns.registration_3d._plane_iterations import Limits, iterate
 from cdff_core.dfns.registration_3d.interface import Inputs, Interface, Outputs
 
-#: Number of points, at least, of which the median spacing is computed.
+#: Least number of points from which the median spacing is computed.
 _SPACING_SAMPLE = 2000
 
 

@@ -18,7 +18,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
 _MIN_PAIRS = 20
-#: Number of points, at least, of which the median spacing is computed.
+#: Least number of points from which the median spacing is computed.
 _SPACING_SAMPLE = 2000
 #: Lower bound of the agreement in the information of the common structure (resolution error).
 _MIN_AGREEMENT = 0.05

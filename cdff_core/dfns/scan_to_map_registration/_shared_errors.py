@@ -45,7 +45,8 @@ def shared_error_covariances(
     kernel_m: float,
     errors: CalibrationErrors,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return two covariances (6, 6) of T_map_sensor: by the residuals, and by the calibration of the lidar.
+    """Return two covariances (6, 6) of T_map_sensor: due to errors shared by the points on a plane, from the
+    residuals, and due to the calibration of the lidar.
 
     The first one is the sandwich estimate clustered by plane (Liang, Zeger 1986, doi:10.1093/biomet/73.1.13):
     points on the same plane share its error, and points of dust or moving objects pull against the others.
@@ -88,14 +89,14 @@ def shared_gradients(
     kernel: float,
     noise: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Return gradients of the objective of ``normal_equations`` by points with a common error.
+    """Return the gradients of the objective of ``normal_equations``, summed over points with a common error.
 
     Returns
     -------
     rings : ndarray, shape (b, 2, 12)
-        Derivatives by the errors of each ring: range, metres, and elevation, radians.
+        Derivatives with respect to the errors of each ring: range, metres, and elevation, radians.
     planes : ndarray, shape (m, 12)
-        Gradient by the points of each plane.
+        Gradient due to the points of each plane.
     """
     rings, planes = np.zeros((_RING_BINS, 2, 12)), np.zeros((len(points), 12))
     starts = np.zeros(len(tables) + 1, np.int64)

@@ -21,18 +21,21 @@ from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.scene_registration.interface import Inputs, Interface, Outputs
 
-#: Window of the optical flow, and the largest difference of a point that is tracked forward and back, pixels.
+#: Window of the optical flow, and largest distance from its start of a point that is tracked forward and
+#: back, pixels.
 _WINDOW_PX, _MAX_RETURN_PX = 15, 0.3
 #: Largest residual of a point that fits the homography, pixels.
 _PLANE_PX = 1.0
-#: Displacements of a camera at rest: of three quarters of the points, and of the median in each quarter of
-#: the image, pixels. They are noise of the flow.
+#: Largest displacements in the images of a camera at rest, which are noise of the flow: of three quarters of
+#: the points, and of the median in each quarter of the image, pixels.
 _REST_PX, _REST_MEDIAN_PX = 0.5, 0.06
-#: Side of the cells from which at most two points are taken: an object is not better covered than the scene.
+#: Side of a cell, pixels, and largest number of points taken from it, so that an object is not covered more
+#: densely than the scene.
 _CELL_PX, _PER_CELL = 24, 2
-#: Least strength of a corner, and the border of the image without corners, pixels.
+#: Least strength of a corner, and width of the border of the image without corners, pixels.
 _LEAST_CORNER, _BORDER_PX = 1e-5, 4
-#: Distance of the nodes of the parallax, and the points that determine each, pixels and number.
+#: Distance between the nodes of the parallax, pixels; number of points that determine the parallax of a
+#: node, and their largest distance from it, pixels.
 _NODE_PX, _NEIGHBOURS, _REACH_PX = 32, 16, 110.0
 #: Least standard deviation of a place, pixels.
 _FLOOR_PX = 0.05
@@ -92,7 +95,7 @@ class SparseFlow(Interface[SparseFlowConfig]):
     def _track_points(
         self, previous: np.ndarray, current: np.ndarray, guess: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return places (n, 2) in the previous and the current image."""
+        """Return positions (n, 2) of points in the previous and the current image."""
         current = _match_brightness(previous, current)
         start = _corners(previous)[: self.config.max_points]
         if len(start) < self.config.min_points:

@@ -22,13 +22,15 @@ from cdff_core.dfns.star_identification.interface import Inputs, Interface, Outp
 
 #: Interval after which the proper motions are applied again, nanoseconds (30 days).
 _EPOCH_NS = 2_592_000_000_000_000
-#: Number of matched stars from which the focal length, and from which the radial distortion is estimated.
+#: Least number of matched stars with which the focal length, and with which the radial distortion, is
+#: estimated.
 _MIN_SCALE_STARS, _MIN_RADIAL_STARS = 6, 12
 #: Smallest field of view, radians, in which pairs are searched: below, the catalogue has too few stars.
 _MIN_FIELD_RAD = 0.02
-#: Number of other sources of which one must be a star, before all are compared.
+#: Number of other sources that are compared first: one of them must be a star.
 _FIRST_SOURCES = 5
-#: Change of the velocity, m/s, from which the stars are shifted again: 0.07 arcseconds.
+#: Change of the velocity, m/s, after which the aberration is applied again: it moves the stars by 0.07
+#: arcseconds.
 _VELOCITY_M_S = 100.0
 
 

@@ -16,7 +16,7 @@ from cdff_common.geometry.small_vectors import rotated
 CountArray = NDArray[np.uint16]
 
 
-#: Axes of a rigid transform by row: three of the rotation, and the translation.
+#: A row of a rotation, or a translation: three numbers.
 _Three = tuple[float, float, float]
 
 

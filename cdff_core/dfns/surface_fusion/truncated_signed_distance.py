@@ -30,7 +30,7 @@ from cdff_core.dfns.surface_fusion._kernels import (
 )
 from cdff_core.dfns.surface_fusion.interface import Inputs, Interface, Outputs
 
-#: Pixels above which every second row and column selects the blocks.
+#: Number of pixels above which only every second row and column is used to select the blocks.
 _DENSE_PIXELS = 100_000
 
 

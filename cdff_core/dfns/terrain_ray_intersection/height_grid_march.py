@@ -81,7 +81,7 @@ class HeightGridMarch(Interface[HeightGridMarchConfig]):
     def _by_height(
         self, inputs: Inputs, u: FloatArray, range_m: float, by_angle: float, tilt: float
     ) -> float:
-        """Return the standard deviation of the range by the height of the terrain."""
+        """Return the standard deviation of the range due to the height of the terrain."""
         if inputs.variances is None:
             return 0.0
         point = (inputs.origin + range_m * u)[None]
@@ -93,7 +93,7 @@ class HeightGridMarch(Interface[HeightGridMarchConfig]):
 
 
 def _tilt_direction(u: FloatArray, angle: float) -> FloatArray:
-    """Return a direction with an elevation that is larger by an angle."""
+    """Return a direction whose elevation is larger by an angle."""
     across = np.hypot(u[0], u[1])
     elevation = np.arctan2(u[2], across) + angle
     return np.array([*(u[:2] / across * np.cos(elevation)), np.sin(elevation)])

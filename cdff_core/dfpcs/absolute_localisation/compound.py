@@ -31,8 +31,8 @@ _SEARCH_SIGMAS = 3.0
 _TILT_DEG = 1.0
 #: A pose older than the newest one by more than this belongs to another run.
 _CLOCK_BACK_NS = 10_000_000_000
-#: Defaults in cells of the orbital model, and at least in metres: standard deviation of the first position,
-#: and largest searched translation.
+#: Defaults of the standard deviation of the first position and of the largest searched translation, in cells
+#: of the orbital model, and their lower bound in metres.
 _PRIOR_CELLS, _PRIOR_M = 10.0, 10.0
 _MAX_SEARCH_CELLS, _MAX_SEARCH_M = 60.0, 60.0
 #: Candidates closer than this, in cells of the orbital model, count as one position.
@@ -66,7 +66,9 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         self._start_segment()
 
     def on_orbital(self, sample: Sample) -> Iterable[Output]:
-        """Store the orbital model, clear matches with another one, and match a segment that waited for it."""
+        """Store the orbital model, clear matches with a different model, and match a segment that waited for
+        a model.
+        """
         self._orbital = sample
         self._hypotheses, self._published = (), None
         return self._match_segment()
@@ -184,7 +186,9 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         return self._output(best, replace(quality, metrics=metrics), sample)
 
     def _predict(self, point: FloatArray, cell_m: float) -> tuple[Hypothesis, ...]:
-        """Return the hypotheses at a point of the segment; without any, one from the robot's own pose."""
+        """Return the hypotheses at a point of the segment, or one from the robot's own pose if there are
+        none.
+        """
         c = self.config
         if self._hypotheses:
             path_m = max(self._path_length_m - 0.5 * self._segment.length_m - self._matched_m, 0.0)
@@ -249,7 +253,9 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
         )
 
     def _with_tilt(self, xyz_yaw: FloatArray) -> FloatArray:
-        """Return the covariance (6, 6) from that of x, y, z and yaw, with the tilt of the robot's pose."""
+        """Return the covariance (6, 6) of a pose from the covariance of x, y, z and yaw, and the tilt of the
+        robot's pose.
+        """
         pose = None if self._pose is None else self._pose.value.transform.covariance
         covariance = np.zeros((6, 6))
         covariance[3:5, 3:5] = np.radians(_TILT_DEG) ** 2 * np.eye(2) if pose is None else pose[3:5, 3:5]

@@ -15,10 +15,11 @@ from cdff_common.geometry.se3 import FloatArray
 _EXTRAPOLATION_NS, _MEMORY_NS = 500_000_000, 60_000_000_000
 #: Slip relative to a step of the odometry.
 _SLIP_RATIO = 0.2
-#: Speed of the odometry above which its origin has changed, and the shortest interval of this test.
+#: Speed of the odometry above which its origin has changed, and shortest interval between poses of this
+#: test.
 _MAX_SPEED_M_S, _MIN_INTERVAL_S = 5.0, 0.1
-#: Without odometry, allowed change between two steps: by steering and braking, as a ratio of the step, and by
-#: starting from rest, within 1 s.
+#: Allowed change between two steps if there is no odometry: from steering and braking, as a ratio of the
+#: step, and from starting at rest, within 1 s.
 _STEERING_RATIO, _STARTING_M = 0.7, 1.0
 
 

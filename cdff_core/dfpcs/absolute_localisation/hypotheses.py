@@ -64,7 +64,9 @@ class Hypothesis:
         return replace(self, transform=self.transform @ se3.inverse(T_new_old), point=point)
 
     def updated(self, candidates: RasterMatchingOutputs, index: int) -> Hypothesis | None:
-        """Return the Kalman update by a candidate matched at ``point``; None if it contradicts this one."""
+        """Return this hypothesis updated (Kalman) with a candidate matched at ``point``; None if they
+        contradict each other.
+        """
         candidate = replace(self, transform=candidates.transforms[index])
         yaw_rad = (candidate.yaw_rad - self.yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
         innovation = np.append(candidate.position - self.position, yaw_rad)

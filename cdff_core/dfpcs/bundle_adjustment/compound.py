@@ -81,7 +81,9 @@ class BundleAdjustment(BundleAdjustmentInterface):
         return remaining
 
     def _quality(self, adjusted: BundleOptimizationOutputs) -> Quality:
-        """Return the quality by the DFN's reasons, the gauge, and the residuals relative to the noise."""
+        """Return the quality from the reasons of the DFN, the gauge, and the residuals relative to the
+        noise.
+        """
         metrics, reasons = dict(self._adjust.metrics), list(self._adjust.reasons)
         if not np.isfinite(metrics["cost_final"]):
             return Quality.failed("cost_not_finite", *reasons)

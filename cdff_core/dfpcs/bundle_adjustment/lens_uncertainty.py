@@ -20,7 +20,7 @@ from cdff_core.dfns.bundle_optimization.interface import BundleOptimizationInput
 def lens_covariances(
     adjust: Dfn[Any, Any, Any], adjusted: BundleProblem, focal_length_ratio: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariances of poses (n, 6, 6) and points (p, 3, 3) by the error of fixed focal lengths.
+    """Return the covariances of poses (n, 6, 6) and points (p, 3, 3) due to the error of fixed focal lengths.
 
     The adjusted problem is adjusted again with focal lengths that are longer by one standard deviation
     (relative, ``focal_length_ratio``); the covariances are the squares of the changes. Lenses that the

@@ -163,7 +163,9 @@ class CaptureProjector:
             return stated
 
     def _sensor_points(self, sample: Sample) -> SensorPoints:
-        """Return the points of a capture; raises RefusedError if a pair does not show one scene."""
+        """Return the points of a capture; raises RefusedError if the images
+        of a pair show different scenes.
+        """
         value = sample.value
         if sample.port == "scan":
             age_ns = (value.t1_ns - value.t0_ns) - value.time_offset_us.astype(np.int64) * 1000

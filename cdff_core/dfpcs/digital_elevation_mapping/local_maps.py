@@ -86,7 +86,9 @@ class LocalMapAligner:
         return _height_variance(points - centre, covariance)
 
     def _map_variance(self, points: NDArray[np.float64], local_map: ElevationMap) -> float:
-        """Return the mean variance of the cells beyond that of the anchor, square metres."""
+        """Return by how much the mean variance of the cells exceeds the variance of the anchor, square
+        metres.
+        """
         row, col, inside = local_map.geometry.cells_of(points[:, 0], points[:, 1])
         cell_variance = local_map.layer("pose_variance")[row[inside], col[inside]]
         excess = cell_variance - self._anchor_variance(points[inside])

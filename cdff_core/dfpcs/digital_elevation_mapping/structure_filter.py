@@ -17,7 +17,8 @@ from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalEleva
 #: Edge of a cell, in gaps, above which the relief of the ground hides a gap: the ground of a cell of this
 #: edge with a slope of 30° has about the height of the gap.
 _LARGE_CELL = 2.0
-#: Smallest cell of the ground filter in gaps, and its largest number along the edge of a cell of the map.
+#: Smallest cell of the ground filter, in gaps, and largest number of such cells along the edge of a cell of
+#: the map.
 _FILTER_CELL, _MAX_DIVISION = 1.25, 8
 _MAX_FILTER_CELLS = 1 << 25
 

@@ -41,7 +41,7 @@ from cdff_core.dfpcs.far_range_object_tracking.interface import FarRangeObjectTr
 from cdff_core.dfpcs.far_range_object_tracking.star_attitude import AttitudeEstimator
 from cdff_core.dfpcs.far_range_object_tracking.target_ranging import TargetRange, TargetRanging
 
-#: Status of an object by the state of the association.
+#: Status of an object for each state that the association returns.
 _STATUS = (
     ObjectTrackStatusT.TRACK_TENTATIVE,
     ObjectTrackStatusT.TRACK_CONFIRMED,
@@ -50,7 +50,7 @@ _STATUS = (
 )
 #: Distance of two sources that cannot be separated, in standard deviations of the point spread.
 _BLEND_SIGMAS = 4.0
-#: Standard deviation of the place of a body relative to its light, in extents of the light.
+#: Standard deviation of the position of a body relative to its light, in extents of the light.
 _LIGHT_OFFSET = 0.15
 
 
@@ -283,7 +283,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         self._tracked = _Tracked(stamp_ns, found.ids[alive], states.selected(alive))
 
     def _predict_states(self, tracked: _Tracked, stamp_ns: int) -> BearingStates:
-        """Return the states of the objects at a time by the filter."""
+        """Return the states of the objects that the filter predicts for a time."""
         result = self._filter.process(
             BearingFilteringInputs(
                 directions=tracked.states.directions,

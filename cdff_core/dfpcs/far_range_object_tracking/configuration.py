@@ -14,7 +14,7 @@ Positive = Annotated[float, Field(gt=0.0, le=1e7)]
 
 
 class FarRangeObjectTrackingConfig(DfpcConfig):
-    """Parameters of the compound, and those of the DFN slots."""
+    """Parameters of the compound and of its DFN slots."""
 
     saturation_dn: float = Field(
         0.0,

@@ -19,14 +19,14 @@ from cdff_core.dfns.star_field_background.interface import (
     StarFieldBackgroundOutputs,
 )
 
-#: Signal-to-noise ratios of the stars that the point spread is measured on, their least number, and the
-#: memory of it.
+#: Range of signal-to-noise ratios of the stars from which the point spread is measured, least number of
+#: these stars, and gain of one image in the mean.
 _SPREAD_SNR, _SPREAD_STARS, _SPREAD_GAIN = (20.0, 300.0), 4, 0.3
-#: Ratio of the axes of the point spread from which the image is smeared.
+#: Ratio of the axes of the point spread above which the image is smeared.
 _SMEARED = 1.5
 #: Weights of red, green and blue, ITU-R BT.601-7 §2.5.1.
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
-#: Difference of two sources that are the same, pixels.
+#: Distance below which two sources are the same, pixels.
 _SAME_PX = 2.0
 
 
@@ -42,7 +42,7 @@ class ImageSources:
     evidence : ndarray (n,)
         Evidence of a defect, see MultiTargetAssociation.
     is_defect, is_extended, is_weak : ndarray of bool (n,)
-        Light in a single pixel; larger than a point; found near a predicted place only.
+        Light in a single pixel; larger than a point; found near a predicted position only.
     boxes : ndarray (n, 4)
         First and last column, first and last row of an extended source.
     """
@@ -136,16 +136,16 @@ class SourceExtractor:
         usable = ~found.is_trail & np.isfinite(sources.pixels).all(axis=1)
         return sources.selected(np.asarray(usable))
 
-    def weak_sources(self, place: FloatArray, reach_px: float, known: FloatArray) -> ImageSources:
-        """Return the weak sources within a distance of a pixel ``place`` (2,), without those ``known`` (n,
-        2).
+    def weak_sources(self, position_px: FloatArray, reach_px: float, known: FloatArray) -> ImageSources:
+        """Return the weak sources within a distance of an image position (2,), without sources at ``known``
+        positions (n, 2).
         """
         image = self.image
         assert image is not None
         rows, cols = image.residual.shape
         margin = reach_px + 4.0
-        first = np.maximum(np.floor(place - margin), 0).astype(int)
-        last = np.minimum(np.ceil(place + margin), [cols - 1, rows - 1]).astype(int)
+        first = np.maximum(np.floor(position_px - margin), 0).astype(int)
+        last = np.minimum(np.ceil(position_px + margin), [cols - 1, rows - 1]).astype(int)
         if np.any(last - first < 6):
             return _no_sources()
         window = (slice(first[1], last[1] + 1), slice(first[0], last[0] + 1))
@@ -158,7 +158,7 @@ class SourceExtractor:
             )
         )
         points = found.points + first
-        near = np.linalg.norm(points - place, axis=1) < reach_px
+        near = np.linalg.norm(points - position_px, axis=1) < reach_px
         near &= ~found.is_trail & ~found.is_extended
         if len(known) and near.any():
             distances = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
@@ -209,7 +209,9 @@ class SourceExtractor:
         )
 
     def _learn_point_spread(self, spreads: FloatArray, snr: FloatArray, excluded: BoolArray) -> None:
-        """Move the point spread towards the median of those of bright stars; round unless smeared."""
+        """Move the point spread towards the median point spread of bright stars; it is round unless the
+        image is smeared.
+        """
         chosen = (
             (snr > _SPREAD_SNR[0]) & (snr < _SPREAD_SNR[1]) & ~excluded & np.isfinite(spreads).all(axis=1)
         )

@@ -25,14 +25,15 @@ from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObje
 _FIRST_PAUSE, _LAST_PAUSE = 2, 64
 #: Growth of the uncertainty of the last attitude, rad/s, if none is given: the camera may turn.
 _TURN_RAD_S = 0.002
-#: Catalogue stars in view to this magnitude, and bright sources, from which missing matches are a
-#: contradiction.
+#: A given attitude without matches is contradicted if it predicts at least this number of catalogue stars
+#: brighter than this magnitude, and at least this number of sources has this signal-to-noise ratio.
 _BRIGHT_MAGNITUDE, _EXPECTED_STARS, _BRIGHT_SOURCES, _BRIGHT_SNR = 6.0, 4, 8, 10.0
 #: Signal-to-noise ratio from which a source may be a star: few false sources exceed it.
 _STAR_SNR = 5.5
-#: Age of a velocity in orbit that shifts the stars by less than an arcsecond more.
+#: Age up to which a velocity in orbit is used: its change until then moves the stars by less than an
+#: arcsecond.
 _NAVIGATION_NS = 120_000_000_000
-#: Part of an image in the running mean of the errors of the lens, and the least error, rad.
+#: Gain of one image in the running mean of the errors of the lens, and least error, rad.
 _LENS_GAIN, _LENS_LEAST = 0.1, 1e-6
 #: Number of parameters that are adjusted to the stars.
 _ADJUSTED = 5

@@ -28,7 +28,8 @@ from cdff_core.dfns.apparent_size_ranging.interface import (
 from cdff_core.dfns.star_field_background.interface import StarFieldBackgroundOutputs
 from cdff_core.dfpcs.far_range_object_tracking.configuration import FarRangeObjectTrackingConfig
 
-#: Largest extent of the target in the window, pixels; larger ones are reduced. Margin on each side.
+#: Largest extent of the target in the window, pixels (larger images are reduced), and margin on each side,
+#: relative to the extent.
 _WINDOW_EXTENT_PX, _MARGIN = 110.0, 0.45
 _UNITS = {"m": 1.0, "mm": 1e-3, "km": 1e3}
 #: Number of directions from which the apparent size of a model is determined.

@@ -95,7 +95,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         return ()
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
-        """Process one image; raises InputError as ``on_pair``."""
+        """Process one image; raises InputError for the same reasons as ``on_pair``."""
         return self._process(sample, sample.value, None)
 
     def on_pair(self, sample: Sample) -> Iterable[Output]:

@@ -246,6 +246,7 @@ def fuse_ranges(ranges: list[Ranging]) -> tuple[Ranging, tuple[str, ...]]:
     worst = float(np.max(np.abs(r - mean) / total))
     reasons: tuple[str, ...] = ()
     if len(ranges) > 1 and worst > _DISAGREE:
+        # It is unknown which range is wrong: the spread of the ranges is the error.
         reasons, systematic = ("ranges_disagree",), float(np.ptp(r) / mean)
     source = "+".join(x.source for x in ranges)
     return Ranging(source, mean, max(sigma, 1e-3 * mean), systematic), reasons

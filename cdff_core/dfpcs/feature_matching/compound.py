@@ -40,7 +40,8 @@ from cdff_core.imaging.two_view import inlier_probabilities
 _GOOD_INLIERS = 30
 #: Ratio of inliers on one plane above which the transform is DEGRADED.
 _MAX_PLANAR_RATIO = 0.95
-#: Squared error divided by that of the next best pose, above which the transform is DEGRADED.
+#: Ratio of the squared error of the pose to that of the next best pose above which the transform is
+#: DEGRADED.
 _MAX_AMBIGUITY = 0.8
 #: Standard deviation of the direction of the translation above which no direction is stated.
 _MAX_DIRECTION_SIGMA_DEG = 10.0
@@ -103,8 +104,8 @@ class FeatureMatching(FeatureMatchingInterface):
         return [*outputs, *self._transform(self._left, right, input_ids, verified, unguided.inliers)]
 
     def _match(self, left: FeatureView, right: FeatureView) -> tuple[VerifiedPairs, VerifiedPairs]:
-        """Return all verified pairs, and those found without the epipolar lines; raises RefusedError if the
-        pairs have no common geometry.
+        """Return all verified pairs, and the pairs that were found before the search along epipolar lines;
+        raises RefusedError if the pairs have no common geometry.
         """
         try:
             verified = self._verify(self._matcher.match(left, right))
@@ -119,7 +120,7 @@ class FeatureMatching(FeatureMatchingInterface):
         return (verified_guided if verified_guided.count > verified.count else verified), verified
 
     def _verify(self, pairs: PointPairs, previous: VerifiedPairs | None = None) -> VerifiedPairs:
-        """Fit fundamental matrix and homography, and verify the pairs by one of them.
+        """Fit a fundamental matrix and a homography, and verify the pairs with the better model.
 
         With ``previous``, the fits start at its models, and the same kind of model verifies the pairs.
         """

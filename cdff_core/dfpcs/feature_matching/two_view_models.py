@@ -95,7 +95,7 @@ class VerifiedPairs:
 
 
 def planar_ratio(lines: FundamentalMatrixComputationOutputs, plane_residuals: FloatArray) -> float:
-    """Return the ratio of the pairs on epipolar lines that the plane explains with the same noise.
+    """Return the fraction of the pairs on epipolar lines that the plane explains with the same noise.
 
     The noise is that of the distances from epipolar lines. With a small baseline the residuals of the plane
     are larger than the noise, because they contain the parallax of the scene.

@@ -16,7 +16,7 @@ Float = NDArray[np.float64]
 
 #: Minimum ratio of the numbers of points of two levels that differ in resolution.
 _MIN_RATIO = 2
-#: Number of points, at least, of which the median spacing is computed.
+#: Least number of points from which the median spacing is computed.
 _SPACING_SAMPLE = 2000
 
 

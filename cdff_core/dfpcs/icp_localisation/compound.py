@@ -141,7 +141,7 @@ class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
         return step
 
     def _coarser(self, scene: Pyramid, model: Pyramid, steps: list[Registration3DOutputs]) -> Float:
-        """Return the result at a lower resolution, for comparison with the final one.
+        """Return the registration at a lower resolution, with which the final one is compared.
 
         This is the result on the medium level, or that on thinned fine levels if the clouds are so small that
         the medium level has nearly as many points as the fine one.

@@ -90,7 +90,13 @@ class SweepMatcher:
         """
         try:
             registration = refine_and_assess(
-                self._refine, self._assess, sweep.fine, local, T, {}, (sweep.fine.coarser, local.coarser)
+                self._refine,
+                self._assess,
+                sweep.fine,
+                local,
+                T,
+                metrics={},  # no features are matched
+                coarser=(sweep.fine.coarser, local.coarser),
             )
         except RefusedError as error:
             return Match(None, Quality.from_error(error))

@@ -21,7 +21,9 @@ from cdff_core.keyframe_graph.products import GraphProducts
 
 
 class ProductBuilder(GraphProducts[KeyframeMapper]):
-    """Builds the outputs, in the frames ``{robot}/slam``, ``{robot}/lidar_odom`` and that of the lidar."""
+    """Builds the outputs, in the frames ``{robot}/slam``,
+    ``{robot}/lidar_odom`` and the frame of the lidar.
+    """
 
     def __init__(
         self,

@@ -41,7 +41,7 @@ class SupportMonitor:
         return self._mean is None or support < _LOW_SUPPORT * self._mean
 
     def is_better(self, support: float, support_at_prediction: float) -> bool:
-        """Return whether the result of a search, with ``support``, replaces that of the prediction."""
+        """Return whether a searched rotation with ``support`` replaces the registration at the prediction."""
         expected = 0.0 if self._mean is None else _LOW_SUPPORT * self._mean
         return support > max(_SIGNIFICANT_RATIO * support_at_prediction, expected)
 

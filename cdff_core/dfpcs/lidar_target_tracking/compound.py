@@ -33,11 +33,14 @@ from cdff_core.object_models.scan_parts import bodies, range_noise
 from cdff_core.object_models.state_filter import adapted
 from cdff_core.object_models.tracked_state import TrackedState
 
-#: Difference of -2 log likelihood up to which a detection has alternatives, and the bodies that are examined.
+#: Difference of -2 log likelihood up to which a detection has alternatives, and number of bodies that are
+#: examined.
 _AMBIGUITY, _MAX_BODIES = 12.0, 4
-#: Standard deviation of the predicted attitude, rad, from which a scan that does not fit is searched at once.
+#: Standard deviation of the predicted attitude, rad, above which the body is searched at once if a scan does
+#: not fit.
 _UNCERTAIN_RAD = math.radians(10.0)
-#: Gates up to which a scan that agrees with the model shows that the prediction was too certain.
+#: If a scan agrees with the model, but only beyond the gate, up to this number of gates the stated
+#: covariance of the prediction was too small.
 _NEAR_GATES = 10.0
 #: Weight of a new estimate of the noise.
 _NOISE_GAIN = 0.2
@@ -64,7 +67,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self._sigma_m = self.config.sigma_m
 
     def on_cloud(self, sample: Sample) -> Iterable[Output]:
-        """Track the body in a scan whose points have one time."""
+        """Track the body in a scan whose points were all measured at the same time."""
         points_m, _ = valid_points(sample.value.points_m)
         return self._track(sample, points_m, np.zeros(len(points_m)))
 
@@ -118,7 +121,9 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         )
 
     def _is_underestimated(self, fit: ScanFit) -> bool:
-        """Return True if the scan agrees with the model, and nearly with a too certain prediction."""
+        """Return whether the covariance of the prediction is too small: the scan agrees with the model, and
+        is only a few gates away from the prediction.
+        """
         is_near = self._gate < fit.distance < _NEAR_GATES * self._gate
         return fit.agreement >= self.config.min_score and is_near
 
@@ -133,7 +138,9 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         points_m: FloatArray,
         times_s: FloatArray,
     ) -> tuple[ScanFit | None, str]:
-        """Return the corrected state, if there is one, and the reason against it."""
+        """Return the fit, None without one, and the reason why its state is not used; the reason is empty if
+        it is used.
+        """
         cfg = self.config
         if len(points_m) < cfg.min_points:
             return None, f"few_points:{len(points_m)}<{cfg.min_points}"

@@ -38,7 +38,9 @@ class ModelDetection(BodyDetection, ModelDetectionInterface):
         return self.detect(sample)
 
     def _hypotheses(self, sample: Sample, metrics: dict[str, float]) -> tuple[list[Hypothesis], list[str]]:
-        """Return the hypotheses of all objects, best first, and the reasons against the other parts."""
+        """Return the hypotheses of all objects, best first, and the reasons
+        why the other parts are refused.
+        """
         reasons: list[str] = []
         found: list[tuple[DepthDetection, float]] = []
         for name, model in self._models.by_name.items():

@@ -27,9 +27,9 @@ from cdff_common.geometry.se3 import FloatArray
 
 POSITION, ROTATION, VELOCITY, GYRO, FORCE, SLIP = (slice(k, k + 3) for k in range(0, 18, 3))
 POSE = slice(0, 6)
-#: Errors of the mounts' rotations by source, three each.
+#: Rows of the rotation errors of the mounts, three for each source.
 MOUNTS = {"imu": slice(18, 21), "visual_odometry": slice(21, 24), "lidar_odometry": slice(24, 27)}
-#: Errors of the stamps' offsets to the IMU by odometry.
+#: Row of the error of the offset of the stamps to the clock of the IMU, for each odometry.
 OFFSETS = {"odometry": 27, "visual_odometry": 28, "lidar_odometry": 29}
 #: Number of errors without clones.
 CORE_SIZE = 30
@@ -46,7 +46,7 @@ class Clone:
     stamp_ns: int
     velocity: FloatArray  # (3,), m/s in the site at that time
     refusals: int = 0  # number of increments since this clone that were refused
-    #: Factor on the variances of the source by the statistics of its innovations.
+    #: Factor on the variances of the source, estimated from its innovations.
     noise_factor: float = 1.0
 
 
@@ -66,7 +66,7 @@ class Estimate:
     cross_covariance: FloatArray
     clones: dict[str, Clone]  # in the order of their errors
     consecutive_refusals: int = 0  # number of increments refused one after the other
-    #: Speed by the wheels (m/s), averaged over about a second; negative backwards.
+    #: Speed from the wheels, m/s, averaged over about a second; negative backwards.
     wheel_speed_m_s: float = 0.0
     #: Squared Mahalanobis norm of the last innovation relative to its expected value.
     innovation_ratio: float = 1.0
@@ -80,7 +80,9 @@ class Estimate:
         biases: FloatArray,
         sigmas: FloatArray,
     ) -> Estimate:
-        """Return an estimate at rest without clones; ``sigmas`` (9,) are those of biases and slip."""
+        """Return an estimate at rest without clones; ``sigmas`` (9,) are the standard deviations of biases
+        and slip.
+        """
         P = np.zeros((CORE_SIZE, CORE_SIZE))
         P[POSE, POSE] = 0.0 if pose.covariance is None else pose.covariance
         P[6:18, 6:18] = np.diag(np.square(np.concatenate([np.full(3, speed_sigma_m_s), sigmas])))
@@ -92,7 +94,9 @@ class Estimate:
         return self.calibration[MOUNTS[source].start - 18 :][:3]
 
     def stamp_offset_s(self, source: str) -> float:
-        """Return the estimated offset of the stamps of an odometry, added to them for the time of the IMU."""
+        """Return the estimated offset of the clock of an odometry: stamp plus
+        offset is the time of the IMU.
+        """
         return float(self.calibration[OFFSETS[source] - 18])
 
     def clone_errors(self, name: str) -> slice:
@@ -178,7 +182,7 @@ class Estimate:
         return replace(self, covariance=covariance, cross_covariance=cross, clones=clones)
 
     def noise_factor(self, name: str) -> float:
-        """Return the factor on the variances of a source; 1 without increments of it."""
+        """Return the factor on the variances of a source; 1 before its first increment."""
         return self.clones[name].noise_factor if name in self.clones else 1.0
 
     def with_noise_factor(self, name: str, factor: float) -> Estimate:
@@ -205,7 +209,8 @@ class Estimate:
         )
 
     def with_velocity_sigma(self, sigma_m_s: float, interval_s: float = 0.0) -> Estimate:
-        """Return the estimate with a velocity of standard deviation ``sigma_m_s``, uncorrelated with the past.
+        """Return the estimate with a velocity of standard deviation ``sigma_m_s``, uncorrelated with the
+        past.
 
         The error of the velocity results from unknown accelerations during ``interval_s`` before the estimate
         (white noise), which have displaced the position: otherwise a position measured a moment later would

@@ -97,7 +97,7 @@ class RobotFrames:
         return self.on_robot(self.base, frame, stamp_ns).matrix
 
     def mount_covariance(self, frame: str, stamp_ns: int) -> FloatArray | None:
-        """Return the covariance (6, 6) of ``T_base_frame`` in base axes; None if no edge states one."""
+        """Return the covariance (6, 6) of ``T_base_frame`` in base axes; None if no edge has a covariance."""
         stated = self.on_robot(self.base, frame, stamp_ns).covariance
         return stated if stated is not None and stated.any() else None
 

@@ -14,7 +14,7 @@ from cdff_common.geometry.se3 import FloatArray
 #: Maximum and minimum number of readings from whose differences the noise is estimated.
 _NOISE_READINGS, _MIN_NOISE_READINGS = 60, 20
 
-#: Ratio of an interval to the median one from which readings are missing in it.
+#: Ratio of an interval to the median interval above which readings are missing in it.
 _GAP = 1.8
 #: Age of a reading up to which an IMU counts as present, nanoseconds.
 _MAX_AGE_NS = 1_000_000_000

@@ -22,7 +22,8 @@ from cdff_core.dfpcs.position_manager.imu_buffer import ImuBuffer
 from cdff_core.dfpcs.position_manager.motion_prediction import UNKNOWN_SPEED_SIGMA_M_S
 from cdff_core.dfpcs.position_manager.mount_errors import MountErrors
 
-#: Duration of the IMU readings that level the start pose, and longest wait for them, nanoseconds.
+#: Duration of the IMU readings from which the start pose is levelled, and longest wait for them,
+#: nanoseconds.
 _LEVELLING_NS, _MAX_WAIT_NS = 500_000_000, 1_000_000_000
 #: Standard deviations after levelling: speed in motion and at rest, gyro bias at rest.
 _MOVING_SPEED_M_S, _REST_SPEED_M_S, _REST_BIAS_RAD_S = 0.5, 0.02, 2.2e-4
@@ -64,7 +65,7 @@ class Initialiser:
         return bool(self._samples)
 
     def finish(self) -> tuple[InitialState, list[Sample]]:
-        """Return the state at the first pose and the buffered samples except those of the IMU."""
+        """Return the state at the first pose, and the buffered samples that are not IMU readings."""
         samples, self._samples = self._samples, []
         poses = [s for s in samples if s.port != "imu" and s.value is not None] or samples[:1]
         wheels = next(
@@ -113,7 +114,7 @@ class Initialiser:
 
 
 def _level_pose(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) -> UncertainTransform:
-    """Return the pose by the wheels with its roll and pitch replaced by the levelled tilt (3, 3)."""
+    """Return the pose of the wheel odometry with roll and pitch replaced by the levelled tilt (3, 3)."""
     forward = wheels.matrix[:3, 0]
     R = se3.exp_so3([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))]) @ tilt
     covariance = np.zeros((6, 6)) if wheels.covariance is None else wheels.covariance.copy()
@@ -124,7 +125,8 @@ def _level_pose(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) 
 
 
 def _rotation_by_tilt(R: FloatArray) -> FloatArray:
-    """Return the Jacobian (3, 3) of the rotation error by a tilt error (x, y, unused) at fixed heading.
+    """Return the Jacobian (3, 3) of the rotation error with respect to a tilt error (x, y, unused) at fixed
+    heading.
 
     The heading is that of the x axis ``a`` of the base. If ``a`` is inclined, a tilt error ``w`` about its
     horizontal part also changes its heading; a rotation about z compensates this:
@@ -155,7 +157,9 @@ def _with_tilt_from_bias(estimate: Estimate, gravity_m_s2: float, sigma_m_s2: fl
 
 
 def _rotation_by_mount(R: FloatArray) -> FloatArray:
-    """Return the Jacobian (3, 3) of the rotation error of a levelled pose by that of the IMU's mount."""
+    """Return the Jacobian (3, 3) of the rotation error of a levelled pose with respect to that of the IMU's
+    mount.
+    """
     return -_rotation_by_tilt(R) @ R
 
 

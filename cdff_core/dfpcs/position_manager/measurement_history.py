@@ -68,7 +68,8 @@ class MeasurementHistory:
             self._process(index)
 
     def insert(self, measurement: Measurement) -> MeasurementResult:
-        """Insert a measurement, not older than ``oldest``, by its time; process it and all later ones.
+        """Insert a measurement, not older than ``oldest``, in time order; process it and all later
+        measurements.
 
         A measurement that cannot be processed raises its error and leaves the history unchanged.
         """

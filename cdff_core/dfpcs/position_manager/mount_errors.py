@@ -92,7 +92,7 @@ def increment_jacobian(step: FloatArray, lever_m: FloatArray) -> FloatArray:
 
 
 def with_imu_mount_error(estimate: Estimate, predicted: Estimate, gravity_m_s2: float | None) -> Estimate:
-    """Return a prediction by the IMU with the contribution of its mount error to the covariances.
+    """Return an IMU prediction whose covariances include the error of the mount of the IMU.
 
     The rotation error changes by ``-(R_end - R_start) d``, the velocity error by the rotated specific force.
     """
@@ -125,7 +125,8 @@ def with_stamp_offset(estimate: Estimate, source: str, sigma_s: float) -> Estima
 
 
 def offset_displacement(estimate: Estimate, source: str, H: FloatArray) -> FloatArray:
-    """Return the change (3,) of an increment since a clone by the offset of its stamps; set its column of H.
+    """Return the change (3,) of an increment since a clone due to the offset of its stamps, and write its
+    column of H.
 
     Both poses are measured later by the offset, during which the robot moves by its velocities there.
     """

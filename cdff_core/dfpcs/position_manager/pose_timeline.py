@@ -71,7 +71,7 @@ class PoseTimeline:
         self.nodes, self.stamps_ns, self.pins = nodes, [node.stamp_ns for node in nodes], pins
 
     def append(self, estimate: Estimate) -> None:
-        """Add the newest estimate, or replace the one of the same time."""
+        """Add the newest estimate; it replaces an estimate of the same time."""
         node = Node.from_estimate(estimate)
         if self.stamps_ns and self.stamps_ns[-1] == estimate.stamp_ns:
             self.nodes[-1] = replace(node, after_gap=self.nodes[-1].after_gap)
@@ -207,7 +207,7 @@ def _bypass(removed: Node, node: Node, *, after_gap: bool) -> Node:
 
 
 def _cross_covariance(nodes: list[Node], a: _InterpolatedPose, b: _InterpolatedPose) -> FloatArray:
-    """Return the covariance (6, 6) of the errors of ``b`` (rows) with those of the earlier ``a``."""
+    """Return the cross-covariance (6, 6) of the errors of ``b`` (rows) and of the earlier ``a`` (columns)."""
     out = np.zeros((9, 9))
     for weight_a, i in ((1.0 - a.fraction, a.first), (a.fraction, a.first + 1)):
         for weight_b, j in ((1.0 - b.fraction, b.first), (b.fraction, b.first + 1)):
@@ -218,7 +218,9 @@ def _cross_covariance(nodes: list[Node], a: _InterpolatedPose, b: _InterpolatedP
 
 
 def _chain_covariance(nodes: list[Node], i: int, j: int) -> FloatArray:
-    """Return the covariance (9, 9) of the errors of node j (rows) with those of the earlier node i."""
+    """Return the cross-covariance (9, 9) of the errors of node j (rows)
+    and of the earlier node i (columns).
+    """
     out = nodes[i].covariance
     for previous, node in zip(nodes[i:j], nodes[i + 1 : j + 1], strict=True):
         out = node.cross_covariance @ np.linalg.solve(previous.covariance + _JITTER, out)

@@ -40,7 +40,8 @@ class Publisher:
         self.start_reasons = reasons
 
     def publish(self, sample: Sample, reasons: tuple[str, ...], oldest_ns: int) -> Iterator[Output]:
-        """Yield the pose at a sample's time, unless a later one was published; the trajectory if due.
+        """Yield the pose at the time of a sample, unless a later pose was published, and the trajectory if
+        it is due.
 
         ``oldest_ns`` is the time from which measurements may be processed again: later nodes are not thinned.
         """

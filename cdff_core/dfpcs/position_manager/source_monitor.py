@@ -32,8 +32,9 @@ _ACCURATE = (*_FREQUENT, "absolute_fix")
 _WHEEL_PERIOD_NS = 45_000_000
 #: Factor on the variances of a DEGRADED measurement.
 _DEGRADED_SCALE = 25.0
-#: Number of the newest measurements of a source of which the fraction of refused ones is computed, the least
-#: number, and the fraction above which a pose is DEGRADED: the source contradicts the others.
+#: The fraction of refused measurements is computed over this number of the newest measurements of a source,
+#: from this least number on; above this fraction a pose is DEGRADED, since the source contradicts the
+#: others.
 _WINDOW, _LEAST_RESULTS, _MAX_REFUSED_FRACTION = 20, 8, 0.5
 
 
@@ -50,9 +51,9 @@ class SourceMonitor:
         self._used_ns: dict[str, int] = {}
         self._failed: set[str] = set()
         self._refusals: dict[str, int] = {}
-        #: Whether each of the newest measurements of a source was refused.
+        #: For each source: True for each of the newest measurements that was refused.
         self._results: dict[str, deque[bool]] = {}
-        #: Frame of each source whose sensor has no place on the robot at present.
+        #: Frame of each source whose sensor has no known pose on the robot at present.
         self._unplaced: dict[str, str] = {}
         self._last_degraded_ns: int | None = None
         #: Number of poses published as DEGRADED.
@@ -63,7 +64,9 @@ class SourceMonitor:
         self._start_ns = stamp_ns
 
     def is_too_frequent(self, sample: Sample) -> bool:
-        """Return whether a wheel pose follows the last one too soon; otherwise it becomes the last one."""
+        """Return whether a wheel pose follows the last used one too soon; if not, it becomes the last used
+        one.
+        """
         if 0 <= sample.stamp_ns - self._wheels_ns < _WHEEL_PERIOD_NS:
             return True
         self._wheels_ns = max(self._wheels_ns, sample.stamp_ns)

@@ -26,9 +26,10 @@ _PRIOR_S, _STEP_S, _BOUND_S = 0.1, 0.02, 0.3
 _WINDOW_S, _MIN_WINDOWS = 1.0, 15
 #: Standard deviation of the numerical error of a rotation, rad: perfect data must not give infinite weight.
 _RESOLUTION_RAD = 1e-4
-#: Ratio of a difference of offsets to its standard deviation from which stamps are corrected.
+#: Ratio of the difference of two offsets to its standard deviation above which stamps are corrected.
 _SIGNIFICANT = 3.0
-#: Difference of rotations in a window from which it is ignored: the odometry was reset or has failed.
+#: Difference of the rotations in a window above which the window is ignored: the odometry was reset or has
+#: failed.
 _MAX_DIFFERENCE_RAD = 0.5
 _BOUND_NS = int(_BOUND_S * 1e9)
 
@@ -43,7 +44,7 @@ class _Angle:
 
 
 class TimeOffset:
-    """Offset of the stamps of one odometry, added to them to obtain the time of the IMU."""
+    """Offset of the clock of one odometry: stamp plus offset is the time of the IMU."""
 
     def __init__(self) -> None:
         self._grid_s = np.linspace(-_BOUND_S, _BOUND_S, round(2 * _BOUND_S / _STEP_S) + 1)
@@ -51,8 +52,8 @@ class TimeOffset:
         self._window_start: _Angle | None = None
         self._pending: list[tuple[_Angle, _Angle]] = []
         self._windows = 0
-        #: Sums over the windows: rotation by the odometry and its square; by the gyro, its square and the
-        #: product of both for each offset of the grid.
+        #: Sums over the windows: of the rotation from the odometry and of its square. The sums with the gyro
+        #: follow for each offset of the grid: rotation, its square, and product of both rotations.
         self._sums = np.zeros(2)
         self._gyro_sums = np.zeros((3, len(self._grid_s)))
 

@@ -14,7 +14,7 @@ from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline, to_traj
 
 
 class TransformQuery:
-    """Connects the frame trees of site and robot by the timeline."""
+    """Connects the frame trees of site and robot through the timeline of poses."""
 
     def __init__(
         self,

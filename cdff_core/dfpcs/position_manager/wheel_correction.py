@@ -26,9 +26,9 @@ _SPEED_TIME_S = 1.0
 #: Components of a wheel increment that are used: translation and heading; without IMU also roll and pitch,
 #: whose changes are assumed to be within the covariance of the increment.
 _ROWS, _ROWS_WITHOUT_IMU = np.array([0, 1, 2, 5]), np.arange(6)
-#: Standard deviation of the heading by the wheels after one metre, rad, while a gyro measures it too. Unequal
-#: wheels or ground cause a constant curvature, which does not average out and looks like a bias of the gyro:
-#: this value keeps the bias uncertain by 0.01 rad/m after 100 m.
+#: Standard deviation of the heading from the wheels after one metre, rad, if a gyro measures the heading
+#: too. Unequal wheels or ground cause a constant curvature, which does not average out and looks like a bias
+#: of the gyro: this value keeps the bias uncertain by 0.01 rad/m after 100 m.
 _YAW_WITH_GYRO_RAD_SQRT_M = 0.1
 #: The offsets of stamps are not corrected by increments: velocities are too noisy as their derivative, and
 #: would bias them. ``TimeOffset`` estimates them from rotations.
@@ -65,7 +65,8 @@ def corrected_by_wheels(
     *,
     has_imu: bool,
 ) -> Estimate:
-    """Return the estimate after the correction by a wheel increment; raises RefusedError if refused.
+    """Return the estimate corrected with a wheel increment; raises RefusedError if the increment contradicts
+    it.
 
     Both ends are clones that contain the noise of the two wheel poses: an error that makes an increment too
     long makes the next one too short. Slip is relative to the distance at the wheels' average speed, because

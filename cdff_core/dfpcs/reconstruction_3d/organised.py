@@ -14,7 +14,8 @@ from cdff_common.errors import InputError
 from cdff_common.types import Frame
 from cdff_core.imaging.grey import rgb_image
 
-#: Tangent of the largest angle of a cloud's points from its middle, and the largest number of pixels.
+#: Tangent of the largest angle between a point of a cloud and the middle of the cloud, seen from the sensor,
+#: and largest number of pixels.
 _MAX_TANGENT, _MAX_PIXELS = 1.8, 2_000_000
 #: Distance in pixels up to which a pixel takes the nearest point of a cloud.
 _REACH_PX = 0.8
@@ -43,7 +44,7 @@ class OrganisedCloud:
     T_sensor_camera: FloatArray
 
     def scale_m(self) -> float:
-        """Return the larger of the median distance between points and 1.5 standard deviations of them."""
+        """Return the larger of the median distance between points and 1.5 times their standard deviation."""
         is_point = np.isfinite(self.normals).all(axis=2)
         if not is_point.any():
             raise InputError("capture without a point that has a normal: no edge of voxels follows from it")

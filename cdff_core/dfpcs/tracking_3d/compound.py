@@ -176,7 +176,7 @@ class Tracking3D(Tracking3DInterface):
         return Quality(status, tuple(reasons), metrics=metrics, covariance_kind=self.covariance_kind)
 
     def _track(self, motion: Motion, stamps_ns: IntArray) -> ObjectTrack:
-        """Return the first states of a motion, those of the stamps."""
+        """Return the states of a motion at the stamps, with which its states begin."""
         newest, n = self._poses[-1].value, len(stamps_ns)
         return ObjectTrack.from_arrays(
             1,

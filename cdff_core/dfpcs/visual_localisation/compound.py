@@ -26,7 +26,7 @@ from cdff_core.visual_map.focal_length import FocalMonitor, FocalRatio, fit_foca
 from cdff_core.visual_map.matches import MAP_FOCAL_PX, MapMatches
 from cdff_core.visual_map.pose_fit import PoseFit
 
-#: Images that wait for a map, and points of the cloud in the store.
+#: Largest number of images that wait for a map, and of points of the cloud in the store.
 _MAX_WAITING, _MAX_CLOUD = 16, 100_000
 
 
@@ -162,7 +162,7 @@ class VisualLocalisation(VisualLocalisationInterface):
         return UncertainTransform(T, covariance)
 
     def _covariance_from_keyframe(self, vertex: int, T_map_camera: FloatArray) -> FloatArray:
-        """Return the covariance of T_map_camera that follows from that of a keyframe."""
+        """Return the covariance of T_map_camera due to the covariance of a keyframe."""
         assert self._map is not None
         T_map_keyframe = self._map.poses[vertex]
         T_keyframe_camera = se3.inverse(T_map_keyframe) @ T_map_camera

@@ -47,7 +47,7 @@ class MapMatcher:
 
 
 def _prior_covariances(graph: PoseGraph) -> FloatArray:
-    """Return the covariances (n, 6, 6) of the vertices from their priors; 0 without one."""
+    """Return the covariances (n, 6, 6) of the vertices from their priors; 0 for a vertex without a prior."""
     covariances = np.zeros((len(graph.vertices.ids), 6, 6))
     rows = {int(v): i for i, v in enumerate(graph.vertices.ids)}
     edges = graph.edges

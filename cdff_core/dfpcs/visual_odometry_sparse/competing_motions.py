@@ -13,8 +13,8 @@ from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import Hypothesis, SelectedMotion, extent_of
 
-#: Extent of the points that agree with a motion, relative to that of all visible points, above which it
-#: surrounds its competitors. It is 1 for the scene around an object.
+#: Ratio of the extent of the points that agree with a motion to the extent of all visible points, above
+#: which the motion surrounds its competitors. The ratio is 1 for the scene around an object.
 _SURROUNDING = 0.9
 
 
@@ -42,7 +42,7 @@ class CompetingMotions:
         agreeing: BoolArray,
         elapsed_s: float,
     ) -> SelectedMotion:
-        """Return the selection with the doubt of the last view, and store it for the next one.
+        """Return the selection, uncertain also if that of the last view was; store it for the next view.
 
         Parameters
         ----------

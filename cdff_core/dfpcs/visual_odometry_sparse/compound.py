@@ -68,7 +68,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         return node
 
     def on_odometry(self, sample: Sample) -> Iterable[Output]:
-        """Buffer a pose by the wheels for the prediction."""
+        """Buffer a pose of the wheel odometry for the prediction."""
         self._prior.add_pose(sample.stamp_ns, sample.value.transform)
         return ()
 

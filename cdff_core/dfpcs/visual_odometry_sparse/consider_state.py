@@ -36,8 +36,8 @@ class ConsiderState:
 
     matrix: FloatArray  # (4, 4)
     noise: FloatArray  # (6, 6), covariance of the independent part
-    #: (6, COMMON + k), derivatives by the common errors (of unit variance) and by k parameters of the
-    #: calibration (pixels).
+    #: (6, COMMON + k), derivatives with respect to the common errors (of unit variance) and to k parameters
+    #: of the calibration (pixels).
     response: FloatArray
 
     @classmethod
@@ -71,11 +71,11 @@ class ConsiderState:
         return ConsiderState(matrix, noise, self.response + gain @ (other.response - self.response))
 
     def to_transform(self, calibration_covariance: FloatArray) -> UncertainTransform:
-        """Return the transform with its whole covariance, given that of the calibration (k, k)."""
+        """Return the transform with its total covariance, given the covariance (k, k) of the calibration."""
         common, calibration = self.response[:, :COMMON], self.response[:, COMMON:]
         correlated = common @ common.T + calibration @ calibration_covariance @ calibration.T
         return UncertainTransform(self.matrix, self.noise + cov.symmetrised(correlated))
 
     def _perturb(self, error: FloatArray) -> FloatArray:
-        """Return the matrix with a pose error (6,) applied."""
+        """Return the pose (4, 4) after applying a pose error (6,)."""
         return se3.transform(se3.exp_so3(error[3:]) @ self.matrix[:3, :3], self.matrix[:3, 3] + error[:3])

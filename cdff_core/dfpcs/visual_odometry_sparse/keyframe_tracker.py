@@ -173,7 +173,9 @@ class KeyframeTracker:
         is_continued: bool,
         competing: Sequence[FloatArray] = (),
     ) -> SelectedMotion:
-        """Return the motion of the scene among those of the tracked points; raises RefusedError."""
+        """Return the motion of the scene, selected among the motions of the tracked points; raises
+        RefusedError.
+        """
         inputs = PerspectiveNPointSolvingInputs(
             points=keyframe.points[tracked.points],
             projections=tracked.matches,

@@ -23,7 +23,8 @@ from cdff_core.dfpcs.visual_odometry_sparse.motion_prior import GATE, MotionBoun
 _MAX_HYPOTHESES, _SAMPLES = 3, 150
 #: Minimum number of points, and minimum fraction of the tracked points, of a competing motion.
 _MIN_POINTS, _MIN_FRACTION = 15, 0.08
-#: Ratio to the bounds of wheels and gyro, three standard deviations, below which they support a motion.
+#: Wheels and gyro support a motion if its difference is below this ratio of their bounds, three standard
+#: deviations.
 _SUPPORTED_RATIO = 0.6
 #: Number of columns and rows of cells in which the coverage of the image is counted.
 _CELLS = (20, 10)
@@ -32,7 +33,7 @@ _CONTRADICTION = 1.5
 #: Ratio of the plausibility of a competing motion to that of the selected one above which the selection is
 #: uncertain: each covers 23 % to 77 % of the image. An object over more than half precedes the scene.
 MAX_AMBIGUITY = 0.3
-#: Quantile of the pixels at each side of the rectangle that is their extent.
+#: The extent of points is the rectangle beyond which this fraction of the pixels lies on each side.
 _EXTENT_QUANTILE = 0.05
 
 
@@ -86,7 +87,7 @@ class SelectedMotion:
 
     @property
     def is_ambiguous(self) -> bool:
-        """True if a competing motion could be that of the scene."""
+        """True if a competing motion could be the motion of the scene."""
         return self.ambiguity > MAX_AMBIGUITY
 
     def selection_covariance(self) -> FloatArray:
@@ -184,7 +185,7 @@ class MotionHypotheses:
         bounds: MotionBounds | None,
         competing: Sequence[FloatArray],
     ) -> list[Hypothesis]:
-        """Return the first motion and those that compete with it.
+        """Return the first motion and the motions that compete with it.
 
         The first motion that wheels and gyro support needs fewer points, and so does a motion that continues
         one of the last view.
@@ -262,7 +263,7 @@ def _likelihoods(ratios: list[float]) -> FloatArray:
 
 
 def _relative_plausibility(found: list[Hypothesis], likelihoods: FloatArray, selected: int) -> FloatArray:
-    """Return the plausibility (k,) of motions divided by that of the selected one, at most 1.
+    """Return the ratio (k,) of the plausibility of motions to that of the selected motion, at most 1.
 
     Errors of points can split one motion into two with mostly the same points: those do not compete.
     """

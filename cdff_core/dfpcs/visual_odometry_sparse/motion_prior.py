@@ -60,14 +60,16 @@ class MotionBounds:
         return cls(expected, sigma_m, sigma_rad)
 
     def ratio(self, motion: FloatArray) -> float:
-        """Return the difference of a motion (4, 4) divided by the largest difference within ``GATE``."""
+        """Return the ratio of the difference between a motion (4, 4) and the sensors to the largest
+        difference within ``GATE``.
+        """
         by_translation = float(np.linalg.norm(motion[:3, 3] - self.expected[:3, 3])) / self.sigma_m
         angle_rad = float(np.linalg.norm(se3.log_so3(self.expected[:3, :3].T @ motion[:3, :3])))
         return max(by_translation, angle_rad / self.sigma_rad) / GATE
 
 
 class MotionPrior:
-    """Wheel poses and angular rates of the last seconds, and the motion by them."""
+    """Wheel poses and angular rates of the last seconds, and the motion that they measure."""
 
     def __init__(self, gyro: Dfn[Any, Any, Any]) -> None:
         self._gyro = gyro
@@ -92,7 +94,7 @@ class MotionPrior:
             return
 
     def add_pose(self, stamp_ns: int, T_odom_base: UncertainTransform) -> None:
-        """Add a pose by the wheels."""
+        """Add a pose of the wheel odometry."""
         self._odometry.insert(stamp_ns, T_odom_base)
 
     def add_rate(self, stamp_ns: int, rate_rad_s: FloatArray) -> None:
@@ -109,7 +111,7 @@ class MotionPrior:
             del stamps[:start], self._rates[:start]
 
     def increment(self, start_ns: int, end_ns: int) -> Increment:
-        """Return the translation by the wheels, and the rotation by the gyro or else by the wheels."""
+        """Return the translation from the wheels, and the rotation from the gyro or else from the wheels."""
         R = self._rotation_by_gyro(start_ns, end_ns)
         T = self._odometry.motion(start_ns, end_ns)
         if T is None or self._T_left_base is None:

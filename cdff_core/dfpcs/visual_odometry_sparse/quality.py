@@ -11,10 +11,10 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_core.dfns.stereo_motion_estimation.interface import StereoMotionEstimationOutputs
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import MAX_AMBIGUITY, SelectedMotion
 
-#: Sharpness by BandEnergy: below, the blur is 2 px or more. Sharpness relative to that of the keyframe:
-#: below, the finest octave is missing.
+#: Sharpness (BandEnergy) below which the blur is 2 px or more, and sharpness relative to that of the
+#: keyframe below which the finest octave is missing.
 GOOD_SHARPNESS, GOOD_SHARPNESS_RATIO = 0.25, 0.6
-#: Number of points of a keyframe with a disparity.
+#: Number of points of a keyframe with a disparity: FAILED below the first, DEGRADED below the second.
 MIN_STEREO, GOOD_STEREO = 30, 80
 #: Fraction of the detected points with a disparity; in two different scenes it is a few per cent by chance.
 MIN_STEREO_FRACTION, GOOD_STEREO_FRACTION = 0.15, 0.3
@@ -31,7 +31,8 @@ MIN_DISPARITY_PX = 1.0
 NEAR_DISPARITY_PX = 10.0
 #: Number of near points.
 MIN_NEAR, GOOD_NEAR = 4, 12
-#: Area of points that hardly move and are lost, relative to that of the found ones; up to 0.11 on a street.
+#: Largest ratio of the area of lost points that hardly moved to the area of the found points; on a street it
+#: reaches 0.11.
 MAX_LOST_RATIO = 0.2
 #: Variance of unit weight of the residuals: three times the standard deviation of the noise model.
 MAX_UNIT_VARIANCE = 9.0
@@ -71,7 +72,7 @@ def rectification_reasons(row_offset_px: float) -> list[str]:
 
 
 def motion_reasons(metrics: dict[str, float]) -> list[str]:
-    """Return the deficiencies of a motion by its metrics; raises RefusedError if it is unusable."""
+    """Return the deficiencies of a motion from its metrics; raises RefusedError if it is unusable."""
     near, inliers = int(metrics["near_points"]), int(metrics["inliers"])
     require(inliers, MIN_INLIERS, "few_inliers")
     require(near, MIN_NEAR, "few_near_points")
@@ -96,7 +97,9 @@ def motion_reasons(metrics: dict[str, float]) -> list[str]:
 
 
 def is_scene_uncertain(metrics: dict[str, float]) -> bool:
-    """Return whether the selected motion may be that of an object; a new keyframe shows all motions again."""
+    """Return whether the selected motion may be that of an object: then a new keyframe is made, in which all
+    motions are visible again.
+    """
     return metrics["ambiguity"] > MAX_AMBIGUITY or metrics["lost_ratio"] > MAX_LOST_RATIO
 
 

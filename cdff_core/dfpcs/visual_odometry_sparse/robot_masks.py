@@ -43,7 +43,7 @@ class RobotMasks:
         self._body = RobotBody(context) if URDF_MASK in texts else None
 
     def set_joints(self, joints: Joints) -> None:
-        """Set the positions of joints; they have an effect only on masks by the URDF."""
+        """Set the positions of joints; they only affect masks computed from the URDF."""
         if self._body is not None:
             self._body.set_joints(joints)
 
@@ -70,7 +70,7 @@ class RobotBody:
         self._values: dict[str, float] = {}
 
     def set_joints(self, joints: Joints) -> None:
-        """Set the positions of joints, rad or m; raises InputError for one that is not movable."""
+        """Set the positions of joints, rad or m; raises InputError for a joint that is not movable."""
         values = {name: state.position for name, state in zip(joints.names, joints.elements, strict=True)}
         movable = {joint.name for joint in self._model.joints if joint.movable}
         if unknown := sorted(set(values) - movable):

@@ -14,7 +14,8 @@ from cdff_core.dfns.features_prediction_2d.interface import FeaturesPrediction2D
 from cdff_core.dfpcs.visual_odometry_sparse.keyframe import Keyframe
 from cdff_core.dfpcs.visual_odometry_sparse.motion_hypotheses import SelectedMotion, cells_of
 
-#: Change of the pixel, and of the disparity relative to it, below which a point has the same appearance.
+#: Change of the position, pixels, and of the disparity, relative to it, below which a point has the same
+#: appearance.
 _STILL_PX, _STILL_RATIO = 10.0, 0.1
 #: Number of cells with found points below which the ratio of lost cells is not meaningful.
 _MIN_CELLS = 10
@@ -38,7 +39,9 @@ class TrackedPoints:
         return cls(points[first], matches[first], max(part.visible for part in parts))
 
     def first_of_each(self, selected: BoolArray) -> IntArray:
-        """Return the rows (k,) of a mask (n,), for each point of the keyframe only its first one."""
+        """Return the rows (k,) that a mask (n,) selects; of several rows with the same keyframe point only
+        the first.
+        """
         rows = np.flatnonzero(selected)
         return rows[np.sort(np.unique(self.points[rows], return_index=True)[1])]
 
@@ -58,7 +61,7 @@ class TrackedPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LostPoints:
-    """Points of a keyframe that a motion predicts in the image, and those that were not found there."""
+    """Points of a keyframe that a motion predicts in the image, and which of them were not found there."""
 
     pixels: FloatArray  # (n, 2), predicted pixels of all points
     is_found: BoolArray  # (n,), agree with the motion of the scene or a competing one

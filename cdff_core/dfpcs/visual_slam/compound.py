@@ -119,6 +119,7 @@ class VisualSlam(VisualSlamInterface):
             return self._products.refused(sample.stamp_ns, (sample.id,), Quality.from_error(error))
 
     def _without_depth(self, image: Sample) -> list[Output]:
+        """Return FAILED outputs of an image whose depth image did not arrive."""
         quality = Quality.failed("no_depth_image")
         return list(self._products.refused(image.stamp_ns, (image.id,), quality))
 

@@ -120,7 +120,7 @@ class VisualKeyframeMap(KeyframeGraph[VisualKeyframe]):
         return min(covariances, key=lambda c: float(np.trace(c[:3, :3])))
 
     def adjust(self, poses: dict[int, FloatArray], fixed: Collection[int]) -> None:
-        """Set adjusted poses, and the edges between adjusted keyframes and with fixed ones."""
+        """Set adjusted poses, and the edges between adjusted keyframes and from them to fixed keyframes."""
         for key, T in poses.items():
             self.poses[key] = se3.normalise_transform(T)
         known = set(poses) | set(fixed)
@@ -174,7 +174,8 @@ class VisualKeyframeMap(KeyframeGraph[VisualKeyframe]):
         return new_ids
 
     def _connect_by_frame(self, graph: PoseGraph, new_ids: dict[int, int]) -> None:
-        """Add edges from the first vertex to those that only the frame of the map connects with it.
+        """Add edges from the first vertex to vertices that no edge connects with it: their relative poses
+        are known from the frame of the map.
 
         The covariance of each is that of the priors of both vertices, exact without one.
         """

@@ -136,7 +136,9 @@ class KeyframeMapper:
         return new_ids
 
     def connect(self, keys: Iterable[int]) -> bool:
-        """Search loops of keyframes outside the root's part; return whether one connected them."""
+        """Search loops of keyframes outside the component of the root; return
+        whether a loop connected them.
+        """
         is_connected = False
         for key in keys:
             if key in self.keyframes.keyframes and key not in self.keyframes.linked:
@@ -157,7 +159,9 @@ class KeyframeMapper:
             adjust(self.keyframes, free, [root], self._adjust_map, self._config.poses.sigma_px)
 
     def points_m(self, max_sigma_ratio: float) -> FloatArray:
-        """Return the points (n, 3) of the linked keyframes whose depth is known to a ratio of it."""
+        """Return the points (n, 3) of the linked keyframes whose depth has at most this relative standard
+        deviation.
+        """
         clouds = [np.zeros((0, 3))]
         for key in sorted(self.keyframes.linked):
             points = self.keyframes.keyframes[key].points
@@ -175,7 +179,9 @@ class KeyframeMapper:
         return self._tracker.locate(view, self.current, keyframe, se3.normalise_transform(T))
 
     def _locate(self, view: CameraView, tracked: LocatedView | None) -> LocatedView:
-        """Return the pose of the camera relative to the current keyframe; if that fails, to a similar one."""
+        """Return the pose of the camera relative to the current keyframe or, if that fails, to a similar
+        keyframe.
+        """
         reasons: list[str] = []
         if self.current is not None:
             keys = [self.current, *self.keyframes.neighbours(self.current, _NEIGHBOURS)]
@@ -261,7 +267,9 @@ class KeyframeMapper:
         return Tracking(None, None, is_lost=not is_first, reasons=reasons)
 
     def _make_keyframe(self, view: CameraView, located: LocatedView) -> bool:
-        """Make a keyframe of a located image, adjust it and close its loops; return whether one was found."""
+        """Make a keyframe of a located image, adjust it and close its loops; return whether a loop was
+        found.
+        """
         assert self.current is not None  # the image is located
         measured = self._measure_points(view)
         if measured is None:
@@ -289,7 +297,7 @@ class KeyframeMapper:
         return self.calibration.keyframe(keyframe, self.keyframes)
 
     def _refine_motion(self, reference: int, key: int) -> None:
-        """Refine the pose of a new keyframe by the disparities of both."""
+        """Refine the pose of a new keyframe with the disparities of both keyframes."""
         guess = self.T_keyframe_camera.matrix
         T = self.calibration.motion(self.keyframes, reference, key, guess, is_estimated=True)
         if T is not None:

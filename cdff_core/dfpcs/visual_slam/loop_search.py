@@ -21,7 +21,7 @@ from cdff_core.visual_map.place_index import GrowingPlaceIndex
 
 #: Largest angle between the optical axes of near keyframes, and largest distance in median depths.
 _MAX_ANGLE, _MAX_DEPTHS = np.radians(45.0), 0.7
-#: Part of the largest drift that does not depend on the length of a loop, and the largest rotation.
+#: Largest drift over a loop: constant translation, m, constant rotation, rad, and rotation per metre.
 _DRIFT_M, _DRIFT_RAD, _DRIFT_RAD_PER_M = 0.5, 0.1, 0.01
 
 

@@ -22,9 +22,10 @@ from cdff_core.visual_map.camera_pose import CameraPoseSolver, SolvingDfn
 from cdff_core.visual_map.features import ImageFeatures
 from cdff_core.visual_map.matches import MapMatches, point_covariances
 
-#: Points that are tracked, inliers below which the descriptors are used, and ratio of inliers.
+#: Largest number of tracked points, number of inliers below which descriptors are used, and least ratio of
+#: inliers.
 _MAX_POINTS, _MIN_INLIERS, _MIN_RATIO = 400, 60, 0.5
-#: Images in a row that could not be tracked, after which only one of several is tried.
+#: After this number of successive images that could not be tracked, only one of this many images is tried.
 _MAX_FAILURES, _RETRY = 3, 8
 _TrackingDfn = Dfn[Any, FeaturesTracking2DInputs, FeaturesTracking2DOutputs]
 

@@ -16,7 +16,7 @@ from cdff_core.dfpcs.visual_slam.keyframe_mapper import KeyframeMapper, Tracking
 from cdff_core.dfpcs.visual_slam.view import CameraView
 from cdff_core.keyframe_graph.products import GraphProducts
 
-#: Largest standard deviation of the depth of a point of the cloud, relative to it, and number of points.
+#: Largest relative standard deviation of the depth of a point of the cloud, and largest number of points.
 _MAX_SIGMA_RATIO, _MAX_CLOUD = 0.05, 100_000
 
 

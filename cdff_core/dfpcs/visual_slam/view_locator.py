@@ -46,7 +46,9 @@ class LocatedView:
     tracked: int = 0
 
     def overlap(self, points: int) -> float:
-        """Return the ratio of the points of the keyframe, or of those tracked, that the image shows."""
+        """Return the fraction of the points of the keyframe, or of the
+        tracked points, that the image shows.
+        """
         return self.inliers / max(self.tracked or points, 1)
 
     def metrics(self) -> dict[str, float]:
@@ -75,7 +77,7 @@ class ViewLocator:
         guess: FloatArray | None = None,
         min_inliers: int | None = None,
     ) -> LocatedView:
-        """Return the pose relative to the first of some keyframes of one component.
+        """Return the pose relative to the first of several keyframes of the same component.
 
         Parameters
         ----------
