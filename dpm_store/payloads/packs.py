@@ -226,6 +226,7 @@ class PackFiles:
 
 
 def _write(descriptor: int, data: bytes, position: int) -> None:
+    """Write all bytes at a position of a file, also if the system writes them in parts."""
     view = memoryview(data)
     while view:
         written = os.pwrite(descriptor, view, position)

@@ -110,6 +110,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         if inputs.sun is not None:
             # The lit part of a sphere at this phase angle.
             part = max(0.5 * (1.0 - float(inputs.sun[2])), _LIT_LEAST)
+        # An extent has an error of a pixel, in addition to that of the outline.
         nearest = part * inputs.focal * inputs.sizes[0] / ((1.0 + _OUTLINE_ERROR) * extents[1] + 1.0)
         farthest = inputs.focal * inputs.sizes[1] / ((1.0 - _OUTLINE_ERROR) * extents[0] - 1.0)
         return np.array([nearest, farthest])

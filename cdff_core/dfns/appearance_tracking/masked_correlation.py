@@ -38,10 +38,12 @@ class MaskedCorrelationConfig(DfnConfig):
 
 
 class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
-    """Normalised correlation [1]_ of the weighted template at all places of a window and several scales."""
+    """Normalised correlation [1]_ of the weighted template at all
+    positions of a window and several scales.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the best place.
+        """Return the best position and scale.
 
         Raises
         ------

@@ -37,6 +37,8 @@ _MIN_PATH = 1.0
 #: A confirmed object with at least this number of sources coasts; with fewer it ends after twice as many
 #: images without a source as it had sources.
 _ESTABLISHED = 10
+#: Largest number of sources of a new object that may continue a coasting one.
+_FRESH = 12
 #: Sum of the evidence that excludes a defect for an object that rests in the sensor.
 _NO_DEFECT = -15.0
 
@@ -235,6 +237,8 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         """Remove objects with the direction and motion of a confirmed object, which keeps the better of both
         states.
 
+        ``best`` contains the rows of the best hypotheses; return their rows after the removal.
+
         Two objects whose sources cannot be distinguished are one object.
         """
         h = self._hypotheses.selected(best)
@@ -265,10 +269,10 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
                 removed[loser] = True
         if not removed.any():
             return best
-        gone = np.isin(self._hypotheses.objects, h.objects[removed])
-        position = np.cumsum(~gone) - 1
-        self._hypotheses = self._hypotheses.selected(~gone)
-        return np.asarray(position[best[~removed]])
+        is_kept = ~np.isin(self._hypotheses.objects, h.objects[removed])
+        new_row = np.cumsum(is_kept) - 1
+        self._hypotheses = self._hypotheses.selected(is_kept)
+        return np.asarray(new_row[best[~removed]])
 
     def _confirm(self, best: IntArray, stamp_ns: int, blend_angle: float) -> None:
         """Confirm objects whose score and motion exclude chance; note the time of the sources of all."""
@@ -339,7 +343,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
             for i, key in enumerate(h.objects.tolist())
             if (found := self._objects.get(key)) is not None
         ]
-        fresh = [i for i, found in confirmed if found.seen_ns == stamp_ns and h.hits[i] <= 12]
+        fresh = [i for i, found in confirmed if found.seen_ns == stamp_ns and h.hits[i] <= _FRESH]
         coasting = [
             i for i, found in confirmed if found.seen_ns < stamp_ns and h.misses[i] > self.config.max_misses
         ]
@@ -430,6 +434,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         return np.array([key in self._objects for key in h.objects.tolist()], dtype=bool)
 
     def _new_objects(self, count: int) -> IntArray:
+        """Return unused keys (count,) for new objects."""
         first = self._next_object
         self._next_object += count
         return np.arange(first, first + count, dtype=np.int64)

@@ -105,7 +105,16 @@ class CaptureProjector:
         if len(points) == 0:
             empty, frame = np.empty(0), self._poses.map_frame
             return CapturePoints(
-                points, stamps, empty, empty, empty, empty > 0, sample, [], raw_points, frame
+                points_m=points,
+                stamps_ns=stamps,
+                pose_variance_m2=empty,
+                noise_variance_m2=empty,
+                intensity=empty,
+                near=empty > 0,
+                sample=sample,
+                poses=[],
+                raw_points=raw_points,
+                frame=frame,
             )
         pose_stamps = (
             stamps if single_pose_ns is None else np.full(len(points), single_pose_ns, dtype=np.int64)

@@ -209,7 +209,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
     def _with_weak(
         self, sources: ImageSources, attitude: CameraAttitude, camera: CameraModel, stamp_ns: int
     ) -> ImageSources:
-        """Add the weak sources near the predicted places of the objects."""
+        """Add the weak sources near the predicted image positions of the objects."""
         self._star_count = int(attitude.stars.sum())
         is_star = attitude.stars
         strong = sources.selected(~is_star)
@@ -217,12 +217,12 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if self._tracked is None or len(self._tracked.ids) == 0:
             return strong
         states = self._predict_states(self._tracked, stamp_ns)
-        places = attitude.pixels(camera, states.directions)
-        position, _ = across(states)
-        reach = 4.0 * np.sqrt(np.linalg.eigvalsh(position)[:, -1]) * camera.fx + 2.0
-        for place, reach_px in zip(places, reach, strict=True):
-            if np.isfinite(place).all() and reach_px < self.config.weak_window_px:
-                weak = self._extractor.weak_sources(place, float(reach_px), sources.pixels)
+        positions_px = attitude.pixels(camera, states.directions)
+        position_covariances, _ = across(states)
+        reach = 4.0 * np.sqrt(np.linalg.eigvalsh(position_covariances)[:, -1]) * camera.fx + 2.0
+        for position_px, reach_px in zip(positions_px, reach, strict=True):
+            if np.isfinite(position_px).all() and reach_px < self.config.weak_window_px:
+                weak = self._extractor.weak_sources(position_px, float(reach_px), sources.pixels)
                 strong = ImageSources.joined(strong, weak)
         return strong
 
@@ -308,9 +308,9 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         outputs = []
         detections = []
         known = attitude.rotation is not None or frame != INERTIAL
-        places = np.full((len(found.ids), 2), np.nan)
+        positions_px = np.full((len(found.ids), 2), np.nan)
         if known:
-            places = attitude.pixels(camera, found.object_directions)
+            positions_px = attitude.pixels(camera, found.object_directions)
         position, _ = across(BearingStates(found.object_directions, found.rates, found.object_covariances))
         axes = self._attitudes.orbital_axes(sample.stamp_ns) if frame == INERTIAL else None
         target, measured = self._target_range(sample.stamp_ns, camera, attitude, sources, found)
@@ -319,7 +319,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         for i in sorted(rows, key=lambda i: (i == target, -found.states[i], -found.ids[i])):
             source = int(found.sources[i])
             status = _STATUS[int(found.states[i])]
-            pixel, sigma_px = places[i], np.full(2, np.sqrt(0.5 * np.trace(position[i])) * camera.fx)
+            pixel, sigma_px = positions_px[i], np.full(2, np.sqrt(0.5 * np.trace(position[i])) * camera.fx)
             if sources is not None and source >= 0 and status is ObjectTrackStatusT.TRACK_CONFIRMED:
                 pixel = sources.pixels[source]
                 sigma_px = np.sqrt(np.diag(sources.covariances[source]))
@@ -388,14 +388,14 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
     ) -> Output:
         """Return the track of an object with its quality."""
         status = track.metadata.status
-        own: list[str] = [] if ranging is None else list(ranging.reasons)
+        track_reasons: list[str] = [] if ranging is None else list(ranging.reasons)
         if status is ObjectTrackStatusT.TRACK_COASTING:
-            own.append("coasting")
+            track_reasons.append("coasting")
         if status is ObjectTrackStatusT.TRACK_LOST:
-            own.append("lost")
+            track_reasons.append("lost")
         if not np.isfinite(track.data.bearings[0, 4]):
-            own.append("range_unobservable")
-        limited = [*reasons, *own]
+            track_reasons.append("range_unobservable")
+        limited = [*reasons, *track_reasons]
         is_degraded = (
             bool(reasons or (ranging and ranging.reasons)) or status is not ObjectTrackStatusT.TRACK_CONFIRMED
         )

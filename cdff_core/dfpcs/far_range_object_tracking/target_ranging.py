@@ -246,9 +246,15 @@ class _Window:
         row, column = (
             int(np.clip(round(float(c)), 0, n - 1)) for c, n in ((centre[1], rows), (centre[0], columns))
         )
-        spread = np.sqrt(0.5 * np.trace(point_spread) + (0.25 * factor**2 if factor > 1.0 else 0.0)) / factor
+        # The smoothing before the reduction, 0.5 * factor pixels, adds to the point spread.
+        smoothing_px = 0.5 * factor if factor > 1.0 else 0.0
+        spread_px = np.sqrt(0.5 * np.trace(point_spread) + smoothing_px**2)
         return cls(
-            np.nan_to_num(light), max(float(image.noise[row, column]) / factor, 1e-6), focal, float(spread), R
+            image=np.nan_to_num(light),
+            noise=max(float(image.noise[row, column]) / factor, 1e-6),
+            focal_px=focal,
+            point_spread_px=float(spread_px / factor),
+            R_window_camera=R,
         )
 
     def transform(

@@ -70,7 +70,8 @@ class ObjectTracks:
     Parameters
     ----------
     filter_seen, coast, match, associate : Dfn
-        DFNs of the slots.
+        DFNs of the slots: filter of objects seen in the last image, filter of coasting objects, comparison
+        of the appearance, and association with regions.
     """
 
     def __init__(

@@ -78,6 +78,7 @@ class MissionTime:
         return Admission(accepted, refused, jumped_back=ahead_ns < 0, jumped_ahead=ahead_ns > 0)
 
     def _record_stamp(self, sample: Sample) -> None:
+        """Update the newest stamp, of all samples and of the port."""
         stamp_ns, newest = sample.stamp_ns, self._newest_of_port_ns
         self._newest_ns = max(stamp_ns, self._newest_ns or stamp_ns)
         newest[sample.port] = max(stamp_ns, newest.get(sample.port, stamp_ns))
@@ -104,8 +105,10 @@ class MissionTime:
         return min(stamps), max(stamps)
 
     def _is_jump_confirmed(self, ahead: bool) -> bool:
-        """Return whether enough buffered samples, of all publishing ports,
-        confirm that the time has jumped.
+        """Return whether the buffered samples confirm that the mission time has jumped, ``ahead`` or back.
+
+        A jump ahead needs only enough samples over enough time. A jump back also needs many samples, or
+        samples of all ports that publish.
         """
         low, high = self._buffer_span()
         if len(self._buffer) < _MIN_CONFIRMING or high - low < _CONFIRM_NS:

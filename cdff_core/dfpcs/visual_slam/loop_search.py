@@ -87,7 +87,7 @@ class LoopSearch:
     ) -> list[int]:
         """Return the nearest connected keyframes that look in a similar direction."""
         T, depth_m = keyframes.poses[key], keyframes.keyframes[key].median_depth_m
-        sizes = {}
+        differences = {}
         for k in lengths_m:
             if k in known:
                 continue
@@ -95,5 +95,5 @@ class LoopSearch:
             depths = float(np.linalg.norm(T_key_k[:3, 3])) / depth_m
             angle = float(np.arccos(np.clip(T_key_k[2, 2], -1.0, 1.0)))
             if depths < _MAX_DEPTHS and angle < _MAX_ANGLE:
-                sizes[k] = depths + angle
-        return sorted(sizes, key=lambda k: (sizes[k], k))[: self._gates.near]
+                differences[k] = depths + angle
+        return sorted(differences, key=lambda k: (differences[k], k))[: self._gates.near]
