@@ -130,9 +130,12 @@ def inertial_mount(
 def _clock_offset(
     t_imu: FloatArray, force: FloatArray, rate: FloatArray, t_base: FloatArray, yaw: FloatArray
 ) -> float:
-    """Return the offset with the largest correlation of the yaw rates; 0 without rotation."""
+    """Return the offset of the IMU times (added to them) at which the yaw rates correlate most.
+
+    Without rotation it is 0.
+    """
     up = force.mean(axis=0)
-    turn = rate @ (up / np.linalg.norm(up))
+    yaw_rate = rate @ (up / np.linalg.norm(up))
     grid = np.arange(t_base[0] + 1.0, t_base[-1] - 1.0, 0.05)
     span_s = max(0.2, 2.0 * float(np.median(np.diff(t_base))))
     wheel_rate = (np.interp(grid + span_s, t_base, yaw) - np.interp(grid - span_s, t_base, yaw)) / (
@@ -140,12 +143,14 @@ def _clock_offset(
     )
     if len(grid) < 50 or np.std(wheel_rate) < _LEAST_RATE:
         return 0.0
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (turn[1:] + turn[:-1]) * np.diff(t_imu))])
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (yaw_rate[1:] + yaw_rate[:-1]) * np.diff(t_imu))])
     scores = []
     for offset_s in _OFFSETS_S:
         at = grid - offset_s
-        own = (np.interp(at + span_s, t_imu, angle) - np.interp(at - span_s, t_imu, angle)) / (2 * span_s)
-        scores.append(float(np.corrcoef(own, wheel_rate)[0, 1]))
+        imu_rate = (np.interp(at + span_s, t_imu, angle) - np.interp(at - span_s, t_imu, angle)) / (
+            2 * span_s
+        )
+        scores.append(float(np.corrcoef(imu_rate, wheel_rate)[0, 1]))
     return float(_OFFSETS_S[int(np.argmax(scores))])
 
 

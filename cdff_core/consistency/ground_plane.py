@@ -98,7 +98,10 @@ def _surroundings(points_m: NDArray[np.floating]) -> FloatArray:
 def _fit_plane(
     points: FloatArray, limit_m: FloatArray, normal: FloatArray, offset_m: float
 ) -> GroundPlane | None:
-    """Return the plane through its points, relative to the range of each point."""
+    """Fit a plane to the points within ``limit_m`` (n,) of an initial plane; None if they are too few.
+
+    A point has the weight ``limit_m**-2``, since its error grows with its range.
+    """
     for _ in range(2):
         inliers = np.abs(points @ normal - offset_m) < limit_m
         if np.count_nonzero(inliers) < _LEAST_POINTS:
@@ -109,7 +112,7 @@ def _fit_plane(
         scatter = ((near - mean) * weights[:, None]).T @ (near - mean)
         normal = np.linalg.eigh(scatter)[1][:, 0]
         offset_m = float(normal @ mean)
-        if offset_m > 0.0:
+        if offset_m > 0.0:  # the normal points from the ground to the sensor, the origin
             normal, offset_m = -normal, -offset_m
     fraction = float(np.count_nonzero(np.abs(points @ normal - offset_m) < limit_m)) / len(points)
     return GroundPlane(normal, -offset_m, fraction) if fraction >= _LEAST_FRACTION else None

@@ -257,6 +257,7 @@ class FrameTable:
 
     @staticmethod
     def _edges(connection: Connection, view: HistoryView) -> dict[str, FrameRevision]:
+        """Return the newest revision of each frame that a view of the history contains."""
         f = schema.frames.c
         newest = select(f.frame, func.max(f.revision).label("revision")).group_by(f.frame)
         last = newest.where(*_view_conditions(view)).subquery()

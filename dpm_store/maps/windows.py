@@ -168,12 +168,12 @@ class PatchUsage:
         """Return the patches of several grids without common cells."""
         records = {record.id: record for part in parts for record in part.records}
         return cls(
-            sorted(records.values(), key=lambda r: (r.header.t1_ns, r.id)),
-            sum(part.disagreeing for part in parts),
-            frozenset().union(*(part.resampled_ids for part in parts)),
-            tuple(sorted({frame for part in parts for frame in part.skipped_frames})),
-            frozenset().union(*(part.purged_ids for part in parts)),
-            parts[0].agreements if parts else (),
+            records=sorted(records.values(), key=lambda r: (r.header.t1_ns, r.id)),
+            disagreeing=sum(part.disagreeing for part in parts),
+            resampled_ids=frozenset().union(*(part.resampled_ids for part in parts)),
+            skipped_frames=tuple(sorted({frame for part in parts for frame in part.skipped_frames})),
+            purged_ids=frozenset().union(*(part.purged_ids for part in parts)),
+            agreements=parts[0].agreements if parts else (),
         )
 
     @property

@@ -187,6 +187,7 @@ def _fit_planes(
         for c in range(3):
             plane[FIRST_NORMAL + 3 * half + c] = vectors[c, 0] if dot >= 0.0 else -vectors[c, 0]
     _mean_and_covariance(sums[0] + sums[1], total, m, plane)
+    # The moments are relative to the centre of the voxel, whose three indices the key contains (``pack``).
     mask = (1 << 21) - 1
     plane[0] += ((key >> 42) - _OFFSET + 0.5) * voxel
     plane[1] += (((key >> 21) & mask) - _OFFSET + 0.5) * voxel
