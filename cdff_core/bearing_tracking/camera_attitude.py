@@ -11,7 +11,7 @@ import numpy as np
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.camera import CameraModel
 from cdff_common.geometry import se3
-from cdff_core.bearing_tracking.lens import corrected, distorted
+from cdff_core.bearing_tracking.lens import distort_directions, undistort_directions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +57,7 @@ class CameraAttitude:
         """Return the unit vectors (n, 3) of pixels (n, 2), inertial, or in the camera frame without an
         attitude.
         """
-        rays = corrected(camera.rays(pixels), self.scale, self.radial)
+        rays = undistort_directions(camera.rays(pixels), self.scale, self.radial)
         return rays if self.rotation is None else rays @ self.rotation.T
 
     def pixels(self, camera: CameraModel, directions: FloatArray) -> FloatArray:
@@ -65,7 +65,7 @@ class CameraAttitude:
         camera.
         """
         rays = directions if self.rotation is None else directions @ self.rotation
-        return camera.project(distorted(rays, self.scale, self.radial))
+        return camera.project(distort_directions(rays, self.scale, self.radial))
 
     def covariances(
         self, camera: CameraModel, pixel_covariances: FloatArray, directions: FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 from cdff_common.arrays import FloatArray
 
 
-def corrected(directions: FloatArray, scale: float, radial: float) -> FloatArray:
+def undistort_directions(directions: FloatArray, scale: float, radial: float) -> FloatArray:
     """Return unit vectors (n, 3) for a focal length ``scale`` times the given one and a radial distortion.
 
     The tangents x / z, y / z are multiplied with ``1 / scale + radial r^2``.
@@ -24,8 +24,8 @@ def corrected(directions: FloatArray, scale: float, radial: float) -> FloatArray
     return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
 
 
-def distorted(directions: FloatArray, scale: float, radial: float) -> FloatArray:
-    """Return the inverse of ``corrected``, by fixed-point iteration."""
+def distort_directions(directions: FloatArray, scale: float, radial: float) -> FloatArray:
+    """Return the inverse of ``undistort_directions``, by fixed-point iteration."""
     if scale == 1.0 and radial == 0.0:
         return directions
     with np.errstate(invalid="ignore", divide="ignore"):

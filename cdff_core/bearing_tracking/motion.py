@@ -53,7 +53,7 @@ class BearingStates:
         return BearingStates(self.directions[indices], self.rates[indices], self.covariances[indices])
 
 
-def joined(parts: list[BearingStates]) -> BearingStates:
+def join_states(parts: list[BearingStates]) -> BearingStates:
     """Return the states of several sets, one after the other."""
     return BearingStates(
         np.concatenate([p.directions for p in parts]).reshape(-1, 3),
@@ -77,7 +77,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
-def started(directions: FloatArray, covariances: FloatArray, rate_sigma: float) -> BearingStates:
+def states_at_rest(directions: FloatArray, covariances: FloatArray, rate_sigma: float) -> BearingStates:
     """Return states of measured directions at rest, with a standard deviation of each rate, rad/s.
 
     Parameters
@@ -95,7 +95,9 @@ def started(directions: FloatArray, covariances: FloatArray, rate_sigma: float) 
     return BearingStates(directions.copy(), np.zeros((n, 3)), P)
 
 
-def predicted(states: BearingStates, interval_s: float, noise_rad2_s3: float | FloatArray) -> BearingStates:
+def predict_states(
+    states: BearingStates, interval_s: float, noise_rad2_s3: float | FloatArray
+) -> BearingStates:
     """Return the states after an interval, with white noise of angular acceleration for all or for each."""
     n = len(states)
     if n == 0 or interval_s == 0.0:
@@ -137,7 +139,7 @@ def innovations(
     return innovation, S, H
 
 
-def updated(
+def update_states(
     states: BearingStates, measured: FloatArray, covariances: FloatArray
 ) -> tuple[BearingStates, FloatArray, FloatArray]:
     """Return the states corrected with one measurement each, the squared normalised innovations and ln det S.

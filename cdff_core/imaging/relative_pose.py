@@ -48,7 +48,7 @@ def depths(
     return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
 
 
-def decomposed(
+def decompose_essential(
     E: FloatArray, source: FloatArray, sink: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return R and unit t of ``x_sink = R x_source + t``, and the mask of pairs in front of both cameras.

@@ -21,7 +21,7 @@ import numpy as np
 
 from cdff_common.arrays import FloatArray
 from cdff_common.geometry import se3
-from cdff_core.imaging.relative_pose import angles, decomposed, rays
+from cdff_core.imaging.relative_pose import angles, decompose_essential, rays
 from cdff_core.imaging.sampson import sampson
 from cdff_core.imaging.two_view import fit_essential
 
@@ -79,7 +79,7 @@ def find_minima(
     step = max(len(source) // _SEARCHED_PAIRS, 1)
     source, sink = source[::step], sink[::step]
     source_rays, sink_rays = rays(source, K[0]), rays(sink, K[1])
-    R, t, _ = decomposed(E, source_rays, sink_rays)
+    R, t, _ = decompose_essential(E, source_rays, sink_rays)
     rotation = best_rotation(source_rays, sink_rays)
     normals = np.cross(source_rays @ rotation.T, sink_rays)
     starts = [(R, t), *((rotation, v) for v in np.linalg.eigh(normals.T @ normals)[1].T)]
@@ -102,7 +102,7 @@ def _with_points_in_front(
 ) -> RelativePose:
     """Return the minimum with the decomposition of its E that places most pairs in front of both cameras."""
     source_rays, sink_rays = rays(pairs[0], K[0]), rays(pairs[1], K[1])
-    R, t, is_in_front = decomposed(se3.skew(t) @ R, source_rays, sink_rays)
+    R, t, is_in_front = decompose_essential(se3.skew(t) @ R, source_rays, sink_rays)
     F = np.linalg.inv(K[1]).T @ se3.skew(t) @ R @ np.linalg.inv(K[0])
     cost = float(np.mean(np.minimum(np.abs(sampson(F, *pairs)), gate_px) ** 2))
     sigma_rad = sigma_px * np.sqrt(sum(1.0 / (k[0, 0] * k[1, 1]) for k in K))

@@ -23,7 +23,7 @@ class BlockConfig(DfnConfig):
     rows_per_pixel: int = Field(2, ge=1, le=64, description="Rows averaged into one, px")
 
 
-def shrunk(frame: Frame, block: BlockConfig) -> Frame:
+def reduce_image(frame: Frame, block: BlockConfig) -> Frame:
     """Return the image of the means of all blocks of pixels; incomplete blocks are cut off.
 
     Pixel centres have whole coordinates: the centre of the new pixel 0 is at ``(columns - 1) / 2`` in old

@@ -17,7 +17,7 @@ _RANK = 1e-3
 _ROUNDS = 20
 
 
-def decimated(
+def decimate(
     vertices_m: FloatArray, triangles: IntArray, max_triangles: int
 ) -> tuple[FloatArray, IntArray, float]:
     """Return vertices (n, 3), at most ``max_triangles`` triangles (m, 3), and the edge of the clusters.

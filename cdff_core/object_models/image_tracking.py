@@ -27,7 +27,7 @@ from cdff_core.object_models.rendering import Window, silhouette_pixels
 from cdff_core.object_models.scan_detection import bounded_noise, on_surface
 from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, body_ball
 from cdff_core.object_models.scan_parts import range_noise
-from cdff_core.object_models.state_filter import adapted
+from cdff_core.object_models.state_filter import adapt_noise
 from cdff_core.object_models.texture_fit import SeenBody, TextureFitter
 from cdff_core.object_models.tracked_state import TrackedState
 
@@ -245,7 +245,7 @@ class ImageTracking(BodyTracking):
         self, view: RgbdSamples, predicted: TrackedState, fit: ViewFit, reasons: list[str]
     ) -> Iterable[Output]:
         """Use a corrected state and publish it."""
-        self._state, self._unused = adapted(predicted, fit.state), 0
+        self._state, self._unused = adapt_noise(predicted, fit.state), 0
         self._used += 1
         self._last_used_ns = view.newest.stamp_ns
         self._seen = None if fit.grey is None else SeenBody(fit.grey, self._state)

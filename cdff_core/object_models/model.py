@@ -13,7 +13,7 @@ from pydantic import Field
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import StrictModel
-from cdff_core.object_models.decimation import decimated
+from cdff_core.object_models.decimation import decimate
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_grid
 from cdff_core.object_models.surface import VisibleSurface, visible_surface
 from cdff_core.object_models.symmetry import SymmetryGroup, symmetry_group
@@ -98,7 +98,7 @@ def prepare_model(
     surface = visible_surface(
         v, t, points=config.points, views=config.views, pixels=config.view_pixels, seed=seed
     )
-    drawn_vertices, drawn_triangles, _ = decimated(v, surface.triangles, config.max_triangles)
+    drawn_vertices, drawn_triangles, _ = decimate(v, surface.triangles, config.max_triangles)
     grid = nearest_grid(surface.points_m, config.grid_cells)
     symmetry = symmetry_group(surface, grid, config.symmetry_tolerance)
     return ObjectModel(drawn_vertices, drawn_triangles, surface, grid, symmetry)

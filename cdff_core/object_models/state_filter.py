@@ -148,10 +148,10 @@ class StateFilter:
                 covariance=predicted.covariance,
             )
         )
-        return adapted(predicted, predicted.corrected(outputs.correction, outputs.covariance))
+        return adapt_noise(predicted, predicted.corrected(outputs.correction, outputs.covariance))
 
 
-def adapted(predicted: TrackedState, corrected: TrackedState) -> TrackedState:
+def adapt_noise(predicted: TrackedState, corrected: TrackedState) -> TrackedState:
     """Return the corrected state with the noise of its accelerations adapted to the size of the correction.
 
     The covariance of a correction is the decrease of that of the state (Mehra 1970,

@@ -14,7 +14,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.apparent_size_ranging.interface import Inputs, Interface, Outputs
 from cdff_core.dfns.apparent_size_ranging.lit_body import lit_body
-from cdff_core.dfns.apparent_size_ranging.similarity import Similarity, registered
+from cdff_core.dfns.apparent_size_ranging.similarity import Similarity, register_similarity
 from cdff_core.object_models.rendering import Window
 
 #: Levels of brightness, relative to the median, at which the certain and the possible outline are drawn.
@@ -134,7 +134,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         blurs: tuple[float, ...] = (max(0.06 * extent_px, 1.0), max(0.02 * extent_px, 0.6), 0.0)
         for _ in range(_RENDERINGS):
             template = self._render_at(inputs, range_m, origin, image.shape, extent_px)
-            found: Similarity = registered(target, template, origin, blurs)
+            found: Similarity = register_similarity(target, template, origin, blurs)
             range_m, origin = range_m / found.scale, origin + found.shift_px
             blurs = blurs[-1:]
         if not found.agreement >= self.config.min_agreement:

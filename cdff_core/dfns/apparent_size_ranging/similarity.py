@@ -36,7 +36,7 @@ class Similarity(NamedTuple):
     agreement: float
 
 
-def registered(
+def register_similarity(
     image: Float32Array, template: Float32Array, origin_px: FloatArray, blurs_px: tuple[float, ...]
 ) -> Similarity:
     """Return the similarity by Gauss-Newton with Huber weights, from coarse to fine.

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.bearing_tracking.motion import BearingStates, is_observed, predicted, updated
+from cdff_core.bearing_tracking.motion import BearingStates, is_observed, predict_states, update_states
 from cdff_core.dfns.bearing_filtering.interface import Inputs, Interface, Outputs
 
 
@@ -34,7 +34,7 @@ class ConstantAngularVelocity(Interface[ConstantAngularVelocityConfig]):
         """
         if not (np.isfinite(inputs.interval) and inputs.interval >= 0.0):
             raise InputError(f"interval={inputs.interval}: expected seconds, at least 0")
-        states = predicted(
+        states = predict_states(
             BearingStates(inputs.directions, inputs.rates, inputs.covariances),
             inputs.interval,
             self.config.noise_rad2_s3,
@@ -44,7 +44,7 @@ class ConstantAngularVelocity(Interface[ConstantAngularVelocityConfig]):
             if inputs.measured_covariances is None:
                 raise InputError("measuredCovariances: None, expected one matrix for each measured direction")
             seen = np.flatnonzero(is_observed(inputs.measured))
-            corrected, nis[seen], _ = updated(
+            corrected, nis[seen], _ = update_states(
                 states.selected(seen), inputs.measured[seen], inputs.measured_covariances[seen]
             )
             states = _replace_rows(states, seen, corrected)

@@ -17,7 +17,7 @@ from cdff_core.imaging.relative_pose import (
     MIN_IN_FRONT,
     angles,
     checked_cameras,
-    decomposed,
+    decompose_essential,
     depths,
     fit_in_front,
     rays,
@@ -61,7 +61,7 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
         E = np.asarray(inputs.essential_matrix, np.float64)
         K = checked_cameras(inputs.source_camera, inputs.sink_camera)
         source_rays, sink_rays = rays(source, K[0]), rays(sink, K[1])
-        R, t, _ = decomposed(E, source_rays, sink_rays)
+        R, t, _ = decompose_essential(E, source_rays, sink_rays)
         fit, R, t = fit_in_front(R, t, K, source, sink, cfg.gate_sigmas, cfg.threshold_px, cfg.lenses)
         sigma_rad = fit.sigma_px / float(np.sqrt(K[1][0, 0] * K[1][1, 1]))
         self._refuse_rotation(source_rays[fit.inliers], sink_rays[fit.inliers], sigma_rad)

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from cdff_core.dfns.image_degradation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.resizing import BlockConfig, shrunk
+from cdff_core.imaging.resizing import BlockConfig, reduce_image
 
 
 class AreaAverage(Interface[BlockConfig]):
@@ -13,4 +13,4 @@ class AreaAverage(Interface[BlockConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the reduced image; raises InputError if the input is smaller than one block."""
-        return Outputs(image=shrunk(inputs.image, self.config))
+        return Outputs(image=reduce_image(inputs.image, self.config))

@@ -11,7 +11,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
-from cdff_core.bearing_tracking.motion import BearingStates, across, joined, predicted, started, updated
+from cdff_core.bearing_tracking.motion import (
+    BearingStates,
+    across,
+    join_states,
+    predict_states,
+    states_at_rest,
+    update_states,
+)
 
 #: Number of images after which a decision between hypotheses is final.
 DEPTH = 4
@@ -75,13 +82,13 @@ class Hypotheses:
         """
         unseen_s = self.misses * interval_s
         noise = np.asarray(noise_rad2_s3 + 3.0 * acceleration_rad_s2**2 * unseen_s, np.float64)
-        return replace(self, states=predicted(self.states, interval_s, noise))
+        return replace(self, states=predict_states(self.states, interval_s, noise))
 
 
 def joined_hypotheses(parts: list[Hypotheses]) -> Hypotheses:
     """Return the rows of several tables."""
     columns: dict[str, Any] = {
-        f.name: joined([getattr(p, f.name) for p in parts])
+        f.name: join_states([getattr(p, f.name) for p in parts])
         if f.name == "states"
         else np.concatenate([getattr(p, f.name) for p in parts])
         for f in fields(Hypotheses)
@@ -117,7 +124,7 @@ def new_hypotheses(
 def no_hypotheses() -> Hypotheses:
     """Return a table without rows."""
     none = np.zeros(0, np.int64)
-    states = started(np.zeros((0, 3)), np.zeros((0, 3, 3)), 1.0)
+    states = states_at_rest(np.zeros((0, 3)), np.zeros((0, 3, 3)), 1.0)
     return new_hypotheses(none, states, none, np.zeros((0, 2)), np.zeros(0))
 
 
@@ -135,7 +142,7 @@ class Sources:
         return len(self.directions)
 
 
-def extended(
+def extend_with_sources(
     hypotheses: Hypotheses,
     sources: Sources,
     *,
@@ -177,7 +184,7 @@ def extended(
     parents, chosen = np.nonzero(near)
     if len(parents) == 0:
         return missed
-    states, nis, log_det = updated(
+    states, nis, log_det = update_states(
         hypotheses.states.selected(parents), sources.directions[chosen], sources.covariances[chosen]
     )
     inside = nis < gate
@@ -199,7 +206,7 @@ def extended(
     return joined_hypotheses([missed, taken])
 
 
-def assigned(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray:
+def best_assignment(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray:
     """Return the rows of the best set of hypotheses: one per object, each source used at most once.
 
     Confirmed objects choose first, so that a new object does not take their source.
@@ -231,7 +238,7 @@ def _assign_sources(hypotheses: Hypotheses) -> IntArray:
     return np.asarray(row[rows, columns])
 
 
-def pruned(hypotheses: Hypotheses, best: IntArray, count: int, width: float) -> tuple[Hypotheses, IntArray]:
+def prune(hypotheses: Hypotheses, best: IntArray, count: int, width: float) -> tuple[Hypotheses, IntArray]:
     """Return the hypotheses that are kept and the rows of the best ones among them.
 
     Kept are at most ``count`` per object whose score is within ``width`` of the best one, and whose oldest

@@ -13,17 +13,17 @@ from scipy.spatial import cKDTree
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.errors import InputError
 from cdff_common.interfaces.dfn import DfnConfig
-from cdff_core.bearing_tracking.motion import across, motion_significance, started, tangents
+from cdff_core.bearing_tracking.motion import across, motion_significance, states_at_rest, tangents
 from cdff_core.dfns.multi_target_association.hypotheses import (
     Hypotheses,
     Sources,
-    assigned,
-    extended,
+    best_assignment,
+    extend_with_sources,
     is_repeated,
     joined_hypotheses,
     new_hypotheses,
     no_hypotheses,
-    pruned,
+    prune,
 )
 from cdff_core.dfns.multi_target_association.interface import Inputs, Interface, Outputs
 from cdff_core.dfns.multi_target_association.resting_sources import KNOWN, REPEATED, RestingSources
@@ -211,7 +211,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
             distances, _ = cKDTree(obstacles).query(predicted.states.directions)
             hidden |= distances < reach
         missed[hidden] = np.log(0.5)
-        return extended(
+        return extend_with_sources(
             predicted,
             candidates,
             log_density=float(np.log(density)),
@@ -225,12 +225,12 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         """Remove unlikely hypotheses and ended objects; return the rows of the best hypotheses."""
         h = self._hypotheses
         is_confirmed = self._is_confirmed(h)
-        best = assigned(h, is_confirmed)
+        best = best_assignment(h, is_confirmed)
         is_confirmed = is_confirmed[best]
         ends = ~is_confirmed & ((h.misses[best] > self.config.max_misses) | (h.evidence[best] > 20.0))
         ends |= is_repeated(h, best) & ~is_confirmed
         best = best[~ends]
-        self._hypotheses, best = pruned(h, best, self.config.max_hypotheses, self.config.score_width)
+        self._hypotheses, best = prune(h, best, self.config.max_hypotheses, self.config.score_width)
         return best
 
     def _without_repetitions(self, best: IntArray) -> IntArray:
@@ -379,7 +379,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         free = is_new & ~np.isin(candidates.indices, taken)
         if not free.any():
             return best
-        states = started(
+        states = states_at_rest(
             candidates.directions[free], candidates.covariances[free], 0.5 * self.config.max_rate_rad_s
         )
         rows = new_hypotheses(

@@ -17,7 +17,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.stars import StarCatalogue, load_catalogue
 from cdff_core.bearing_tracking import wahba
-from cdff_core.bearing_tracking.lens import corrected
+from cdff_core.bearing_tracking.lens import undistort_directions
 from cdff_core.dfns.star_identification.interface import Inputs, Interface, Outputs
 
 #: Interval after which the proper motions are applied again, nanoseconds (30 days).
@@ -240,7 +240,7 @@ class PairVerification(Interface[PairVerificationConfig]):
 
     def _match_sources(self, directions: FloatArray, match: _Match, reach: float) -> _Match:
         """Return the match with the nearest star of each source within a distance, each star used once."""
-        expected = corrected(directions, match.scale, match.radial) @ match.rotation.T
+        expected = undistort_directions(directions, match.scale, match.radial) @ match.rotation.T
         distances, stars = self._tree.query(expected, distance_upper_bound=reach)  # type: ignore[union-attr]
         sources = np.flatnonzero(np.isfinite(distances))
         order = sources[np.argsort(distances[sources], kind="stable")]
@@ -278,7 +278,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         stars[match.sources] = match.stars
         references = np.full(inputs.directions.shape, np.nan)
         references[match.sources] = self._catalogue.directions[match.stars]  # type: ignore[union-attr]
-        directions = corrected(inputs.directions, match.scale, match.radial)
+        directions = undistort_directions(inputs.directions, match.scale, match.radial)
         angles = np.linalg.norm(
             directions[match.sources] @ match.rotation.T - references[match.sources], axis=1
         )
@@ -300,7 +300,7 @@ def _adjust(directions: FloatArray, match: _Match, catalogue: StarCatalogue | No
     assert catalogue is not None
     b, r = directions[match.sources], catalogue.directions[match.stars]
     weights = np.ones(len(b))
-    R = wahba.rotation(corrected(b, match.scale, match.radial), r, weights)
+    R = wahba.rotation(undistort_directions(b, match.scale, match.radial), r, weights)
     if len(b) < _MIN_SCALE_STARS:
         return _Match(match.sources, match.stars, R, match.scale, match.radial)
     # In the camera frame, tangents of the stars are those of the sources times (1 / scale + radial r^2),
@@ -322,7 +322,7 @@ def _adjust(directions: FloatArray, match: _Match, catalogue: StarCatalogue | No
     A = np.column_stack(columns)
     solution = np.linalg.lstsq(A, np.concatenate([x, y]), rcond=None)[0]
     scale, radial = 1.0 / solution[0], float(solution[4]) if len(solution) > 4 else 0.0
-    R = wahba.rotation(corrected(b, scale, radial), r, weights)
+    R = wahba.rotation(undistort_directions(b, scale, radial), r, weights)
     return _Match(match.sources, match.stars, R, float(scale), radial)
 
 

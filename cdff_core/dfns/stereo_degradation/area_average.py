@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from cdff_common.errors import InputError
 from cdff_core.dfns.stereo_degradation.interface import Inputs, Interface, Outputs
-from cdff_core.imaging.resizing import BlockConfig, shrunk
+from cdff_core.imaging.resizing import BlockConfig, reduce_image
 
 
 class AreaAverage(Interface[BlockConfig]):
@@ -21,5 +21,5 @@ class AreaAverage(Interface[BlockConfig]):
             raise InputError(
                 f"left {pair.left.image.shape}, right {pair.right.image.shape}: expected the same size"
             )
-        left, right = (shrunk(image, self.config) for image in (pair.left, pair.right))
+        left, right = (reduce_image(image, self.config) for image in (pair.left, pair.right))
         return Outputs(pair=replace(pair, left=left, right=right))

@@ -20,7 +20,7 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_common.stars import sun_position_m
 from cdff_common.types import Mesh
 from cdff_core.bearing_tracking.camera_attitude import CameraAttitude
-from cdff_core.bearing_tracking.lens import distorted
+from cdff_core.bearing_tracking.lens import distort_directions
 from cdff_core.dfns.apparent_size_ranging.interface import (
     ApparentSizeRangingInputs,
     ApparentSizeRangingOutputs,
@@ -236,7 +236,7 @@ class _Window:
         u = (np.arange(side) - 0.5 * (side - 1)) / focal
         grid = np.stack([*np.meshgrid(u, u), np.ones((side, side))], axis=-1).reshape(-1, 3) @ R
         grid /= np.linalg.norm(grid, axis=1, keepdims=True)
-        pixels = camera.project(distorted(grid, attitude.scale, attitude.radial))
+        pixels = camera.project(distort_directions(grid, attitude.scale, attitude.radial))
         pixels = pixels.reshape(side, side, 2).astype(np.float32)
         residual = image.residual
         if factor > 1.0:

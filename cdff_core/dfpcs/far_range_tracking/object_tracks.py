@@ -14,9 +14,9 @@ from cdff_common.types import ObjectTrackStatusT
 from cdff_core.bearing_tracking.motion import (
     BearingStates,
     across,
-    joined,
+    join_states,
     motion_significance,
-    started,
+    states_at_rest,
     tangents,
 )
 from cdff_core.dfns.appearance_tracking.interface import AppearanceTrackingInputs, AppearanceTrackingOutputs
@@ -196,7 +196,7 @@ class ObjectTracks:
         """Return the expected image positions (m, 2) and their standard deviations (m,), pixels."""
         if not self.objects:
             return np.zeros((0, 2)), np.zeros(0)
-        states = joined([o.states for o in self.objects])
+        states = join_states([o.states for o in self.objects])
         pixels = scene.observer.attitude.pixels(scene.camera, states.directions)
         position, _ = across(states)
         noise = np.trace(scene.observer.attitude.covariance) / 3.0
@@ -420,7 +420,7 @@ class ObjectTracks:
         """Return an unconfirmed object at an image position, with unknown velocity."""
         attitude = scene.observer.attitude
         direction = attitude.directions(scene.camera, position_px[None])
-        states = started(
+        states = states_at_rest(
             direction,
             attitude.covariances(scene.camera, covariance[None], direction),
             0.5 * self._config.max_rate_rad_s,

@@ -30,7 +30,7 @@ from cdff_core.object_models.scan_detection import (
 )
 from cdff_core.object_models.scan_fit import ScanFit, ScanFitter
 from cdff_core.object_models.scan_parts import bodies, range_noise
-from cdff_core.object_models.state_filter import adapted
+from cdff_core.object_models.state_filter import adapt_noise
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Difference of -2 log likelihood up to which a detection has alternatives, and number of bodies that are
@@ -111,7 +111,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         reasons: list[str],
     ) -> Iterable[Output]:
         """Use a corrected state and publish it."""
-        self._state, self._unused, self._last_used_ns = adapted(predicted, fit.state), 0, sample.stamp_ns
+        self._state, self._unused, self._last_used_ns = adapt_noise(predicted, fit.state), 0, sample.stamp_ns
         self._used += 1
         if not self.config.sigma_m:
             noise_m = bounded_noise(fit.sigma_m, model.diameter_m)

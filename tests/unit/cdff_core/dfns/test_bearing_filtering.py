@@ -7,7 +7,7 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
-from cdff_core.bearing_tracking.motion import BearingStates, across, started
+from cdff_core.bearing_tracking.motion import BearingStates, across, states_at_rest
 from cdff_core.dfns.bearing_filtering.constant_angular_velocity import ConstantAngularVelocity
 from cdff_core.dfns.bearing_filtering.interface import BearingFilteringInputs, BearingFilteringOutputs
 
@@ -49,7 +49,7 @@ def track(rng: np.random.Generator, times_s: np.ndarray) -> tuple[BearingStates,
     dfn, truth = make(), small_circle(times_s)
     noisy = truth + rng.normal(0.0, SIGMA, truth.shape)
     noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
-    states = started(noisy[:1], np.eye(3)[None] * SIGMA**2, 1.5e-3)
+    states = states_at_rest(noisy[:1], np.eye(3)[None] * SIGMA**2, 1.5e-3)
     nis = []
     for k in range(1, len(times_s)):
         out = step(dfn, states, float(times_s[k] - times_s[k - 1]), noisy[k : k + 1])
@@ -87,7 +87,7 @@ def test_a_coasting_direction_stays_within_its_growing_covariance_for_35_minutes
 
 
 def test_an_object_without_measurement_is_predicted_only_and_time_going_backwards_is_refused() -> None:
-    states = started(np.eye(3)[:2], np.repeat(np.eye(3)[None] * SIGMA**2, 2, axis=0), 1e-3)
+    states = states_at_rest(np.eye(3)[:2], np.repeat(np.eye(3)[None] * SIGMA**2, 2, axis=0), 1e-3)
     out = step(make(), states, 1.0, np.array([[1.0, 1e-4, 0.0], [np.nan] * 3]))
     assert np.isfinite(out.nis[0])
     assert np.isnan(out.nis[1])

@@ -11,7 +11,7 @@ import pytest
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.stars import load_catalogue, visible_stars
-from cdff_core.bearing_tracking.lens import corrected, distorted
+from cdff_core.bearing_tracking.lens import distort_directions, undistort_directions
 from cdff_core.dfns.star_identification.interface import StarIdentificationInputs, StarIdentificationOutputs
 from cdff_core.dfns.star_identification.pair_verification import PairVerification
 from tests.support.star_scene import CAMERA, T0_NS, pointing
@@ -85,10 +85,12 @@ def test_errors_of_focal_length_and_distortion_are_measured(
     identify: Callable[..., StarIdentificationOutputs],
 ) -> None:
     directions, _ = seen_stars(pointing(290.0, 20.0, 10.0), np.random.default_rng(2))
-    result = identify(distorted(directions, 1.004, -0.1))
+    result = identify(distort_directions(directions, 1.004, -0.1))
     assert result.scale == pytest.approx(1.004, abs=3e-4)
     assert result.radial == pytest.approx(-0.1, abs=0.03)
-    assert corrected(distorted(directions, 1.004, -0.1), 1.004, -0.1) == pytest.approx(directions, abs=1e-9)
+    assert undistort_directions(distort_directions(directions, 1.004, -0.1), 1.004, -0.1) == pytest.approx(
+        directions, abs=1e-9
+    )
 
 
 @pytest.mark.slow
@@ -103,7 +105,7 @@ def test_random_points_few_points_and_a_wrong_focal_length_are_refused(
         identify(points[:3])
     directions, _ = seen_stars(pointing(290.0, 20.0, 10.0), rng)
     with pytest.raises(RefusedError, match="focal length"):
-        identify(distorted(directions, 1.2, 0.0))
+        identify(distort_directions(directions, 1.2, 0.0))
 
 
 def test_photographs_of_stars_are_solved_to_ten_arc_seconds(

@@ -9,7 +9,7 @@ import pytest
 
 from cdff_common.errors import DegenerateGeometryError, InputError
 from cdff_common.geometry import se3
-from cdff_core.object_models.decimation import decimated
+from cdff_core.object_models.decimation import decimate
 from cdff_core.object_models.model import PreparationConfig, content_hash, prepare_model
 from cdff_core.object_models.nearest_grid import nearest_grid
 from cdff_core.object_models.surface import VisibleSurface, visible_surface
@@ -93,10 +93,10 @@ def test_decimation_keeps_the_shape_within_a_cluster() -> None:
     sphere = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1).reshape(-1, 3)
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     triangles = np.concatenate([np.stack([i, i + 1, i + n], 1), np.stack([i + 1, i + n + 1, i + n], 1)])
-    vertices, kept, cell = decimated(sphere, triangles, 1000)
+    vertices, kept, cell = decimate(sphere, triangles, 1000)
     assert 400 < len(kept) <= 1000
     assert np.abs(np.linalg.norm(vertices, axis=1) - 1.0).max() < cell
-    assert decimated(sphere, triangles, 10_000)[2] == 0.0
+    assert decimate(sphere, triangles, 10_000)[2] == 0.0
 
 
 def test_faulty_meshes_are_refused() -> None:
