@@ -56,7 +56,7 @@ class RectifiedCamera:
         )
 
     def projection_jacobian(self, points_m: ArrayLike) -> FloatArray:
-        """Return the derivatives ``(n, 3, 3)`` of ``project`` by the point."""
+        """Return the derivatives ``(n, 3, 3)`` of ``project`` with respect to the point."""
         x, y, z = np.asarray(points_m, dtype=np.float64).T
         J = np.zeros((len(z), 3, 3))
         J[:, 0, 0], J[:, 0, 2] = self.fx / z, -self.fx * x / z**2

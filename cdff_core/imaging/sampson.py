@@ -30,7 +30,9 @@ def sampson(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
 
 
 def sampson_derivative(F: FloatArray, source: FloatArray, sink: FloatArray) -> FloatArray:
-    """Return the derivative ``(n, 1, 9)`` of the Sampson distances by the row-major entries of F."""
+    """Return the derivative ``(n, 1, 9)`` of the Sampson distances with respect to the row-major entries of
+    F.
+    """
     return _derivatives(*_contiguous(F, source, sink))
 
 

@@ -126,7 +126,9 @@ def homography_residuals(H: FloatArray, source: FloatArray, sink: FloatArray) ->
 
 
 def _homography_derivative(H: FloatArray, source: FloatArray) -> FloatArray:
-    """Return the derivative ``(n, 2, 9)`` of ``homography_residuals`` by the row-major entries of H."""
+    """Return the derivative ``(n, 2, 9)`` of ``homography_residuals`` with respect to the row-major entries
+    of H.
+    """
     x = homogeneous(source)
     moved = x @ H.T
     J = np.zeros((len(x), 2, 9))
@@ -325,9 +327,10 @@ class _Model:
     residuals : callable
         Returns the residuals ``(n, k)`` of a matrix.
     jacobian : callable
-        Returns the derivative ``(n, k, d)`` of the residuals by the parameters, given the matrix at them.
+        Returns the derivative ``(n, k, d)`` of the residuals with respect to the parameters, given the
+        matrix at them.
     matrix_derivative : callable
-        Returns the derivative ``(9, d)`` of the matrix by the parameters.
+        Returns the derivative ``(9, d)`` of the matrix with respect to the parameters.
     dimension : int
         Number of parameters d.
     cells : ndarray of int, shape (n,)
@@ -424,7 +427,7 @@ def _with_covariance(
     It is ``(J'J)^-1 sum(s s') (J'J)^-1`` with ``s = J' r / (1 - h)`` of each pair and its leverage h ([5]_),
     which is consistent for pairs of different noise, and for errors that are equal within a cell of the image
     (``cells`` ``(n,)``). It is enlarged for outliers within the gate of a line, and propagated to the nine
-    matrix entries; ``D`` (9, d) is the derivative of the matrix by the parameters.
+    matrix entries; ``D`` (9, d) is the derivative of the matrix with respect to the parameters.
     """
     dimension = J.shape[-1]
     size = _size(r)

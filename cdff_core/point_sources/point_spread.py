@@ -17,8 +17,8 @@ _SAMPLES = 3
 def pixel_light(du: float, dv: float, inverse: FloatArray, out: FloatArray) -> None:
     """Set ``out`` (6,) to the part of the light in a pixel and its derivatives, without the normalisation.
 
-    Derivatives by the position u, v, and the sums of u u, u v, v v weighted with the light, for those by
-    the shape.
+    Derivatives with respect to the position u, v, and the sums of u u, u v, v v weighted with the light, for
+    those by the shape.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ def pixel_light(du: float, dv: float, inverse: FloatArray, out: FloatArray) -> N
 
 @njit(cache=True)
 def axis_light(first: int, count: int, centre: float, variance: float, out: FloatArray) -> None:
-    """Set ``out[:count]`` to the light of pixels along one axis, and its derivative by the centre."""
+    """Set ``out[:count]`` to the light of pixels along one axis, and its derivative with respect to the
+    centre.
+    """
     for i in range(count):
         light, slope = 0.0, 0.0
         for k in range(_SAMPLES):

@@ -48,7 +48,7 @@ class StereoMeasurement:
     measurements : ndarray, shape (n, 3)
         Column, row and disparity, corrected as far as row offsets determine the errors, pixels.
     basis : ndarray, shape (n, 2)
-        Derivatives of the disparities by the two errors that the row offsets do not determine.
+        Derivatives of the disparities with respect to the two errors that the row offsets do not determine.
     camera_matrix : ndarray, shape (3, 3)
     baseline_m : float
     open_covariance : ndarray, shape (2, 2)

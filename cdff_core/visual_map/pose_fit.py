@@ -111,7 +111,9 @@ def robust_step(
 def linearised_directions(
     T: FloatArray, points: FloatArray, covariances: FloatArray, directions: FloatArray, sigma: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return residuals (n, 2), derivatives (n, 2, 6) by a perturbation from the left, weights (n, 2, 2)."""
+    """Return residuals (n, 2), derivatives (n, 2, 6) with respect to a perturbation from the left, weights
+    (n, 2, 2).
+    """
     p = se3.transform_points(T, points)
     z = np.where(p[:, 2] > 1e-3, p[:, 2], np.inf)
     projected = p[:, :2] / z[:, None]

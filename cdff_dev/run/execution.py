@@ -129,7 +129,9 @@ def _run_dfpc(
 
 
 def _samples(values: Mapping[str, Any], seq: int) -> Iterator[Sample]:
-    """Yield the values of one time as samples, models first: data do not wait for the first one only."""
+    """Yield the values of one time as samples, lists (of models) first, so that all models are known before
+    the data arrive.
+    """
     queue = [(port, v) for port in sorted(values) if isinstance(values[port], list) for v in values[port]]
     queue += [(port, values[port]) for port in sorted(values) if not isinstance(values[port], list)]
     stamp_ns = max((int(getattr(v, "stamp_ns", 0)) for _, v in queue), default=0)

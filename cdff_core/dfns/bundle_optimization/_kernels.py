@@ -115,7 +115,7 @@ def _derivatives(
     z, a, b, r2, s, u, w = _project(R, c, v, X)
     iz = 1.0 / z
     ds = v[4] + r2 * (2.0 * v[5] + 3.0 * r2 * v[8])  # derivative of s by r2
-    # Derivatives of the distorted coordinates u, w by a, b; that of u by b equals that of w by a.
+    # Derivatives of the distorted coordinates u, w with respect to a, b; du/db equals dw/da.
     uu = s + 2.0 * a * a * ds + 2.0 * v[6] * b + 6.0 * v[7] * a
     uw = 2.0 * a * b * ds + 2.0 * v[6] * a + 2.0 * v[7] * b
     ww = s + 2.0 * b * b * ds + 6.0 * v[6] * b + 2.0 * v[7] * a

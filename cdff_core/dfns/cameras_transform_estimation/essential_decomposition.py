@@ -73,7 +73,8 @@ class EssentialDecomposition(Interface[EssentialDecompositionConfig]):
         inliers = fit.inliers & is_in_front
         refuse_few_inliers(inliers, cfg.min_inliers)
         parallax = float(np.median(angles(source_rays[inliers] @ R.T, sink_rays[inliers])))
-        # Derivative of the pose perturbation by the five parameters: rotation, direction of translation.
+        # Derivative of the pose perturbation with respect to the five parameters: rotation, direction of
+        # translation.
         J = np.zeros((6, 5))
         J[:3, 3:], J[3:, :3] = tangents(t), np.eye(3)
         T_sink_source = se3.transform(R, t)

@@ -149,7 +149,8 @@ def _transform_about(centre: FloatArray, correction: FloatArray) -> FloatArray:
 
 
 def _jacobian(lever_arm_m: FloatArray, slopes: FloatArray) -> FloatArray:
-    """Return the derivatives ``(n, 6)`` of the heights above the planes by translation and rotation.
+    """Return the derivatives ``(n, 6)`` of the heights above the planes with respect to translation and
+    rotation.
 
     ``lever_arm_m`` is the offset of each point from the centre of rotation.
     """
