@@ -70,8 +70,7 @@ class ObjectTracks:
     Parameters
     ----------
     filter_seen, coast, match, associate : Dfn
-        DFNs of the slots: filter of objects seen in the last image, filter of coasting objects, comparison
-        of the appearance, and association with regions.
+        Filters of seen and of coasting objects, comparison of the appearance, association with regions.
     """
 
     def __init__(
