@@ -52,7 +52,8 @@ class AttitudeFromDirectionsOutputs:
     inliers : ndarray of bool, shape (n)
         Pairs that agree with the rotation.
     residual : float
-        Root mean square of the angles of the inliers, radians.
+        Root mean square of the angles between directions and references after the rotation, over the
+        inliers, radians.
     """
 
     rotation: NDArray[np.float64]
