@@ -54,6 +54,7 @@ def status(bus: Bus) -> dict[str, Any]:
     return body
 
 
+@pytest.mark.req("CDFF-SUP-197")
 def test_the_cheap_implementation_serves_a_request_and_the_precise_one_bounds_on_the_accuracy(
     endpoint: str, driver: Driver
 ) -> None:
@@ -69,6 +70,7 @@ def test_the_cheap_implementation_serves_a_request_and_the_precise_one_bounds_on
     assert (status(driver.bus)["implementation"], status(driver.bus)["adjusted"]) == ("Troublemaker", {})
 
 
+@pytest.mark.req("CDFF-SUP-197")
 def test_standing_requests_share_the_shortest_period_and_the_change_is_undone(
     endpoint: str, driver: Driver
 ) -> None:

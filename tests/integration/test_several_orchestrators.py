@@ -126,6 +126,7 @@ def test_the_ground_delegates_a_request_to_the_orchestrator_of_the_robot(
     eventually(lambda: "deactivated" in driver.events, 15, "deactivation by the owner")
 
 
+@pytest.mark.req("CDFF-SUP-196")
 def test_a_standing_request_outlives_the_orchestrator_of_its_robot_and_no_dfpc_starts_twice(
     fleet: Fleet, driver: Driver
 ) -> None:
@@ -164,6 +165,7 @@ def test_a_second_orchestrator_of_a_scope_ends_with_the_reason(fleet: Fleet) -> 
     assert "another orchestrator leads ground" in log
 
 
+@pytest.mark.req("CDFF-SUP-196")
 def test_in_a_partition_the_robot_keeps_its_orchestrator_and_is_not_orchestrated_twice_afterwards(
     tmp_path: Path,
 ) -> None:

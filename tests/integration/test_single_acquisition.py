@@ -45,6 +45,7 @@ def driver(endpoint: str) -> Iterator[Driver]:
         result.stop()
 
 
+@pytest.mark.req("CDFF-SUP-198")
 def test_one_sample_is_acquired_with_the_requested_direction_and_the_product_of_it_delivered(
     endpoint: str, driver: Driver
 ) -> None:

@@ -267,6 +267,7 @@ def test_providers_are_not_stopped_if_that_is_not_sufficient_or_not_necessary() 
     assert fits.takes == ()
 
 
+@pytest.mark.req("CDFF-SUP-199")
 def test_a_plan_within_the_power_and_heat_of_the_robot_selects_modes_and_states_the_excess() -> None:
     modes = {"off": False, "fast": True, "slow": True}
     needs = {"off": {"power_w": 1.0}, "fast": {"power_w": 9.0}, "slow": {"power_w": 4.0}}
