@@ -37,7 +37,7 @@ POINTS = 83_333  # 12 bytes each
 TIMEOUT_S = 20.0
 SETTINGS = f"""robot: mana
 inputs:
-  - {{topic: /points, type: {CLOUD}, stream: lidar/scan, frame: mana/lidar}}
+  - {{topic: /points, type: {CLOUD}, stream: lidar/scan, frame: mana/lidar, codec: msgpack}}
 """
 
 

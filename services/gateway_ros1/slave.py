@@ -16,7 +16,7 @@ logger = logging.getLogger(__name__)
 
 
 class NodeState(Protocol):
-    """What a node tells others about itself."""
+    """State of a node that it reports to others."""
 
     master_uri: str
 

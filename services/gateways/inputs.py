@@ -84,6 +84,7 @@ class InputLink:
             robot=names.robot,
             bus=bus,
             on_clock_fault=entry.on_clock_fault,
+            codec=entry.codec,
         )
 
     def close(self) -> None:

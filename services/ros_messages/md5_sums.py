@@ -33,7 +33,7 @@ def service_md5(types: RosTypes, request: str, response: str) -> str:
 
 
 def _hash_text(types: RosTypes, type_name: str) -> str:
-    """Return the text whose MD5 is the sum: nested types have theirs in place of their name."""
+    """Return the text whose MD5 is the sum: nested types have their sum in place of their name."""
     constants, members = types.store.fielddefs[type_name]
     lines = [f"{kind} {name}={value}" for name, kind, value in constants]
     return "\n".join(

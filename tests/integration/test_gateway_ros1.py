@@ -174,7 +174,7 @@ def publish_products(bus: Bus) -> None:
 
 
 def exchange(bus: Bus, robot: Robot) -> dict[str, Any]:
-    """Run the peer until it has everything; return what it prints."""
+    """Run the peer until it has everything; return the JSON that it prints."""
     with robot.peer() as peer:
 
         def done() -> bool:

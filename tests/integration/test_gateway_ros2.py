@@ -225,6 +225,7 @@ def test_sensors_of_the_robot_become_samples_and_products_become_topics(bus: Bus
     assert imu.frame == "mana/imu"
     np.testing.assert_array_equal(imu.value.acc, [0.25, 0.5, 9.75])
     np.testing.assert_array_equal(imu.value.gyro, [0.0, 0.0, 0.125])
+    assert samples["lidar/scan"][0].encoding.startswith("application/vnd.cdff+msgpack;LidarScan")
     scan = decode_sample(samples["lidar/scan"][0], "scan", "LidarScan")
     np.testing.assert_array_equal(scan.value.points_m, points)
     odometry = decode_sample(samples["wheels/odometry"][0], "odometry", "TransformWithCovariance")

@@ -29,7 +29,7 @@ def test_a_header_is_equal_after_its_bytes(fields: dict[str, str]) -> None:
 
 
 def test_a_header_has_the_bytes_of_the_documentation() -> None:
-    """As in http://wiki.ros.org/ROS/Connection%20Header."""
+    """Source: http://wiki.ros.org/ROS/Connection%20Header."""
     data = encode_header({"callerid": "/rostopic_4767_1316912741557", "tcp_nodelay": "1"})
     assert data[:8].hex() == "3a00000025000000"
     assert data[8:45] == b"callerid=/rostopic_4767_1316912741557"

@@ -42,6 +42,7 @@ def test_without_outputs_the_gateway_only_reads(tmp_path: Path) -> None:
         ("outputs: [{product: a/b, topic: /x, type: std_msgs/msg/Char}]", "expected one of"),
         ("frames: {a: mana/base, b: mana/base}", "two names"),
         ("speed: 3", "speed"),
+        (f"inputs: [{_IMU.replace('}', ', codec: xer}')}]", "codec"),
         (
             "requests: [{name: /dem, type: nav_msgs/srv/GetPlan}]",
             "expected one of grid_map_msgs/srv/GetGridMap",
