@@ -290,6 +290,26 @@ def test_analyses_of_heights_are_the_same_over_every_interface(shared: System, t
     assert json.loads(printed.stdout) == statistics
 
 
+def test_bad_maps_are_withdrawn_by_client_and_command_line(shared: System) -> None:
+    from cdff_common.client import Client
+
+    first = shared.put(patch(30.0), "dem", 60, resolution_m=0.1)
+    second = shared.put(patch(30.0), "dem", 61, robot="minnie", resolution_m=0.1)
+    region = "bbox:30,0,32,2"
+    command = [sys.executable, "-m", "cdff_common.cli", "dpm", "withdraw", "--connect", shared.endpoint]
+    command += ["--robot", "minnie", "--t0", str(61 * S), "--reason", "lost", "--json"]
+    printed = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert json.loads(printed.stdout)["withdrawn"] == [second]
+    assert list(shared.call("get", type="dem", region=region).attachment["inputs"]) == [first]
+    with Client(shared.endpoint) as client:
+        assert client.withdraw(first, reason="1 m too high", dry_run=True)["applied"] is False
+        assert client.withdraw(first, reason="1 m too high")["withdrawn"] == [first]
+    with pytest.raises(ProductNotFoundError):
+        shared.call("get", type="dem", region=region)
+    reasons = [e["reason"] for e in shared.call("history", kind="withdrawn").body()["items"]]
+    assert reasons[-2:] == ["lost", "1 m too high"]
+
+
 def test_malformed_calls_are_answered_with_the_reason(shared: System) -> None:
     before = shared.call("stat").body()["products"]
     for verb, parameters, error in (
