@@ -132,19 +132,25 @@ def assess(candidate: ProductCandidate, request: ProductRequest, now_ns: int) ->
     )
 
 
+def _preference(assessed: tuple[ProductCandidate, Assessment]) -> tuple[object, ...]:
+    """Return the key by which candidates are compared, the best one first."""
+    candidate, assessment = assessed
+    return (
+        len(assessment.violations),
+        len(assessment.shortfalls) + len(assessment.bounds),
+        -(candidate.coverage or 0.0),
+        -candidate.t1_ns,
+        candidate.id,
+    )
+
+
 def best_candidate(
     candidates: Iterable[ProductCandidate], request: ProductRequest, now_ns: int
 ) -> tuple[ProductCandidate, Assessment] | None:
     """Return the candidate with fewest violations, fewest other differences, largest coverage, lowest age."""
     return min(
-        ((c, assess(c, request, now_ns)) for c in candidates),
-        key=lambda ca: (
-            len(ca[1].violations),
-            len(ca[1].shortfalls) + len(ca[1].bounds),
-            -(ca[0].coverage or 0.0),
-            -ca[0].t1_ns,
-            ca[0].id,
-        ),
+        ((candidate, assess(candidate, request, now_ns)) for candidate in candidates),
+        key=_preference,
         default=None,
     )
 
@@ -162,11 +168,11 @@ def delivery_summary(
         "oldest_age_s": round(candidate.oldest_age_s(now_ns), 6),
         "status": candidate.status,
         "differences": assessment.differences,
-        **_stated(candidate.accuracy),
+        **_accuracy_fields(candidate.accuracy),
     }
 
 
-def _stated(accuracy: Accuracy | None) -> dict[str, object]:
+def _accuracy_fields(accuracy: Accuracy | None) -> dict[str, object]:
     """Return the standard deviations of a reply; none if the request did not ask for them."""
     if accuracy is None:
         return {}

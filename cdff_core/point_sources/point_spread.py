@@ -146,7 +146,7 @@ def fit(
             return out
         inverse[0, 0], inverse[1, 1] = svv / determinant, suu / determinant
         inverse[0, 1] = inverse[1, 0] = -suv / determinant
-        normal = 1.0 / (2.0 * np.pi * np.sqrt(determinant))
+        peak_density = 1.0 / (2.0 * np.pi * np.sqrt(determinant))
         if iteration == 3:  # once: a window that follows each step may alternate between two pixels
             cu, cv = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
         first_r, last_r = max(cv - reach, 0), min(cv + reach, rows - 1)
@@ -161,10 +161,10 @@ def fit(
             for r in range(first_r, last_r + 1):
                 for c in range(first_c, last_c + 1):
                     if is_separable:
-                        p = across[c - first_c, 0] * down[r - first_r, 0] * normal
+                        p = across[c - first_c, 0] * down[r - first_r, 0] * peak_density
                     else:
                         pixel_light(c - u, r - v, inverse, light)
-                        p = light[0] * normal
+                        p = light[0] * peak_density
                     top += p * residual[r, c]
                     bottom += p * p
             flux = top / bottom
@@ -181,10 +181,10 @@ def fit(
                     light[2] = across[c - first_c, 0] * down[r - first_r, 1]
                 else:
                     pixel_light(c - u, r - v, inverse, light)
-                d = residual[r, c] - flux * normal * light[0]
-                row[0] = flux * normal * light[1]
-                row[1] = flux * normal * light[2]
-                row[2] = normal * light[0]
+                d = residual[r, c] - flux * peak_density * light[0]
+                row[0] = flux * peak_density * light[1]
+                row[1] = flux * peak_density * light[2]
+                row[2] = peak_density * light[0]
                 if n == 6:
                     # d ln N / dS = (S^-1 x x' S^-1 - S^-1) / 2
                     ia, ib, ic = inverse[0, 0], inverse[0, 1], inverse[1, 1]
@@ -196,9 +196,9 @@ def fit(
                         + ib * ic * light[5]
                         - ib * light[0]
                     )
-                    row[3] = 0.5 * flux * normal * xx
-                    row[4] = flux * normal * xy
-                    row[5] = 0.5 * flux * normal * yy
+                    row[3] = 0.5 * flux * peak_density * xx
+                    row[4] = flux * peak_density * xy
+                    row[5] = 0.5 * flux * peak_density * yy
                 chi2 += d * d
                 count += 1
                 for i in range(n):
@@ -225,7 +225,7 @@ def fit(
             break
     # Steps that still alternate by a part of the error of a faint source do no harm.
     out[12] = 1.0 if last_u < 0.05 and last_v < 0.05 else 0.0
-    inverse_normal = np.linalg.inv(A[:3, :3]) * sigma * sigma
+    covariance = np.linalg.inv(A[:3, :3]) * sigma * sigma
     squares, peak = 0.0, 0.0
     for r in range(first_r, last_r + 1):
         for c in range(first_c, last_c + 1):
@@ -233,7 +233,7 @@ def fit(
             peak = max(peak, residual[r, c])
     out[0], out[1], out[2] = u, v, flux
     out[3] = chi2 / (sigma * sigma * max(count - n, 1))
-    out[4], out[5], out[6] = inverse_normal[0, 0], inverse_normal[0, 1], inverse_normal[1, 1]
+    out[4], out[5], out[6] = covariance[0, 0], covariance[0, 1], covariance[1, 1]
     # The flux of a source at a known position: with free position and a symmetric window, the same.
     out[7] = sigma / np.sqrt(A[2, 2])
     out[8] = (chi2 - (squares - peak * peak)) / (sigma * sigma)

@@ -15,8 +15,8 @@ from cdff_common.clock import wall_ns
 from cdff_common.errors import CodecError, ConfigurationError
 from cdff_common.output import replace_file
 from cdff_common.process import data_dir_of
+from services.dfpc_host.keep_priority import DEFAULT_PRIORITY, keep_priority
 from services.dfpc_host.memory_ledger import MemoryLedger
-from services.dfpc_host.product_value import DEFAULT_VALUE, value_of
 from services.product_file import product_file, read_product_file
 
 logger = logging.getLogger(__name__)
@@ -56,8 +56,8 @@ class SpoolEntry:
     ----------
     size : int
         Bytes.
-    value : int
-        See ``value_of``.
+    priority : int
+        See ``keep_priority``.
     failures : int
         Failures of the DPM on this product.
     """
@@ -65,7 +65,7 @@ class SpoolEntry:
     size: int
     path: Path
     product: SpooledProduct | None = None
-    value: int = DEFAULT_VALUE
+    priority: int = DEFAULT_PRIORITY
     failures: int = 0
 
     def read(self) -> SpooledProduct:
@@ -132,9 +132,11 @@ class Spool:
             if path.suffix == _PART:  # left by a process killed while writing
                 _remove_file(path)
             elif path.suffix == _SUFFIX:
-                number, *value = path.stem.split(".")
+                number, *priority = path.stem.split(".")
                 self._last = int(number)
-                self._append(path.stat().st_size, path, value=int(value[0]) if value else DEFAULT_VALUE)
+                self._append(
+                    path.stat().st_size, path, priority=int(priority[0]) if priority else DEFAULT_PRIORITY
+                )
         self._ledgers = {owner: MemoryLedger(self._outbox(*owner) / _LEDGER) for owner in owners}
         self.lost = sum(ledger.previous for ledger in self._ledgers.values())
         if self.lost:
@@ -148,24 +150,24 @@ class Spool:
     def add(self, product: SpooledProduct) -> None:
         """Append a product; it stays in memory if its file cannot be written."""
         self._last = max(self._last + 1, wall_ns())  # file names in order of arrival, also over restarts
-        value = value_of(product.product)
-        path = self._outbox(product.robot, product.dfpc) / f"{self._last:020d}.{value}{_SUFFIX}"
+        priority = keep_priority(product.product)
+        path = self._outbox(product.robot, product.dfpc) / f"{self._last:020d}.{priority}{_SUFFIX}"
         data = product.to_bytes()
         try:
             replace_file(path, data)
         except OSError as error:
             if not self.in_memory:
                 logger.error("products wait in memory only, a kill would lose them: %s", error)
-            self._append(len(data), path, product, value)
+            self._append(len(data), path, product, priority)
         else:
-            self._append(len(data), path, value=value)
+            self._append(len(data), path, priority=priority)
             if self.in_memory:  # the disk has space again
                 self.write_out()
 
     def write_out(self) -> None:
         """Write the products that are only in memory to files, the most valuable first, while possible."""
         waiting = [entry for entry in self._entries if entry.product is not None]
-        for entry in sorted(waiting, key=lambda entry: -entry.value):
+        for entry in sorted(waiting, key=lambda entry: -entry.priority):
             assert entry.product is not None
             try:
                 replace_file(entry.path, entry.product.to_bytes())
@@ -189,9 +191,9 @@ class Spool:
             self._entries.rotate(-1)
 
     def _append(
-        self, size: int, path: Path, product: SpooledProduct | None = None, value: int = DEFAULT_VALUE
+        self, size: int, path: Path, product: SpooledProduct | None = None, priority: int = DEFAULT_PRIORITY
     ) -> None:
-        entry = SpoolEntry(max(size, _MIN_BYTES), path, product, value)
+        entry = SpoolEntry(max(size, _MIN_BYTES), path, product, priority)
         self._entries.append(entry)
         self.bytes += entry.size
         if product is not None:
@@ -202,7 +204,7 @@ class Spool:
                     "the outbox is full at %d bytes: the least valuable products are dropped", self._capacity
                 )
             self._remove(
-                min(self._entries, key=lambda entry: entry.value)
+                min(self._entries, key=lambda entry: entry.priority)
             )  # the first, oldest, of the smallest
             self.dropped += 1
 
@@ -215,7 +217,7 @@ class Spool:
             self._count_in_memory(entry.product, -1)
 
     def _count_in_memory(self, product: SpooledProduct, change: int) -> None:
-        """Count a product that starts or ends to be only in memory, and note it for the next process."""
+        """Change the number of products that are only in memory by ``change``, and note it for the next process."""
         owner = product.robot, product.dfpc
         self._in_memory[owner] = self._in_memory.get(owner, 0) + change
         self.in_memory += change

@@ -54,9 +54,9 @@ def check_vacant(endpoint: str, http: str | None, data_dir: Path) -> None:
 
 
 def check_joins(uplink: str, tokens: Collection[str], profiles: Mapping[str, Mapping[str, Any]]) -> None:
-    """Check that the scopes do not run at the router of an uplink, and that the robots can join its ground.
+    """Check that no service of these scopes runs at the remote router, and that its ground accepts the robots.
 
-    A router that is not reachable is no error: the local one links to it when it is.
+    A router that is not reachable is not an error: the local router links to it as soon as it is reachable.
 
     Parameters
     ----------

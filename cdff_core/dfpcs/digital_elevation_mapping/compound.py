@@ -26,7 +26,7 @@ from cdff_core.dfpcs.digital_elevation_mapping.captured_points import CapturePro
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
 from cdff_core.dfpcs.digital_elevation_mapping.interface import DigitalElevationMappingInterface
 from cdff_core.dfpcs.digital_elevation_mapping.local_maps import LocalMapAligner, LocalMaps
-from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, Patch
+from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, PendingCaptures
 from cdff_core.dfpcs.digital_elevation_mapping.pose_history import PoseHistory
 
 
@@ -58,7 +58,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         self._maps = LocalMaps(self.config, self.dfn)
         self._thinning = self.dfn("thinning")
         self._queue: deque[Sample] = deque()
-        self._patch = Patch()
+        self._patch = PendingCaptures()
         self._patch_requested = False
         self._last_output_ns: int | None = None
         self._newest_ns = 0
@@ -198,7 +198,7 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
 
     def _publish(self) -> list[Output]:
         """Rasterise the patch, fuse it into the maps, thin its cloud, and start the next patch."""
-        patch, self._patch, self._patch_requested = self._patch, Patch(), False
+        patch, self._patch, self._patch_requested = self._patch, PendingCaptures(), False
         points = patch.joined()
         t0_ns, t1_ns = patch.t0_ns, patch.t1_ns
         frame = self._poses.map_frame or patch.captures[0].sample.value.frame or "map"
@@ -231,12 +231,12 @@ class DigitalElevationMapping(DigitalElevationMappingInterface):
         is_due = last_ns is None or self._newest_ns - last_ns >= period_ns
         return self._failed_outputs() if is_due else []
 
-    def _failed_outputs(self, patch: Patch | None = None, reason: str = "") -> list[Output]:
+    def _failed_outputs(self, patch: PendingCaptures | None = None, reason: str = "") -> list[Output]:
         """Return FAILED outputs with the reasons of a patch (default: the current one); start a new patch."""
         patch = patch or self._patch
         reasons = [f"dropped_{drop}:{count}" for drop, count in sorted(patch.drops.items())]
         reasons.append(reason or ("no_points_within_gates" if patch.raw_points else "no_measurements"))
-        self._patch, self._last_output_ns = Patch(), self._newest_ns
+        self._patch, self._last_output_ns = PendingCaptures(), self._newest_ns
         now_ns, frame, quality = self._newest_ns, self._poses.map_frame or "site", Quality.failed(*reasons)
         return [Output(port, None, now_ns, now_ns, frame, None, quality) for port in ("map", "cloud")]
 

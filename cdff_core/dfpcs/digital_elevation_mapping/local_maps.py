@@ -19,7 +19,7 @@ from cdff_core.dfns.dem_fusion.interface import DemFusionInputs, DemFusionOutput
 from cdff_core.dfns.dem_rasterisation.interface import DemRasterisationInputs
 from cdff_core.dfns.dem_registration.interface import DemRegistrationInputs
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
-from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, MapPoints, Patch
+from cdff_core.dfpcs.digital_elevation_mapping.patch import CapturePoints, MapPoints, PendingCaptures
 from cdff_core.dfpcs.digital_elevation_mapping.structure_filter import StructureFilter
 from cdff_core.elevation.map_cells import MapCells
 
@@ -109,7 +109,7 @@ class LocalMaps:
         self.patch: ElevationMap | None = None
 
     def add(
-        self, patch: Patch, points: MapPoints, frame: str, position: NDArray[np.float64] | None
+        self, patch: PendingCaptures, points: MapPoints, frame: str, position: NDArray[np.float64] | None
     ) -> tuple[ElevationMap, DemFusionOutputs]:
         """Rasterise a patch and fuse it into the maps around a position (2,); raises InputError."""
         raster = self._rasterise(points.select(points.near), frame, 1)

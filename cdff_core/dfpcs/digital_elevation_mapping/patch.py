@@ -51,8 +51,8 @@ class CapturePoints(MapPoints):
 
 
 @dataclass(slots=True)
-class Patch:
-    """Captures not yet published."""
+class PendingCaptures:
+    """Captures that the next patch will contain."""
 
     captures: list[CapturePoints] = field(default_factory=list)
     drops: Counter[str] = field(default_factory=Counter)  # number of unused captures and poses by reason

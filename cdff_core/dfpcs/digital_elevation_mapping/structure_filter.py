@@ -14,11 +14,11 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.ground_segmentation.interface import GroundSegmentationInputs
 from cdff_core.dfpcs.digital_elevation_mapping.configuration import DigitalElevationMappingConfig
 
-#: Edge of a cell, in gaps, above which the relief of the ground hides a gap: the ground of a cell of this
-#: edge with a slope of 30° has about the height of the gap.
+#: Largest cell, as a multiple of ``overhang_gap_m``, in which overhangs are visible without a ground filter: in
+#: larger cells, ground with a slope of 30° is about as high as the gap.
 _LARGE_CELL = 2.0
-#: Smallest cell of the ground filter, in gaps, and largest number of such cells along the edge of a cell of
-#: the map.
+#: Smallest cell of the ground filter, as a multiple of the gap, and largest number of filter cells along the edge of
+#: one cell of the map.
 _FILTER_CELL, _MAX_DIVISION = 1.25, 8
 _MAX_FILTER_CELLS = 1 << 25
 

@@ -194,7 +194,7 @@ class RosWriter(LogSink):
         return self._frames[frame]
 
     def _tree(self, stream: str, value: Any, target: Target, stamp_ns: int) -> list[Outgoing]:
-        """Return the message of the frame tree for a pose that is not a true one."""
+        """Return the message of the frame tree for an estimated pose; none for ground truth and positions only."""
         if type(value).ASN1_NAME != "TransformWithCovariance" or target.topic.startswith("/truth"):
             return []
         if not value.is_set or is_position(value):
