@@ -153,7 +153,8 @@ class InputLink:
     def _converted(self, message: Any) -> tuple[Any, int]:
         """Return a message as a value, and its stamp."""
         stamp_ns = _stamp_ns(message)
-        value, frame, child = self._topic.conversion.convert(message, self._topic, stamp_ns)
+        with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused
+            value, frame, child = self._topic.conversion.convert(message, self._topic, stamp_ns)
         if isinstance(value, TransformWithCovariance):
             numbers = (value.data.translation, value.data.orientation)
             if not all(np.isfinite(part).all() for part in numbers):

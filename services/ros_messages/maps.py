@@ -68,8 +68,10 @@ def elevation_map(message: Any, topic: Topic, stamp_ns: int) -> tuple[ElevationM
         raise InputError(f"grid map at z {centre.z:g} m: expected 0, as heights are those in its frame")
     if len(message.layers) != len(message.data) or not message.layers:
         raise InputError(f"grid map with {len(message.layers)} layers and {len(message.data)} arrays")
-    sizes = np.array([info.length_x, info.length_y]) / info.resolution if info.resolution else np.zeros(2)
-    if not (np.isfinite(sizes).all() and (sizes >= 0.5).all() and sizes.prod() <= MAX_CELLS):
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        sizes = np.array([info.length_x, info.length_y]) / np.float64(info.resolution)
+        is_possible = bool(((sizes >= 0.5) & (sizes <= MAX_CELLS)).all() and sizes.prod() <= MAX_CELLS)
+    if not is_possible:
         lengths = f"{info.length_x:g} x {info.length_y:g} m"
         raise InputError(
             f"grid map of {lengths} in cells of {info.resolution:g} m: expected 1 to {MAX_CELLS}"
