@@ -24,8 +24,11 @@ from cdff_common.geometry import UncertainTransform
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import Frame, Mesh, TransformWithCovariance
+from cdff_core.dfns.lit_body_rendering.interface import LitBodyRenderingInputs
 from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
+from cdff_core.dfns.model_region_measurement.interface import ModelRegionMeasurementInputs
+from cdff_core.dfns.region_colour_learning.interface import RegionColourLearningInputs
 from evaluation.data_sets.rgbd_objects import TrackedObjects
 from evaluation.visual_target_tracking import CAMERA_MATRIX, FOLDER, INTERVAL_NS, grey_images, truth
 
@@ -75,11 +78,53 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
         output, _ = dfpc.step(Sample("image", stamp_ns, 0, frame))
         assert output.value is not None, output.quality.reasons
 
-    return _objects(data, rounds) | {
-        "control_points": len(found.points),
-        "ModelEdgeMeasurement": measure(partial(edges.process, of_edges), rounds),
-        "MeasuredPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
-        "VisualTargetTracking": measure(step, rounds),
+    return (
+        _objects(data, rounds)
+        | _regions(image, pose, mesh, rounds)
+        | {
+            "control_points": len(found.points),
+            "ModelEdgeMeasurement": measure(partial(edges.process, of_edges), rounds),
+            "MeasuredPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
+            "VisualTargetTracking": measure(step, rounds),
+        }
+    )
+
+
+def _regions(image: Any, pose: Any, mesh: Any, rounds: int) -> dict[str, Any]:
+    """Return the costs of the DFNs of the regions of colour and of the light for one image."""
+    learn = Registry.default().make_dfn("region_colour_learning")
+    measure_regions = Registry.default().make_dfn("model_region_measurement")
+    learn.configure()
+    measure_regions.configure()
+    ports = {
+        "image": np.repeat(image[:, :, None], 3, axis=2),
+        "camera_matrix": CAMERA_MATRIX,
+        "pose": pose,
+        "vertices": mesh.vertices,
+        "triangles": mesh.triangles,
+    }
+    of_learning = RegionColourLearningInputs(**ports)
+    colours = learn.process(of_learning)
+    of_regions = ModelRegionMeasurementInputs(
+        **ports,
+        body_colours=colours.body_colours,
+        background_colours=colours.background_colours,
+        range_px=RANGE_PX,
+    )
+    light = Registry.default().make_dfn("lit_body_rendering")
+    light.configure()
+    of_light = LitBodyRenderingInputs(
+        image=image,
+        camera_matrix=CAMERA_MATRIX,
+        pose=pose,
+        vertices=mesh.vertices,
+        triangles=mesh.triangles,
+        sun=np.array([0.5, -0.5, -0.7]),
+    )
+    return {
+        "LitBodyRendering": measure(partial(light.process, of_light), rounds),
+        "RegionColourLearning": measure(partial(learn.process, of_learning), rounds),
+        "ModelRegionMeasurement": measure(partial(measure_regions.process, of_regions), rounds),
     }
 
 

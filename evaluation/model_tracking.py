@@ -5,8 +5,8 @@
 The true poses are only known to 1 to 2.5 cm, but the motion between two frames is known from the board in the
 colour images. The error of a frame is the difference between the motion of the estimate from the previous
 frame and that of the board: the displacement of the origin of the object, and the angle. ``runs``: without a
-guess, from the hand-made guess, and with parts of the images. ``disturbed``: frames 76 to 79 have no
-measurement or the half of the object is hidden by a screen. ``reference``: the same error of a motion that
+guess, from the hand-made guess, with parts of the images and without their colours. ``disturbed``: frames 76
+to 79 have no measurement or the half of the object is hidden by a screen. ``reference``: the same error of a motion that
 OpenCV estimates for the whole scene from the colour images (P3P with RANSAC of tracked corners and their
 depths), without any result of the compound: it shows how good the board is as a reference. ``m3t``: the two
 frames of ``m3t_pair``, where a bottle hides a part of a triangle, and the answer of DLR's tracker M3T.
@@ -72,7 +72,14 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
 RUNS: dict[str, dict[str, Any]] = {
     "image and depth, no guess": {},
     "image and depth, guess": {"with_guess": True},
+    "image and depth without colours, no guess": {"config": {"colour": False}},
     "depth alone, no guess": {"ports": ("depth",)},
+    "image alone, guess": {"ports": ("image",), "with_guess": True},
+    "image alone without colours, guess": {
+        "ports": ("image",),
+        "with_guess": True,
+        "config": {"colour": False},
+    },
 }
 
 
@@ -167,10 +174,11 @@ def _screen(objects: TrackedObjects, name: str) -> Change:
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the figures of one run."""
     used = [row for row in rows if not row["is_coasting"] and np.isfinite(row["mm"])]
+    used = used or [{"frame": 0, "mm": float("nan"), "deg": float("nan")}]
     worst = max(used, key=lambda row: row["mm"], default={"frame": 0})
     return {
         "motions": len(rows),
-        "used": len(used),
+        "used": sum(row["mm"] == row["mm"] for row in used),
         "median_mm": _rounded(np.median([row["mm"] for row in used])),
         "largest_mm": _rounded(max(row["mm"] for row in used)),
         "largest_in_frame": worst["frame"],

@@ -6,7 +6,8 @@
 frames 8 to 11 are black, or their right half is. ``depth``: the same with the depth images, whose camera is
 next to the grey one. ``file_camera``: the principal point is that of the camera file. Errors are those of all
 used images; errors of published predictions are separate. ``principal_point``: differences between the
-measured depth and that of the mesh at the true poses, for two principal points.
+measured depth and that of the mesh at the true poses, for two principal points. ``comet``: photographs of
+comet 67P, with and without the direction to the Sun (``evaluation.scenes.comet_images``).
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Sample
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
+from evaluation.scenes.comet_images import comet_rows, comet_summary, comet_table
 
-PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point")
-FOLDER = "visp_castle"
+PARTS = ("starts", "disturbed", "depth", "file_camera", "principal_point", "comet")
+FOLDER, COMET = "visp_castle", "rosetta_67p"
 #: Camera of the files, px. Its origin is the corner of the first pixel, as ``principal_point`` shows; that of
 #: CDFF is the centre of the first pixel.
 FILE_CAMERA_MATRIX = np.array([[700.0, 0.0, 320.0], [0.0, 700.0, 240.0], [0.0, 0.0, 1.0]])
@@ -39,6 +41,13 @@ INTERVAL_NS = 100_000_000
 #: Errors of the guesses, standard deviation per axis, and their number.
 GUESS_MM, GUESS_DEG, SEEDS = 3.0, 1.0, 5
 DISTURBED = range(8, 12)
+#: Runs with 67P, and number of guesses of the first.
+COMET_SEEDS = 3
+COMET_RUNS: dict[str, dict[str, Any]] = {
+    "with the Sun, 3 guesses": {},
+    "with the Sun, 4 photographs black": {"dark": range(20, 24)},
+    "without the Sun": {"with_sun": False},
+}
 Change = Callable[[int, ByteArray], ByteArray]
 
 
@@ -68,6 +77,14 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
             name: _rounded(1e3 * depth_difference_m(data, poses, matrix))
             for name, matrix in (("320, 240", FILE_CAMERA_MATRIX), ("319.5, 239.5", CAMERA_MATRIX))
         }
+    if "comet" in parts:
+        figures["comet"] = {}
+        for name, options in COMET_RUNS.items():
+            progress(f"visual_target_tracking: 67P, {name}")
+            seeds = range(COMET_SEEDS if not options else 1)
+            figures["comet"][name] = comet_summary(
+                [comet_rows(data / COMET, seed, **options) for seed in seeds]
+            )
     return figures
 
 
@@ -263,6 +280,8 @@ def table(figures: dict[str, Any]) -> str:
     if "principal_point" in figures:
         lines += ["", "| principal point, px | mean difference of depth, mm |", "|---|---|"]
         lines += [f"| {name} | {value} |" for name, value in figures["principal_point"].items()]
+    if "comet" in figures:
+        lines += ["", *comet_table(figures["comet"])]
     return "\n".join(lines)
 
 

@@ -20,9 +20,10 @@ from cdff_common.types import DistanceImage
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.imaging.depth_images import RgbdPairing, RgbdSamples, points_near
 from cdff_core.imaging.frames import check_undistorted
-from cdff_core.imaging.grey import grey_image
+from cdff_core.imaging.grey import grey_image, rgb_image
 from cdff_core.object_models.body_tracking import BodyTracking, BodyTrackingConfig, order_fault
 from cdff_core.object_models.image_fit import ImageFitter
+from cdff_core.object_models.region_fit import RegionFitter
 from cdff_core.object_models.rendering import Window, silhouette_pixels
 from cdff_core.object_models.scan_detection import bounded_noise, on_surface
 from cdff_core.object_models.scan_fit import ScanFit, ScanFitter, body_ball
@@ -59,6 +60,13 @@ class ImageTrackingConfig(BodyTrackingConfig):
     texture: bool = Field(default=True, description="Track points of the surface from each image to the next")
     min_texture_agreement: float = Field(
         0.6, gt=0, le=1, description="Fraction of the tracked points below which they are not used"
+    )
+    colour: bool = Field(
+        default=True,
+        description="Use the colours of the body and of its background, if the images are in colour",
+    )
+    min_region_agreement: float = Field(
+        0.6, gt=0, le=1, description="Fraction of the lines across the outline below which they are not used"
     )
     guess_sigma: float = Field(
         0.02,
@@ -131,8 +139,6 @@ class ViewFit:
     ----------
     state : TrackedState
         The prediction if nothing was used.
-    used : bool
-        The image or the depth image was used.
     faults : list of str
         Reasons against the image or the depth image.
     is_contradiction : bool
@@ -140,25 +146,35 @@ class ViewFit:
     metrics : dict
     grey : ndarray of uint8, shape (r, c), or None
         The image.
+    rgb : ndarray of uint8, shape (r, c, 3), or None
+        The image, if its colours are used.
     weak : list of str
         Directions that the used depths do not constrain.
-    has_edges : bool
-        The edges were used.
+    has_edges, has_depths, has_regions, has_shading : bool
+        The edges, the depths, the regions of colour, the light of the Sun were used.
     """
 
     state: TrackedState
-    used: bool = False
     faults: list[str] = field(default_factory=list)
     is_contradiction: bool = False
     metrics: dict[str, float] = field(default_factory=dict)
     grey: ByteArray | None = None
+    rgb: ByteArray | None = None
     weak: list[str] = field(default_factory=list)
     has_edges: bool = False
+    has_depths: bool = False
+    has_regions: bool = False
+    has_shading: bool = False
 
     def add_missing(self, fault: str) -> None:
-        """Add a fault of the edges unless the depths were used: they determine the pose without edges."""
-        if not self.used:
+        """Add a fault of the edges unless depths or shading, which determine the pose, were used."""
+        if not (self.has_depths or self.has_shading):
             self.faults.append(fault)
+
+    @property
+    def used(self) -> bool:
+        """The image or the depth image was used."""
+        return self.has_edges or self.has_depths or self.has_regions or self.has_shading
 
 
 class ImageTracking(BodyTracking):
@@ -175,6 +191,9 @@ class ImageTracking(BodyTracking):
         self._texture = TextureFitter(
             self.dfn("detect"), self.dfn("track"), self.dfn("refine_texture"), cfg.max_range_px
         )
+        self._regions = RegionFitter(
+            self.dfn("regions"), self.dfn("refine_regions"), self.dfn("learn"), cfg.max_range_px
+        )
         self._depths = ScanFitter(None, self.dfn("registration"))
         self._R_camera_depth = se3.exp_so3(np.array(cfg.depth_rotation_rad))
         self._pairing = RgbdPairing()
@@ -186,6 +205,7 @@ class ImageTracking(BodyTracking):
         self._depth_sigma_m = self.config.depth_sigma_m
         self._depth_ns = -1
         self._seen: SeenBody | None = None
+        self._regions.clear()
         self._pairing.clear()
 
     def on_image(self, sample: Sample) -> Iterable[Output]:
@@ -249,6 +269,8 @@ class ImageTracking(BodyTracking):
         self._used += 1
         self._last_used_ns = view.newest.stamp_ns
         self._seen = None if fit.grey is None else SeenBody(fit.grey, self._state)
+        if fit.rgb is not None and view.image is not None and self._model is not None:
+            self._regions.learn(self._model, self._state.T, fit.rgb, view.image.value.camera_matrix)
         return self._published(view.newest, [*reasons, *fit.faults], fit.metrics)
 
     def _fit(
@@ -258,7 +280,7 @@ class ImageTracking(BodyTracking):
         predicted: TrackedState,
         transition: FloatArray,
     ) -> ViewFit:
-        """Return the state corrected with texture, depths and edges, in this order."""
+        """Return the state corrected with texture, depths, sunlight, colours and edges, in this order."""
         fit = ViewFit(predicted)
         if view.image is not None:
             check_undistorted(view.image.value)
@@ -272,7 +294,11 @@ class ImageTracking(BodyTracking):
                 delay_s = self.config.depth_delay_sigma * interval_s
             self._correct_by_depths(view.depth, model, fit, delay_s)
         if view.image is not None:
-            self._correct_by_edges(view.image, model, fit)
+            self._correct_by_shading(view.image, model, fit)
+            self._correct_by_regions(view.image, model, fit)
+            # The edges of a body are not where its shadows are; the rendering contains both.
+            if not fit.has_shading:
+                self._correct_by_edges(view.image, model, fit)
         if not fit.has_edges:
             fit.faults += [f"degenerate:{name}" for name in fit.weak]
         return fit
@@ -351,7 +377,7 @@ class ImageTracking(BodyTracking):
         if len(found.weak_directions):
             fit.weak = direction_names(found.weak_directions)
         fit.state = replace(found.state, T=moved(found.state.T, np.array(cfg.depth_offset_m)))
-        fit.used = True
+        fit.has_depths = True
         if not cfg.depth_sigma_m:
             noise_m = bounded_noise(found.sigma_m, model.diameter_m)
             self._depth_sigma_m += _NOISE_GAIN * (noise_m - self._depth_sigma_m)
@@ -391,6 +417,27 @@ class ImageTracking(BodyTracking):
         count = int(np.count_nonzero(on_surface(model, found.state.T, points_m, limit_m)))
         return min(count * step**2 / max(pixels, 1.0), 1.0)
 
+    def _correct_by_shading(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by an image in the light of the Sun; nothing by default."""
+
+    def _correct_by_regions(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by the colours of an image."""
+        cfg = self.config
+        if not cfg.colour or sample.value.image.ndim != 3:
+            return
+        fit.rgb = rgb_image(sample.value)
+        try:
+            found = self._regions.fit(model, fit.state, fit.rgb, sample.value.camera_matrix)
+        except RefusedError:
+            return
+        fit.metrics |= {
+            "lines": float(found.lines),
+            "region_agreement": found.agreement,
+            "region_innovation": found.distance,
+        }
+        if found.agreement >= cfg.min_region_agreement and found.distance <= self._gate:
+            fit.state, fit.has_regions = found.state, True
+
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit with the edges in an image."""
         cfg = self.config
@@ -417,7 +464,7 @@ class ImageTracking(BodyTracking):
             return
         if found.agreement < cfg.good_agreement:
             fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
-        fit.state, fit.used, fit.has_edges = found.state, True, True
+        fit.state, fit.has_edges = found.state, True
 
     def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
         """Return the standard deviations (6,) of a guess without covariance, metres and rad."""

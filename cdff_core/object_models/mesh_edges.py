@@ -84,15 +84,11 @@ def control_points(
     normals : ndarray, shape (n, 2)
         Unit normals of the edges in the image.
     """
-    R, t = T[:3, :3], T[:3, 3]
-    ends = edges.ends_m @ R.T + t
-    towards = np.einsum("ekj,ej->ek", edges.normals @ R.T, ends[:, 0]) < 0.0
-    is_outline = towards[:, 0] != towards[:, 1]
-    near = 1e-3 * max(float(ends[..., 2].max(initial=0.0)), 0.0)
-    is_drawn = (is_outline | edges.is_sharp) & (ends[..., 2] > near).all(axis=1) & (near > 0.0)
-    if not is_drawn.any():
+    rows = _drawn_edges(edges, np.ascontiguousarray(T, np.float64))
+    if not len(rows):
         return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
-    ends, ends_m = ends[is_drawn], edges.ends_m[is_drawn]
+    ends_m = edges.ends_m[rows]
+    ends = ends_m @ T[:3, :3].T + T[:3, 3]
     scale, middle = np.array([window.fx, window.fy]), np.array([window.cx, window.cy])
     image = ends[..., :2] / ends[..., 2:] * scale + middle
     along = image[:, 1] - image[:, 0]
@@ -113,6 +109,39 @@ def control_points(
     normals = np.stack([-along[edge, 1], along[edge, 0]], axis=1) / length[edge, None]
     visible = _is_visible(pixels, depth, inverse_depth, _HIDDEN)
     return points_m[visible], pixels[visible], normals[visible]
+
+
+@njit(cache=True)
+def _drawn_edges(edges: MeshEdges, T: FloatArray) -> IntArray:  # pragma: no cover - compiled
+    """Return the rows (m,) of the edges in front of the camera that are sharp or on the outline."""
+    largest = 0.0
+    for i in range(len(edges.ends_m)):
+        for k in range(2):
+            p = edges.ends_m[i, k]
+            largest = max(largest, T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3])
+    near = 1e-3 * largest
+    rows = np.empty(len(edges.ends_m), np.int64)
+    count = 0
+    if near <= 0.0:
+        return rows[:0]
+    # Position of the camera in the frame of the model.
+    x = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
+    y = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
+    z = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    for i in range(len(edges.ends_m)):
+        p, q = edges.ends_m[i, 0], edges.ends_m[i, 1]
+        if not edges.is_sharp[i]:
+            n, m = edges.normals[i, 0], edges.normals[i, 1]
+            first = n[0] * (p[0] - x) + n[1] * (p[1] - y) + n[2] * (p[2] - z) < 0.0
+            second = m[0] * (p[0] - x) + m[1] * (p[1] - y) + m[2] * (p[2] - z) < 0.0
+            if first == second:
+                continue
+        depth = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
+        other = T[2, 0] * q[0] + T[2, 1] * q[1] + T[2, 2] * q[2] + T[2, 3]
+        if depth > near and other > near:
+            rows[count] = i
+            count += 1
+    return rows[:count]
 
 
 @njit(cache=True)

@@ -35,6 +35,9 @@ class NewTrackConfig(DfpcConfig):
     initial_rate_sigma_radps: float = Field(
         0.2, gt=0, le=10, description="Standard deviation of the angular rate of a new track"
     )
+    initial_rate_radps: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Angular rate of a new track, relative to the sensor, in the body's axes"
+    )
     inertia_ratios: tuple[float, float, float] = Field(
         (1.0, 1.0, 1.0), description="Principal moments of inertia along the axes of the body, up to a factor"
     )
@@ -97,8 +100,9 @@ class StateFilter:
         covariance[9:12, 9:12] = self._config.initial_rate_sigma_radps**2 * np.eye(3)
         covariance[12:15, 12:15] = self._centre_sigma_m**2 * np.eye(3)
         covariance[15:, 15:] = self._config.inertia_sigma**2 * np.eye(5)
+        rate = np.array(self._config.initial_rate_radps)
         inertia = inertia_of(self._config.inertia_ratios)
-        return TrackedState(stamp_ns, T, np.zeros(3), np.zeros(3), self._centre_m, inertia, covariance)
+        return TrackedState(stamp_ns, T, np.zeros(3), rate, self._centre_m, inertia, covariance)
 
     def predicted(self, state: TrackedState, stamp_ns: int) -> TrackedState:
         """Return the state at a later time."""

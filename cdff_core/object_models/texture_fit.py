@@ -138,7 +138,9 @@ class TextureFitter:
         depth_m = render(model.drawn_vertices, model.drawn_triangles, seen.state.T, window).depth_m
         part = seen.image[row : row + window.rows, column : column + window.columns]
         found = self._detect.process(
-            FeaturesExtraction2DInputs(image=np.ascontiguousarray(part), mask=_inner(np.isfinite(depth_m)))
+            FeaturesExtraction2DInputs(
+                image=np.ascontiguousarray(part), mask=inner_pixels(np.isfinite(depth_m))
+            )
         )
         u, v = np.rint(found.features).astype(np.int64).T
         z = depth_m[v, u]
@@ -199,7 +201,7 @@ def _window(camera_matrix: FloatArray, image: ByteArray) -> Window:
     return Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], *image.shape)
 
 
-def _inner(mask: BoolArray) -> BoolArray:
+def inner_pixels(mask: BoolArray) -> BoolArray:
     """Return the pixels of a mask that are farther than ``_INSIDE_PX`` from its outline."""
     import cv2
 

@@ -13,8 +13,8 @@ from cdff_common.errors import InputError, RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.apparent_size_ranging.interface import Inputs, Interface, Outputs
-from cdff_core.dfns.apparent_size_ranging.lit_body import lit_body
 from cdff_core.dfns.apparent_size_ranging.similarity import Similarity, register_similarity
+from cdff_core.object_models.lit_body import lit_body
 from cdff_core.object_models.rendering import Window
 
 #: Levels of brightness, relative to the median, at which the certain and the possible outline are drawn.

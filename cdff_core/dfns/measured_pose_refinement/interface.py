@@ -28,6 +28,8 @@ class MeasuredPoseRefinementInputs(DfnInputs):
         Unit directions of the offsets in the image.
     offsets : ndarray of float64, shape (n,h)
         Measured offsets of each point, one per hypothesis, px; NaN for missing hypotheses.
+    sigmas : ndarray of float64, shape (n), optional
+        Standard deviation of the offsets of each point, px; by default the parameter sigma_px.
     camera_matrix : ndarray of float64, shape (3,3)
         Camera matrix, px.
     pose : ndarray of float64, shape (4,4)
@@ -47,14 +49,15 @@ class MeasuredPoseRefinementInputs(DfnInputs):
             "pixels": "float64[n,2]",
             "normals": "float64[n,2]",
             "offsets": "float64[n,h]",
+            "sigmas": "float64[n]",
             "camera_matrix": "float64[3,3]",
             "pose": "float64[4,4]",
             "prior_covariance": "float64[k,k]",
             "prior_error": "float64[k]",
         },
-        finite=["points", "pixels", "normals"],
+        finite=["points", "pixels", "normals", "sigmas"],
         positive=["limit_px"],
-        optional=["prior_error"],
+        optional=["sigmas", "prior_error"],
     )
 
     points: NDArray[np.float64]
@@ -65,6 +68,7 @@ class MeasuredPoseRefinementInputs(DfnInputs):
     pose: NDArray[np.float64]
     limit_px: float
     prior_covariance: NDArray[np.float64]
+    sigmas: NDArray[np.float64] | None = None
     prior_error: NDArray[np.float64] | None = None
 
 

@@ -57,8 +57,11 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
         prior_error = np.zeros(k) if inputs.prior_error is None else inputs.prior_error
         correction, T = np.zeros(k), np.array(inputs.pose, np.float64)
         last_px = cfg.limit_sigmas * cfg.sigma_px
+        scale = np.ones(len(inputs.points))
+        if inputs.sigmas is not None:
+            scale = cfg.sigma_px / np.maximum(inputs.sigmas, 1e-9)
         for limit_px in np.geomspace(max(inputs.limit_px, last_px), last_px, cfg.iterations):
-            r, J = residuals_and_jacobian(inputs, T)
+            r, J = residuals_and_jacobian(inputs, T, scale)
             is_near = np.abs(r) < limit_px
             weights = np.where(is_near, (1.0 - np.square(np.where(is_near, r, 0.0) / limit_px)) ** 2, 0.0)
             count = int(np.count_nonzero(is_near))
@@ -83,7 +86,7 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
             correction = correction + delta
             R = se3.normalise_rotation(se3.exp_so3(delta[3:6]) @ T[:3, :3])
             T = se3.transform(R, T[:3, 3] + delta[:3])
-        r, _ = residuals_and_jacobian(inputs, T)
+        r, _ = residuals_and_jacobian(inputs, T, scale)
         used = np.abs(r) < last_px
         return Outputs(
             correction=correction,
@@ -94,10 +97,11 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
         )
 
 
-def residuals_and_jacobian(inputs: Inputs, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+def residuals_and_jacobian(inputs: Inputs, T: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the smallest residual (n,) of each point, NaN without one, and its derivative (n, 6).
 
-    A residual is the measured minus the predicted offset; the derivative is that of the predicted one.
+    A residual is the measured minus the predicted offset, times ``scale`` (n,); the derivative is that of the
+    predicted one.
     """
     K = inputs.camera_matrix
     arms = inputs.points @ T[:3, :3].T
@@ -112,4 +116,5 @@ def residuals_and_jacobian(inputs: Inputs, T: FloatArray) -> tuple[FloatArray, F
     r = inputs.offsets[np.arange(len(moved)), nearest] - moved
     gx, gy = nu * K[0, 0] / z, nv * K[1, 1] / z
     g = np.stack([gx, gy, -(gx * x + gy * y) / z], axis=1)
-    return r, np.nan_to_num(np.hstack([g, np.cross(arms, g)]))
+    J = np.nan_to_num(np.hstack([g, np.cross(arms, g)]))
+    return scale * r, scale[:, None] * J

@@ -4,9 +4,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
+
+from cdff_common.arrays import FloatArray
+from cdff_common.errors import InputError, RefusedError
+from cdff_common.interfaces.dfpc import Output, Sample
+from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfpcs.visual_target_tracking.configuration import VisualTargetTrackingConfig
 from cdff_core.dfpcs.visual_target_tracking.interface import VisualTargetTrackingInterface
-from cdff_core.object_models.image_tracking import ImageTracking
+from cdff_core.object_models.image_tracking import ImageTracking, ViewFit
+from cdff_core.object_models.shading_fit import ShadingFitter
 
 
 class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
@@ -18,3 +27,45 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
     def setup(self) -> None:
         """Create the DFNs, clear the state, offer the store item."""
         self.setup_images()
+        self._shading = ShadingFitter(
+            self.dfn("light"),
+            self.dfn("detect"),
+            self.dfn("track"),
+            self.dfn("refine_shading"),
+            self.config.max_range_px,
+        )
+        self._sun: FloatArray | None = None
+
+    def on_sun(self, sample: Sample) -> Iterable[Output]:
+        """Store the direction to the Sun; raises InputError if it is not finite or zero."""
+        direction = np.asarray(sample.value.values, np.float64)
+        if not (np.isfinite(direction).all() and direction.any()):
+            raise InputError(f"sun {direction.tolist()}: expected a finite direction that is not zero")
+        self._sun = direction
+        return ()
+
+    def _correct_by_shading(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
+        """Correct the state of a fit by an image in the light of the Sun."""
+        cfg = self.config
+        if self._sun is None or fit.grey is None:
+            return
+        try:
+            found = self._shading.fit(model, fit.state, fit.grey, sample.value.camera_matrix, self._sun)
+        except RefusedError as error:
+            fit.faults.append(f"shading_{error.reasons[0]}")
+            return
+        fit.metrics |= {
+            "shading_points": float(found.points),
+            "shading_agreement": found.agreement,
+            "shading_innovation": found.distance,
+            "correlation": found.correlation,
+        }
+        if found.agreement < cfg.min_shading_agreement:
+            fit.faults.append(f"shading_low_agreement:{found.agreement:.2f}<{cfg.min_shading_agreement:g}")
+        elif not found.correlation >= cfg.min_correlation:
+            fit.faults.append(f"low_correlation:{found.correlation:.2f}<{cfg.min_correlation:g}")
+        elif found.distance > self._gate:
+            fit.faults.append(f"shading_innovation:{found.distance:.3g}>{self._gate:.3g}")
+            fit.is_contradiction = True
+        else:
+            fit.state, fit.has_shading = found.state, True

@@ -4,8 +4,23 @@
 
 from __future__ import annotations
 
+from pydantic import Field
+
 from cdff_core.object_models.image_tracking import ImageTrackingConfig
 
 
 class VisualTargetTrackingConfig(ImageTrackingConfig):
     """Parameters of the tracker, and of the DFN slots."""
+
+    min_shading_agreement: float = Field(
+        0.5,
+        gt=0,
+        le=1,
+        description="Fraction of the points tracked from the rendering that must agree with the pose",
+    )
+    min_correlation: float = Field(
+        0.6,
+        gt=0,
+        le=1,
+        description="Correlation of image and rendering on the body below which it is not used",
+    )

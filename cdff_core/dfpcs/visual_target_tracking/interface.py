@@ -18,7 +18,7 @@ class VisualTargetTrackingInterface(Dfpc):
     """
 
     name = "visual_target_tracking"
-    INPUT_PORTS = ("model", "image", "depth", "guess")
+    INPUT_PORTS = ("model", "image", "depth", "guess", "sun")
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
@@ -42,6 +42,12 @@ class VisualTargetTrackingInterface(Dfpc):
     def on_guess(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_camera_body at the first image after the
         guess; starts a new track.
+        """
+
+    @abstractmethod
+    def on_sun(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type Vector3d. Direction to the Sun in the frame of the camera, for the
+        images after it; with it the shading and the shadows of the body are used.
         """
 
     @abstractmethod

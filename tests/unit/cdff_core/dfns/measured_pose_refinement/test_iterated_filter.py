@@ -111,3 +111,14 @@ def test_points_without_image_edges_are_refused(rng: np.random.Generator) -> Non
 def test_a_state_without_the_errors_of_a_pose_is_refused(rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match="expected at least 6 errors"):
         refine(measured(rng), prior_covariance=np.eye(3))
+
+
+def test_points_with_a_large_standard_deviation_have_little_weight(rng: np.random.Generator) -> None:
+    ports = measured(rng)
+    wrong = ports["offsets"].copy()
+    wrong[::2] += 2.0
+    sigmas = np.where(np.arange(len(wrong)) % 2, 0.2, 20.0)
+    plain = refine(ports | {"offsets": wrong})
+    weighted = refine(ports | {"offsets": wrong, "sigmas": sigmas})
+    assert distance(weighted) < 0.5 * distance(plain)
+    assert distance(weighted) < 0.003

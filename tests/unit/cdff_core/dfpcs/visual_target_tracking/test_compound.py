@@ -17,9 +17,10 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance
+from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance, Vector3d
+from cdff_core.object_models.lit_body import lit_body
 from cdff_core.object_models.rendering import Window, render
-from tests.support import satellite
+from tests.support import coloured_boxes, satellite
 from tests.support.satellite_images import CAMERA_MATRIX, image_of
 
 PREPARE = {"points": 4000, "views": 60, "view_pixels": 96, "grid_cells": 32}
@@ -224,3 +225,64 @@ def test_the_castle_of_visp_is_tracked(real_data: Callable[[str], Path]) -> None
     assert max(row["mm"] for row in rows) < 4.0
     assert max(row["deg"] for row in rows) < 1.2
     assert sum(row["is_degraded"] for row in rows) == 1
+
+
+@pytest.mark.slow
+def test_colours_track_a_body_whose_edges_are_lost_in_noise(rng: np.random.Generator) -> None:
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure({"prepare": PREPARE, "texture": False})
+    box = Mesh.from_arrays(*coloured_boxes.BOX, frame="client/body", stamp_ns=0)
+    list(dfpc.step(Sample("model", 0, 0, box)))
+    list(dfpc.step(guess(coloured_boxes.T_BOX)))
+    for k in range(6):
+        T = coloured_boxes.T_BOX.copy()
+        T[0, 3] += 0.02 * k
+        pixels = coloured_boxes.colour_image(T, rng, noise=60.0)
+        frame = Frame.from_image(
+            pixels, sensor="camera", stamp_ns=k * 200_000_000, mode="RGB", camera_matrix=CAMERA_MATRIX
+        )
+        pose, _ = step(dfpc, Sample("image", k * 200_000_000, k, frame))
+        assert "coasting" not in pose.quality.reasons
+        assert abs(pose_error(T, pose.value.transform.matrix)[0]) < 0.015
+    assert pose.quality.metrics["lines"] > 50
+
+
+def boulder() -> satellite.Mesh:
+    """Return an irregular body of about 1 m."""
+    import open3d
+
+    ball = open3d.geometry.TriangleMesh.create_sphere(0.5, resolution=30)
+    vertices = np.asarray(ball.vertices)
+    waves = np.sin(9.0 * vertices @ np.array([[1.0, 0.3, 0.2], [0.2, 1.0, 0.4], [0.5, 0.1, 1.0]]))
+    return vertices * (1.0 + 0.08 * waves.sum(axis=1, keepdims=True)), np.asarray(ball.triangles, np.int64)
+
+
+@pytest.mark.slow
+def test_the_direction_of_the_sun_tracks_a_smooth_body_half_in_the_dark(rng: np.random.Generator) -> None:
+    rock, sun, distance_m = boulder(), np.array([0.8, -0.3, -0.5]), 3.0
+    sun /= np.linalg.norm(sun)
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure({"prepare": PREPARE, "texture": False, "initial_rate_radps": (0.0, 0.0, 0.2)})
+    list(dfpc.step(Sample("model", 0, 0, Mesh.from_arrays(*rock, frame="client/body", stamp_ns=0))))
+    off = se3.transform(se3.exp_so3([0.02, -0.02, 0.01]), [0.01, -0.01, distance_m])
+    list(dfpc.step(guess(off)))
+    list(dfpc.step(Sample("sun", 0, 0, Vector3d(values=sun))))
+    camera = Window(400.0, 400.0, 159.5, 119.5, 240, 320)
+    for k in range(6):
+        t_s = 0.5 * k
+        T = se3.transform(se3.exp_so3([0.0, 0.0, 0.2 * t_s]), [0.0, 0.0, distance_m])
+        light = lit_body(*rock, T, camera, sun, point_spread_px=0.7, extent_px=140.0)
+        pixels = np.clip(5.0 + 150.0 * light + rng.normal(0.0, 2.0, light.shape), 0, 255).astype(np.uint8)
+        pose, _ = step(dfpc, image(t_s, pixels))
+        error = pose_error(T, pose.value.transform.matrix)
+    assert pose.quality.status is Status.OK, pose.quality.reasons
+    assert np.degrees(np.linalg.norm(error[3:])) < 0.5
+    assert np.linalg.norm(error[:2]) < 0.005
+    assert pose.quality.metrics["correlation"] > 0.9
+
+
+@pytest.mark.parametrize("direction", [[0.0, 0.0, 0.0], [np.nan, 0.0, 1.0]])
+def test_a_direction_of_the_sun_that_is_none_is_refused(direction: list[float]) -> None:
+    dfpc = make_dfpc(truth(0.0))
+    with pytest.raises(InputError, match="expected a finite direction"):
+        list(dfpc.step(Sample("sun", 0, 0, Vector3d(values=np.array(direction)))))
