@@ -156,7 +156,7 @@ def write_g2o(graph: G2oGraph) -> bytes:
     spatial = graph.dimension == 3
     vertex, edge, prior = _SPATIAL if spatial else ("VERTEX_SE2", "EDGE_SE2", "EDGE_PRIOR_SE2")
     indices = np.arange(6) if spatial else np.array(_PLANE)
-    upper, right = np.triu_indices(len(indices))
+    upper_rows, upper_columns = np.triu_indices(len(indices))
     priors = graph.ends[:, 0] == graph.ends[:, 1]
     out = [f"PARAMS_SE3OFFSET 0 {_IDENTITY}"] if spatial and priors.any() else []
     out += [
@@ -165,7 +165,10 @@ def write_g2o(graph: G2oGraph) -> bytes:
     ]
     out += [f"FIX {i}" for i in graph.fixed]
     numbers = np.hstack(
-        [_file_columns(graph.measurements, spatial), graph.information[:, indices[upper], indices[right]]]
+        [
+            _file_columns(graph.measurements, spatial),
+            graph.information[:, indices[upper_rows], indices[upper_columns]],
+        ]
     )
     for (a, b), is_prior, row in zip(graph.ends, priors, numbers, strict=True):
         head = f"{prior} {a} 0" if is_prior and spatial else f"{prior} {a}" if is_prior else f"{edge} {a} {b}"
@@ -254,8 +257,8 @@ def _poses_7(s: Source, values: NDArray[np.float64]) -> NDArray[np.float64]:
 def _symmetric(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return symmetric ``(m, 6, 6)`` of upper triangles ``(m, 21)`` or, planar, ``(m, 6)``."""
     indices = np.arange(6) if triangles.shape[1] == 21 else np.array(_PLANE)
-    upper, right = np.triu_indices(len(indices))
+    upper_rows, upper_columns = np.triu_indices(len(indices))
     out = np.zeros((len(triangles), 6, 6))
-    out[:, indices[upper], indices[right]] = triangles
-    out[:, indices[right], indices[upper]] = triangles
+    out[:, indices[upper_rows], indices[upper_columns]] = triangles
+    out[:, indices[upper_columns], indices[upper_rows]] = triangles
     return out

@@ -80,6 +80,7 @@ class SensorMonitor:
 
     def reset(self) -> None:
         """Start the comparison again."""
+        #: By port and frame; None if it cannot be compared.
         self._sources: dict[str, Source | None] = {}
         self._pairs: dict[tuple[str, str], MotionAgreement] = {}
         self._newest_ns: dict[str, int] = {}
@@ -179,7 +180,7 @@ class SensorMonitor:
 
     @property
     def sources(self) -> dict[str, Source]:
-        """Sources by name."""
+        """Compared sources of motion by sensor, without those of an unknown mount or without motion."""
         return {source.name: source for source in self._sources.values() if source is not None}
 
     def _made(self, sample: Sample, frame: str, type_name: str) -> Source | None:

@@ -24,8 +24,8 @@ from dpm_store.maps.windows import (
     WindowQuery,
     add_patches,
     build_window,
-    check_used,
     plan_window,
+    raise_if_no_patch_used,
 )
 from dpm_store.products.records import Query
 
@@ -96,7 +96,7 @@ class Maps:
             observed[target] = assembled.statistics.observed[inner]
             usages.append(replace(usage, disagreeing=int(np.count_nonzero(assembled.flagged[inner]))))
         usage = PatchUsage.merged(usages)
-        check_used(usage, query, "dem")
+        raise_if_no_patch_used(usage, query, "dem")
         for name in AGES & layers.keys():  # relative to the newest patch with cells in the window
             layers[name] -= np.float32((latest_ns - usage.span_ns[1]) * 1e-9)
         layers = {name: layers[name] for name in (*ELEVATION_LAYERS, *AUXILIARY_LAYERS) if name in layers}

@@ -20,8 +20,8 @@ from dpm_store.maps.windows import (
     WindowQuery,
     add_patches,
     build_window,
-    check_used,
     plan_window,
+    raise_if_no_patch_used,
 )
 from dpm_store.products.records import Query
 
@@ -56,7 +56,7 @@ class NavigationMaps:
 
         plan = plan or self.plan(query)
         mosaic, usage = self._assemble(plan.selection, plan.geometry, query.navigation_choice)
-        check_used(usage, query, "navigation_map")
+        raise_if_no_patch_used(usage, query, "navigation_map")
         layers = mosaic.layers()
         return build_window(
             plan, usage, NavigationMap, layers, layers["class"] > 0, [query.navigation_choice], DERIVED_PORT

@@ -249,7 +249,7 @@ def add_patches(
     return PatchUsage(records, 0, frozenset(resampled), tuple(sorted(skipped)), frozenset(purged))
 
 
-def check_used(usage: PatchUsage, query: WindowQuery, product: str) -> None:
+def raise_if_no_patch_used(usage: PatchUsage, query: WindowQuery, product: str) -> None:
     """Raise ProductNotFoundError if no patch has cells in the window."""
     if not usage.records:
         tilted = ", ".join(usage.skipped_frames)

@@ -73,15 +73,18 @@ class Refused:
 
 
 class LogParser:
-    """Parser of the lines of Zenoh's log, which follows each of its threads."""
+    """Parser of Zenoh's log. Lines of several threads are interleaved: the state is kept for each thread."""
 
     def __init__(self) -> None:
-        #: Per thread: the refusal in its last line (None: of a message to the identity), the common name of
-        #: its last accepted link, and the key whose permissions it computes. Per session: the common name.
+        #: By thread: the refusal in its last line; None if the refused message was outgoing, which is not
+        #: counted.
         self._denied: dict[str, Refused | None] = {}
-        self._accepted: dict[str, str] = {}
-        self._computed: dict[str, str] = {}
-        self._names: dict[str, str] = {}
+        #: By thread: the common name in the certificate of the link that it accepted last.
+        self._accepted_names: dict[str, str] = {}
+        #: By thread: the key whose permissions it computes in advance.
+        self._computed_keys: dict[str, str] = {}
+        #: By session: the common name in the certificate.
+        self._session_names: dict[str, str] = {}
 
     def parse(self, line: str) -> Refused | None:
         """Return the refusal that a line completes, None for other lines."""
@@ -101,11 +104,11 @@ class LogParser:
         if session := _SESSION.search(line):
             self._on_permission(thread, line, *session.groups())
         elif accepted := _ACCEPTED.search(line):
-            self._accepted[thread] = accepted[1]
+            self._accepted_names[thread] = accepted[1]
         elif caching := _CACHING.search(line):
-            self._computed[thread] = caching[1]
+            self._computed_keys[thread] = caching[1]
         elif "did not match any configured ACL subject" in line:
-            return Refused(self._accepted.get(thread, ""), "connect", "", _NOT_ADMITTED)
+            return Refused(self._accepted_names.get(thread, ""), "connect", "", _NOT_ADMITTED)
         return None
 
     def _on_permission(
@@ -113,14 +116,14 @@ class LogParser:
     ) -> None:
         """Remember a refusal, unless the thread computes permissions of a key in advance of messages."""
         if name:
-            if len(self._names) >= _MAX_SESSIONS:
-                self._names.clear()
-            self._names[session] = name
-        if self._computed.get(thread) == key and _CACHED not in line:
+            if len(self._session_names) >= _MAX_SESSIONS:
+                self._session_names.clear()
+            self._session_names[session] = name
+        if self._computed_keys.get(thread) == key and _CACHED not in line:
             if _LAST_COMPUTED in what:
-                del self._computed[thread]
+                del self._computed_keys[thread]
         elif denied and what.endswith(_INGRESS):
-            identity = self._names.get(session, "")
+            identity = self._session_names.get(session, "")
             self._denied[thread] = Refused(identity, what.removesuffix(_INGRESS), key, _NOT_GRANTED)
         elif denied:
             self._denied[thread] = None
