@@ -56,7 +56,7 @@ class LidarMapExt(Message):
     position: types.LidarMapPosition
 
     def _check_consistency(self) -> None:
-        """Check for one cloud per vertex, and the vertex of the position."""
+        """Check that each vertex has one cloud, and that the graph contains the vertex of the position."""
         ids = self.graph.vertices.ids
         if len(self.clouds.counts) != len(ids):
             raise InputError(

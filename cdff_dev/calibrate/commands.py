@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         result = calibrate(log, robot, known, wheels=args.wheels, streams=args.stream)
         end_ns = max(info.t1_ns for info in log.streams.values() if info.count)
     print(json.dumps(result.to_json()) if args.json else "\n".join(result.lines()))
-    mounts = {s.frame: s.result for s in result.sensors if s.result is not None}
+    mounts = {s.frame: s.completed_mount for s in result.sensors if s.completed_mount is not None}
     if args.write and mounts:
         path = Path(args.profile)
         write_file(path, with_mounts(path.read_text(encoding="utf-8"), robot, mounts).encode())
@@ -99,13 +99,13 @@ def _send(args: argparse.Namespace, result: Calibration, end_ns: int) -> None:
     valid_from_ns = end_ns if args.valid_from is None else parse_stamp(args.valid_from, "--valid-from")
     with Bus.open(args.connect, name="cdff calibrate") as bus:
         for sensor in result.sensors:
-            if sensor.result is None or sensor.result.covariance is None:
+            if sensor.completed_mount is None or sensor.completed_mount.covariance is None:
                 continue
             body = {
                 "frame": sensor.frame,
                 "parent": f"{result.robot}/base",
-                "T": sensor.result.matrix.tolist(),
-                "covariance": sensor.result.covariance.tolist(),
+                "T": sensor.completed_mount.matrix.tolist(),
+                "covariance": sensor.completed_mount.covariance.tolist(),
                 "valid_from_ns": valid_from_ns,
                 "producer": "cdff calibrate",
             }

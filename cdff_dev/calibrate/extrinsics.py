@@ -48,8 +48,8 @@ class SensorResult:
         Why there is no mount.
     offset_s : float or None
         Time to add to the stamps of an IMU; None for other sensors.
-    known : UncertainTransform or None
-        Mount in the profile.
+    profile_mount : UncertainTransform or None
+        Mount that the profile stated before the calibration.
     """
 
     stream: str
@@ -57,24 +57,28 @@ class SensorResult:
     mount: Mount | None
     refusal: str = ""
     offset_s: float | None = None
-    known: UncertainTransform | None = None
+    profile_mount: UncertainTransform | None = None
 
     @property
-    def result(self) -> UncertainTransform | None:
-        """Mount for the profile, with the undetermined directions of the known one (default: identity)."""
+    def completed_mount(self) -> UncertainTransform | None:
+        """Mount to write to the profile; directions that the calibration did not determine are taken from the mount
+        in the profile, by default the identity.
+        """
         if self.mount is None:
             return None
-        return self.mount.completed(UncertainTransform.identity() if self.known is None else self.known)
+        return self.mount.completed(
+            UncertainTransform.identity() if self.profile_mount is None else self.profile_mount
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data: the transform, its covariance, and the undetermined directions."""
-        if self.mount is None or self.result is None:
+        if self.mount is None or self.completed_mount is None:
             return {"stream": self.stream, "frame": self.frame, "refused": self.refusal}
-        covariance = self.result.covariance
+        covariance = self.completed_mount.covariance
         return {
             "stream": self.stream,
             "frame": self.frame,
-            "T": self.result.matrix.tolist(),
+            "T": self.completed_mount.matrix.tolist(),
             "covariance": None if covariance is None else covariance.tolist(),
             "undetermined": list(self.mount.undetermined),
             "offset_s": self.offset_s,
@@ -86,26 +90,28 @@ class SensorResult:
     def lines(self) -> Iterator[str]:
         """Yield the result in words."""
         yield f"{self.frame} ({self.stream})"
-        if self.mount is None or self.result is None:
+        if self.mount is None or self.completed_mount is None:
             yield f"  refused: {self.refusal}"
             return
         sigma = self.mount.sigma
-        rpy = rpy_deg_from_matrix(self.result.matrix[:3, :3])
-        values = [*self.result.matrix[:3, 3], *rpy]
+        rpy = rpy_deg_from_matrix(self.completed_mount.matrix[:3, :3])
+        values = [*self.completed_mount.matrix[:3, 3], *rpy]
         sigmas = [*sigma[:3], *np.rad2deg(sigma[3:])]
         for name, value, s in zip(DIRECTIONS, values, sigmas, strict=True):
             unit = "m" if name in "xyz" else "°"
             digits = 3 if unit == "m" else 2
             if name in self.mount.undetermined:
-                kept = "0" if self.known is None else "that of the profile"
+                kept = "0" if self.profile_mount is None else "that of the profile"
                 yield f"  {name:5} not determined; kept: {kept} ({value:.{digits}f} {unit})"
             else:
                 yield f"  {name:5} {value:9.{digits}f} ± {s:.{digits}f} {unit}"
         if self.mount.undetermined:
             yield f"  to determine {', '.join(self.mount.undetermined)}: {self._advice()}"
-        if self.known is not None:
-            delta = self.result.matrix[:3, :3] @ self.known.matrix[:3, :3].T
-            shift_m = float(np.linalg.norm(self.result.matrix[:3, 3] - self.known.matrix[:3, 3]))
+        if self.profile_mount is not None:
+            delta = self.completed_mount.matrix[:3, :3] @ self.profile_mount.matrix[:3, :3].T
+            shift_m = float(
+                np.linalg.norm(self.completed_mount.matrix[:3, 3] - self.profile_mount.matrix[:3, 3])
+            )
             angle_deg = float(np.rad2deg(se3.rotation_angle(delta)))
             yield f"  differs from the profile by {shift_m:.3f} m and {angle_deg:.2f}°"
         if self.offset_s is not None:
@@ -207,17 +213,17 @@ def calibrate(
                 continue
             sensor = estimated_trajectory(log, stream)
             pairs = motion_pairs(base.stamps_ns, base.poses, sensor.stamps_ns, sensor.poses)
-            result = SensorResult(stream, frame, hand_eye(pairs), known=mount_known)
+            result = SensorResult(stream, frame, hand_eye(pairs), profile_mount=mount_known)
             results.append(result)
-            if scales is None and result.mount is not None and result.result is not None:
+            if scales is None and result.mount is not None and result.completed_mount is not None:
                 result.mount.require(("yaw",))
-                scales, scales_by = wheel_scales(pairs, result.result.matrix), stream
+                scales, scales_by = wheel_scales(pairs, result.completed_mount.matrix), stream
         except DegenerateGeometryError as error:
             if not results or results[-1].stream != stream:
-                results.append(SensorResult(stream, frame, None, str(error), known=mount_known))
+                results.append(SensorResult(stream, frame, None, str(error), profile_mount=mount_known))
             refusal = str(error)
         except CdffError as error:
-            results.append(SensorResult(stream, frame, None, str(error), known=mount_known))
+            results.append(SensorResult(stream, frame, None, str(error), profile_mount=mount_known))
     return Calibration(robot, base_stream, tuple(results), scales, scales_by, refusal)
 
 
@@ -228,4 +234,4 @@ def _inertial_result(
     mount, offset_s = inertial_mount(
         unit.stamps_ns, unit.force_m_s2, unit.rate_rad_s, base.stamps_ns, base.poses
     )
-    return SensorResult(stream, unit.frame, mount, offset_s=offset_s, known=known)
+    return SensorResult(stream, unit.frame, mount, offset_s=offset_s, profile_mount=known)

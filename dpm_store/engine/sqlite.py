@@ -291,11 +291,18 @@ def candidates(index: str) -> Select[Any]:
     return select(literal_column("i.id")).select_from(source).where(text(where))
 
 
+def _bucket_position(bucket: int) -> float:
+    """Return a position within a bucket along the axis of the buckets of an index."""
+    return bucket * _BUCKET + _BUCKET / 4
+
+
 def candidate_values(boxes: Sequence[IndexBox], t_s: tuple[float, float]) -> dict[str, float | str]:
-    """Return the parameters of ``candidates``; times in seconds since the epoch, may be infinite."""
-    sides = [[bucket * _BUCKET + _BUCKET / 4, *(_clamp_bound(v) for v in box)] for bucket, box in boxes]
+    """Return the values of the select of ``candidates``: boxes (position of the bucket, then six bounds), and times
+    in seconds since the epoch, which may be infinite.
+    """
+    searched = [[_bucket_position(bucket), *(_clamp_bound(v) for v in box)] for bucket, box in boxes]
     t0, t1 = (_clamp_bound(t * _PER_S) for t in t_s)
-    return {"candidate_boxes": json.dumps(sides), "candidate_t0": t0, "candidate_t1": t1}
+    return {"candidate_boxes": json.dumps(searched), "candidate_t0": t0, "candidate_t1": t1}
 
 
 def candidates_between(
@@ -313,9 +320,9 @@ def candidates_between(
     statement, driver = _BETWEEN.format(index), _driver(connection)
     rows: list[tuple[int, float]] = []
     for bucket, b in boxes:
-        middle = bucket * _BUCKET + _BUCKET / 4
-        sides = [_clamp_bound(b[side]) for side in (3, 0, 4, 1, 5, 2)]
-        values = (middle, middle, *sides, *times, -1 if limit is None else limit + 1)
+        position = _bucket_position(bucket)
+        bounds = [_clamp_bound(b[side]) for side in (3, 0, 4, 1, 5, 2)]
+        values = (position, position, *bounds, *times, -1 if limit is None else limit + 1)
         rows += driver.execute(statement, values).fetchall()
     return list(set(rows)) if len(boxes) > 1 else rows
 

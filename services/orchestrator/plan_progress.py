@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of the plan of a job: what it still waits for, and what has failed."""
+"""Progress of the plan of a job: its pending sensors and DFPCs, and failures."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class WorkBudget:
                 yield
         finally:
             _CURRENT.reset(token)
-            self._reduce(charge, 0)
+            self._reduce_to(charge, 0)
 
     def charge(self, nbytes: int, *, is_insertion: bool = False) -> None:
         """Charge the current request for memory; outside of a request nothing is charged.
@@ -103,7 +103,7 @@ class WorkBudget:
         """Reduce the charge of the current request to the memory that its answer needs."""
         charge = _CURRENT.get()
         if charge is not None:
-            self._reduce(charge, nbytes)
+            self._reduce_to(charge, nbytes)
 
     def return_freed_memory(self, *, is_freed: bool = False) -> None:
         """Return freed memory to the system after requests that have used some, or if ``is_freed``."""
@@ -143,9 +143,10 @@ class WorkBudget:
             _RETRY_S,
         )
 
-    def _reduce(self, charge: _Charge, nbytes: int) -> None:
+    def _reduce_to(self, charge: _Charge, remaining_bytes: int) -> None:
+        """Reduce a charge, never increase it, and wake the waiting requests."""
         with self._changed:
-            freed = max(charge.nbytes - nbytes, 0)
+            freed = max(charge.nbytes - remaining_bytes, 0)
             charge.nbytes -= freed
             self._used -= freed
             if freed:

@@ -124,7 +124,7 @@ def delete(
     product_id: str,
     if_match: Annotated[str | None, Header(max_length=40, description='ETag as "r3", or *')] = None,
 ) -> dict[str, Any]:
-    """Delete a product; its id is not reused. With ``If-Match`` 412 at another revision."""
+    """Delete a product; its id is not reused. With ``If-Match``, the answer is 412 if it has another revision."""
     revision = None if if_match is None else required_revision(if_match)
     try:
         return {"id": product_id, "deleted": context.dpm.writer.delete(product_id, revision)}

@@ -41,7 +41,8 @@ _TILE_BYTES = 16 << 20
 
 Frame = Annotated[str, Query(max_length=128, description="Frame of the grid; default: site")]
 Value = Annotated[
-    float | None, Query(allow_inf_nan=False, description="End of the colours, in the layer's unit")
+    float | None,
+    Query(allow_inf_nan=False, description="Value at the lower end of the colour scale, in the layer's unit"),
 ]
 Index = Annotated[int, Path(ge=0, lt=1 << LAST_BODY_LEVEL)]
 LayerName = Annotated[str, Path(max_length=40)]
@@ -65,9 +66,11 @@ class TileParameters(BaseModel):
         CURRENT, description="Instead of t0 and t1: captures until a time, or in an interval, RFC 3339"
     )
     low: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
-        None, description="End of the colours, in the layer's unit"
+        None, description="Value at the lower end of the colour scale, in the layer's unit"
     )
-    high: Annotated[float, Field(allow_inf_nan=False)] | None = Field(None, description="The other end")
+    high: Annotated[float, Field(allow_inf_nan=False)] | None = Field(
+        None, description="Value at the upper end of the colour scale, in the layer's unit"
+    )
     robot: Robot | None = Field(None, description="Only maps of this robot")
     t0: Stamp | None = Field(None, description="Captures that ended at or after this: ns or RFC 3339")
     t1: Stamp | None = Field(None, description="Captures that ended at or before this: ns or RFC 3339")
