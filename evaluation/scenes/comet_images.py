@@ -26,8 +26,10 @@ FOCAL_PX, MIDDLE_PX = 5863.2, 256.0
 GUESS_M, GUESS_DEG = (80.0, 80.0, 1000.0), 1.0
 #: Period of the spin, hours, README.txt of the set, along the third axis of the mesh.
 PERIOD_H = 12.4042
-#: A free body in the frame of a camera that turns slowly (some degrees in an hour).
+#: A free body in the frame of a camera that turns slowly (some degrees in an hour). Texture is not tracked:
+#: between photographs an hour apart, the shadows move across the surface.
 CONFIG: dict[str, Any] = {
+    "texture": False,
     "unit": "km",
     "initial_rate_radps": (0.0, 0.0, 2.0 * np.pi / (3600.0 * PERIOD_H)),
     "initial_rate_sigma_radps": 1e-5,
