@@ -61,9 +61,13 @@ def lidar_scan(message: Any, topic: Topic, stamp_ns: int) -> tuple[LidarScan, st
 
 
 def unused_fields(message: Any) -> tuple[str, ...]:
-    """Return the fields of a cloud that a sweep does not have, such as the colour ``rgb``."""
+    """Return the fields of a cloud that a sweep does not have, such as the colour ``rgb``.
+
+    A cloud of a damaged type definition has no fields, or fields without a name; it has none of them.
+    """
     used = {"x", "y", "z", "ring", *_INTENSITY_FIELDS, *_TIME_FIELDS}
-    return tuple(field.name for field in message.fields if field.name not in used)
+    names = (getattr(field, "name", "") for field in getattr(message, "fields", ()))
+    return tuple(name for name in names if name and name not in used)
 
 
 def laser_scan(message: Any, topic: Topic, stamp_ns: int) -> tuple[LidarScan, str, None]:

@@ -45,3 +45,23 @@ def test_readers_of_a_format_pass(name: str) -> None:
     assert result["faults"] == []
     assert "error without the name of the file" not in result["outcomes"]
     assert result["memory_mb"] < MEMORY_BYTES / 2**20
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        (
+            "MCAP",
+            (23859, 71851),
+        ),  # definitions of a cloud without its fields, and of a field without its name
+        ("KITTI raw", (34493, 72822)),  # a year after 2262, and a rotation that is not finite
+    ],
+)
+def test_copies_that_were_faults_are_refused_or_read_in_part(
+    name: str, numbers: tuple[int, ...], tmp_path: Path
+) -> None:
+    recorded = [(k, files) for k, files in enumerate(recordings(None, name)[name])]
+    for number in numbers:
+        k, files = recorded[number % len(recorded)]
+        assert outcome(files, None, tmp_path / f"{k}") == "read"
+        assert outcome(files, number, tmp_path / f"{k}") in ("refused", "read up to an error")

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cdff_common.camera import read_camera, read_stereo
+from cdff_common.clock import MAX_STAMP_NS
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
@@ -182,7 +183,10 @@ def _stamp_ns(table: Path, number: int, line: str) -> int:
         nanoseconds = int(fraction.ljust(9, "0")[:9] or "0")
     except ValueError as error:
         raise InputError(f"{table}:{number + 1}: {error}; expected 2011-09-26 13:02:25.964389445") from error
-    return (int(start.timestamp()) * 1_000_000_000 + nanoseconds + 500) // 1000 * 1000
+    stamp_ns = (int(start.timestamp()) * 1_000_000_000 + nanoseconds + 500) // 1000 * 1000
+    if abs(stamp_ns) > MAX_STAMP_NS:
+        raise InputError(f"{table}:{number + 1}: {seconds}: expected a time before the year 2262")
+    return stamp_ns
 
 
 def _paths_and_stamps(files: Files) -> tuple[list[Path], Stamps]:
@@ -210,6 +214,8 @@ def _pose(path: Path) -> FloatArray:
     rows = _rows(path)
     if not {"R", "T"} <= rows.keys() or len(rows["R"]) != 9 or len(rows["T"]) != 3:
         raise InputError(f"{path}: expected lines R (9 numbers) and T (3 numbers)")
+    if not (np.isfinite(rows["R"]).all() and np.isfinite(rows["T"]).all()):
+        raise InputError(f"{path}: expected finite numbers in R and T")
     return np.asarray(se3.transform(se3.normalise_rotation(rows["R"].reshape(3, 3)), rows["T"]), np.float64)
 
 
