@@ -104,7 +104,7 @@ def robot(host: subprocess.Popen[bytes], endpoint: str, eventually: Eventually) 
 @pytest.fixture
 def active(robot: Robot, eventually: Eventually) -> Robot:
     """The robot after its DFPC was activated and has echoed a first pose."""
-    assert robot.rpc("activate") == {"state": "active"}
+    assert robot.rpc("activate")["state"] == "active"
 
     def has_echoed() -> bool:
         robot.send()
@@ -172,8 +172,8 @@ def test_the_local_store_and_operations_are_available_by_key(active: Robot, even
 
 
 def test_deactivation_stops_the_dfpc_and_is_announced(active: Robot, eventually: Eventually) -> None:
-    assert active.rpc("deactivate") == {"state": "inactive"}
-    assert active.rpc("deactivate") == {"state": "inactive"}
+    assert active.rpc("deactivate")["state"] == "inactive"
+    assert active.rpc("deactivate")["state"] == "inactive"
     eventually(lambda: any(kind == "deactivated" for kind, _ in active.events))
     before = active.rpc("status")["samples"]
     active.send()
@@ -221,7 +221,7 @@ def test_a_dfpc_that_raises_enters_error_with_its_reason_and_recovers_on_activat
     )
     with pytest.raises(NotActiveError):
         active.rpc("deactivate")
-    assert active.rpc("activate") == {"state": "active"}
+    assert active.rpc("activate")["state"] == "active"
     before = len(active.products)
 
     def has_echoed() -> bool:
@@ -277,7 +277,7 @@ def test_an_unknown_parameter_of_configure_is_refused_and_changes_nothing(robot:
 
     with pytest.raises(CdffError, match="Known keys"):
         robot.bus.call(keys.dfpc_rpc("mana", NAME, "configure"), payload=pack({"speed": 1}))
-    assert robot.rpc("activate") == {"state": "active"}
+    assert robot.rpc("activate")["state"] == "active"
 
 
 @pytest.mark.req("CDFF-SUP-044")

@@ -82,14 +82,13 @@ def test_a_running_dfpc_is_configured_again_only_if_its_configuration_differs() 
     assert actions(fine, None) == [], "the status of a host that states no configuration"
 
 
-REGISTRY = Registry.default()
-ADJUSTABLE = [name for name in sorted(REGISTRY.dfpcs) if REGISTRY.dfpc(name).adjustable]
-
-
-@pytest.mark.parametrize("name", ADJUSTABLE)
-def test_the_defaults_of_adjustable_parameters_are_those_of_the_configuration(name: str) -> None:
-    model = REGISTRY.make_dfpc(name).config_model()
-    for adjustable in REGISTRY.dfpc(name).adjustable:
-        assert adjustable.default == model.model_fields[adjustable.parameter].default, adjustable.parameter
-        for value in (adjustable.least, adjustable.greatest):
-            assert getattr(model(**{adjustable.parameter: value}), adjustable.parameter) == value
+def test_the_defaults_of_adjustable_parameters_are_those_of_the_configuration() -> None:
+    registry = Registry.default()
+    adjustable_dfpcs = [name for name in registry.dfpcs if registry.dfpc(name).adjustable]
+    assert adjustable_dfpcs
+    for name in adjustable_dfpcs:
+        model = registry.make_dfpc(name).config_model()
+        for adjustable in registry.dfpc(name).adjustable:
+            assert adjustable.default == model.model_fields[adjustable.parameter].default, adjustable
+            for value in (adjustable.least, adjustable.greatest):
+                assert getattr(model(**{adjustable.parameter: value}), adjustable.parameter) == value
