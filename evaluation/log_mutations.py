@@ -8,7 +8,7 @@ A reader passes if it reads the recording in whole or in part, or raises an erro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from evaluation.scenes.log_files import POCOLOG, SIMULATED
 
 #: Damaged copies of each format.
 OPTIONS = {"count": 100_000, "seed": 0}
+#: Formats; each takes some minutes.
+PARTS = (*SIMULATED, POCOLOG)
 _OUTCOMES = (
     "read",
     "read without the damaged part",
@@ -27,29 +29,33 @@ _OUTCOMES = (
 
 
 def evaluate(
-    data: Path, progress: Callable[[str], None], count: int = OPTIONS["count"], seed: int = OPTIONS["seed"]
+    data: Path,
+    progress: Callable[[str], None],
+    parts: Sequence[str] = PARTS,
+    count: int = OPTIONS["count"],
+    seed: int = OPTIONS["seed"],
 ) -> dict[str, Any]:
     """Return outcomes, faults and memory by format; the copies have the numbers from ``seed * 10**6``."""
-    figures: dict[str, Any] = {"count": count, "seed": seed, "formats": {}}
-    for name in (*SIMULATED, POCOLOG):
+    figures: dict[str, Any] = {}
+    for name in parts:
         progress(f"log_mutations: {name}")
         first = seed * 10**6
-        figures["formats"][name] = run(name, first, first + count, data)
+        figures[name] = {"count": count, "seed": seed, **run(name, first, first + count, data)}
     return figures
 
 
 def table(figures: Mapping[str, Any]) -> str:
     """Return the table of outcomes and the list of faults."""
     lines = [
-        f"{figures['count']} damaged copies of each format, seed {figures['seed']}.",
-        "",
-        f"| format | {' | '.join(_OUTCOMES)} | faults | memory |",
-        "|---" * (len(_OUTCOMES) + 3) + "|",
+        f"| format | copies | {' | '.join(_OUTCOMES)} | faults | memory |",
+        "|---" * (len(_OUTCOMES) + 4) + "|",
     ]
     faults = []
-    for name, result in figures["formats"].items():
+    for name, result in figures.items():
         counts = " | ".join(str(result["outcomes"].get(outcome, 0)) for outcome in _OUTCOMES)
-        lines.append(f"| {name} | {counts} | {len(result['faults'])} | {result['memory_mb']:.0f} MB |")
+        lines.append(
+            f"| {name} | {result['count']} | {counts} | {len(result['faults'])} | {result['memory_mb']:.0f} MB |"
+        )
         faults += [f"- {name}, copy {f['number']}: `{f['reason']}`" for f in result["faults"][:5]]
     return "\n".join(
         [*lines, "", *(["The first faults of each format:", "", *faults] if faults else ["No faults."])]

@@ -294,10 +294,14 @@ def table(figures: dict[str, Any]) -> str:
     ]
     for part in ("runs", "disturbed"):
         for name, row in figures.get(part, {}).items():
+            errors = "– | –"  # of no motion
+            if row["median_mm"] is not None:
+                errors = (
+                    f"{row['median_mm']} mm, {row['median_deg']}° | "
+                    f"{row['largest_mm']} mm ({row['largest_in_frame']}), {row['largest_deg']}°"
+                )
             lines.append(
-                f"| {name} | {row['used']} of {row['motions']} "
-                f"| {row['median_mm']} mm, {row['median_deg']}° | "
-                f"{row['largest_mm']} mm ({row['largest_in_frame']}), {row['largest_deg']}° | "
+                f"| {name} | {row['used']} of {row['motions']} | {errors} | "
                 f"{row['ok']}, {row['failed']} | {row['median_cpu_ms']} |"
             )
     if "reference" in figures:
