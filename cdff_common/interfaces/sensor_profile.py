@@ -31,14 +31,14 @@ class AcquisitionParameter(StrictModel):
         Bounds, in the unit of the name, such as ``pan_deg``.
     initial : float
         Value before the first acquisition, and of an acquisition that does not state it.
-    rate_per_s : float or None
+    speed_per_s : float or None
         Speed of the mechanism, units per second; None if a change takes no time.
     """
 
     least: float
     greatest: float
     initial: float = 0.0
-    rate_per_s: PositiveFloat | None = None
+    speed_per_s: PositiveFloat | None = None
 
     @model_validator(mode="after")
     def _initial_is_within_the_bounds(self) -> AcquisitionParameter:
@@ -124,9 +124,9 @@ class SensorMode(StrictModel):
     def acquisition_s(self, values: Mapping[str, float], current: Mapping[str, float]) -> float:
         """Return the duration of an acquisition from the current values of the parameters, seconds."""
         motions_s = [
-            abs(values.get(name, p.initial) - current.get(name, p.initial)) / p.rate_per_s
+            abs(values.get(name, p.initial) - current.get(name, p.initial)) / p.speed_per_s
             for name, p in self.parameters.items()
-            if p.rate_per_s is not None
+            if p.speed_per_s is not None
         ]
         return self.acquire_s + max(motions_s, default=0.0)
 

@@ -162,9 +162,8 @@ def test_an_orbital_model_in_the_dpm_locates_a_rover_even_if_inserted_late(
     rover: Rover, eventually: Eventually, ground: Ground
 ) -> None:
     for dfpc in ("position_manager", "absolute_localisation"):
-        assert rover.bus.call(keys.dfpc_rpc("mana", dfpc, "activate"), timeout_s=10).body() == {
-            "state": "active"
-        }
+        answer = rover.bus.call(keys.dfpc_rpc("mana", dfpc, "activate"), timeout_s=10).body()
+        assert answer["state"] == "active"
     eventually(
         lambda: rover.status("absolute_localisation")["last_error"], 20, "the report of the missing model"
     )

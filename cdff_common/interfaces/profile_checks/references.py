@@ -103,7 +103,7 @@ def _mode_findings(reading: Reading, robot: Robot, entry: DfpcEntry, place: Loca
 
 
 def _properties(mode: SensorMode) -> str:
-    values = mode.model_dump(exclude_none=True, exclude={"doc"})
+    values = {"on": mode.on} | mode.model_dump(exclude_defaults=True, exclude={"doc", "on"})
     return ", ".join(f"{key} {value}" for key, value in values.items())
 
 

@@ -18,7 +18,7 @@ from cdff_core.orchestration.request import parse_request
 from cdff_dev.play.gate import SensorGate
 from tests.support.planner_worlds import from_sensor, provider, sensor, world
 
-PAN = {"least": -90, "greatest": 90, "rate_per_s": 30}
+PAN = {"least": -90, "greatest": 90, "speed_per_s": 30}
 CAMERA = Sensor.model_validate(
     {
         "kind": "camera",
