@@ -17,7 +17,7 @@ from cdff_common.interfaces.profile import DfpcEntry, Profile, Robot
 from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.acquisition import acquisitions_of
 from cdff_core.orchestration.adjustment import adjustables_of
-from cdff_core.orchestration.budgets import BUDGET_UNITS, added
+from cdff_core.orchestration.budgets import BUDGET_UNITS, Amounts, added
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconciliation import ObservedState
 from cdff_core.orchestration.world import (
@@ -304,16 +304,13 @@ def world_of(
                 needs=sensor.needs_by_mode,
                 acquisitions=possible,
             )
-    providers = {p: _with_acquisitions(provider, sensors) for p, provider in providers.items()}
+    if acquire is not None:
+        providers = {p: _with_acquisitions(provider, sensors) for p, provider in providers.items()}
     reserved = frozenset(p for p in providers if p in observed.active or leases.is_wanted(p))
     return World(
         providers,
         sensors,
-        free={
-            robot.id: remaining
-            for robot in selected
-            if (remaining := _remaining(robot, [providers[p] for p in reserved], sensors))
-        },
+        free=_free_budgets(selected, (providers[p] for p in reserved), sensors.values()),
         reserved=reserved,
         takeable={p: n for p in reserved if (n := leases.takeable(p, priority)) is not None},
     )
@@ -364,16 +361,27 @@ def _with_acquisitions(provider: Provider, sensors: Mapping[SensorId, SensorStat
     return replace(provider, modes={**provider.modes, **modes}, alternatives=alternatives)
 
 
-def _remaining(
-    robot: Robot, reserved: Iterable[Provider], sensors: Mapping[SensorId, SensorState]
-) -> dict[str, float]:
-    """Return the remaining budgets of a robot next to its reserved providers and current modes."""
-    limits = {budget: robot.limits[budget] for budget in BUDGET_UNITS if budget in robot.limits}
-    if not limits:
-        return {}
-    modes = [state.needs.get(state.current, {}) for state in sensors.values() if state.id.robot == robot.id]
-    used = added([*(p.needs for p in reserved if p.id.robot == robot.id), *modes])
-    return {budget: limit - used.get(budget, 0.0) for budget, limit in limits.items()}
+def _free_budgets(
+    robots: Iterable[Robot], reserved: Iterable[Provider], sensors: Iterable[SensorState]
+) -> dict[str, dict[str, float]]:
+    """Return the remaining budgets of each robot with limits, next to reserved providers and current modes."""
+    limits = {
+        robot.id: own
+        for robot in robots
+        if (own := {budget: robot.limits[budget] for budget in BUDGET_UNITS if budget in robot.limits})
+    }
+    used: dict[str, list[Amounts]] = {robot: [] for robot in limits}
+    for provider in reserved:
+        if provider.id.robot in used:
+            used[provider.id.robot].append(provider.needs)
+    for state in sensors:
+        if state.needs and state.id.robot in used:
+            used[state.id.robot].append(state.needs.get(state.current, {}))
+    totals = {robot: added(amounts) for robot, amounts in used.items()}
+    return {
+        robot: {budget: limit - totals[robot].get(budget, 0.0) for budget, limit in own.items()}
+        for robot, own in limits.items()
+    }
 
 
 def _rates_hz(robot: Robot, observed: ObservedState) -> dict[SensorId, float | None]:

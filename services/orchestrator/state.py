@@ -417,7 +417,7 @@ class SystemState:
         with self._changed:
             now_s = self._timing.now_s()
             # A process that is not observed yet, after a restart of this one, may be active.
-            unknown = self._descriptions.keys() - self._observed.alive
+            unknown = self._leases.wanted - self._observed.alive
             expired = self._leases.expire(now_s, self._observed.active | unknown)
             refusals = self._refused_modes.at(now_s)
             self._leases.avoid(refusals)
