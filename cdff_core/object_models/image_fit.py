@@ -13,9 +13,9 @@ import numpy as np
 from cdff_common.arrays import Float32Array, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import Dfn
-from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
+from cdff_core.object_models.measured_correction import corrected_state
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Smallest range of the search for edges, px, and number of standard deviations of the prediction that the
@@ -109,20 +109,9 @@ class ImageFitter:
                     f"{len(measured.points)} edge points in the image",
                     [f"few_edges:{len(measured.points)}<{self._min_points}"],
                 )
-            outputs = self._refine.process(
-                MeasuredPoseRefinementInputs(
-                    points=measured.points,
-                    pixels=measured.pixels,
-                    normals=measured.normals,
-                    offsets=measured.offsets,
-                    camera_matrix=camera_matrix,
-                    pose=state.T,
-                    limit_px=range_px,
-                    prior_covariance=predicted.covariance,
-                    prior_error=predicted.difference(state),
-                )
+            state, outputs = corrected_state(
+                self._refine, state, predicted, measured, camera_matrix, range_px
             )
-            state = state.corrected(outputs.correction, outputs.covariance)
             range_px = max(0.5 * range_px, _MIN_RANGE_PX)
         distance = state.squared_distance(predicted)
         return ImageFit(state, distance, outputs.agreement, outputs.sigma_px, len(measured.points), first_px)

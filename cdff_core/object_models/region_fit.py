@@ -10,7 +10,6 @@ from typing import Any
 from cdff_common.arrays import ByteArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import Dfn
-from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.dfns.model_region_measurement.interface import ModelRegionMeasurementInputs
 from cdff_core.dfns.region_colour_learning.interface import (
@@ -18,6 +17,7 @@ from cdff_core.dfns.region_colour_learning.interface import (
     RegionColourLearningOutputs,
 )
 from cdff_core.object_models.image_fit import search_range_px
+from cdff_core.object_models.measured_correction import corrected_state
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Largest number of measurements of an image, and the range of the last one, px.
@@ -127,21 +127,9 @@ class RegionFitter:
                     f"{len(measured.points)} lines across the outline in the image",
                     [f"few_lines:{len(measured.points)}<{_MIN_LINES}"],
                 )
-            outputs = self._refine.process(
-                MeasuredPoseRefinementInputs(
-                    points=measured.points,
-                    pixels=measured.pixels,
-                    normals=measured.normals,
-                    offsets=measured.offsets,
-                    sigmas=measured.sigmas,
-                    camera_matrix=camera_matrix,
-                    pose=state.T,
-                    limit_px=range_px,
-                    prior_covariance=predicted.covariance,
-                    prior_error=predicted.difference(state),
-                )
+            state, outputs = corrected_state(
+                self._refine, state, predicted, measured, camera_matrix, range_px
             )
-            state = state.corrected(outputs.correction, outputs.covariance)
             if k > 0 and range_px <= _MIN_RANGE_PX:
                 break
             range_px = max(0.5 * range_px, _MIN_RANGE_PX)

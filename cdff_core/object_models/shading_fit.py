@@ -16,9 +16,9 @@ from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
 from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInputs
 from cdff_core.dfns.lit_body_rendering.interface import LitBodyRenderingInputs, LitBodyRenderingOutputs
-from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.image_fit import search_range_px
+from cdff_core.object_models.measured_correction import PointOffsets, corrected_state
 from cdff_core.object_models.texture_fit import inner_pixels
 from cdff_core.object_models.tracked_state import TrackedState
 
@@ -99,23 +99,13 @@ class ShadingFitter:
                     f"{count} of {len(features)} points were tracked from the rendering to the image",
                     [f"few_features:{count}<{_MIN_POINTS}"],
                 )
-            pixels = features[is_valid]
-            outputs = self._refine.process(
-                MeasuredPoseRefinementInputs(
-                    points=np.repeat(points_m[is_valid], 2, axis=0),
-                    pixels=np.repeat(pixels, 2, axis=0),
-                    normals=np.tile(np.eye(2), (count, 1)),
-                    offsets=(matches[is_valid] - pixels).reshape(-1, 1),
-                    camera_matrix=camera_matrix,
-                    pose=state.T,
-                    limit_px=search_range_px(
-                        model, state.T, state.covariance[:6, :6], camera_matrix, self._max_range_px
-                    ),
-                    prior_covariance=predicted.covariance,
-                    prior_error=predicted.difference(state),
-                )
+            measured = PointOffsets.of_matches(points_m[is_valid], features[is_valid], matches[is_valid])
+            limit_px = search_range_px(
+                model, state.T, state.covariance[:6, :6], camera_matrix, self._max_range_px
             )
-            state = state.corrected(outputs.correction, outputs.covariance)
+            state, outputs = corrected_state(
+                self._refine, state, predicted, measured, camera_matrix, limit_px
+            )
         correlation = self._rendered(model, state, image, camera_matrix, sun).correlation
         distance = state.squared_distance(predicted)
         return ShadingFit(state, distance, outputs.agreement, count, correlation)

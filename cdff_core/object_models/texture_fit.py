@@ -18,6 +18,7 @@ from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInpu
 from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.image_fit import search_range_px
+from cdff_core.object_models.measured_correction import PointOffsets
 from cdff_core.object_models.rendering import Window, body_window, render
 from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
@@ -105,14 +106,14 @@ class TextureFitter:
                 f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
                 [f"few_features:{np.count_nonzero(is_valid)}<{_MIN_POINTS}"],
             )
-        points_m, pixels, matches = points_m[is_valid], pixels[is_valid], matches[is_valid]
+        measured = PointOffsets.of_matches(points_m[is_valid], pixels[is_valid], matches[is_valid])
         prior = relative_prior(seen.state, predicted, transition)
         outputs = self._refine.process(
             MeasuredPoseRefinementInputs(
-                points=np.repeat(points_m, 2, axis=0),
-                pixels=np.repeat(pixels, 2, axis=0),
-                normals=np.tile(np.eye(2), (len(pixels), 1)),
-                offsets=(matches - pixels).reshape(-1, 1),
+                points=measured.points,
+                pixels=measured.pixels,
+                normals=measured.normals,
+                offsets=measured.offsets,
                 camera_matrix=camera_matrix,
                 pose=predicted.T,
                 limit_px=search_range_px(
@@ -122,7 +123,7 @@ class TextureFitter:
             )
         )
         state = predicted.corrected(outputs.correction[6:], outputs.covariance[6:, 6:])
-        return TextureFit(state, outputs.agreement, len(pixels))
+        return TextureFit(state, outputs.agreement, int(np.count_nonzero(is_valid)))
 
     def _features(
         self, model: ModelPreparationOutputs, seen: SeenBody, camera_matrix: FloatArray

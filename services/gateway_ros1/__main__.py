@@ -11,19 +11,15 @@ import argparse
 import os
 import threading
 
-from cdff_common.bus import Bus
-from cdff_common.cli import add_connect_option
-from cdff_common.client import Client
-from cdff_common.errors import ConfigurationError
 from cdff_common.extras import import_extra
-from cdff_common.heartbeat import add_check
 from cdff_common.process import cap_threads, run_service
+from services.gateways.program import add_gateway_options, gateway_connections
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run until SIGTERM."""
     parser = argparse.ArgumentParser(prog="gateway_ros1", description=__doc__)
-    parser.add_argument("--settings", required=True, help="YAML file of the topics that may pass")
+    add_gateway_options(parser)
     parser.add_argument(
         "--master",
         default=os.environ.get("ROS_MASTER_URI", "http://127.0.0.1:11311"),
@@ -34,8 +30,6 @@ def main(argv: list[str] | None = None) -> int:
         default=os.environ.get("ROS_IP", "127.0.0.1"),
         help="address of this machine for the robot, and to listen on; default: ROS_IP, else loopback",
     )
-    parser.add_argument("--robot", help="robot that the settings must name")
-    add_connect_option(parser)
     args = parser.parse_args(argv)
     cap_threads(1)
 
@@ -45,17 +39,9 @@ def main(argv: list[str] | None = None) -> int:
         from services.gateway_ros1.settings import Ros1Settings
         from services.gateways.settings import load_settings
 
-        settings = load_settings(args.settings, Ros1Settings)
-        if args.robot not in (None, settings.robot):
-            raise ConfigurationError(
-                f"{args.settings}: robot {settings.robot!r}, expected {args.robot!r}, whose profile names it"
-            )
-        with (
-            Bus.open(args.connect, name=SERVICE, wait_s=None, stop=stop) as bus,
-            Client(args.connect, name=SERVICE) as client,
-        ):
+        settings = load_settings(args.settings, Ros1Settings, args.robot)
+        with gateway_connections(args.connect, SERVICE, stop) as (bus, client):
             gateway = Gateway(settings, bus, client, args.master, args.host)
-            add_check(bus.loops.problem)
             bus.declare_alive(settings.robot, SERVICE)
             gateway.run(stop)
 

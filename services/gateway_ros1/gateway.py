@@ -16,9 +16,9 @@ from services.gateway_ros1.node import Ros1Node
 from services.gateway_ros1.settings import Ros1Settings
 from services.gateways.counters import TopicCounters
 from services.gateways.dfpc_parameters import DfpcParameters
-from services.gateways.frames import FrameNames, FrameTree
-from services.gateways.inputs import InputLink
-from services.gateways.outputs import OutputLink, StaticTransforms
+from services.gateways.frames import FrameNames
+from services.gateways.inputs import InputLink, links_by_topic
+from services.gateways.outputs import connect_outputs
 from services.gateways.request_types import SERVICES
 from services.gateways.requests import ProductRequests
 from services.gateways.settings import RequestEntry
@@ -56,7 +56,8 @@ class Gateway:
         self._types = RosTypes(1)
         self._node = Ros1Node(master_uri, host, f"/{settings.node}", self._types)
         self._names = FrameNames(settings.robot, settings.frames)
-        self._inputs, self._outputs = self._make_inputs(), self._make_outputs()
+        self._inputs = self._make_inputs()
+        self._outputs = connect_outputs(settings.outputs, self._names, self._types, self._node, bus)
         self._requests = [self._serve(entry) for entry in settings.requests]
         self._parameters = DfpcParameters(settings.robot, settings.parameters, bus)
         self._parameter_counters = TopicCounters()
@@ -91,13 +92,7 @@ class Gateway:
         }
 
     def _make_inputs(self) -> list[InputLink]:
-        tree = FrameTree()
-        links = [
-            InputLink(entry, self._names, self._types, self._bus, tree) for entry in self._settings.inputs
-        ]
-        by_topic: dict[str, list[InputLink]] = {}
-        for link in links:
-            by_topic.setdefault(link.entry.topic, []).append(link)
+        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus)
         for topic, same in by_topic.items():
             self._subscribe(topic, same)
             entry = same[0].entry
@@ -109,7 +104,7 @@ class Gateway:
                     same[0].drop,
                     max_bytes=entry.max_bytes,
                 )
-        return links
+        return [link for links in by_topic.values() for link in links]
 
     def _subscribe(self, topic: str, links: list[InputLink]) -> None:
         def on_message(data: bytes) -> None:
@@ -122,21 +117,6 @@ class Gateway:
 
         largest = max(link.entry.max_bytes for link in links)
         self._node.subscribe(topic, links[0].entry.type, on_message, on_fault, max_bytes=largest)
-
-    def _make_outputs(self) -> list[OutputLink]:
-        tree, static = FrameTree(), StaticTransforms()
-        links = [
-            OutputLink(entry, self._names, self._types, self._node, tree, static)
-            for entry in self._settings.outputs
-        ]
-        for link in links:
-            entry = link.entry
-            # Images have topics below the listed one, which are announced with the first image.
-            if entry.type not in ("sensor_msgs/msg/Image",):
-                self._node.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
-            dfpc, port = entry.product.split("/")
-            self._bus.subscribe(keys.product(self._settings.robot, dfpc, port), link.on_message)
-        return links
 
     def _serve(self, entry: RequestEntry) -> ProductRequests:
         service = ServiceType.register(self._types, entry.type, SERVICES[entry.type].definition)

@@ -18,9 +18,9 @@ from services.gateway_ros2.actions import ActionServer, Goal
 from services.gateway_ros2.parameters import ParameterServer
 from services.gateway_ros2.robot_node import RobotNode
 from services.gateway_ros2.settings import Ros2Settings
-from services.gateways.frames import FrameNames, FrameTree
-from services.gateways.inputs import InputLink
-from services.gateways.outputs import OutputLink, StaticTransforms
+from services.gateways.frames import FrameNames
+from services.gateways.inputs import InputLink, links_by_topic
+from services.gateways.outputs import connect_outputs
 from services.gateways.request_types import ACTIONS, SERVICES
 from services.gateways.requests import ProductRequests
 from services.gateways.settings import RequestEntry
@@ -59,7 +59,8 @@ class Gateway:
         self._names = FrameNames(settings.robot, settings.frames)
         self._type_conflicts: dict[str, str] = {}
         self._subscriptions: dict[str, Subscription] = {}
-        self._inputs, self._outputs = self._make_inputs(), self._make_outputs()
+        self._inputs = self._make_inputs()
+        self._outputs = connect_outputs(settings.outputs, self._names, self._types, self._node, bus)
         self._actions: list[ActionServer] = []
         self._requests = [self._serve(entry) for entry in settings.requests]
         self._parameters = ParameterServer(self._node, settings.robot, settings.parameters, bus)
@@ -94,13 +95,7 @@ class Gateway:
         }
 
     def _make_inputs(self) -> list[InputLink]:
-        tree = FrameTree()
-        links = [
-            InputLink(entry, self._names, self._types, self._bus, tree) for entry in self._settings.inputs
-        ]
-        by_topic: dict[str, list[InputLink]] = {}
-        for link in links:
-            by_topic.setdefault(link.entry.topic, []).append(link)
+        by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus)
         for topic, same in by_topic.items():
             entry = same[0].entry
             receive = _receiver(same, self._node, self._node.hash_of(entry.type))
@@ -108,28 +103,13 @@ class Gateway:
             self._subscriptions[topic] = self._node.subscribe(topic, entry.type, quality, receive, depth)
             if entry.camera_info is not None:
                 self._subscribe_calibration(same[0], entry.camera_info, quality)
-        return links
+        return [link for links in by_topic.values() for link in links]
 
     def _subscribe_calibration(self, link: InputLink, topic: str, quality: str) -> None:
         def on_message(message: Message) -> None:
             link.on_camera_info(message.payload)
 
         self._node.subscribe(topic, CAMERA_INFO, quality, on_message, 1)
-
-    def _make_outputs(self) -> list[OutputLink]:
-        tree, static = FrameTree(), StaticTransforms()
-        links = [
-            OutputLink(entry, self._names, self._types, self._node, tree, static)
-            for entry in self._settings.outputs
-        ]
-        for link in links:
-            entry = link.entry
-            # Images have topics below the listed one, which are declared with the first image.
-            if entry.type not in ("sensor_msgs/msg/Image",):
-                self._node.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
-            dfpc, port = entry.product.split("/")
-            self._bus.subscribe(keys.product(self._settings.robot, dfpc, port), link.on_message)
-        return links
 
     def _serve(self, entry: RequestEntry) -> ProductRequests:
         """Declare the service or action of an entry."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -188,3 +188,14 @@ def _stamp_ns(message: Any) -> int:
     if not 0 < stamp_ns <= MAX_STAMP_NS:
         raise InputError(f"stamp {stamp_ns} ns: expected a time of capture since 1970")
     return stamp_ns
+
+
+def links_by_topic(
+    entries: Sequence[InputTopic], names: FrameNames, ros_types: RosTypes, bus: Bus
+) -> dict[str, list[InputLink]]:
+    """Return the links of each topic; their frame trees are checked together."""
+    tree = FrameTree()
+    links: dict[str, list[InputLink]] = {}
+    for entry in entries:
+        links.setdefault(entry.topic, []).append(InputLink(entry, names, ros_types, bus, tree))
+    return links

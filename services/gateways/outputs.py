@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Sequence
 from typing import Any, Protocol
 
-from cdff_common.bus import Message
+from cdff_common.bus import Bus, Message, keys
 from cdff_common.clock import monotonic_s
 from cdff_common.codecs import decode_payload
 from cdff_common.errors import CdffError, InputError
@@ -26,6 +27,9 @@ logger = logging.getLogger(__name__)
 
 class Publisher(Protocol):
     """A node of the robot's network that publishes messages."""
+
+    def declare_publisher(self, topic: str, type_name: str, *, latched: bool) -> None:
+        """Declare a topic before its first message."""
 
     def publish(self, out: Outgoing, *, latched: bool) -> None:
         """Publish a message; a latched one is sent to subscribers that join later, too."""
@@ -121,3 +125,19 @@ class OutputLink:
     def _drop(self, reason: str, detail: str) -> None:
         if self.counters.drop(reason, detail):
             logger.warning("%s: dropped (%s): %s", self.entry.product, reason, detail)
+
+
+def connect_outputs(
+    entries: Sequence[OutputTopic], names: FrameNames, ros_types: RosTypes, publisher: Publisher, bus: Bus
+) -> list[OutputLink]:
+    """Declare the topics of outputs, and subscribe to the products that become their messages."""
+    tree, static = FrameTree(), StaticTransforms()
+    links = [OutputLink(entry, names, ros_types, publisher, tree, static) for entry in entries]
+    for link in links:
+        entry = link.entry
+        # Images have topics below the listed one, which are declared with the first image.
+        if entry.type != "sensor_msgs/msg/Image":
+            publisher.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
+        dfpc, port = entry.product.split("/")
+        bus.subscribe(keys.product(names.robot, dfpc, port), link.on_message)
+    return links

@@ -227,11 +227,27 @@ class GatewaySettings(StrictModel):
 Settings = TypeVar("Settings", bound=GatewaySettings)
 
 
-def load_settings(path: str | Path, model: type[Settings]) -> Settings:
-    """Read the settings of a gateway; raises ConfigurationError with file, key and expectation."""
+def load_settings(path: str | Path, model: type[Settings], robot: str | None = None) -> Settings:
+    """Read the settings of a gateway.
+
+    Parameters
+    ----------
+    robot : str, optional
+        Robot that the settings must name.
+
+    Raises
+    ------
+    ConfigurationError
+        With file, key and expectation, if the settings are invalid or those of another robot.
+    """
     try:
-        return model.model_validate(read_mapping(Path(path)))
+        settings = model.model_validate(read_mapping(Path(path)))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"])) or "settings"
         raise ConfigurationError(f"{path}: {key}: {first['msg']}") from error
+    if robot not in (None, settings.robot):
+        raise ConfigurationError(
+            f"{path}: robot {settings.robot!r}, expected {robot!r}, whose profile names the file"
+        )
+    return settings

@@ -19,32 +19,27 @@ from cdff_common.errors import CdffError
 from cdff_dev.ports import free_port
 from tests.integration.conftest import Spawn, process_starter
 from tests.integration.conftest import wait_until as eventually
+from tests.integration.troublemaker_mission import PROFILE, start_services, wait_for_services
 from tests.support.relay import Relay
 from tests.support.wheel_odometry import Driver
 
 pytestmark = pytest.mark.integration
 
-PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
 #: Longest time from the end of the token of a robot's orchestrator to the control by the ground, seconds.
 TAKE_OVER_LIMIT_S = 3.0
 GROUND_REQUEST = keys.orchestrator_rpc("ground", "request")
 
 
 class Fleet:
-    """Router, DPM, ICU, DFPC host, and the orchestrators of the ground and of mana; minnie has none."""
+    """The services of a mission in which mana has an orchestrator; that of the ground leads minnie."""
 
     def __init__(self, spawn: Spawn, endpoint: str, folder: Path) -> None:
         self.endpoint, self.folder, self._spawn = endpoint, folder, spawn
-        spawn("services.router")
-        spawn("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
-        spawn("services.icu", "--profile", PROFILE)
-        spawn("services.dfpc_host", "--profile", PROFILE, "--process", "mana_troublemaker")
+        start_services(spawn)
         spawn("services.orchestrator", "--profile", PROFILE, "--scope", "ground")
         self.start_own()
-        with Bus.open(endpoint, name="test", wait_s=20) as bus:
-            wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator", "icu", "troublemaker")}
-            wanted |= {keys.alive("ground", "orchestrator"), keys.alive("minnie", "orchestrator_ground")}
-            eventually(lambda: wanted <= bus.alive(keys.alive("*", "*")), 40, "start-up")
+        others = keys.alive("ground", "orchestrator"), keys.alive("minnie", "orchestrator_ground")
+        wait_for_services(endpoint, *others)
 
     def start_own(self) -> None:
         """Start the orchestrator of mana."""

@@ -5,35 +5,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
 from cdff_common.errors import InputError, UnavailableError
-from cdff_dev.ports import free_port
-from tests.integration.conftest import process_starter
-from tests.integration.conftest import wait_until as eventually
+from tests.integration.troublemaker_mission import troublemaker_mission
 from tests.support.wheel_odometry import Driver
 
 pytestmark = pytest.mark.integration
 
-PROFILE = str(Path(__file__).parent / "orchestrator.yaml")
-
 
 @pytest.fixture(scope="module")
 def endpoint(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    folder, endpoint = tmp_path_factory.mktemp("acquisition"), f"tcp/127.0.0.1:{free_port()}"
-    with process_starter(endpoint, folder) as spawn:
-        spawn("services.router")
-        spawn("services.dpm", "--profile", PROFILE, "--http", f"127.0.0.1:{free_port()}")
-        spawn("services.icu", "--profile", PROFILE)
-        spawn("services.dfpc_host", "--profile", PROFILE, "--process", "mana_troublemaker")
-        spawn("services.orchestrator", "--profile", PROFILE)
-        with Bus.open(endpoint, name="test", wait_s=20) as bus:
-            wanted = {keys.alive("mana", s) for s in ("dpm", "orchestrator", "icu", "troublemaker")}
-            eventually(lambda: wanted <= bus.alive(keys.alive("mana", "*")), 40, "start-up")
+    with troublemaker_mission(tmp_path_factory.mktemp("acquisition")) as endpoint:
         yield endpoint
 
 

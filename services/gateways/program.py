@@ -1,0 +1,33 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The program of a gateway: its common options, and its connections to the bus."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Event
+
+from cdff_common.bus import Bus
+from cdff_common.cli import add_connect_option
+from cdff_common.client import Client
+from cdff_common.heartbeat import add_check
+
+
+def add_gateway_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--settings``, ``--robot`` and ``--connect`` to the options of a gateway."""
+    parser.add_argument("--settings", required=True, help="YAML file of the topics that may pass")
+    parser.add_argument("--robot", help="robot that the settings must name")
+    add_connect_option(parser)
+
+
+@contextmanager
+def gateway_connections(connect: str | None, service: str, stop: Event) -> Iterator[tuple[Bus, Client]]:
+    """Yield a bus, whose threads the heartbeat checks, and a client for requests."""
+    with (
+        Bus.open(connect, name=service, wait_s=None, stop=stop) as bus,
+        Client(connect, name=service) as client,
+    ):
+        add_check(bus.loops.problem)
+        yield bus, client
