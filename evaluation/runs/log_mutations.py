@@ -115,7 +115,13 @@ def outcome(files: Files, number: int | None, folder: Path) -> str:
 
 
 def _read(files: Files, folder: Path) -> str:
-    """Read the recording in a folder, and return how far that was possible."""
+    """Read the recording in a folder, and return how far that was possible.
+
+    Raises
+    ------
+    LookupError
+        The error of the reader does not name the file.
+    """
     target = folder / next(iter(files)) if len(files) == 1 else folder
     samples = 0
     try:
@@ -126,7 +132,7 @@ def _read(files: Files, folder: Path) -> str:
             is_whole = not any(item.type_name.startswith("damaged") for item in log.unconverted.values())
     except CdffError as error:
         if folder.name not in str(error):
-            return "error without the name of the file"
+            raise LookupError(f"error without the name of the file: {error}") from error
         return "read up to an error" if samples else "refused"
     return "read" if is_whole else "read without the damaged part"
 

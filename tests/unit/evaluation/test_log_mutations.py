@@ -43,7 +43,6 @@ def test_readers_of_all_formats_pass(real_data: Callable[[str], Path]) -> None:
 def test_readers_of_a_format_pass(name: str) -> None:
     result = run(name, 0, _SLOW, None)
     assert result["faults"] == []
-    assert "error without the name of the file" not in result["outcomes"]
     assert result["memory_mb"] < MEMORY_BYTES / 2**20
 
 
