@@ -49,9 +49,9 @@ class Withdrawal:
         ConflictError
             If a product is pinned.
         InputError
-            If there are more than ``MAX_BATCH`` products.
+            If a product of ``id`` is not of ``type``, or there are more than ``MAX_BATCH`` products.
         DeniedError
-            If the actor is a robot and a product is of another one.
+            If the actor is a robot and a product, or one that was made from it, is not its own.
         """
         selected = self._selected(p)
         if not selected:
@@ -62,7 +62,7 @@ class Withdrawal:
             raise InputError(
                 f"{len(records)} products: expected at most {MAX_BATCH} in one call; give t0 and t1"
             )
-        for record in selected.values():
+        for record in records:
             check_robot(record.robot)
         robots = sorted({record.robot for record in selected.values()})
         result = {
@@ -89,10 +89,17 @@ class Withdrawal:
         return result
 
     def _selected(self, p: WithdrawalParameters) -> dict[str, ProductRecord]:
-        if p.id:
-            return {i: self._store.get(i) for i in p.id}
         for name in p.type:
             product_type(name)
+        if p.id:
+            by_id = {i: self._store.get(i) for i in p.id}
+            for record in by_id.values():
+                if record.product not in p.type:
+                    raise InputError(
+                        f"product {record.id} is of type {record.product}, expected {' or '.join(p.type)}; "
+                        "give its type"
+                    )
+            return by_id
         query = Query(types=p.type, robot=p.robot, dfpc=p.dfpc, t0_ns=p.t0, t1_ns=p.t1, limit=MAX_PAGE)
         found: dict[str, ProductRecord] = {}
         while True:

@@ -99,6 +99,28 @@ def test_all_or_nothing_is_withdrawn(dpm: Dpm) -> None:
     assert dpm.reports.history(0, 1000, ("withdrawn",))["items"] == []
 
 
+def test_a_product_of_another_type_is_not_withdrawn_by_its_id(dpm: Dpm) -> None:
+    bad = put(dpm, 1.0, 1)
+    for types in ("navigation_map", "soil"):
+        with pytest.raises(InputError, match=types):
+            withdraw(dpm, id=bad, type=types)
+    made = dpm.writer.put(*put_arguments(navigation(), "navigation_map", 2, inputs=(bad,)))[1].id
+    result = withdraw(dpm, id=bad, type="dem")
+    assert (result["withdrawn"], result["derived"]) == ([bad], [])
+    assert dpm.store.get(made).id == made
+
+
+def test_a_robot_does_not_withdraw_maps_of_others_that_were_made_from_its_own(dpm: Dpm) -> None:
+    bad = put(dpm, 1.0, 1, "minnie")
+    made = put_arguments(navigation(), "navigation_map", 2, "mana", inputs=(bad,))
+    dpm.writer.put(*made)
+    with acting(Actor("minnie", "robot", "zenoh")):
+        for dry_run in (True, False):
+            with pytest.raises(DeniedError, match="'mana'"):
+                withdraw(dpm, id=bad, dry_run=dry_run)
+        assert withdraw(dpm, id=bad, type="dem")["withdrawn"] == [bad]
+
+
 @pytest.mark.parametrize(
     "selection",
     [
