@@ -26,7 +26,7 @@ class TerrainResult:
         A file of the media type ``encoding``.
     metadata : mapping
         Origin: ``analysis frame resolution_m coverage patches robots newest_ns oldest_ns frames_revision``,
-        and of a difference ``earlier changed_m2 raised_m3 lowered_m3``.
+        and of a difference ``earlier changed_m2 raised_m3 lowered_m3 unknown_error_m2``.
     """
 
     data: bytes

@@ -38,7 +38,7 @@ class Surface:
     slope_rad, sigma_slope_rad : Float
         Angle from the horizontal and its standard deviation.
     aspect_rad : Float
-        Direction of descent, clockwise from +y, 0 to 2 pi.
+        Direction of descent, clockwise from +y, 0 to 2 pi; NaN also on level ground, which has none.
     roughness_m : Float
         Standard deviation of the heights about the plane.
     """
@@ -106,9 +106,9 @@ def local_surface(heights_m: ArrayLike, noise_m2: ArrayLike, resolution_m: float
     squared = dx * dx + dy * dy
     with np.errstate(invalid="ignore", divide="ignore"):
         along = (dx * dx * var_x + 2.0 * dx * dy * cov + dy * dy * var_y) / squared
-        # On level ground the direction of descent is unknown.
+        # Near level ground the direction of descent is unknown.
         variance = np.where(
             squared > var_x + var_y, along, np.where(np.isnan(squared), np.nan, 0.5 * (var_x + var_y))
         )
-        aspect = np.mod(np.arctan2(-dx, -dy), 2.0 * np.pi)
+        aspect = np.where(squared > 0.0, np.mod(np.arctan2(-dx, -dy), 2.0 * np.pi), np.nan)
     return Surface(np.arctan(np.sqrt(squared)), np.sqrt(variance) / (1.0 + squared), aspect, np.sqrt(about))

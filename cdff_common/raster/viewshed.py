@@ -28,6 +28,9 @@ Float = NDArray[np.float64]
 
 #: Largest number of cells.
 MAX_CELLS = 1 << 20
+#: An observer less than this many cells away from an edge may stand on either of its cells. GridGeometry
+#: reduces bounds that exceed an edge by less than 1e-4 cells to that edge.
+EDGE_CELLS = 1e-3
 _ROWS = 32
 _PROBABILITY_SIGMAS = np.linspace(-4.0, 4.0, 801)
 _PROBABILITY = np.array([0.5 * (1.0 + erf(s / sqrt(2.0))) for s in _PROBABILITY_SIGMAS])
@@ -84,7 +87,8 @@ def viewshed(
     Raises
     ------
     InputError
-        If there are more than ``MAX_CELLS`` cells, or the ground under the observer is unobserved.
+        If there are more than ``MAX_CELLS`` cells, or the ground under the observer is unobserved. On an
+        edge between two cells, or of the grid, one observed cell is sufficient.
     """
     from cdff_common.raster._terrain_kernels import hidden_heights
 
@@ -95,13 +99,7 @@ def viewshed(
             f"viewshed of {z.size} cells: expected at most {MAX_CELLS}; ask for a smaller range_m or a "
             "larger resolution_m"
         )
-    rows, cols, inside = geometry.cells_of([observer_m[0]], [observer_m[1]])
-    row, col = int(rows[0]), int(cols[0])
-    if not inside[0] or not np.isfinite(z[row, col]):
-        raise InputError(
-            f"observer={observer_m[0]:g},{observer_m[1]:g}: the ground there is unobserved; choose a point "
-            "on the map"
-        )
+    row, col = _observer_cell(geometry, z, observer_m)
     required, variance, unobserved = (np.full(z.shape, np.nan) for _ in range(3))
     reach = np.inf if range_m is None else range_m / geometry.resolution_m
     for first in range(0, geometry.rows, _ROWS):
@@ -119,3 +117,18 @@ def viewshed(
     unknown = np.isnan(required)
     visible[unknown] = np.nan
     return Viewshed(visible, np.where(unknown, np.nan, np.maximum(required, 0.0)), sigma, unobserved)
+
+
+def _observer_cell(geometry: GridGeometry, z: Float, observer_m: tuple[float, float]) -> tuple[int, int]:
+    """Return the row and column of the first observed cell that contains the observer or has it on its edge;
+    raises InputError without one.
+    """
+    x, y = observer_m
+    edge_m = EDGE_CELLS * geometry.resolution_m
+    near = (0.0, -edge_m, edge_m)
+    dx, dy = np.meshgrid(near, near)
+    rows, cols, inside = geometry.cells_of(x + dx.ravel(), y + dy.ravel())
+    observed = np.flatnonzero(inside & np.isfinite(z[rows, cols]))
+    if not observed.size:
+        raise InputError(f"observer={x:g},{y:g}: the ground there is unobserved; choose a point on the map")
+    return int(rows[observed[0]]), int(cols[observed[0]])

@@ -10,6 +10,7 @@ lines of sight).
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -162,10 +163,15 @@ class Terrain:
 
     def difference(self, p: DifferenceParameters) -> DeliveredProduct:
         """Return the change of the heights from the captures until a time to those after it."""
+        from cdff_common import raster
+
         query = self._query(p)
         if p.t1 is not None and p.t1 <= p.since:
             raise InputError(f"since={p.since}: expected earlier than t1={p.t1}")
-        queries = [replace(query, t1_ns=p.since), replace(query, t0_ns=p.since + 1)]
+        queries = [
+            replace(query, t1_ns=p.since, newest_after_ns=None),
+            replace(query, t0_ns=p.since + 1),
+        ]
         cells = [self._store.maps.plan(q).geometry.resolution_m for q in queries]
         coarsest = max(cells)
         earlier, later = (self._window(replace(q, resolution_m=coarsest)) for q in queries)
@@ -180,23 +186,21 @@ class Terrain:
             raise ProductNotFoundError("the captures before and after that time have no common ground")
         before, after = (_layers(w, common) for w in (earlier, later))
         change = after[0] - before[0]
-        variance = before[1] + before[2] + after[1] + after[2]
-        sigma = np.sqrt(variance)
-        with np.errstate(invalid="ignore"):
-            changed = np.abs(change) > _CHANGED_SIGMA * sigma
+        sigma = np.sqrt(before[1] + before[2] + after[1] + after[2])
         known = np.isfinite(change)
-        coverage = float(np.count_nonzero(known)) / known.size
+        if query.region is None:
+            coverage = float(np.count_nonzero(known)) / math.prod(a.union(b).shape)
+        else:
+            coverage = raster.coverage(query.region, common, known)
         _check_coverage(coverage, p.min_coverage)
-        bands = {"difference_m": change, "sigma_m": sigma, "significance": np.abs(change) / sigma}
-        cell_m2 = common.resolution_m**2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            bands = {"difference_m": change, "sigma_m": sigma, "significance": np.abs(change) / sigma}
         metadata = later.manifest() | {
             "analysis": "difference",
             "frame": common.frame,
             "coverage": coverage,
             "earlier": earlier.manifest(),
-            "changed_m2": float(np.count_nonzero(changed)) * cell_m2,
-            "raised_m3": float(change[changed & (change > 0)].sum()) * cell_m2,
-            "lowered_m3": float(-change[changed & (change < 0)].sum()) * cell_m2,
+            **_changes(change, sigma, common.resolution_m),
         }
         rasters = {name: values.astype(np.float32) for name, values in bands.items()}
         return self._delivered(p.format, rasters, common, metadata)
@@ -336,6 +340,26 @@ def _layers(window: Window, geometry: GridGeometry) -> tuple[Float, Float, Float
         window.map.layer(name)[part].astype(np.float64) for name in ("error_variance", "pose_variance")
     )
     return mean, np.maximum(total - shared, 0.0), shared
+
+
+def _changes(change_m: Float, sigma_m: Float, cell_m: float) -> dict[str, float | None]:
+    """Return area and volumes of the changes ``(rows, cols)`` with a known error; None without any.
+
+    NaN is an unobserved cell in ``change_m``, an unknown error in ``sigma_m``.
+    """
+    cell_m2 = cell_m**2
+    is_known = np.isfinite(change_m) & np.isfinite(sigma_m)
+    unknown_error = np.isfinite(change_m) & ~np.isfinite(sigma_m)
+    result: dict[str, float | None] = dict.fromkeys(("changed_m2", "raised_m3", "lowered_m3"))
+    if is_known.any():
+        change = change_m[is_known]
+        changed = change[np.abs(change) > _CHANGED_SIGMA * sigma_m[is_known]]
+        result = {
+            "changed_m2": changed.size * cell_m2,
+            "raised_m3": float(changed[changed > 0].sum()) * cell_m2,
+            "lowered_m3": float(-changed[changed < 0].sum()) * cell_m2,
+        }
+    return result | {"unknown_error_m2": float(np.count_nonzero(unknown_error)) * cell_m2}
 
 
 def _check_coverage(coverage: float, asked: float) -> None:

@@ -19,6 +19,7 @@ from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.rendering import contour_cells
 from cdff_common.raster.tiles import LAST_LEVEL, cell_m, level_of
+from cdff_common.raster.viewshed import EDGE_CELLS, viewshed
 from dpm_store import Query, Store
 from dpm_store.maps.tile_queries import tile_query
 from dpm_store.products.records import MetricBound
@@ -191,12 +192,10 @@ class TileCells:
 
     def _visible(self, analysis: TileAnalysis, z: int, geometry: GridGeometry) -> Layers:
         """Return the probability of visibility; of cells of a coarser level if the range has many."""
-        from cdff_common.raster.viewshed import viewshed
-
         assert analysis.observer_m is not None
         x, y = analysis.observer_m
         reach = RANGE_M if analysis.range_m is None else analysis.range_m
-        level = z
+        level = self._level_at(x, y, z, geometry.frame)
         while level > 0 and (2.0 * reach / cell_m(level) + 1.0) ** 2 > _MOST_VIEWSHED_CELLS:
             level -= 1
         around = GridGeometry.aligned(
@@ -223,6 +222,19 @@ class TileCells:
         rows, cols, inside = around.cells_of(*geometry.centres_m())
         visible = np.where(inside, values[rows, cols], np.nan).astype(np.float32)
         return {"mean": visible, "variance": unknown}
+
+    def _level_at(self, x: float, y: float, z: int, frame: str) -> int:
+        """Return the finest level, z or coarser, with an observed cell at a point; z without any."""
+        level: int | None = z
+        while level is not None:
+            edge_m = EDGE_CELLS * cell_m(level)
+            cells = GridGeometry.aligned(
+                frame, cell_m(level), (x - edge_m, y - edge_m, x + edge_m, y + edge_m)
+            )
+            if np.isfinite(self.read(level, cells)["mean"]).any():
+                return level
+            level = self.coarser_level(level, cells)
+        return z
 
     def coarser_level(self, z: int, geometry: GridGeometry) -> int | None:
         """Return the level of the finest cells in a rectangle that are larger than those of a level; None

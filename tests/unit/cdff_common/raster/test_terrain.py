@@ -37,6 +37,62 @@ def test_the_error_of_a_slope_is_the_stated_one(side: int) -> None:
     assert s.aspect_rad[INNER].mean() == pytest.approx(downhill, abs=0.02)
 
 
+#: Corners of grids at the origin of a frame and in UTM coordinates, metres.
+CORNERS = [(0.0, 0.0), (412_000.0, 5_318_000.0)]
+
+
+@pytest.mark.parametrize("azimuth_deg", [0, 45, 90, 135, 180, 215, 270, 359])
+@pytest.mark.parametrize(("cell_m", "slope_deg"), [(0.05, 40.0), (1.0, 15.0), (20.0, 2.0)])
+@pytest.mark.parametrize("corner_m", CORNERS)
+def test_the_slope_and_aspect_of_a_plane_are_the_analytic_ones(
+    azimuth_deg: float, cell_m: float, slope_deg: float, corner_m: tuple[float, float]
+) -> None:
+    x, y = GridGeometry("site", cell_m, *corner_m, 9, 7).centres_m()
+    azimuth = np.radians(azimuth_deg)
+    z = -np.tan(np.radians(slope_deg)) * (np.sin(azimuth) * x + np.cos(azimuth) * y)
+    z[4, 3] = np.nan
+    s = local_surface(z, np.full(z.shape, 0.01**2), cell_m)
+    inner = np.isfinite(z)
+    inner[[0, -1]] = inner[:, [0, -1]] = False
+    assert np.degrees(s.slope_rad[inner]) == pytest.approx(slope_deg, abs=1e-4)
+    turned = (np.degrees(s.aspect_rad[inner]) - azimuth_deg + 180.0) % 360.0 - 180.0
+    assert turned == pytest.approx(0.0, abs=1e-4)
+    assert s.roughness_m[inner] == pytest.approx(0.0, abs=1e-6)
+    # 9 cells: the variance of each derivative is that of a height over 6 squared cells.
+    expected = 0.01 / (np.sqrt(6.0) * cell_m) * np.cos(np.radians(slope_deg)) ** 2
+    assert s.sigma_slope_rad[2, 2:5] == pytest.approx(expected, rel=1e-6)
+    assert np.isnan(s.slope_rad[4, 3])
+    assert np.isnan(s.aspect_rad[0, 0])  # 4 of 9 cells
+
+
+def test_level_ground_has_no_aspect() -> None:
+    s = local_surface(np.full((5, 5), 123.4), np.zeros((5, 5)), 0.1)
+    assert s.slope_rad[2, 2] == 0.0
+    assert np.isnan(s.aspect_rad).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 20), (20, 1), (2, 2)])
+@pytest.mark.parametrize("corner_m", CORNERS)
+def test_maps_that_are_too_narrow_for_planes_and_lines_have_visibility_and_statistics(
+    shape: tuple[int, int], corner_m: tuple[float, float]
+) -> None:
+    geometry = GridGeometry("site", 0.5, *corner_m, *shape)
+    z = 0.1 * np.arange(np.prod(shape), dtype=np.float64).reshape(shape)
+    variance = np.full(shape, 1e-4)
+    s = local_surface(z, variance, 0.5)
+    for values in (s.slope_rad, s.sigma_slope_rad, s.aspect_rad, s.roughness_m):
+        assert values.shape == shape
+        assert np.isnan(values).all()
+    if 1 in shape:
+        assert list(contours(geometry, z, 0.25)) == []
+    for observer in ((geometry.xmin_m, geometry.ymax_m), (geometry.xmax_m, geometry.ymin_m)):
+        v = viewshed(geometry, z, np.full(shape, np.nan), observer, observer_height_m=1.0)
+        assert (v.visible == 1.0).all()
+    result = height_statistics(z.ravel(), variance.ravel(), variance.ravel(), 0.5, None)
+    assert result["area_m2"] == pytest.approx(z.size * 0.25)
+    assert result["height_m"]["max"] == pytest.approx(z.max())
+
+
 def test_roughness_is_that_of_the_ground_without_the_noise_of_the_measurement() -> None:
     errors, variance = noise(0.01)
     rough = np.random.default_rng(4).normal(0.0, 0.03, GRID.shape)
@@ -93,6 +149,50 @@ def test_a_viewshed_is_that_of_densely_sampled_lines_of_sight() -> None:
     clear = v.hidden_m > 0.005
     assert not (expected & clear).any()
     assert ((v.visible == 1.0) == expected).mean() > 0.97
+
+
+def hidden_by_brute_force(z: np.ndarray, row: int, col: int, eye_m: float) -> np.ndarray:
+    """Return the hidden heights, from the height of the ground where lines of sight cross rows or columns."""
+    result = np.zeros(z.shape)
+    top = z[row, col] + eye_m
+    for r, c in np.ndindex(*z.shape):
+        steps = max(abs(r - row), abs(c - col))
+        required = -np.inf
+        for k in range(1, steps):
+            at_r, at_c = row + (r - row) * k / steps, col + (c - col) * k / steps
+            r0, c0 = int(at_r), int(at_c)
+            r1, c1 = int(np.ceil(at_r)), int(np.ceil(at_c))
+            ground = z[r0, c0] + (z[r1, c1] - z[r0, c0]) * max(at_r - r0, at_c - c0)
+            required = max(required, top + (ground - top) * steps / k)
+        result[r, c] = max(required - z[r, c], 0.0)
+    return result
+
+
+@pytest.mark.parametrize("corner_m", CORNERS)
+@pytest.mark.parametrize(("row", "col"), [(0, 0), (5, 7), (11, 14), (11, 0), (3, 14)])
+def test_a_viewshed_on_random_ground_is_that_of_single_lines_of_sight(
+    corner_m: tuple[float, float], row: int, col: int
+) -> None:
+    part = GridGeometry("site", 0.25, *corner_m, 12, 15)
+    z = np.random.default_rng(5).normal(0.0, 0.5, part.shape)
+    observer = float(part.x_centres_m()[col]), float(part.y_centres_m()[row])
+    v = viewshed(part, z, np.full(z.shape, np.nan), observer, observer_height_m=0.7, target_height_m=0.2)
+    expected = hidden_by_brute_force(z, row, col, 0.7)
+    assert v.hidden_m == pytest.approx(expected, abs=1e-9)
+    assert np.array_equal(v.visible == 1.0, expected <= 0.2)
+    assert 0.1 < v.visible.mean() < 0.9
+
+
+def test_an_observer_on_an_edge_stands_on_the_observed_cell() -> None:
+    part = GridGeometry("site", 0.1, 0.0, 1.0, 10, 10)
+    z = np.zeros(part.shape)
+    z[:, 3] = np.nan
+    for x, y in ((1.0, 0.5), (0.5, 1.0), (1.0, 1.0), (0.0, 0.0), (0.4, 0.5), (0.3, 0.5)):
+        v = viewshed(part, z, np.full(z.shape, np.nan), (x, y), observer_height_m=1.0)
+        assert np.nanmin(v.visible) == 1.0
+    for x, y in ((1.01, 0.5), (0.5, 1.01), (0.5, -0.01), (0.35, 0.5)):
+        with pytest.raises(InputError, match="unobserved; choose"):
+            viewshed(part, z, np.full(z.shape, np.nan), (x, y), observer_height_m=1.0)
 
 
 def test_a_wall_hides_the_ground_behind_it_with_the_error_of_its_top() -> None:

@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import io
 import json
+from typing import Any
 
 import numpy as np
 import pytest
 from rasterio.io import MemoryFile
 
+from cdff_common.errors import ProductNotFoundError, UnavailableError
 from cdff_common.geodesy import Anchor, body
 from cdff_common.raster import GridGeometry
 from cdff_common.raster.tiles import Tile, tiles_over
@@ -37,7 +39,13 @@ def put_ground(dpm: Dpm, second: int, raised_m: float = 0.0, sigma_m: float = 0.
 
 
 def put_strip(
-    dpm: Dpm, geometry: GridGeometry, seq: int, second: int, raised_m: float, sigma_m: float
+    dpm: Dpm,
+    geometry: GridGeometry,
+    seq: int,
+    second: int,
+    raised_m: float,
+    sigma_m: float,
+    has_pose_variance: bool = True,
 ) -> None:
     """Insert one patch of the ground."""
     x, y = geometry.centres_m()
@@ -54,6 +62,8 @@ def put_strip(
         "pose_variance": ones * 1e-6,
         "first_age_s": ones * 0,
     }
+    if not has_pose_variance:
+        del layers["pose_variance"]
     single = {name: values.astype(np.float32) for name, values in layers.items()}
     value = ElevationMap.from_layers(geometry, single, t0_ns=second * S, t1_ns=second * S)
     dpm.writer.put(*put_arguments(value, "dem", seq, t1_ns=second * S, resolution_m=0.1))
@@ -81,16 +91,18 @@ def test_a_slope_has_the_margin_of_its_region_and_its_error(http: TestClient, dp
     assert np.isnan(outside[0, 0])
 
 
-def test_the_error_of_elevation_in_larger_cells_is_not_understated(http: TestClient, dpm: Dpm) -> None:
+@pytest.mark.parametrize("resolution_m", [0.1, 0.2, 0.5, 1.0])
+def test_the_error_of_elevation_in_larger_cells_is_not_understated(
+    http: TestClient, dpm: Dpm, resolution_m: float
+) -> None:
     put_ground(dpm, 1, sigma_m=0.05)
-    for resolution_m in (0.1, 0.2, 0.5, 1.0):
-        params = {"region": REGION, "resolution_m": resolution_m, "format": "npz"}
-        answer = http.get(f"{MAPS}/window", params=params)
-        layers = np.load(io.BytesIO(answer.content))
-        geometry = GridGeometry("site", resolution_m, -5.0, 5.0, *layers["mean"].shape)
-        x, y = geometry.centres_m()
-        ratio = (layers["mean"] - ground(x, y)) / np.sqrt(layers["error_variance"])
-        assert 0.6 < np.sqrt(np.mean(ratio**2)) < 1.1, resolution_m
+    params = {"region": "bbox:-9,-9,9,9", "resolution_m": resolution_m, "format": "npz"}
+    layers = np.load(io.BytesIO(http.get(f"{MAPS}/window", params=params).content))
+    geometry = GridGeometry("site", resolution_m, -9.0, 9.0, *layers["mean"].shape)
+    error = layers["mean"] - ground(*geometry.centres_m())
+    ratio = 1.0 / np.sqrt(np.mean(error**2 / layers["error_variance"]))
+    print(f"cells of {resolution_m} m: stated standard deviation / error = {ratio:.2f}")
+    assert 0.95 < ratio < 1.8
 
 
 def test_a_viewshed_is_a_geotiff_around_the_observer(http: TestClient, dpm: Dpm) -> None:
@@ -125,6 +137,64 @@ def test_a_difference_is_significant_where_the_ground_changed(http: TestClient, 
     assert metadata["earlier"]["newest_ns"] == S
     late = http.get(f"{MAPS}/difference", params={"since": str(60 * S), "region": REGION})
     assert late.status_code == 404
+
+
+def put_square(dpm: Dpm, second: int, left_m: float = -5.0, **options: Any) -> None:
+    """Insert 10 m x 10 m of the ground in one patch."""
+    geometry = GridGeometry("site", 0.1, left_m, 5.0, 100, 100)
+    put_strip(dpm, geometry, 1000 + second, second, options.pop("raised_m", 0.0), 0.01, **options)
+
+
+def difference(dpm: Dpm, **parameters: object) -> dict[str, Any]:
+    """Return the metadata of the difference of the captures until 20 s and later."""
+    return dict(dpm.terrain.run("difference", {"since": str(20 * S), **parameters}).metadata)
+
+
+def test_the_coverage_of_a_difference_is_that_of_its_region_in_both_maps(dpm: Dpm) -> None:
+    put_square(dpm, 1, left_m=-5.0)
+    put_square(dpm, 50, left_m=0.0)
+    assert difference(dpm, region="circle:2.5,0,2")["coverage"] == 1.0
+    assert difference(dpm, region="circle:0,0,2")["coverage"] == pytest.approx(0.5, abs=0.01)
+    assert difference(dpm)["coverage"] == pytest.approx(5.0 / 15.0)
+    with pytest.raises(UnavailableError, match=r"coverage 0\.333 of the region, asked 0\.400"):
+        difference(dpm, min_coverage=0.4)
+
+
+def test_a_difference_without_errors_has_no_area_of_change(dpm: Dpm) -> None:
+    put_square(dpm, 1, left_m=-10.0, has_pose_variance=False)
+    put_square(dpm, 50, raised_m=0.5)
+    unknown = difference(dpm, region="bbox:-4,-4,0,4")
+    assert [unknown[name] for name in ("changed_m2", "raised_m3", "lowered_m3")] == [None, None, None]
+    assert unknown["unknown_error_m2"] == pytest.approx(32.0)
+    put_square(dpm, 2, left_m=0.0)
+    partly_known = difference(dpm, region="bbox:-4,-4,4,4")
+    assert partly_known["changed_m2"] == pytest.approx(16.0, rel=0.05)
+    assert partly_known["raised_m3"] == pytest.approx(8.0, rel=0.05)
+    assert partly_known["unknown_error_m2"] == pytest.approx(32.0)
+
+
+def test_a_limit_of_the_newest_capture_applies_to_the_later_heights_of_a_difference(dpm: Dpm) -> None:
+    put_square(dpm, 1)
+    put_square(dpm, 50, raised_m=0.5)
+    for limit in ({"newest_after": str(30 * S)}, {"max_age_s": 60}):
+        assert difference(dpm, **limit)["earlier"]["newest_ns"] == S
+    with pytest.raises(ProductNotFoundError, match="expected 60000000000 or later"):
+        difference(dpm, newest_after=str(60 * S))
+
+
+@pytest.mark.parametrize("observer", ["5,0", "0,5", "5,5", "-5,-5", "0,-5"])
+@pytest.mark.parametrize("region", [None, "bbox:-5,-5,5,5"])
+def test_an_observer_may_stand_on_the_edge_of_the_map(
+    http: TestClient, dpm: Dpm, observer: str, region: str | None
+) -> None:
+    put_square(dpm, 1)
+    parameters = {} if region is None else {"region": region}
+    visible = arrays(http, "viewshed", observer=observer, range_m=2, **parameters)["visible"]
+    assert np.nanmax(visible) > 0.999
+    x, y = (float(v) for v in observer.split(","))
+    columns, rows = tiles_over(17, (0.98 * x, 0.98 * y, 0.98 * x, 0.98 * y))
+    tile = tile_values(dpm, "viewshed", Tile(17, columns[0], rows[0]), observer_m=(x, y))
+    assert np.nanmax(tile) == 1.0
 
 
 def test_contours_are_lines_in_the_crs_of_the_body(http: TestClient, dpm: Dpm) -> None:
@@ -184,6 +254,21 @@ def test_tiles_of_analyses_have_the_values_of_their_windows(http: TestClient, dp
     put_ground(dpm, 60, raised_m=9.0)
     again = tile_values(dpm, "viewshed", tile, observer_m=(5.0, 1.0), observer_height_m=1.0, range_m=9.0)
     assert not np.array_equal(seen, again, equal_nan=True)
+
+
+def test_tiles_of_a_viewshed_enlarge_the_cells_of_the_map(dpm: Dpm) -> None:
+    put_ground(dpm, 1)
+    parameters = {"observer_m": (5.01, 1.01), "observer_height_m": 1.0, "range_m": 9.0}
+    found = {}
+    for z in (17, 19):
+        columns, rows = tiles_over(z, (5.0, 1.0, 5.0, 1.0))
+        tile = Tile(z, columns[0], rows[0])
+        found[z] = tile.geometry("site"), tile_values(dpm, "viewshed", tile, **parameters)
+    (coarse, expected), (fine, enlarged) = found[17], found[19]
+    rows_of, columns_of, inside = coarse.cells_of(*fine.centres_m())
+    assert inside.all()
+    assert np.array_equal(enlarged, expected[rows_of, columns_of], equal_nan=True)
+    assert np.isfinite(enlarged).mean() > 0.9
 
 
 @pytest.mark.parametrize(
