@@ -82,7 +82,18 @@ class ImageFitter:
         image: Float32Array,
         camera_matrix: FloatArray,
     ) -> ImageFit:
-        """Return the state corrected by a grey image (r, c).
+        """Return the state corrected by the edges of a grey image.
+
+        Parameters
+        ----------
+        model : ModelPreparationOutputs
+            Mesh of the body, metres.
+        predicted : TrackedState
+            State in the frame of the camera (x right, y down, z forward) at the time of the image.
+        image : ndarray of float32, shape (r, c)
+            Grey levels, without lens distortion.
+        camera_matrix : ndarray, shape (3, 3)
+            Pixels; (0, 0) is the centre of the first pixel.
 
         Raises
         ------
@@ -124,13 +135,20 @@ def search_range_px(
     camera_matrix: FloatArray,
     largest_px: float,
 ) -> float:
-    """Return the range of a search that covers the uncertainty of a pose.
+    """Return the range of a search in the image that covers the uncertainty of a pose, px.
 
     Parameters
     ----------
+    model : ModelPreparationOutputs
+        Mesh of the body, of which the centre and the diameter are used, metres.
     T : ndarray, shape (4, 4)
         T_camera_body.
     covariance : ndarray, shape (6, 6)
+        Of the position (m2) and of the rotation (rad2) in the axes of the camera, in this order.
+    camera_matrix : ndarray, shape (3, 3)
+        Pixels.
+    largest_px : float
+        Limit of the range.
 
     Raises
     ------

@@ -167,7 +167,7 @@ class ViewFit:
     has_shading: bool = False
 
     def add_missing(self, fault: str) -> None:
-        """Add a fault of the edges unless depths or shading, which determine the pose, were used."""
+        """Add a fault of edges or colours unless depths or shading, which determine the pose, were used."""
         if not (self.has_depths or self.has_shading):
             self.faults.append(fault)
 
@@ -428,14 +428,19 @@ class ImageTracking(BodyTracking):
         fit.rgb = rgb_image(sample.value)
         try:
             found = self._regions.fit(model, fit.state, fit.rgb, sample.value.camera_matrix)
-        except RefusedError:
+        except RefusedError as error:
+            fit.add_missing(f"region_{error.reasons[0]}")
             return
         fit.metrics |= {
             "lines": float(found.lines),
             "region_agreement": found.agreement,
             "region_innovation": found.distance,
         }
-        if found.agreement >= cfg.min_region_agreement and found.distance <= self._gate:
+        if found.agreement < cfg.min_region_agreement:
+            fit.add_missing(f"region_low_agreement:{found.agreement:.2f}<{cfg.min_region_agreement:g}")
+        elif found.distance > self._gate:
+            fit.faults.append(f"region_innovation:{found.distance:.3g}>{self._gate:.3g}")
+        else:
             fit.state, fit.has_regions = found.state, True
 
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:

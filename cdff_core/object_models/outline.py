@@ -100,9 +100,23 @@ def outline(
 def _distances(
     inverse_depth: FloatArray, pixels: FloatArray, normals: FloatArray, reach_px: float
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Return the distances (n,) to the first pixel that is not, and that is, of the body.
+    """Return the distances along the normals to the first pixel that is not, and that is, of the body.
 
-    The normals are turned away from the body; both distances are 0 for a point inside it.
+    The normals are turned away from the body in place.
+
+    Parameters
+    ----------
+    inverse_depth : ndarray, shape (rows, columns)
+        Rendering of the body, 1/m; 0 outside of it.
+    pixels, normals : ndarray, shape (n, 2)
+        Column and row of points on the edges of the body in this rendering, px, and unit normals.
+    reach_px : float
+        Largest distance.
+
+    Returns
+    -------
+    inside, outside : ndarray, shape (n,)
+        Pixels; both are 0 for a point that is not on the outline.
     """
     inside, outside = np.zeros(len(pixels)), np.zeros(len(pixels))
     for i in range(len(pixels)):
@@ -127,6 +141,10 @@ def _distances(
 def _is_body(
     inverse_depth: FloatArray, pixel: FloatArray, normal: FloatArray, s: float
 ) -> bool:  # pragma: no cover - compiled
+    """Return whether the pixel at a distance ``s`` (px) along a normal is of the body.
+
+    ``inverse_depth`` is ``(rows, columns)``; ``pixel`` and ``normal`` are ``(2,)``, column and row.
+    """
     c, r = int(np.rint(pixel[0] + s * normal[0])), int(np.rint(pixel[1] + s * normal[1]))
     if c < 0 or r < 0 or c >= inverse_depth.shape[1] or r >= inverse_depth.shape[0]:
         return False

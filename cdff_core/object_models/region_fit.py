@@ -54,6 +54,7 @@ class RegionFitter:
     regions, refine, learn : Dfn
         ModelRegionMeasurement, MeasuredPoseRefinement and RegionColourLearning.
     max_range_px : float
+        Largest offset of the outline from its prediction.
     """
 
     def __init__(
@@ -74,9 +75,17 @@ class RegionFitter:
     def learn(
         self, model: ModelPreparationOutputs, T: FloatArray, image: ByteArray, camera_matrix: FloatArray
     ) -> None:
-        """Learn the colours of an image (r, c, d) at T_camera_body (4, 4)."""
+        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay unknown.
+
+        Parameters
+        ----------
+        T : ndarray, shape (4, 4)
+        image : ndarray of uint8, shape (r, c, d)
+        camera_matrix : ndarray, shape (3, 3)
+            Pixels; (0, 0) is the centre of the first pixel.
+        """
         old = self._colours
-        self._colours = self._learn.process(
+        learned: RegionColourLearningOutputs = self._learn.process(
             RegionColourLearningInputs(
                 image=image,
                 camera_matrix=camera_matrix,
@@ -87,6 +96,8 @@ class RegionFitter:
                 background_colours=None if old is None else old.background_colours,
             )
         )
+        if learned.body_colours.any() and learned.background_colours.any():
+            self._colours = learned
 
     def fit(
         self,
@@ -95,19 +106,31 @@ class RegionFitter:
         image: ByteArray,
         camera_matrix: FloatArray,
     ) -> RegionFit:
-        """Return the state corrected by an image (r, c, d); the first one is learned at the prediction.
+        """Return the state corrected by an image; unknown colours are first learned at the prediction.
+
+        Parameters
+        ----------
+        model : ModelPreparationOutputs
+            Mesh of the body, metres.
+        predicted : TrackedState
+            State in the frame of the camera (x right, y down, z forward) at the time of the image.
+        image : ndarray of uint8, shape (r, c, d)
+            One or three channels, without lens distortion.
+        camera_matrix : ndarray, shape (3, 3)
+            Pixels; (0, 0) is the centre of the first pixel.
 
         Raises
         ------
         RefusedError
-            ``few_lines:n<m`` or ``behind_camera``.
+            ``few_lines:n<m``, ``no_colours`` or ``behind_camera``.
         """
         range_px = search_range_px(
             model, predicted.T, predicted.covariance[:6, :6], camera_matrix, self._max_range_px
         )
         if self._colours is None:
             self.learn(model, predicted.T, image, camera_matrix)
-        assert self._colours is not None
+        if self._colours is None:
+            raise RefusedError("no pixel is on one side of the outline in the image", ["no_colours"])
         state = predicted
         for k in range(_ROUNDS):
             measured = self._regions.process(

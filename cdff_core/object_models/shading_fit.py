@@ -81,12 +81,26 @@ class ShadingFitter:
         camera_matrix: FloatArray,
         sun: FloatArray,
     ) -> ShadingFit:
-        """Return the state corrected by a grey image (r, c); ``sun`` (3,) is in the frame of the camera.
+        """Return the state corrected by the light and the shadows in a grey image.
+
+        Parameters
+        ----------
+        model : ModelPreparationOutputs
+            Mesh of the body, metres.
+        predicted : TrackedState
+            State in the frame of the camera (x right, y down, z forward) at the time of the image.
+        image : ndarray of uint8, shape (r, c)
+            Grey levels, without lens distortion.
+        camera_matrix : ndarray, shape (3, 3)
+            Pixels; (0, 0) is the centre of the first pixel.
+        sun : ndarray, shape (3,)
+            Vector to the Sun in the frame of the camera, of any length above 0.
 
         Raises
         ------
         RefusedError
-            ``dark:n<m`` or ``few_features:n<m``, with the number of lit pixels or of tracked points.
+            ``dark:n<m`` or ``few_features:n<m``, with the number of lit pixels or of tracked points, or
+            ``behind_camera``.
         """
         state = predicted
         for _ in range(_ROUNDS):

@@ -83,6 +83,8 @@ class OutlineLines(Interface[OutlineLinesConfig]):
         rows = np.flatnonzero((found.inside_px >= clear_px) & (found.outside_px >= clear_px))
         rows = rows[:: max(1, -(-len(rows) // cfg.max_lines))]
         found = Outline(*(array[rows] for array in found))
+        if not (inputs.body_colours.any() and inputs.background_colours.any()):
+            found = Outline(*(array[:0] for array in found))  # colours of no pixel separate nothing
         floor = _FLOOR / len(inputs.body_colours)
         body, background = inputs.body_colours + floor, inputs.background_colours + floor
         share = body / (body + background)

@@ -66,9 +66,10 @@ class RegionColourLearningOutputs:
     Attributes
     ----------
     body_colours : ndarray of float64, shape (b)
-        Frequencies of the colours of the body: bins of the first channel, of the second, of the third.
+        Frequencies of the colours of the body: bins of the first channel, of the second, of the third; all
+        0 before any pixel was seen.
     background_colours : ndarray of float64, shape (b)
-        Frequencies of the colours next to the body.
+        Frequencies of the colours next to the body; all 0 before any pixel was seen.
     pixels : int
         Number of pixels of the body.
     """

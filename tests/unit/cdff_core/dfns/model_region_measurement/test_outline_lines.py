@@ -63,6 +63,16 @@ def test_an_image_of_one_colour_has_no_lines(colours: dict[str, np.ndarray]) -> 
     assert len(outputs.points) == 0
 
 
+@pytest.mark.parametrize("unknown", ["body_colours", "background_colours"])
+def test_colours_of_no_pixel_have_no_lines(
+    rng: np.random.Generator, colours: dict[str, np.ndarray], unknown: str
+) -> None:
+    image = colour_image(T_BOX, rng, noise=2.0)
+    assert len(measure(image, **colours).points) > 80
+    one_empty = colours | {unknown: np.zeros_like(colours[unknown])}
+    assert len(measure(image, **one_empty).points) == 0
+
+
 def test_a_body_behind_the_camera_has_no_lines(
     rng: np.random.Generator, colours: dict[str, np.ndarray]
 ) -> None:

@@ -51,6 +51,17 @@ def test_a_body_out_of_view_leaves_the_colours(rng: np.random.Generator) -> None
     np.testing.assert_array_equal(behind.body_colours, first.body_colours)
 
 
+def test_colours_that_start_without_pixels_are_those_of_the_first_pixels(rng: np.random.Generator) -> None:
+    image = colour_image(T_BOX, rng)
+    empty = learn(image, se3.transform(np.eye(3), [0.0, 0.0, -4.0]))
+    assert not empty.body_colours.any()
+    assert not empty.background_colours.any()
+    colours = {"body_colours": empty.body_colours, "background_colours": empty.background_colours}
+    first, later = learn(image), learn(image, **colours)
+    np.testing.assert_array_equal(later.body_colours, first.body_colours)
+    assert later.background_colours.sum() == pytest.approx(1.0)
+
+
 def test_other_numbers_of_colours_and_channels_are_refused(rng: np.random.Generator) -> None:
     image = colour_image(T_BOX, rng)
     with pytest.raises(InputError, match="body_colours: 7, expected 512"):

@@ -18,10 +18,10 @@ from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
 from cdff_common.types import DistanceImage, Frame, Mesh, Time, TransformWithCovariance, Vector3d
-from cdff_core.object_models.lit_body import lit_body
 from cdff_core.object_models.rendering import Window, render
 from tests.support import coloured_boxes, satellite
 from tests.support.satellite_images import CAMERA_MATRIX, image_of
+from tests.support.sunlit_images import sunlit
 
 PREPARE = {"points": 4000, "views": 60, "view_pixels": 96, "grid_cells": 32}
 BODY = satellite.merged(satellite.box((1.0, 0.8, 0.6)), satellite.box((0.3, 0.3, 0.5), (0.2, 0.1, 0.5)))
@@ -227,6 +227,44 @@ def test_the_castle_of_visp_is_tracked(real_data: Callable[[str], Path]) -> None
     assert sum(row["is_degraded"] for row in rows) == 1
 
 
+def after_three_colour_images(
+    rng: np.random.Generator, change: Callable[[np.ndarray], np.ndarray], **config: bool
+) -> Output:
+    """Return the pose of a changed image of a coloured box that rests, after three images of it."""
+    dfpc = Registry.default().make_dfpc("visual_target_tracking")
+    dfpc.configure({"prepare": PREPARE, "texture": False, **config})
+    box = Mesh.from_arrays(*coloured_boxes.BOX, frame="client/body", stamp_ns=0)
+    list(dfpc.step(Sample("model", 0, 0, box)))
+    list(dfpc.step(guess(coloured_boxes.T_BOX)))
+    for k in range(4):
+        pixels = coloured_boxes.colour_image(coloured_boxes.T_BOX, rng, noise=5.0)
+        stamp_ns = k * 200_000_000
+        frame = Frame.from_image(
+            pixels if k < 3 else change(pixels),
+            sensor="camera",
+            stamp_ns=stamp_ns,
+            mode="RGB",
+            camera_matrix=CAMERA_MATRIX,
+        )
+        pose, _ = step(dfpc, Sample("image", stamp_ns, k, frame))
+    return pose
+
+
+def test_colours_that_are_not_used_are_stated(rng: np.random.Generator) -> None:
+    used = after_three_colour_images(rng, lambda pixels: pixels)
+    assert (used.quality.status, used.quality.reasons) == (Status.OK, ())
+    inverted = after_three_colour_images(rng, lambda pixels: 255 - pixels)
+    assert inverted.quality.reasons == ("region_few_lines:0<20",)
+    assert inverted.quality.status is Status.DEGRADED
+    shifted = after_three_colour_images(rng, lambda pixels: np.roll(pixels, 8, axis=1))
+    (reason,) = shifted.quality.reasons
+    assert reason.startswith("region_low_agreement:0.")
+    grey = after_three_colour_images(rng, lambda pixels: np.full_like(pixels, 128))
+    assert grey.quality.reasons == ("coasting", "region_few_lines:0<20", "few_edges:0<6")
+    without = after_three_colour_images(rng, lambda pixels: 255 - pixels, colour=False)
+    assert (without.quality.status, without.quality.reasons) == (Status.OK, ())
+
+
 @pytest.mark.slow
 def test_colours_track_a_body_whose_edges_are_lost_in_noise(rng: np.random.Generator) -> None:
     dfpc = Registry.default().make_dfpc("visual_target_tracking")
@@ -267,11 +305,10 @@ def test_the_direction_of_the_sun_tracks_a_smooth_body_half_in_the_dark(rng: np.
     off = se3.transform(se3.exp_so3([0.02, -0.02, 0.01]), [0.01, -0.01, distance_m])
     list(dfpc.step(guess(off)))
     list(dfpc.step(Sample("sun", 0, 0, Vector3d(values=sun))))
-    camera = Window(400.0, 400.0, 159.5, 119.5, 240, 320)
     for k in range(6):
         t_s = 0.5 * k
         T = se3.transform(se3.exp_so3([0.0, 0.0, 0.2 * t_s]), [0.0, 0.0, distance_m])
-        light = lit_body(*rock, T, camera, sun, point_spread_px=0.7, extent_px=140.0)
+        light = sunlit(rock, T, CAMERA_MATRIX, sun)
         pixels = np.clip(5.0 + 150.0 * light + rng.normal(0.0, 2.0, light.shape), 0, 255).astype(np.uint8)
         pose, _ = step(dfpc, image(t_s, pixels))
         error = pose_error(T, pose.value.transform.matrix)
