@@ -49,11 +49,9 @@ def test_readers_of_a_format_pass(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "numbers"),
     [
-        (
-            "MCAP",
-            (23859, 71851),
-        ),  # definitions of a cloud without its fields, and of a field without its name
+        ("MCAP", (23859, 71851)),  # a cloud defined without its fields, and a field without its name
         ("KITTI raw", (34493, 72822)),  # a year after 2262, and a rotation that is not finite
+        ("KITTI odometry", (52806,)),  # a pose of the lidar that is not finite
     ],
 )
 def test_copies_that_were_faults_are_refused_or_read_in_part(

@@ -142,6 +142,8 @@ def _pose_of_lidar(folder: Path) -> FloatArray | None:
     words = next(line for line in lines if line.partition(":")[0].strip() == _LIDAR_ROW).split(":")[1].split()
     try:
         upper = np.array(words, np.float64).reshape(3, 4)
+        if not np.all(np.isfinite(upper)):
+            raise ValueError(f"{' '.join(words)} is not finite")
         return np.asarray(se3.transform(se3.normalise_rotation(upper[:, :3]), upper[:, 3]), np.float64)
     except ValueError as error:
         raise InputError(f"{path}: {_LIDAR_ROW}: {error}; expected the 12 numbers of a pose") from error
