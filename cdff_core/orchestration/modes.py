@@ -37,6 +37,28 @@ MODE_TRANSITIONS: Mapping[tuple[str, str], str] = {
 
 
 @dataclass(slots=True)
+class AcquisitionRun:
+    """A demanded single acquisition, from the demand to the return to the previous mode.
+
+    Attributes
+    ----------
+    duration_s : float
+        Seconds from the mode of the acquisition to its end.
+    return_mode : str
+        Mode before it.
+    end_s : float or None
+        When it ends, monotonic seconds; None before it has begun.
+    is_done : bool
+        True once it has ended as demanded.
+    """
+
+    duration_s: float
+    return_mode: str
+    end_s: float | None = None
+    is_done: bool = False
+
+
+@dataclass(slots=True)
 class ModeMachine:
     """State machine of the modes of one sensor."""
 
@@ -51,10 +73,8 @@ class ModeMachine:
     lost: str = ""  # reason why the sensor is unavailable; empty otherwise
     acquisitions: int = 0  # number of single acquisitions that have begun
     parameters: dict[str, float] = field(default_factory=dict)  # of the last acquisition
-    #: Mode to which the sensor returns after an acquisition, and when, monotonic seconds.
-    returns: tuple[str, float] | None = None
-    _acquire_s: float = 0.0  # duration of the demanded acquisition
-    _return_mode: str = ""  # mode before it
+    #: Single acquisition that is demanded and has not ended; None without one.
+    acquisition: AcquisitionRun | None = None
 
     def __post_init__(self) -> None:
         self.mode = self.mode or self.sensor.initial_mode
@@ -117,9 +137,7 @@ class ModeMachine:
     @property
     def is_acquiring(self) -> bool:
         """True from the demand of a single acquisition to the return to the previous mode."""
-        return self.returns is not None or (
-            self.target is not None and self.sensor.modes[self.target].acquires is not None
-        )
+        return self.acquisition is not None
 
     def _demand_acquisition(
         self, mode: str, holder: str, now_s: float, slowness: float, parameters: Mapping[str, float]
@@ -134,10 +152,10 @@ class ModeMachine:
             at_s += slowness * duration_s
             steps.append((step, at_s))
         declared = self.sensor.modes[mode]
-        self._acquire_s = slowness * declared.acquisition_s(parameters, self.parameters)
+        duration_s = slowness * declared.acquisition_s(parameters, self.parameters)
         values = {name: p.initial for name, p in declared.parameters.items()}
         self.parameters = {**values, **parameters}
-        self._return_mode = self.mode
+        self.acquisition = AcquisitionRun(duration_s, self.mode)
         self.holder, self.target, self.steps = holder, mode, tuple(steps)
         return True
 
@@ -145,33 +163,33 @@ class ModeMachine:
         """Return the time of the next change, monotonic seconds; None in a steady state."""
         if self.steps:
             return self.steps[0][1]
-        return None if self.returns is None else self.returns[1]
+        return None if self.acquisition is None else self.acquisition.end_s
 
     def settle(self, now_s: float) -> bool:
         """Confirm the next mode if its time is reached; return whether the mode changed."""
         at_s = self.next_s()
         if at_s is None or now_s < at_s:
             return False
-        if not self.steps and self.returns is not None:
-            self.mode, self.returns = self.returns[0], None
+        if not self.steps and self.acquisition is not None:
+            self.mode, self.acquisition.is_done, self.acquisition = self.acquisition.return_mode, True, None
             return True
         (self.mode, _), *remaining_steps = self.steps
         self.steps = tuple(remaining_steps)
         if not remaining_steps:
             self.target = None
-            if self.sensor.modes[self.mode].acquires is not None:
+            if self.acquisition is not None:
                 self.acquisitions += 1
-                self.returns = (self._return_mode, at_s + self._acquire_s)
+                self.acquisition.end_s = at_s + self.acquisition.duration_s
         return True
 
     def refuse(self, reason: str) -> None:
         """End a switch with a reason; the sensor stays in the last confirmed mode."""
         if self.target is not None:
-            self.target, self.steps, self.refusal = None, (), reason
+            self.target, self.steps, self.acquisition, self.refusal = None, (), None, reason
 
     def fail(self, reason: str) -> None:
         """Mark the sensor as lost for a reason."""
-        self.target, self.steps, self.returns, self.lost = None, (), None, reason
+        self.target, self.steps, self.acquisition, self.lost = None, (), None, reason
 
     def recover(self) -> None:
         """Mark the sensor as available, in its initial mode."""

@@ -41,13 +41,14 @@ class ReplayedIcu:
         robot = parse_robot(p.get("robot"), request.scope)
         parameters = AcquisitionParameters.parse(p.get("acquire", NOW)).to_dict()
         machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""), parameters)
-        acquires = machine.sensor.modes[p["mode"]].acquires is not None
-        while machine.target == p["mode"] or (acquires and machine.is_acquiring):
+        acquisition = machine.acquisition
+        while machine.target == p["mode"] or (acquisition and machine.acquisition is acquisition):
             self._scheduler.sleep(max((machine.next_s() or 0.0) - self._scheduler.now_s, 0.001))
             self._unit.modes(robot)  # updates the states to the current virtual time
-        if machine.lost:
+        is_done = acquisition is not None and acquisition.is_done
+        if machine.lost and not is_done:
             raise UnavailableError(f"sensor {p['sensor']} is lost: {machine.lost}")
-        if machine.refusal or (machine.mode != p["mode"] and not acquires):
+        if not is_done and (machine.refusal or acquisition or machine.mode != p["mode"]):
             raise DeniedError(
                 f"sensor {p['sensor']}: {machine.refusal or 'another mode was demanded meanwhile'}"
             )

@@ -131,24 +131,28 @@ class SimulatedIcu:
         ConflictError
             If another mode was demanded before this one was reached.
         UnavailableError
-            If the sensor is lost, or the unit shuts down.
+            If the sensor is lost, an acquisition is interrupted, or the unit shuts down.
         """
-        machine = self.demand(robot, sensor, mode, holder, parameters)
+        with self._changed:
+            machine = self.demand(robot, sensor, mode, holder, parameters)
+            acquisition = machine.acquisition
         started_s = self._now_s()
         while True:
             self._settle()
             with self._changed:
                 if self._closed:
                     raise UnavailableError("the instrument control unit is shutting down")
+                if acquisition is not None and acquisition.is_done:
+                    return self._acquired(robot, machine, mode, self._now_s() - started_s)
                 if machine.lost:
                     raise UnavailableError(f"sensor {sensor} is lost: {machine.lost}")
                 if machine.target is None and machine.refusal:
                     raise DeniedError(f"sensor {sensor}: {machine.refusal}; it stays in {machine.mode}")
-                if machine.is_acquiring and machine.holder == holder:
+                if acquisition is not None:
+                    if machine.acquisition is not acquisition:
+                        raise UnavailableError(f"sensor {sensor}: the acquisition was interrupted; repeat it")
                     self._wait(machine)
                     continue
-                if machine.sensor.modes[mode].acquires is not None:
-                    return self._acquired(robot, machine, mode, self._now_s() - started_s)
                 if machine.target is None and machine.mode == mode:
                     return {"robot": robot, "confirmed": True, **machine.event()}
                 if machine.target != mode:

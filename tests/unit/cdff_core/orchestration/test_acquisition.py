@@ -75,8 +75,13 @@ def test_an_acquisition_moves_acquires_and_returns_to_the_previous_mode() -> Non
     machine.demand("shot", "job", 10.0, parameters={"pan_deg": 60.0})
     machine.settle(11.0)
     assert machine.next_s() == 11.5, "it points there already"
+    acquisition = machine.acquisition
     machine.fail("cable")
     assert (machine.state, machine.next_s()) == ("lost", None)
+    assert acquisition is not None
+    assert not acquisition.is_done
+    machine.recover()
+    assert not machine.is_acquiring
 
 
 @pytest.mark.parametrize(
