@@ -241,7 +241,7 @@ class Client:
 
     def scheduled(self, robot: str = "any") -> list[dict[str, Any]]:
         """Return the scheduled requests with their states and the ids of their products."""
-        scheduled: list[dict[str, Any]] = self._orchestrator(robot, "jobs", {"limit": 1})["scheduled"]
+        scheduled: list[dict[str, Any]] = self.requests(robot, limit=1)["scheduled"]
         return scheduled
 
     def explain(
@@ -374,8 +374,14 @@ class Client:
 
     def jobs(self, robot: str = "any", *, limit: int = 50) -> list[dict[str, Any]]:
         """Return the newest jobs of the orchestrator with their states."""
-        jobs: list[dict[str, Any]] = self._orchestrator(robot, "jobs", {"limit": limit})["jobs"]
+        jobs: list[dict[str, Any]] = self.requests(robot, limit=limit)["jobs"]
         return jobs
+
+    def requests(self, robot: str = "any", *, limit: int = 50) -> dict[str, Any]:
+        """Return the newest ``jobs``, the ``scheduled`` requests, the ``leases`` of DFPCs, and the robots
+        whose orchestrator did not answer (``unreachable``).
+        """
+        return self._orchestrator(robot, "jobs", {"limit": limit})
 
     def cancel(self, job: str, robot: str = "any") -> None:
         """Cancel a job by its id or the id of its request; the client of the job receives UNAVAILABLE."""

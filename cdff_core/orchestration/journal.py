@@ -83,7 +83,7 @@ def recover(records: Iterable[Mapping[str, Any]]) -> RecoveredState:
             state.modes = {s for s in state.modes if s.robot != robot}
         elif kind == "schedule":
             _add_schedule(state.scheduled, record)
-        elif kind == "mode" and record.get("ok"):
+        elif kind == "mode" and record.get("ok") and "acquired" not in record:
             state.modes.add(SensorId(*parse_provider_id(str(record["sensor"]))))
     state.held = {provider for providers in leases.values() for provider in providers}
     return state

@@ -287,7 +287,8 @@ def run_orchestrator(args: argparse.Namespace) -> int:
 
 
 def _jobs(client: Client, args: argparse.Namespace) -> dict[str, Any]:
-    return {"jobs": client.jobs(args.robot, limit=args.limit), "scheduled": client.scheduled(args.robot)}
+    listed = client.requests(args.robot, limit=args.limit)
+    return {name: listed[name] for name in ("jobs", "scheduled", "unreachable")}
 
 
 def _print_jobs(data: dict[str, Any], _: argparse.Namespace) -> None:
@@ -298,6 +299,8 @@ def _print_jobs(data: dict[str, Any], _: argparse.Namespace) -> None:
         reason = f"  ({job['reason']})" if job["reason"] else ""
         rows.append((job["job"], job["state"], f"{request['type']} of {request['robot']}{region}{reason}"))
     print_table(("job", "state", "request"), rows)
+    if data["unreachable"]:
+        print(f"without answer: the orchestrator of {', '.join(data['unreachable'])}", file=sys.stderr)
 
 
 def _cancel(client: Client, args: argparse.Namespace) -> dict[str, Any]:

@@ -11,8 +11,10 @@ them. The ground takes over when the liveliness token of a robot's orchestrator 
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from cdff_common.bus import Bus, keys
@@ -23,6 +25,7 @@ from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import RecoveredState, parse_provider_id, recover
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.delegations import Delegations
+from services.orchestrator.history import history_origin
 from services.orchestrator.journal import Journal
 from services.orchestrator.reconciler import Reconciler
 from services.orchestrator.state import SystemState
@@ -33,9 +36,8 @@ logger = logging.getLogger(__name__)
 #: Time without the token of a robot's orchestrator after which the ground takes over, seconds: a router that
 #: reloads its access list closes its links for about one.
 TAKE_OVER_S = 1.5
-#: Longest wait for the running actions of a robot, period of the check, and pause after a refused hand-over,
-#: seconds.
-_ACTIONS_S, _PERIOD_S, _RETRY_S = 10.0, 0.02, 0.5
+#: Period of the check for running actions, and pauses after an unanswered and after a refused call, seconds.
+_PERIOD_S, _RETRY_S, _REFUSED_S = 0.02, 0.5, 10.0
 _CALL_S, _BUSY_LIMIT_S = 3.0, 120.0
 #: Kinds of history records from which the changes of an orchestrator follow.
 _KINDS = "activation,mode,control"
@@ -60,6 +62,9 @@ class Control:
         self._changed: threading.Condition = timing.condition()
         self._due_s: dict[str, float] = {}
         self._present: set[str] = set()
+        self._taken: set[str] = set()  # robots that are not handed back yet
+        self._without_history: set[str] = set()  # taken robots whose active DFPCs are not known yet
+        self._faults: dict[str, str] = {}  # last reported failure of each robot
         self._is_closed = False
 
     def start(self) -> None:
@@ -91,6 +96,8 @@ class Control:
             return
         with self._changed:
             (self._present.add if is_alive else self._present.discard)(robot)
+        if is_alive:
+            self._delegations.follow(robot)
         self._decide(robot, 0.0 if is_alive else TAKE_OVER_S)
 
     def _next(self) -> str | None:
@@ -98,73 +105,102 @@ class Control:
         with self._changed:
             while not self._is_closed:
                 robot = min(self._due_s, key=lambda name: self._due_s[name], default=None)
-                wait_s = None if robot is None else self._due_s[robot] - self._timing.now_s()
-                if robot is not None and wait_s is not None and wait_s <= 0.0:
+                due_s = math.inf if robot is None else self._due_s[robot]
+                wait_s = due_s - self._timing.now_s()
+                if robot is not None and wait_s <= 0.0:
                     del self._due_s[robot]
                     return robot
-                self._changed.wait(wait_s)
+                has_changed = partial(self._is_earlier_than, due_s)
+                self._changed.wait_for(has_changed, None if robot is None else wait_s)
             return None
+
+    def _is_earlier_than(self, due_s: float) -> bool:
+        """Return True if a decision is due earlier, or the thread shall end."""
+        return self._is_closed or min(self._due_s.values(), default=math.inf) < due_s
 
     def _update(self, robot: str) -> None:
         with self._changed:
             is_present = robot in self._present
-        if is_present and self._state.controls(robot):
-            self._hand_back(robot)
-        elif not is_present and not self._state.controls(robot):
+        if is_present:
+            # An earlier process on the ground may have taken the robot over.
+            if robot in self._taken or any(self._state.changes(robot)):
+                self._hand_back(robot)
+        elif not self._state.controls(robot):
             self._take_over(robot)
+        elif robot in self._without_history:
+            self._add_recorded_changes(robot)
 
     def _take_over(self, robot: str) -> None:
-        changes = self._recorded_changes(robot)
-        self._record(robot, changes.owned, changes.modes, "taken over")
-        self._state.recover(changes.owned, changes.modes)
+        self._journal.append("control", robot=robot, action="take_over")
+        self._taken.add(robot)
         self._state.set_control(robot, controlled=True)
         self._delegations.update()
-        logger.info("%s is taken over with %d active DFPCs", robot, len(changes.owned))
+        logger.info("%s is taken over", robot)
+        self._add_recorded_changes(robot)
+
+    def _add_recorded_changes(self, robot: str) -> None:
+        """Own what the orchestrator of a robot has changed; repeated until the history can be read."""
+        try:
+            changes = self._recorded_changes(robot)
+        except CdffError as error:
+            self._without_history.add(robot)
+            self._report(robot, f"the DFPCs that its orchestrator has activated are unknown: {error}")
+            self._decide(robot, _RETRY_S)
+            return
+        self._without_history.discard(robot)
+        record_changes(self._journal, changes.owned, changes.modes, "taken over")
+        self._state.recover(changes.owned, changes.modes)
+        logger.info("%s: %d active DFPCs of its orchestrator", robot, len(changes.owned))
 
     def _recorded_changes(self, robot: str) -> RecoveredState:
-        """Return what the orchestrator of a robot has changed, from the history; empty without a DPM."""
+        """Return what the orchestrator of a robot has changed, from its records in the history."""
         records: list[Mapping[str, Any]] = []
-        try:
-            while True:
-                since = int(records[-1]["ordinal"]) if records else 0
-                query = {"kind": _KINDS, "scope": robot, "since": since, "limit": MAX_PAGE}
-                key = keys.dpm_rpc(keys.GROUND, "history")
-                items = self._bus.call(key, query, timeout_s=_CALL_S).body()["items"]
-                records += items
-                if len(items) < MAX_PAGE:
-                    break
-        except CdffError as error:
-            logger.warning(
-                "the DFPCs that the orchestrator of %s has activated are unknown: %s", robot, error
-            )
+        since = 0
+        while True:
+            query = {"kind": _KINDS, "scope": robot, "since": since, "limit": MAX_PAGE}
+            reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "history"), query, timeout_s=_CALL_S)
+            items = reply.body()["items"]
+            records += [item for item in items if item["origin"] == history_origin(robot)]
+            if len(items) < MAX_PAGE:
+                break
+            since = int(items[-1]["ordinal"])
         changes = recover(records)
         changes.owned = {p for p in changes.owned if p.robot == robot}
         changes.modes = {s for s in changes.modes if s.robot == robot}
         return changes
 
     def _hand_back(self, robot: str) -> None:
-        self._state.set_control(robot, controlled=False)
-        self._delegations.update()  # first, so that no DFPC in use is without a lease for long
-        until_s, pause = self._timing.now_s() + _ACTIONS_S, self._timing.event()
-        while self._reconciler.is_acting_on(robot) and self._timing.now_s() < until_s:
-            pause.wait(_PERIOD_S)
-        owned, sensors = self._state.take_changes(robot)
+        """End the control of a robot; its orchestrator gets the changes when the running actions have ended.
+
+        Until it has accepted them they are kept, for a second attempt or another take-over.
+        """
+        if self._state.controls(robot):
+            self._state.set_control(robot, controlled=False)
+            self._delegations.update()  # first, so that no DFPC in use is without a lease for long
+        if self._reconciler.is_acting_on(robot):
+            self._decide(robot, _PERIOD_S)
+            return
+        owned, sensors = self._state.changes(robot)
         body = {"owned": sorted(map(str, owned)), "sensors": sorted(map(str, sensors))}
         try:
             key = keys.orchestrator_rpc(robot, "hand_over")
             self._bus.call(key, payload=pack(body), timeout_s=_CALL_S, elsewhere=True)
         except CdffError as error:
-            logger.warning("%s is not handed back: %s", robot, error)
-            self._state.recover(owned, sensors)
-            self._state.set_control(robot, controlled=True)
-            self._decide(robot, _RETRY_S)
+            self._report(robot, f"its orchestrator does not take its DFPCs over: {error}")
+            self._decide(robot, _REFUSED_S if isinstance(error, InputError) else _RETRY_S)
             return
         self._journal.append("control", robot=robot, action="hand_back")
+        self._state.drop_changes(robot)
+        self._taken.discard(robot)
+        self._without_history.discard(robot)
+        self._faults.pop(robot, None)
         logger.info("%s is handed back with %d active DFPCs", robot, len(owned))
 
-    def _record(self, robot: str, owned: set[ProviderId], sensors: set[SensorId], reason: str) -> None:
-        self._journal.append("control", robot=robot, action="take_over")
-        record_changes(self._journal, owned, sensors, reason)
+    def _report(self, robot: str, fault: str) -> None:
+        """Log a failure that differs from the last one of the robot."""
+        if self._faults.get(robot) != fault:
+            self._faults[robot] = fault
+            logger.warning("%s: %s", robot, fault)
 
 
 def record_changes(journal: Journal, owned: set[ProviderId], sensors: set[SensorId], reason: str) -> None:

@@ -4,8 +4,9 @@
 
 A job on the ground leases the DFPCs of its plan as usual. For a robot that has an orchestrator of its own,
 the lease is a request to that one, with ``deliver=none``: the product appears in the DPM, where the job finds
-it. Equal jobs share a request. It is repeated while a job needs it, and dropped when the ground takes the
-robot over, so that every job has one final reply independent of the owner of the robot.
+it. Equal jobs share a request, except for single acquisitions. It is repeated while a job needs it, and
+cancelled when the ground takes the robot over, so that every job has one final reply independent of the owner
+of the robot.
 """
 
 from __future__ import annotations
@@ -13,14 +14,16 @@ from __future__ import annotations
 import logging
 import threading
 import uuid
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 from cdff_common.bus import Bus, Reply, keys
-from cdff_common.errors import CdffError, DeadlineError, NoAnswerError
+from cdff_common.clock import Clock
+from cdff_common.contract.limits import DEADLINE_BOUNDS_MS, MAX_PAGE
+from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, ProductNotFoundError, UnavailableError
 from cdff_common.loops import Loops
+from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_core.orchestration.planner import Plan
-from cdff_core.orchestration.request import ProductRequest
 from cdff_core.orchestration.world import ProviderId
 from services.orchestrator.jobs import Job
 from services.orchestrator.shared_queries import query_key
@@ -29,12 +32,22 @@ from services.orchestrator.timing import REAL, Timing
 
 logger = logging.getLogger(__name__)
 
-#: Pause before a request is repeated after it was fulfilled or has failed, and longest wait without a change,
-#: seconds.
+#: Beginning of the ids of delegated requests.
+DELEGATED = "delegated-"
+#: Pause before a request or a cancellation is repeated, and longest wait without a change, seconds.
 _REPEAT_S, _IDLE_S = 1.0, 5.0
-#: Least time for a request, and time for its transmission, seconds.
-_LEAST_S, _TRANSMISSION_S = 0.2, 0.5
-_BUSY_LIMIT_S = 60.0
+#: Least and longest time for a request, and time for its transmission, seconds.
+_LEAST_S, _LONGEST_S, _TRANSMISSION_S = 0.2, DEADLINE_BOUNDS_MS[1] / 1000, 0.5
+_CALL_S, _BUSY_LIMIT_S = 1.0, 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Need:
+    """A plan of a job; ``number`` counts the plans of all jobs."""
+
+    job: Job
+    plan: Plan
+    number: int
 
 
 @dataclass(slots=True, eq=False)
@@ -45,29 +58,50 @@ class _Delegation:
     ----------
     providers : set of ProviderId
         DFPCs of the plans that provide the product; a failure of the request counts as a failure of each.
+    priority : int
+        Priority of the request that runs.
     sent_id : str
         Id of the request while it runs; empty otherwise.
     not_before_s : float
         Earliest time of the next one, monotonic seconds.
+    is_done : bool
+        True for a single acquisition that was made.
     """
 
     robot: str
     providers: set[ProviderId] = field(default_factory=set)
+    priority: int = -1
     sent_id: str = ""
     not_before_s: float = float("-inf")
+    is_done: bool = False
 
 
 class Delegations:
-    """Thread that keeps the delegated requests equal to the needs of the jobs."""
+    """Thread that keeps the delegated requests equal to the needs of the jobs.
 
-    def __init__(self, bus: Bus, state: SystemState, loops: Loops, timing: Timing = REAL) -> None:
-        self._bus, self._state, self._timing = bus, state, timing
+    Parameters
+    ----------
+    bus : Bus
+    state : SystemState
+    loops : Loops
+    clock : Clock
+        Mission clock.
+    timing : Timing, optional
+    """
+
+    def __init__(
+        self, bus: Bus, state: SystemState, loops: Loops, clock: Clock, timing: Timing = REAL
+    ) -> None:
+        self._bus, self._state, self._clock, self._timing = bus, state, clock, timing
         self._loop = loops.add("delegations", _BUSY_LIMIT_S)
         self._changed: threading.Condition = timing.condition()
         self._version, self._done_version, self._wait_s = 0, -1, 0.0
         self._is_closed = False
-        self._held: dict[str, tuple[Job, Plan]] = {}
+        self._count = 0
+        self._needs_of: dict[str, _Need] = {}  # by job
         self._delegations: dict[Hashable, _Delegation] = {}
+        #: Robots whose orchestrator may have requests that nobody here needs, with the time of the next check.
+        self._unchecked: dict[str, float] = {}
 
     def start(self) -> None:
         """Start the thread."""
@@ -82,14 +116,23 @@ class Delegations:
     def hold(self, job: Job, plan: Plan) -> None:
         """Replace the requests of a job by those that a plan needs."""
         with self._changed:
-            self._held[job.id] = (job, plan)
+            self._count += 1
+            self._needs_of[job.id] = _Need(job, plan, self._count)
         self.update()
 
     def release(self, job_id: str) -> None:
         """End the requests of a job that no other job shares."""
         with self._changed:
-            if self._held.pop(job_id, None) is None:
+            if self._needs_of.pop(job_id, None) is None:
                 return
+        self.update()
+
+    def follow(self, robot: str) -> None:
+        """Cancel the requests that the orchestrator of a robot has from an earlier process on the ground, or
+        from the time before its link was cut.
+        """
+        with self._changed:
+            self._unchecked[robot] = self._timing.now_s()
         self.update()
 
     def update(self) -> None:
@@ -110,51 +153,67 @@ class Delegations:
     def _synchronise(self, _: object) -> None:
         needs = self._needs()
         for key in self._delegations.keys() - needs.keys():
-            self._end(self._delegations.pop(key))
-        now_s = self._timing.now_s()
-        for key, (robot, jobs) in needs.items():
-            delegation = self._delegations.setdefault(key, _Delegation(robot))
-            product = jobs[0][0].request.product
-            planned = {p for _, plan in jobs for p in plan.order if p.robot == robot}
-            delegation.providers = {p for p in planned if product in self._state.products_of(p)}
-            if delegation.sent_id:
-                continue
-            if delegation.not_before_s > now_s:
-                self._wait_s = min(self._wait_s, delegation.not_before_s - now_s)
-                continue
-            deadline_s = max(job.remaining_s() for job, _ in jobs) - _TRANSMISSION_S
-            if deadline_s >= _LEAST_S:
-                priority = max(job.request.priority for job, _ in jobs)
-                self._send(delegation, jobs[0][0].request, priority, deadline_s)
-
-    def _needs(self) -> dict[Hashable, tuple[str, list[tuple[Job, Plan]]]]:
-        """Return the jobs that need a request, by robot and by request."""
+            self._cancel(self._delegations.pop(key))
+        for key, (robot, wanting) in needs.items():
+            self._continue(self._delegations.setdefault(key, _Delegation(robot)), wanting)
         with self._changed:
-            held = list(self._held.values())
-        needs: dict[Hashable, tuple[str, list[tuple[Job, Plan]]]] = {}
-        for job, plan in held:
-            for robot in sorted({p.robot for p in plan.order}):
+            unchecked = dict(self._unchecked)
+        for robot, due_s in unchecked.items():
+            if self._is_due(due_s):
+                self._cancel_unneeded(robot)
+
+    def _needs(self) -> dict[Hashable, tuple[str, list[_Need]]]:
+        """Return the plans that need a request, by robot and by request."""
+        with self._changed:
+            all_needs = list(self._needs_of.values())
+        needs: dict[Hashable, tuple[str, list[_Need]]] = {}
+        for need in all_needs:
+            request = need.job.request
+            shared: Hashable = (query_key(request), request.every_s)
+            for robot in sorted({p.robot for p in need.plan.order}):
                 if not self._state.controls(robot):
-                    key = (robot, query_key(job.request), job.request.every_s)
-                    needs.setdefault(key, (robot, []))[1].append((job, plan))
+                    key = (robot, shared if request.acquire is None else (need.job.id, need.number))
+                    needs.setdefault(key, (robot, []))[1].append(need)
         return needs
 
-    def _send(
-        self, delegation: _Delegation, request: ProductRequest, priority: int, deadline_s: float
-    ) -> None:
+    def _continue(self, delegation: _Delegation, needs: Sequence[_Need]) -> None:
+        """Send a request unless it runs with sufficient priority, was made, or has to wait."""
+        product = needs[0].job.request.product
+        planned = {p for need in needs for p in need.plan.order if p.robot == delegation.robot}
+        delegation.providers = {p for p in planned if product in self._state.products_of(p)}
+        priority = max(need.job.request.priority for need in needs)
+        if delegation.is_done or (delegation.sent_id and priority <= delegation.priority):
+            return
+        self._cancel(delegation)
+        if not self._is_due(delegation.not_before_s):
+            return
+        remaining_s = max(need.job.remaining_s() for need in needs) - _TRANSMISSION_S
+        if remaining_s >= _LEAST_S:
+            self._send(delegation, needs[0], priority, min(remaining_s, _LONGEST_S))
+
+    def _is_due(self, time_s: float) -> bool:
+        """Return True if a time has come; otherwise the thread waits for it at most."""
+        wait_s = time_s - self._timing.now_s()
+        if wait_s > 0.0:
+            self._wait_s = min(self._wait_s, wait_s)
+        return wait_s <= 0.0
+
+    def _send(self, delegation: _Delegation, need: _Need, priority: int, deadline_s: float) -> None:
         sent = replace(
-            request,
-            id=str(uuid.uuid4()),
+            need.job.request,
+            id=f"{DELEGATED}{uuid.uuid4()}",
             robot=delegation.robot,
             priority=priority,
             deadline_s=deadline_s,
+            window_ns=None,
             deliver="none",
             progress=False,
         )
-        delegation.sent_id = sent.id
+        delegation.sent_id, delegation.priority = sent.id, priority
+        sent_ns = self._clock.now_ns()
 
         def on_end(result: Reply | CdffError) -> None:
-            self._on_end(delegation, sent.id, result)
+            self._on_end(delegation, need, sent.id, sent_ns, result)
 
         key = keys.orchestrator_rpc(delegation.robot, "request")
         try:
@@ -164,25 +223,76 @@ class Delegations:
         except CdffError as error:
             on_end(error)
 
-    def _on_end(self, delegation: _Delegation, sent_id: str, result: Reply | CdffError) -> None:
+    def _on_end(
+        self, delegation: _Delegation, need: _Need, sent_id: str, sent_ns: int, result: Reply | CdffError
+    ) -> None:
         with self._changed:
             if delegation.sent_id != sent_id:
-                return  # it was ended from here
+                return  # it was cancelled from here
             delegation.sent_id = ""
-            delegation.not_before_s = self._timing.now_s() + _REPEAT_S
-        if isinstance(result, CdffError) and not isinstance(result, (DeadlineError, NoAnswerError)):
+            pause_s = getattr(result, "retry_after_s", None) or _REPEAT_S
+            delegation.not_before_s = self._timing.now_s() + pause_s
+            delegation.is_done = isinstance(result, Reply) and need.job.request.acquire is not None
+        if delegation.is_done:
+            for sensor, acquisition in need.plan.acquisitions.items():
+                if sensor.robot == delegation.robot:
+                    values = acquisition.parameters.to_dict()
+                    self._state.end_acquisition(need.job.id, sensor, values, sent_ns)
+        elif isinstance(result, CdffError) and _is_failure(result):
             logger.info("the orchestrator of %s: %s", delegation.robot, result)
             for provider in delegation.providers:
                 self._state.add_failure(provider, f"the orchestrator of {delegation.robot}: {result}")
         self.update()
 
-    def _end(self, delegation: _Delegation) -> None:
-        """Cancel a request; an answer is of no interest."""
+    def _cancel(self, delegation: _Delegation) -> None:
+        """Cancel the request that runs; without an answer all requests of its robot are checked."""
         with self._changed:
             sent_id, delegation.sent_id = delegation.sent_id, ""
-        if sent_id:
-            key = keys.orchestrator_rpc(delegation.robot, "cancel")
+        if not sent_id:
+            return
+
+        def on_end(result: Reply | CdffError) -> None:
+            if isinstance(result, UnavailableError):
+                with self._changed:
+                    self._unchecked[delegation.robot] = self._timing.now_s() + _REPEAT_S
+                self.update()
+
+        key = keys.orchestrator_rpc(delegation.robot, "cancel")
+        try:
+            self._bus.call_in_background(key, {"job": sent_id}, on_end, timeout_s=_CALL_S, elsewhere=True)
+        except CdffError as error:
+            on_end(error)
+
+    def _cancel_unneeded(self, robot: str) -> None:
+        """Cancel the delegated requests of a robot that nobody here needs; repeated until it answers."""
+        if not self._state.controls(robot):
             try:
-                self._bus.call_in_background(key, {"job": sent_id}, lambda _: None, elsewhere=True)
+                self._call_cancel_unneeded(robot)
             except CdffError as error:
-                logger.info("request %s of %s is not cancelled: %s", sent_id, delegation.robot, error)
+                logger.info("requests of %s are not cancelled yet: %s", robot, error)
+                with self._changed:
+                    self._unchecked[robot] = self._timing.now_s() + _REPEAT_S
+                self._wait_s = min(self._wait_s, _REPEAT_S)
+                return
+        with self._changed:
+            self._unchecked.pop(robot, None)
+
+    def _call_cancel_unneeded(self, robot: str) -> None:
+        key, query = keys.orchestrator_rpc(robot, "jobs"), {"limit": MAX_PAGE}
+        jobs = self._bus.call(key, query, timeout_s=_CALL_S, elsewhere=True).body()["jobs"]
+        needed = {delegation.sent_id for delegation in self._delegations.values()}
+        for job in jobs:
+            request_id = str(job["request"].get("request"))
+            is_open = request_id.startswith(DELEGATED) and job["state"] not in FINAL_STATES
+            if is_open and request_id not in needed:
+                key = keys.orchestrator_rpc(robot, "cancel")
+                try:
+                    self._bus.call(key, {"job": request_id}, timeout_s=_CALL_S, elsewhere=True)
+                except ProductNotFoundError:
+                    logger.debug("request %s of %s has ended meanwhile", request_id, robot)
+
+
+def _is_failure(error: CdffError) -> bool:
+    """Return True for an error that speaks against the DFPCs, not for a late, missing or deferred answer."""
+    is_deferred = isinstance(error, UnavailableError) and error.retry_after_s is not None
+    return not is_deferred and not isinstance(error, (DeadlineError, NoAnswerError))

@@ -25,6 +25,11 @@ _RETRY_S, _RETRY_MAX_S = 0.5, 10.0
 _TIMEOUT_S = 5.0
 
 
+def history_origin(scope: str) -> str:
+    """Return the name of the journal of an orchestrator in the history: its scope, or its first robot."""
+    return f"orchestrator/{scope}"
+
+
 class HistoryForwarder:
     """Thread that sends the records in order, and continues after a restart from the last acknowledged entry.
 

@@ -87,8 +87,10 @@ class JobPlan:
 
     def has_acquired(self, match: ProductMatch) -> bool:
         """Return True if a match was captured by the single acquisitions of the plan."""
-        is_done = self.progress is not None and not self.progress.pending
-        return is_done and self.has_made(match)
+        progress = self.progress
+        if progress is None or progress.pending:
+            return False
+        return self.has_made(match) and match.candidate.t1_ns >= progress.acquired_from_ns
 
     def supersedes(self, match: ProductMatch) -> bool:
         """Return True if an alternative plan was adopted to replace a DEGRADED match."""

@@ -111,6 +111,8 @@ class Reconciler:
 
     def _execute(self, action: Action, subject: ProviderId | SensorId) -> None:
         try:
+            if not self._state.controls(subject.robot):
+                return  # it was handed back since the action was decided
             if isinstance(action, SetMode | Acquire):
                 self._set_mode(action)
             else:
@@ -132,6 +134,7 @@ class Reconciler:
         if acquisition is not None:
             parameters["acquire"] = str(acquisition.parameters)
             timeout_s += acquisition.duration_s
+        begun_ns = self._bus.mission_clock.now_ns()
         try:
             reply = self._bus.call(keys.icu_rpc(sensor.robot, "set_mode"), parameters, timeout_s=timeout_s)
             _check_confirmation(reply, mode)
@@ -148,12 +151,13 @@ class Reconciler:
             else:  # no unit, a lost sensor or another demand: the mode itself may work
                 self._state.add_failure(sensor, reason)
             return
-        reason = "" if acquisition is None else f"single acquisition, {acquisition.parameters}"
-        self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason=reason)
+        acquired: dict[str, Any] = {} if acquisition is None else {"acquired": str(acquisition.parameters)}
+        self._journal.append("mode", sensor=str(sensor), mode=mode, ok=True, reason="", **acquired)
         self._mode_alarms.confirm(sensor, mode)
         self._state.clear_failures(sensor)
         if isinstance(action, Acquire):
-            self._state.end_acquisition(action.holder, sensor, action.acquisition.parameters.to_dict())
+            values = action.acquisition.parameters.to_dict()
+            self._state.end_acquisition(action.holder, sensor, values, begun_ns)
             return
         self._state.add_mode_change(sensor)
         self._state.set_mode(sensor, mode)

@@ -21,7 +21,7 @@ from cdff_common.contract.queries import (
     RenewParameters,
     RobotParameters,
 )
-from cdff_common.errors import CdffError, ProductNotFoundError
+from cdff_common.errors import CdffError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.profile import Profile, profile_of_scope, scopes_of
 from cdff_common.interfaces.robot_profile import RobotProfile
 from cdff_common.loops import Loops
@@ -30,9 +30,9 @@ from cdff_core.orchestration.request import ProductRequest, parse_request, parse
 from services.alarms import Alarms
 from services.orchestrator.bus_products import BusProducts
 from services.orchestrator.control import Control, parse_hand_over, record_changes
-from services.orchestrator.delegations import Delegations
+from services.orchestrator.delegations import DELEGATED, Delegations
 from services.orchestrator.dpm import DpmClient
-from services.orchestrator.history import HistoryForwarder
+from services.orchestrator.history import HistoryForwarder, history_origin
 from services.orchestrator.jobs import JobRegistry
 from services.orchestrator.journal import Journal
 from services.orchestrator.leader import claim_robot
@@ -129,7 +129,7 @@ class Orchestrator:
             dpm = DpmClient(bus, timing, self._bus_products.newest, scope)
         clock = bus.mission_clock
         self._delegations = (
-            Delegations(bus, self._state, self.loops, timing) if scope == keys.GROUND else None
+            Delegations(bus, self._state, self.loops, clock, timing) if scope == keys.GROUND else None
         )
         finder = ProductFinder(dpm, clock, lambda: self._state.profile)
         self._planning = RequestPlanner(self._state, finder, clock, timing)
@@ -159,7 +159,7 @@ class Orchestrator:
             )
         )
         # Two orchestrators of a mission serve different robots: each has its own history.
-        origin = "orchestrator/" + (scope or profile.robot_ids[0])
+        origin = history_origin(scope or profile.robot_ids[0])
         self._history = HistoryForwarder(bus, self._journal, origin, self.loops, timing, own_scope)
         self._request_pool = HandlerPool(_REQUEST_THREADS, _RUNNING, "request")
         self._call_pool = ThreadPoolExecutor(_CALL_THREADS, thread_name_prefix="call")
@@ -312,27 +312,48 @@ class Orchestrator:
                 return self._answer_elsewhere(call, error)
         robots = self._robots(call)
         jobs, scheduled = self._jobs.listed(robots, p.limit), self._schedule.listed(robots)
-        for body in self._answers_elsewhere("jobs", {"limit": p.limit}, robots):
-            jobs += [job for job in body["jobs"] if job["request"].get("deliver") != "none"]
+        answers, unreachable = self._answers_elsewhere("jobs", {"limit": p.limit}, robots)
+        for body in answers:
+            jobs += [j for j in body["jobs"] if not str(j["request"].get("request")).startswith(DELEGATED)]
             scheduled += body["scheduled"]
-        return Reply.of({"jobs": jobs[: p.limit], "scheduled": scheduled, "leases": self._state.leases()})
+        jobs.sort(key=lambda job: -(job["accepted_ns"] or 0))
+        return Reply.of(
+            {
+                "jobs": jobs[: p.limit],
+                "scheduled": scheduled,
+                "leases": self._state.leases(),
+                "unreachable": unreachable,
+            }
+        )
 
     def _answers_elsewhere(
         self, verb: str, parameters: Mapping[str, object], robots: Iterable[str]
-    ) -> Iterator[dict[str, Any]]:
-        """Yield the answers of the orchestrators of some robots; those out of contact are omitted."""
+    ) -> tuple[list[dict[str, Any]], list[str]]:
+        """Return the answers of the orchestrators of some robots, and the robots out of contact."""
+        answers, unreachable = [], []
         for robot in sorted(robots):
-            if not self._state.controls(robot):
-                with suppress(CdffError):
-                    key = keys.orchestrator_rpc(robot, verb)
-                    yield self._bus.call(key, parameters, timeout_s=_ELSEWHERE_S, elsewhere=True).body()
+            if self._state.controls(robot):
+                continue
+            key = keys.orchestrator_rpc(robot, verb)
+            try:
+                answers.append(self._bus.call(key, parameters, timeout_s=_ELSEWHERE_S, elsewhere=True).body())
+            except UnavailableError:
+                unreachable.append(robot)
+            except CdffError as error:
+                logger.debug("%s of %s: %s", verb, robot, error)
+        return answers, unreachable
 
     def _answer_elsewhere(self, call: Request, error: ProductNotFoundError) -> Reply:
-        """Return the answer of the orchestrator that has a job; raises ``error`` if none does."""
+        """Return the answer of the orchestrator that has a job; raises ``error`` if none does, and
+        UnavailableError if one that may have it is out of contact.
+        """
         verb = call.key.rsplit("/", 1)[1]
         parameters = {name: value for name, value in call.parameters.items() if name != "robot"}
-        for body in self._answers_elsewhere(verb, parameters, self._robots(call)):
-            return Reply.of(body)
+        answers, unreachable = self._answers_elsewhere(verb, parameters, self._robots(call))
+        if answers:
+            return Reply.of(answers[0])
+        if unreachable:
+            raise UnavailableError(f"{error}; out of contact: {', '.join(unreachable)}") from error
         raise error
 
     def _job(self, job: str) -> dict[str, Any]:
@@ -363,9 +384,10 @@ class Orchestrator:
         return Reply.of({"job": job.id, "remaining_s": round(job.remaining_s(), 3)})
 
     def _on_hand_over(self, call: Request) -> Reply:
-        """Take the DFPCs and sensors over that the ground has switched in the absence of this process."""
+        """Own the DFPCs and sensors that the ground has switched in the absence of this process."""
         call.check_no_parameters()
         owned, sensors = parse_hand_over(call.body(), self._scope)
+        self._state.check_known(owned, sensors)
         record_changes(self._journal, owned, sensors, "handed over")
         self._state.recover(owned, sensors)
         return Reply.of({"robot": self._scope, "owned": len(owned), "sensors": len(sensors)})

@@ -12,6 +12,7 @@ from typing import Any
 from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.products import requestable_products
 from cdff_common.contract.wiring import mode_names
+from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.robot_profile import RobotProfile, with_robot
@@ -36,7 +37,7 @@ from cdff_core.orchestration.reconciliation import (
 )
 from cdff_core.orchestration.world import ProviderId, SensorId, World
 from services.orchestrator.pending_acquisitions import PendingAcquisitions
-from services.orchestrator.plan_progress import PlanProgress
+from services.orchestrator.plan_progress import PlanProgress, plan_progress
 from services.orchestrator.provider_entry import provider_entry
 from services.orchestrator.provider_monitor import ProviderMonitor
 from services.orchestrator.refused_modes import RefusedModes
@@ -158,14 +159,29 @@ class SystemState:
         with self._change(robot):
             (self._elsewhere.discard if controlled else self._elsewhere.add)(robot)
 
-    def take_changes(self, robot: str) -> tuple[set[ProviderId], set[SensorId]]:
-        """Return the owned DFPCs and changed sensors of a robot, which become those of its next owner."""
+    def changes(self, robot: str) -> tuple[set[ProviderId], set[SensorId]]:
+        """Return the owned DFPCs and changed sensors of a robot."""
         with self._changed:
             owned = {p for p in self._observed.owned if p.robot == robot}
-            sensors = {s for s in self._changed_modes if s.robot == robot}
+            return owned, {s for s in self._changed_modes if s.robot == robot}
+
+    def drop_changes(self, robot: str) -> None:
+        """Own no DFPC and no changed sensor of a robot any more: its next owner does."""
+        with self._changed:
+            owned, sensors = self.changes(robot)
             self._observed.owned -= owned
             self._changed_modes -= sensors
-            return owned, sensors
+
+    def check_known(self, owned: Iterable[ProviderId], sensors: Iterable[SensorId]) -> None:
+        """Raise InputError for DFPCs and sensors that the profile does not have."""
+        known = {SensorId(robot.id, name) for robot in self.profile.robots for name in robot.sensors}
+        with self._changed:
+            strange = [*(str(p) for p in owned if not self.has_provider(p)), *map(str, set(sensors) - known)]
+        if strange:
+            raise InputError(
+                f"{', '.join(sorted(strange))}: expected DFPCs and sensors of the profile {self.profile.name}; "
+                "both orchestrators need the same profile"
+            )
 
     # -- change signal
 
@@ -392,10 +408,14 @@ class SystemState:
             self._acquisitions.remove(holder)
             self._leases.release(holder, self._timing.now_s())
 
-    def end_acquisition(self, holder: str, sensor: SensorId, parameters: Mapping[str, float]) -> None:
-        """Record the end of a single acquisition for a holder, and the last parameters of the sensor."""
+    def end_acquisition(
+        self, holder: str, sensor: SensorId, parameters: Mapping[str, float], begun_ns: int
+    ) -> None:
+        """Record the end of a single acquisition for a holder, which began at a mission time, and the last
+        parameters of the sensor.
+        """
         with self._change(sensor.robot):
-            self._acquisitions.end(holder, sensor)
+            self._acquisitions.end(holder, sensor, begun_ns)
             self._observed.acquired[sensor] = dict(parameters)
 
     @contextmanager
@@ -435,14 +455,14 @@ class SystemState:
                     for s, mode in {**self._idle_modes(world), **self._leases.wanted_modes()}.items()
                     if s.robot not in self._elsewhere and self._is_held(s, mode)
                 },
-                uses=(uses := sensors_used(world, sources)),
+                uses=sensors_used(world, sources),
                 upstream=upstream,
-                observed=self._observed,
+                observed=replace(o, owned={p for p in o.owned if p.robot not in self._elsewhere}),
                 now_s=now_s,
                 chosen_sources=sources,
                 configurations={p: c for p in wanted if (c := self._configuration(p, world)) is not None},
             )
-            acquisitions = self._acquisitions.due(self._leases.held, uses, self._observed, now_s)
+            acquisitions = self._acquisitions.due(self._leases, self._observed, now_s)
             actions += [a for a in acquisitions if a.sensor.robot not in self._elsewhere]
             # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
             actions = [
@@ -473,7 +493,8 @@ class SystemState:
         if current is None or is_fixed or not self._leases.holders(provider):
             return None
         settings = union(current.adjustables, self._leases.settings(provider))
-        return Configuration(self._leases.implementation(provider), tuple(settings.items()))
+        implementation = self._leases.implementation(provider) or next(iter(choices), None)
+        return Configuration(implementation, tuple(settings.items()))
 
     def _idle_modes(self, world: World) -> dict[SensorId, str]:
         """Return the initial modes of changed sensors without a lease that no other active DFPC uses."""
@@ -540,42 +561,8 @@ class SystemState:
     def progress(self, plan: Plan, holder: str) -> PlanProgress:
         """Return the progress of the plan of a holder."""
         with self._changed:
-            o, providers, modes = self._observed, plan.order, plan.modes
-            return PlanProgress(
-                inactive=tuple(str(m) for m in providers if m not in o.active),
-                dead=tuple(str(m) for m in providers if m not in o.alive),
-                pending_modes=tuple(
-                    str(s)
-                    for s in modes
-                    if s in o.lost
-                    or (
-                        self._acquisitions.is_pending(holder, s)
-                        if s in plan.acquisitions
-                        else o.modes.get(s) != (self._leases.held_mode(s) or modes[s])
-                    )
-                ),
-                lost=tuple(f"sensor {s} is lost: {o.lost[s]}" for s in modes if s in o.lost),
-                displaced=(
-                    *(
-                        f"sensor {s} is in mode {mode} for a request of higher priority"
-                        for s, mode in sorted(self._leases.displaced(holder, modes).items())
-                    ),
-                    *(
-                        f"{p} is stopped: a request of higher priority needs its budgets"
-                        for p in self._leases.taken(holder, providers)
-                    ),
-                    *(
-                        f"{p} runs as {name} for a request of higher priority"
-                        for p, name in self._leases.displaced_implementations(holder, providers).items()
-                    ),
-                ),
-                problems=self._monitor.problems(providers, self._timing.now_s()),
-                failures={
-                    str(x): (h.failures, h.reason)
-                    for x, h in o.failures.items()
-                    if x in providers or x in modes
-                },
-            )
+            problems = self._monitor.problems(plan.order, self._timing.now_s())
+            return plan_progress(plan, holder, self._observed, self._leases, self._acquisitions, problems)
 
     def catalogue(self, robots: Iterable[str], product: str | None = None) -> dict[str, Any]:
         """Return DFPCs, sensors, leases and product offers as plain data; only of ``product`` if it is given.

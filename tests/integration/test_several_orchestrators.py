@@ -121,6 +121,16 @@ def test_the_ground_delegates_a_request_to_the_orchestrator_of_the_robot(
     eventually(lambda: "deactivated" in driver.events, 15, "deactivation by the owner")
 
 
+def test_a_delegated_acquisition_is_made_once_for_each_request(fleet: Fleet, driver: Driver) -> None:
+    parameters = {"type": "pose", "robot": "mana", "acquire": "pan_deg:20", "deadline_ms": 20_000}
+    captured = [
+        driver.bus.call(GROUND_REQUEST, parameters, timeout_s=25).attachment["t1_ns"] for _ in range(2)
+    ]
+    assert driver.acquired == [{"pan_deg": 20.0, "tilt_deg": 0.0}] * 2
+    assert captured[0] < captured[1]
+    eventually(lambda: "deactivated" in driver.events, 15, "deactivation by the owner")
+
+
 @pytest.mark.req("CDFF-SUP-196")
 def test_a_standing_request_outlives_the_orchestrator_of_its_robot_and_no_dfpc_starts_twice(
     fleet: Fleet, driver: Driver

@@ -53,11 +53,10 @@ class ClientDouble:
             "delivered": {"newest_ns": STAMP_NS},
         }
 
-    def scheduled(self, *_: object, **__: object) -> list[dict[str, Any]]:
-        return []
-
-    def jobs(self, *_: object, **__: object) -> list[dict[str, Any]]:
-        return [{"job": "a", "since_ns": STAMP_NS}]
+    def requests(self, *_: object, **__: object) -> dict[str, Any]:
+        job = {"job": "a", "state": "done", "reason": "", "since_ns": STAMP_NS}
+        job["request"] = {"type": "dem", "robot": "mana", "region": None}
+        return {"jobs": [job], "scheduled": [], "leases": [], "unreachable": ["minnie"]}
 
 
 @pytest.fixture
@@ -107,6 +106,10 @@ def test_json_output_has_stamps_as_decimal_strings(
     assert (document["header"]["t1_ns"], document["delivered"]["newest_ns"]) == (str(STAMP_NS), str(STAMP_NS))
     assert cli.main(["orchestrator", "jobs", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["jobs"][0]["since_ns"] == str(STAMP_NS)
+    assert cli.main(["orchestrator", "jobs"]) == 0
+    shown = capsys.readouterr()
+    assert "dem of mana" in shown.out
+    assert "without answer: the orchestrator of minnie" in shown.err
 
 
 def test_a_file_that_cannot_be_written_is_reported_in_one_line_with_exit_code_1(

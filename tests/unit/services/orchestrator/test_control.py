@@ -69,7 +69,7 @@ def test_only_the_owner_of_a_robot_switches_its_dfpcs_and_sensors() -> None:
     assert Deactivate(MAPPER) in state.actions()[0]
     state.set_control("mana", controlled=False)
     assert not state.controls("mana")
-    assert state.take_changes("mana") == ({MAPPER}, set())
+    assert state.changes("mana") == ({MAPPER}, set())
     assert Deactivate(MAPPER) not in state.actions()[0]
     assert not [a for a in state.actions()[0] if isinstance(a, (Activate, Configure))]
     state.set_control("mana", controlled=True)
