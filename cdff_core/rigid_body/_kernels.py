@@ -78,8 +78,10 @@ def whiten(
 def _predict(
     state: FloatArray, covariance: FloatArray, dt: float, intensity: float, order: int
 ) -> None:  # pragma: no cover - compiled
-    """Propagate state and covariance of the drift over ``dt``, a random walk (order 1) or a walk of its rate
-    (2).
+    """Propagate the state and covariance of the drift over ``dt``, in place.
+
+    With ``order`` 1 the drift ``(3,)`` is a random walk. With ``order`` 2 its rate is a random walk, and the
+    state ``(6,)`` is the drift and its rate. ``intensity`` is the variance that the walk gains per second.
     """
     if order == 1:
         for i in range(3):

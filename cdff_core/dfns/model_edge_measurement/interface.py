@@ -65,9 +65,10 @@ class ModelEdgeMeasurementOutputs:
     pixels : ndarray of float64, shape (n,2)
         Column and row of the control points at the pose.
     normals : ndarray of float64, shape (n,2)
-        Unit normals of the edges in the image.
+        Unit normals of the edges of the body in the image.
     offsets : ndarray of float64, shape (n,h)
-        Offsets of up to h image edges along the normal, strongest first, px; NaN for missing edges.
+        Offsets along the normal from the control point to up to h image edges, strongest first, px; NaN if
+        there are fewer.
     """
 
     points: NDArray[np.float64]
@@ -77,9 +78,10 @@ class ModelEdgeMeasurementOutputs:
 
 
 class ModelEdgeMeasurementInterface(Dfn[ConfigT, ModelEdgeMeasurementInputs, ModelEdgeMeasurementOutputs]):
-    """Measure the positions of the visible edges of a known body in an image: select control points on
-    its outline and creases at a pose, and measure for each of them the offsets of the image edges
-    along the edge normal.
+    """Measure how far the edges in an image are from the visible edges of a known body at a pose.
+    Control points are selected on the outline and the creases of the body. For each control point,
+    the DFN searches the image along the normal of the body's edge, and returns the offsets of the
+    image edges that it finds.
     """
 
 
