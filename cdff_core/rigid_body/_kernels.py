@@ -78,10 +78,10 @@ def whiten(
 def _predict(
     state: FloatArray, covariance: FloatArray, dt: float, intensity: float, order: int
 ) -> None:  # pragma: no cover - compiled
-    """Propagate the state and covariance of the drift over ``dt``, in place.
+    """Propagate the state ``(3 order, m)`` and covariance of the drift over ``dt`` (s), in place.
 
-    With ``order`` 1 the drift ``(3,)`` is a random walk. With ``order`` 2 its rate is a random walk, and the
-    state ``(6,)`` is the drift and its rate. ``intensity`` is the variance that the walk gains per second.
+    With ``order`` 1 the drift is a random walk. With ``order`` 2 its rate is a random walk, and the state is
+    the drift and its rate. ``intensity`` is the variance that the walk gains per second.
     """
     if order == 1:
         for i in range(3):
