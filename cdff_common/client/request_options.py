@@ -12,7 +12,7 @@ from cdff_common.contract.queries import RequestParameters
 #: Default of ``as`` by product, if neither it nor a format is given: for a DEM all layers instead of one.
 _DEFAULT_AS = {"dem": "ElevationMap"}
 #: Names that differ on the wire.
-_WIRE_NAMES = {"t_ns": "t", "as_type": "as"}
+WIRE_NAMES = {"t_ns": "t", "as_type": "as"}
 
 
 class RequestOptions(TypedDict, total=False):
@@ -71,5 +71,5 @@ def parameters_of(product: str, robot: str, **options: Unpack[RequestOptions]) -
     """Return the checked parameters of a request for ``product`` of ``robot`` (an id, or ``any``)."""
     if options.get("as_type") is None and options.get("format") is None:
         options["as_type"] = _DEFAULT_AS.get(product)
-    parameters = {_WIRE_NAMES.get(name, name): value for name, value in options.items() if value is not None}
+    parameters = {WIRE_NAMES.get(name, name): value for name, value in options.items() if value is not None}
     return RequestParameters.parse({"type": product, "robot": robot, **parameters}).to_parameters()

@@ -12,25 +12,31 @@ import os
 import threading
 
 from cdff_common.extras import import_extra
+from cdff_common.heartbeat import add_check
 from cdff_common.process import cap_threads, run_service
 from services.gateways.program import add_gateway_options, gateway_connections
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run until SIGTERM."""
+def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
+    """Return the options; an empty variable of the environment is as none."""
     parser = argparse.ArgumentParser(prog="gateway_ros1", description=__doc__)
     add_gateway_options(parser)
     parser.add_argument(
         "--master",
-        default=os.environ.get("ROS_MASTER_URI", "http://127.0.0.1:11311"),
+        default=os.environ.get("ROS_MASTER_URI") or "http://127.0.0.1:11311",
         help="URI of the master; default: ROS_MASTER_URI, else http://127.0.0.1:11311",
     )
     parser.add_argument(
         "--host",
-        default=os.environ.get("ROS_IP", "127.0.0.1"),
+        default=os.environ.get("ROS_IP") or "127.0.0.1",
         help="address of this machine for the robot, and to listen on; default: ROS_IP, else loopback",
     )
-    args = parser.parse_args(argv)
+    return parser.parse_args(argv)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until SIGTERM."""
+    args = parse_arguments(argv)
     cap_threads(1)
 
     def body(stop: threading.Event) -> None:
@@ -42,6 +48,7 @@ def main(argv: list[str] | None = None) -> int:
         settings = load_settings(args.settings, Ros1Settings, args.robot)
         with gateway_connections(args.connect, SERVICE, stop) as (bus, client):
             gateway = Gateway(settings, bus, client, args.master, args.host)
+            add_check(gateway.problem)
             bus.declare_alive(settings.robot, SERVICE)
             gateway.run(stop)
 

@@ -6,15 +6,16 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any
 
 from cdff_common.bus import Bus, keys
 from cdff_common.client import Client
-from cdff_common.errors import CdffError, UnavailableError
+from cdff_common.errors import UnavailableError
 from services.gateway_ros1.node import Ros1Node
+from services.gateway_ros1.parameters import ServerParameters
 from services.gateway_ros1.settings import Ros1Settings
-from services.gateways.counters import TopicCounters
 from services.gateways.dfpc_parameters import DfpcParameters
 from services.gateways.frames import FrameNames
 from services.gateways.inputs import InputLink, links_by_topic
@@ -59,10 +60,10 @@ class Gateway:
         self._inputs = self._make_inputs()
         self._outputs = connect_outputs(settings.outputs, self._names, self._types, self._node, bus)
         self._requests = [self._serve(entry) for entry in settings.requests]
-        self._parameters = DfpcParameters(settings.robot, settings.parameters, bus)
-        self._parameter_counters = TopicCounters()
+        parameters = DfpcParameters(settings.robot, settings.parameters, bus)
+        self._parameters = ServerParameters(self._node, settings.robot, parameters, bus)
         self._use_sim_time: Any = None
-        self._watch_parameters()
+        self._node.watch_parameter("/use_sim_time", self._on_sim_time)
         if settings.clock:
             self._node.declare_publisher("/clock", _CLOCK, latched=False)
 
@@ -73,6 +74,9 @@ class Gateway:
             for link in self._inputs:
                 stack.callback(link.close)
             self._node.start()
+            threading.Thread(
+                target=self._parameters.retry, args=(stop,), name="parameters", daemon=True
+            ).start()
             if self._settings.clock:
                 threading.Thread(target=self._publish_clock, args=(stop,), name="clock", daemon=True).start()
             while True:
@@ -81,78 +85,60 @@ class Gateway:
                 if stop.wait(_STATUS_S):
                     return
 
+    def problem(self) -> str:
+        """Return the problem of a thread of the node, or an empty text."""
+        return self._node.problem()
+
     def status(self) -> dict[str, Any]:
         """Return the message of the status key: the counters of each topic."""
         return {
             "node": self._node.name,
-            "master": {"uri": self._node.master_uri, "registered": self._node.is_registered},
+            "master": {
+                "uri": self._node.master_uri,
+                "registered": self._node.is_registered,
+                "faults": self._node.master_faults,
+                "last_fault": self._node.last_master_fault,
+            },
             "use_sim_time": self._use_sim_time,
-            **status_of(self._inputs, self._outputs, self._requests),
-            "parameters": {"names": self._parameters.names, **self._parameter_counters.to_map()},
+            **status_of(self._inputs, self._outputs, self._requests, missed=self._node.dropped),
+            "parameters": self._parameters.to_map(),
         }
+
+    def _on_sim_time(self, value: Any) -> None:
+        self._use_sim_time = value
 
     def _make_inputs(self) -> list[InputLink]:
         by_topic = links_by_topic(self._settings.inputs, self._names, self._types, self._bus)
+        links = [link for same in by_topic.values() for link in same]
+        by_calibration: dict[str, list[InputLink]] = {}
+        for link in links:
+            if link.entry.camera_info is not None:
+                by_calibration.setdefault(link.entry.camera_info, []).append(link)
         for topic, same in by_topic.items():
-            self._subscribe(topic, same)
-            entry = same[0].entry
-            if entry.camera_info is not None:
-                self._node.subscribe(
-                    entry.camera_info,
-                    CAMERA_INFO,
-                    same[0].on_camera_info,
-                    same[0].drop,
-                    max_bytes=entry.max_bytes,
-                )
-        return [link for links in by_topic.values() for link in links]
+            self._subscribe(topic, same[0].entry.type, same, InputLink.on_message)
+        for topic, same in by_calibration.items():
+            self._subscribe(topic, CAMERA_INFO, same, InputLink.on_camera_info)
+        return links
 
-    def _subscribe(self, topic: str, links: list[InputLink]) -> None:
+    def _subscribe(
+        self, topic: str, type_name: str, links: list[InputLink], receive: Callable[[InputLink, bytes], None]
+    ) -> None:
         def on_message(data: bytes) -> None:
             for link in links:
-                link.on_message(data)
+                receive(link, data)
 
         def on_fault(reason: str, detail: str) -> None:
             for link in links:
                 link.drop(reason, detail)
 
         largest = max(link.entry.max_bytes for link in links)
-        self._node.subscribe(topic, links[0].entry.type, on_message, on_fault, max_bytes=largest)
+        self._node.subscribe(topic, type_name, on_message, on_fault, max_bytes=largest)
 
     def _serve(self, entry: RequestEntry) -> ProductRequests:
         service = ServiceType.register(self._types, entry.type, SERVICES[entry.type].definition)
         requests = ProductRequests(entry, service.response, self._names, self._types, self._client)
         self._node.serve(entry.name, service, requests.answer)
         return requests
-
-    def _watch_parameters(self) -> None:
-        """Follow the parameters of the server that are those of DFPCs, below the name of the node."""
-
-        def on_sim_time(value: Any) -> None:
-            self._use_sim_time = value
-
-        self._node.watch_parameter("/use_sim_time", on_sim_time)
-        for name in self._parameters.names:
-            self._watch_parameter(name)
-
-    def _watch_parameter(self, name: str) -> None:
-        key = f"{self._node.name}/{name.replace('.', '/')}"
-
-        def on_value(value: Any) -> None:
-            """Set the parameter; after a refusal the server has the value of the DFPC again."""
-            self._parameter_counters.receive(0)
-            try:
-                if self._parameters.value(name) == value:
-                    return
-                self._parameters.set({name: value})
-            except (CdffError, LookupError) as error:
-                if self._parameter_counters.drop("refused", str(error)):
-                    logger.warning("%s: refused: %s", key, error)
-                with suppress(CdffError, LookupError):
-                    self._node.master.call("setParam", key, self._parameters.value(name))
-            else:
-                self._parameter_counters.forward(0.0)
-
-        self._node.watch_parameter(key, on_value)
 
     def _publish_clock(self, stop: threading.Event) -> None:
         clock = self._bus.mission_clock

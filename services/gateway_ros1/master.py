@@ -8,11 +8,23 @@ import http.client
 import xmlrpc.client
 from typing import Any
 from urllib.parse import urlsplit
+from xml.parsers.expat import ExpatError
 
 from cdff_common.errors import ConfigurationError, UnavailableError
 
 _TIMEOUT_S = 5.0
-_ERRORS = (OSError, xmlrpc.client.Error, http.client.HTTPException, ValueError, TypeError)
+#: Failures of a call: no connection, an answer that is not XML-RPC, or values that XML-RPC cannot express.
+_ERRORS = (
+    ArithmeticError,
+    AttributeError,
+    ExpatError,
+    LookupError,
+    OSError,
+    TypeError,
+    ValueError,
+    http.client.HTTPException,
+    xmlrpc.client.Error,
+)
 
 
 class _Transport(xmlrpc.client.Transport):
@@ -37,7 +49,11 @@ class RemoteApi:
 
     def __init__(self, uri: str, caller: str) -> None:
         self.uri, self._caller = uri, caller
-        if urlsplit(uri).scheme != "http":
+        try:
+            is_valid = urlsplit(uri).scheme == "http"
+        except ValueError:
+            is_valid = False
+        if not is_valid:
             raise ConfigurationError(f"{uri}: expected http://HOST:PORT")
 
     def call(self, method: str, *arguments: Any) -> Any:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import logging
 import socket
 import threading
@@ -11,7 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from cdff_common.errors import CodecError, UnavailableError
+from cdff_common.errors import CodecError, ConfigurationError, UnavailableError
 from services.gateway_ros1.master import RemoteApi
 from services.gateway_ros1.publication import Publication
 from services.gateway_ros1.service import Ros1Service
@@ -42,12 +43,24 @@ class Ros1Node:
     name : str
         Such as ``/cdff_gateway``.
     types : RosTypes
+
+    Attributes
+    ----------
+    master_faults : int
+        Number of failed checks of the master, or registrations with it.
+    last_master_fault : str
+
+    Raises
+    ------
+    ConfigurationError
+        If ``host`` is not one address of this machine.
     """
 
     def __init__(self, master_uri: str, host: str, name: str, types: RosTypes) -> None:
         self.master_uri, self.name, self.types = master_uri, name, types
         self.master = RemoteApi(master_uri, name)
         self.is_registered = False
+        self.master_faults, self.last_master_fault = 0, ""
         self._lock = threading.Lock()
         self._publications: dict[str, Publication] = {}
         self._subscriptions: dict[str, Ros1Subscription] = {}
@@ -56,7 +69,7 @@ class Ros1Node:
         self._open: set[Connection] = set()
         self._master_pid: object = None
         self._stop = threading.Event()
-        self._listener = socket.create_server((host, 0))
+        self._listener = _listen(host)
         self._host, self._port = host, int(self._listener.getsockname()[1])
         self._slave = SlaveApi(self, host)
         self._threads = [
@@ -68,6 +81,12 @@ class Ros1Node:
         """Register with the master as soon as it answers, and again after each of its restarts."""
         for thread in self._threads:
             thread.start()
+
+    def problem(self) -> str:
+        """Return which thread of a node that is started and not closed has ended, or an empty text."""
+        is_running = not self._stop.is_set()
+        ended = [t.name for t in self._threads if is_running and t.ident and not t.is_alive()]
+        return f"the thread {ended[0]!r} of the node {self.name} has ended" if ended else ""
 
     def close(self) -> None:
         """Withdraw from the master and close all connections."""
@@ -149,6 +168,12 @@ class Ros1Node:
         """Return topics and types."""
         return [[s.topic, s.type_name] for s in self._subscriptions.values()]
 
+    def dropped(self, topic: str) -> int:
+        """Return the number of messages of a topic, and of topics below it, that slow subscribers missed."""
+        with self._lock:
+            publications = list(self._publications.values())
+        return sum(p.dropped for p in publications if f"{p.topic}/".startswith(f"{topic}/"))
+
     def connections(self) -> list[list[Any]]:
         """Return the connections as ``rosnode info`` shows them."""
         rows = [["i", s.topic, peer] for s in self._subscriptions.values() for peer in s.peers()]
@@ -185,8 +210,10 @@ class Ros1Node:
                     self._master_pid, self.is_registered = pid, True
                     logger.info("registered with the master at %s", self.master_uri)
             except UnavailableError as error:
-                if self.is_registered:
-                    logger.warning("the master is lost: %s", error)
+                fault = str(error)
+                if self.is_registered or fault != self.last_master_fault:
+                    logger.warning("not registered with the master: %s", error)
+                self.master_faults, self.last_master_fault = self.master_faults + 1, fault
                 self.is_registered = False
             self._stop.wait(_CHECK_S)
 
@@ -198,6 +225,11 @@ class Ros1Node:
             call("registerPublisher", publication.topic, publication.type_name, uri)
         for subscription in self._subscriptions.values():
             uris = call("registerSubscriber", subscription.topic, subscription.type_name, uri)
+            if not isinstance(uris, list):
+                raise UnavailableError(
+                    f"{self.master_uri}: registerSubscriber of {subscription.topic}: "
+                    f"{str(uris)[:80]!r}, expected a list of publishers"
+                )
             self.update_publishers(subscription.topic, [str(u) for u in uris])
         for name in self._services:
             call("registerService", name, f"rosrpc://{self._host}:{self._port}", uri)
@@ -256,6 +288,23 @@ class Ros1Node:
             connection.close()
             with self._lock:
                 self._open.discard(connection)
+
+
+def _listen(host: str) -> socket.socket:
+    """Return a listening socket at an address of this machine; refuse all interfaces, which is no address."""
+    try:
+        addresses = socket.getaddrinfo(host or "0.0.0.0", None, socket.AF_INET, socket.SOCK_STREAM)
+        address = str(addresses[0][4][0])
+        if ipaddress.ip_address(address).is_unspecified:
+            raise ConfigurationError(
+                f"host {host!r}: expected one address of this machine, by which the robot reaches it, "
+                "in --host or ROS_IP; other nodes connect to this address"
+            )
+        return socket.create_server((address, 0))
+    except (OSError, UnicodeError) as error:
+        raise ConfigurationError(
+            f"host {host!r}: {error}; expected a name or an IPv4 address of this machine in --host or ROS_IP"
+        ) from error
 
 
 def _problem(asked: dict[str, str], server: Publication | Ros1Service | None) -> str:

@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import deque
 from contextlib import suppress
 
 from services.gateway_ros1.tcpros import Connection
+
+logger = logging.getLogger(__name__)
 
 #: Messages that wait for a slow subscriber; with more the oldest is dropped.
 _QUEUE = 16
@@ -21,6 +24,16 @@ class _Subscriber:
 
     def __init__(self, name: str) -> None:
         self.name, self.waiting, self.changed = name, deque[bytes](maxlen=_QUEUE), threading.Condition()
+        self.dropped = 0
+
+    def append(self, data: bytes) -> bool:
+        """Queue a message; return True if the oldest was dropped for it."""
+        with self.changed:
+            is_full = len(self.waiting) == _QUEUE
+            self.dropped += is_full
+            self.waiting.append(data)
+            self.changed.notify()
+        return is_full
 
 
 class Publication:
@@ -31,6 +44,11 @@ class Publication:
     topic, type_name, md5, definition : str
     latched : bool
         Send the last message to new subscribers.
+
+    Attributes
+    ----------
+    dropped : int
+        Messages that slow subscribers have not received.
     """
 
     def __init__(self, topic: str, type_name: str, md5: str, definition: str, *, latched: bool) -> None:
@@ -63,10 +81,15 @@ class Publication:
             self._last = data if self._latched else None
             subscribers = list(self._subscribers)
         for subscriber in subscribers:
-            with subscriber.changed:
-                self.dropped += len(subscriber.waiting) == _QUEUE
-                subscriber.waiting.append(data)
-                subscriber.changed.notify()
+            if subscriber.append(data):
+                self.dropped += 1
+                if subscriber.dropped == 1:
+                    logger.warning(
+                        "%s: %s is too slow: more than %d messages wait, the oldest are dropped",
+                        self.topic,
+                        subscriber.name,
+                        _QUEUE,
+                    )
 
     def close(self) -> None:
         """End the threads of the subscribers."""

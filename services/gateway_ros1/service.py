@@ -12,8 +12,8 @@ from services.gateway_ros1.tcpros import Connection
 
 logger = logging.getLogger(__name__)
 
-#: Largest request, bytes.
-_MAX_REQUEST = 1 << 20
+#: Largest request, bytes, and time between the requests of a persistent connection, seconds.
+_MAX_REQUEST, _IDLE_S = 1 << 20, 600.0
 
 
 class Ros1Service:
@@ -23,7 +23,7 @@ class Ros1Service:
     ----------
     name, type_name, md5 : str
     handle : callable
-        From the bytes of a request to those of the response; raises CdffError to refuse it.
+        From the bytes of a request to those of the response; its errors are answered as failures.
     """
 
     def __init__(self, name: str, type_name: str, md5: str, handle: Callable[[bytes], bytes]) -> None:
@@ -39,9 +39,10 @@ class Ros1Service:
         }
 
     def serve(self, connection: Connection, asked: dict[str, str]) -> None:
-        """Answer one request, or of a persistent connection all."""
+        """Answer one request, or of a persistent connection all until it is idle for 10 min."""
         if asked.get("probe") == "1":
             return
+        connection.wait(_IDLE_S)
         is_persistent = asked.get("persistent") == "1"
         while True:
             try:
@@ -54,6 +55,9 @@ class Ros1Service:
             except CdffError as error:
                 logger.warning("%s: refused: %s", self.name, error)
                 answer, prefix = str(error).encode(), b"\0"
+            except Exception as error:  # the client receives a failure rather than no answer
+                logger.exception("%s failed", self.name)
+                answer, prefix = f"{type(error).__name__}: {error}".encode(), b"\0"
             connection.send(answer, prefix=prefix)
             if not is_persistent:
                 return

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import os
+import sys
 import threading
 from collections.abc import Callable
 from socketserver import ThreadingMixIn
@@ -13,6 +14,10 @@ from typing import Any, Protocol
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 logger = logging.getLogger(__name__)
+
+
+#: Largest request in bytes, number of requests at once, and time for the parts of one, seconds.
+_MAX_REQUEST, _MAX_THREADS, _TIMEOUT_S = 1 << 20, 32, 10.0
 
 
 class NodeState(Protocol):
@@ -46,15 +51,54 @@ class _Handler(SimpleXMLRPCRequestHandler):
     """Requests to any path, as clients of ROS use several; without log lines."""
 
     rpc_paths = ()
-    timeout = 10.0
+    timeout = _TIMEOUT_S
+
+    def do_POST(self) -> None:
+        """Answer a request, or refuse it by the length that it states."""
+        size = self.headers.get("content-length", "")
+        if not size.isdecimal() or int(size[:20]) > _MAX_REQUEST:
+            self.send_error(413 if size.isdecimal() else 411, f"expected at most {_MAX_REQUEST} bytes")
+            return
+        if self.headers.get("content-encoding", "identity").lower() != "identity":
+            self.send_error(415, "expected a request that is not compressed")
+            return
+        super().do_POST()
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Write nothing."""
 
 
 class _Server(ThreadingMixIn, SimpleXMLRPCServer):
-    daemon_threads = True
+    """Server with a limited number of threads; further connections are closed."""
+
+    daemon_threads, request_queue_size = True, _MAX_THREADS
     allow_reuse_address = True
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        super().__init__(address, _Handler, logRequests=False, allow_none=True)
+        self._slots = threading.BoundedSemaphore(_MAX_THREADS)
+        self._has_reported = False
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer a connection in a thread, if one is free."""
+        if self._slots.acquire(blocking=False):
+            super().process_request(request, client_address)
+            return
+        if not self._has_reported:
+            logger.warning("a call of %s is refused: %d are open", client_address, _MAX_THREADS)
+            self._has_reported = True
+        self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer a connection, and free its slot."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._slots.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Log the error of a connection, such as a timeout, in one line."""
+        logger.debug("a call of %s failed: %r", client_address, sys.exception())
 
 
 class SlaveApi:
@@ -69,7 +113,7 @@ class SlaveApi:
 
     def __init__(self, state: NodeState, host: str) -> None:
         self._state = state
-        self._server = _Server((host, 0), _Handler, logRequests=False, allow_none=True)
+        self._server = _Server((host, 0))
         self.uri = f"http://{host}:{self._server.server_address[1]}/"
         answers: dict[str, Callable[..., Any]] = {
             "getBusStats": lambda *_: [[], [], []],
@@ -96,6 +140,8 @@ class SlaveApi:
         self._server.server_close()
 
     def _publisher_update(self, _: str, topic: str, uris: list[str]) -> int:
+        if not isinstance(uris, list):
+            raise TypeError(f"publishers of {topic}: expected a list")
         self._state.update_publishers(topic, [str(uri) for uri in uris])
         return 0
 

@@ -11,9 +11,12 @@ from collections.abc import Callable
 from cdff_common.errors import CodecError, ConfigurationError, UnavailableError
 from services.gateway_ros1.master import RemoteApi
 from services.gateway_ros1.tcpros import Connection
+from services.gateways.inputs import DECODER_ERRORS
 
 logger = logging.getLogger(__name__)
 
+#: Publishers of a topic to which a node connects; further ones are dropped.
+_MAX_PUBLISHERS = 64
 #: Time before another attempt to connect, doubled with each up to the second value, seconds.
 _RETRY_S, _MAX_RETRY_S = 0.5, 10.0
 
@@ -56,6 +59,10 @@ class Ros1Subscription:
 
     def update(self, uris: list[str]) -> None:
         """Connect to the publishers of a list, and end the connections to others."""
+        uris = list(dict.fromkeys(uris))
+        if len(uris) > _MAX_PUBLISHERS:
+            self._on_fault("publishers", f"{len(uris)} publishers: expected at most {_MAX_PUBLISHERS}")
+            uris = uris[:_MAX_PUBLISHERS]
         with self._lock:
             ended = [self._links.pop(uri) for uri in set(self._links) - set(uris)]
             started = [uri for uri in uris if uri not in self._links]
@@ -82,6 +89,8 @@ class Ros1Subscription:
             except (CodecError, ConfigurationError) as error:
                 if not link.stopped.is_set():
                     self._on_fault("size" if "message of" in str(error) else "type", f"{link.uri}: {error}")
+            except DECODER_ERRORS as error:
+                self._on_fault("content", f"{link.uri}: {type(error).__name__}: {error}")
             except (OSError, EOFError, UnavailableError) as error:
                 logger.debug("%s: %s: %s", self.topic, link.uri, error)
             finally:
@@ -94,7 +103,7 @@ class Ros1Subscription:
         protocol = RemoteApi(link.uri, self._node).call("requestTopic", self.topic, [["TCPROS"]])
         if not (isinstance(protocol, list) and len(protocol) == 3 and protocol[0] == "TCPROS"):
             raise ConfigurationError(f"{protocol!r}: expected TCPROS, host and port")
-        connection = link.connected(Connection.open(str(protocol[1]), int(protocol[2])))
+        connection = link.connected(_open(protocol[1], protocol[2]))
         connection.send_header(
             {
                 "callerid": self._node,
@@ -112,6 +121,19 @@ class Ros1Subscription:
             raise ConfigurationError(f"{other}, expected {self.type_name} with {self._md5}")
         connection.wait(None)
         return connection
+
+
+def _open(host: object, port: object) -> Connection:
+    """Connect to the address that a publisher states; raises ConfigurationError if it is no address."""
+    try:
+        number = int(str(port))
+        if not 0 < number < 1 << 16:
+            raise ValueError(f"port {number}")
+        return Connection.open(str(host), number)
+    except ValueError as error:  # also of names that cannot be encoded
+        raise ConfigurationError(
+            f"{str(host)[:80]!r}, {str(port)[:80]!r}: {error}; expected a host and a port"
+        ) from error
 
 
 class _Link:

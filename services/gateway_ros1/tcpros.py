@@ -17,6 +17,11 @@ from cdff_common.errors import CodecError
 #: Largest header, bytes; time for one, seconds.
 _MAX_HEADER, HANDSHAKE_S = 1 << 20, 5.0
 _LENGTH = struct.Struct("<I")
+#: A connection without traffic is probed after 30 s, then every 10 s; it ends after 3 probes without answer.
+_KEEPALIVE = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
+#: Time in which a peer must take some bytes of a message, seconds, as ``struct timeval``.
+_SEND_S = 30
+_SEND_TIMEOUT = struct.pack("ll", _SEND_S, 0)
 
 
 def encode_header(fields: Mapping[str, str]) -> bytes:
@@ -47,6 +52,8 @@ def decode_header(body: bytes) -> dict[str, str]:
 class Connection:
     """A connection of TCPROS.
 
+    It ends if the other machine does not answer the probes of TCP, or takes no byte of a message in 30 s.
+
     Parameters
     ----------
     sock : socket.socket
@@ -55,6 +62,10 @@ class Connection:
     def __init__(self, sock: socket.socket) -> None:
         self._sock = sock
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _KEEPALIVE.items():
+            sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _SEND_TIMEOUT)
 
     @classmethod
     def open(cls, host: str, port: int) -> Connection:

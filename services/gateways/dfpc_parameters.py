@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
-from copy import deepcopy
 from typing import Any
 
 from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import pack
-from cdff_common.errors import DeniedError, InputError
+from cdff_common.errors import DeniedError, InputError, UnavailableError
 
 _CALL_S = 5.0
 
@@ -46,15 +45,13 @@ class DfpcParameters:
         Raises
         ------
         LookupError
-            If it is not listed, or its DFPC is not configured.
-        CdffError
-            If its DFPC does not answer.
+            If it is not listed, or its DFPC has no such parameter.
+        UnavailableError
+            If its DFPC does not answer, or is not configured.
         """
         dfpc, inner = self._allowed[name]
-        found: Any = self._current(dfpc)
-        for part in inner.split("."):
-            found = found[part]
-        return found
+        *path, last = inner.split(".")
+        return _place(self._current(dfpc), path)[last]
 
     def set(self, values: Mapping[str, Any]) -> None:
         """Set parameters of one DFPC, all or none.
@@ -64,9 +61,11 @@ class DfpcParameters:
         DeniedError
             If a parameter is not listed.
         InputError
-            If they belong to several DFPCs, or the DFPC refuses a value.
+            If they belong to several DFPCs, a value is not plain data, or the DFPC refuses it.
         NotActiveError
             If the DFPC is active.
+        UnavailableError
+            If the DFPC does not answer, or is not configured.
         """
         unknown = sorted(set(values) - set(self._allowed))
         if unknown:
@@ -76,22 +75,33 @@ class DfpcParameters:
             raise InputError(f"parameters of {', '.join(dfpcs) or 'no DFPC'}: expected those of one")
         (dfpc,) = dfpcs
         with self._lock:
-            current = self._current(dfpc)
-            # All listed parameters are stated: ``configure`` starts from those of the profile.
-            listed = {inner.split(".")[0] for owner, inner in self._allowed.values() if owner == dfpc}
-            changed: dict[str, Any] = {name: deepcopy(current[name]) for name in listed if name in current}
+            # All parameters are stated: ``configure`` resets those that are not to the values of the profile.
+            changed = self._current(dfpc)
             for name, value in values.items():
                 *path, last = self._allowed[name][1].split(".")
-                place = changed
-                for part in path:
-                    place = place.get(part, {})
+                place = _place(changed, path)
                 if last not in place:
-                    raise InputError(f"{name}: {dfpc} has no such parameter, or is not configured")
+                    raise InputError(f"{name}: {dfpc} has no such parameter")
                 place[last] = value
+            try:
+                payload = pack(changed)
+            except (TypeError, ValueError, OverflowError) as error:
+                raise InputError(f"{', '.join(sorted(values))}: {error}; expected plain data") from error
             key = keys.dfpc_rpc(self._robot, dfpc, "configure")
-            self._bus.call(key, payload=pack(changed), timeout_s=_CALL_S)
+            self._bus.call(key, payload=payload, timeout_s=_CALL_S)
 
     def _current(self, dfpc: str) -> dict[str, Any]:
         key = keys.dfpc_rpc(self._robot, dfpc, "describe")
-        parameters: dict[str, Any] = self._bus.call(key, timeout_s=_CALL_S).body()["parameters"]
+        body = self._bus.call(key, timeout_s=_CALL_S).body()
+        if body["state"] == "unconfigured":
+            raise UnavailableError(f"{dfpc} of {self._robot} is not configured")
+        parameters: dict[str, Any] = body["parameters"]
         return parameters
+
+
+def _place(parameters: dict[str, Any], path: list[str]) -> dict[str, Any]:
+    """Return the mapping at a path, or an empty one."""
+    place: Any = parameters
+    for part in path:
+        place = place.get(part, {}) if isinstance(place, dict) else {}
+    return place if isinstance(place, dict) else {}

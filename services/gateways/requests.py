@@ -13,6 +13,7 @@ import numpy as np
 
 from cdff_common.bus.message import parse_parameters
 from cdff_common.client import Answer, Client
+from cdff_common.client.request_options import WIRE_NAMES, RequestOptions
 from cdff_common.clock import monotonic_s, wall_ns
 from cdff_common.errors import (
     CdffError,
@@ -34,19 +35,13 @@ from services.ros_messages.message_types import BITSTREAM, RosTypes
 logger = logging.getLogger(__name__)
 
 OnProgress = Callable[[Mapping[str, Any]], None]
-#: Parameters that a robot may not choose: its own robot, and those of the gateway.
-_RESERVED = (
-    "robot",
-    "deadline_ms",
-    "request",
-    "progress",
-    "explain",
-    "every_s",
-    "t0",
-    "t1",
-    "format",
-    "deliver",
-)
+#: Keyword arguments of the client for the parameters of a query that a robot may state. Encoding and delivery
+#: are those of the gateway.
+_ARGUMENTS = {
+    WIRE_NAMES.get(name, name): name
+    for name in RequestOptions.__annotations__
+    if name not in ("format", "deliver")
+}
 
 
 class ProductRequests:
@@ -129,9 +124,9 @@ class ProductRequests:
         product = options.pop("type", "")
         if product not in self.entry.products:
             raise DeniedError(f"type={product[:80]!r}: expected one of {', '.join(self.entry.products)}")
-        reserved = [name for name in options if name in _RESERVED]
-        if reserved:
-            raise InputError(f"{reserved[0]}: a robot cannot state it; the gateway does")
+        refused = [name for name in options if name not in _ARGUMENTS]
+        if refused:
+            raise InputError(f"{refused[0][:80]}: expected type and some of {', '.join(sorted(_ARGUMENTS))}")
         limit_s = self.entry.deadline_s
         deadline_s = request.deadline_s or limit_s
         if not 0.0 < deadline_s <= limit_s:
@@ -154,8 +149,7 @@ class ProductRequests:
     def _request(
         self, product: str, options: Mapping[str, Any], deadline_s: float, on_progress: OnProgress | None
     ) -> Answer:
-        names = {"t": "t_ns", "as": "as_type"}
-        arguments: dict[str, Any] = {names.get(name, name): value for name, value in options.items()}
+        arguments: dict[str, Any] = {_ARGUMENTS[name]: value for name, value in options.items()}
         return self._client.request(
             product, robot=self._names.robot, deadline_s=deadline_s, on_progress=on_progress, **arguments
         )

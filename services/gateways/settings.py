@@ -207,6 +207,7 @@ class GatewaySettings(StrictModel):
             if len(set(names)) != len(names):
                 raise ValueError(f"inputs have a {what} twice: {', '.join(names)}")
         self._check_directions({*incoming, *trees})
+        self._check_outputs()
         if len(set(self.frames.values())) != len(self.frames):
             raise ValueError("frames: two names of the robot for one frame")
         names = [entry.name for entry in self.requests]
@@ -222,6 +223,21 @@ class GatewaySettings(StrictModel):
         both = sorted({entry.topic for entry in self.outputs} & incoming - poses)
         if both:
             raise ValueError(f"topic {both[0]} is input and output: its messages would circulate")
+
+    def _check_outputs(self) -> None:
+        """Refuse two products of one topic with different types, or of which one is latched."""
+        known: dict[str, OutputTopic] = {}
+        for entry in self.outputs:
+            first = known.setdefault(entry.topic, entry)
+            if entry.type != first.type:
+                raise ValueError(
+                    f"output topic {entry.topic} has the types {first.type} and {entry.type}: expected one"
+                )
+            if entry.is_latched != first.is_latched:
+                raise ValueError(
+                    f"output topic {entry.topic} is latched for one product and not for another: "
+                    "state the same latched for both"
+                )
 
 
 Settings = TypeVar("Settings", bound=GatewaySettings)

@@ -17,8 +17,17 @@ def status_of(
     outputs: Iterable[OutputLink],
     requests: Iterable[ProductRequests],
     overflow: Callable[[InputLink], int] = lambda _: 0,
+    missed: Callable[[str], int] = lambda _: 0,
 ) -> dict[str, Any]:
-    """Return the counters of links; ``overflow`` counts messages that a full queue has dropped."""
+    """Return the counters of links.
+
+    Parameters
+    ----------
+    overflow : callable
+        Number of messages of an input that a full queue has dropped.
+    missed : callable
+        Number of messages of an output topic that slow subscribers have not received.
+    """
     by_topic = {}
     for link in inputs:
         counters, entry = link.counters.to_map(), link.entry
@@ -26,9 +35,15 @@ def status_of(
         counters["dropped"] |= {reason: count for reason, count in lost.items() if count}
         name = f"{entry.topic} {entry.stream}" if entry.is_frame_tree else entry.topic
         by_topic[name] = {"type": entry.type, "stream": entry.stream, **counters}
-    products = [
-        {"product": o.entry.product, "topic": o.entry.topic, "type": o.entry.type, **o.counters.to_map()}
-        for o in outputs
-    ]
+    products, topics = [], set()
+    for output in outputs:
+        counters, product = output.counters.to_map(), output.entry
+        # Several products of a topic share its subscribers; the first has their count.
+        count = 0 if product.topic in topics else missed(product.topic)
+        topics.add(product.topic)
+        counters["dropped"] |= {"slow_subscriber": count} if count else {}
+        products.append(
+            {"product": product.product, "topic": product.topic, "type": product.type, **counters}
+        )
     asked = [{"name": r.entry.name, "type": r.entry.type, **r.counters.to_map()} for r in requests]
     return {"inputs": by_topic, "outputs": products, "requests": asked}

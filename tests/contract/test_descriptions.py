@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cdff_common.bus.message import pack, unpack
 from cdff_common.errors import ConfigurationError, InputError
 from cdff_common.interfaces.array_ports import ARRAY_TYPE
 from cdff_common.interfaces.description import Port, read_dfn_description
@@ -115,6 +116,14 @@ def test_dfpc_handles_every_input_port_and_operation_of_its_description(name: st
         assert callable(getattr(dfpc, f"on_{port.attribute}"))
     for operation in description.operations:
         assert callable(getattr(dfpc, operation.name))
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY.dfpcs))
+def test_the_stated_parameters_of_a_dfpc_configure_it_to_the_same_values(name: str) -> None:
+    dfpc, again = REGISTRY.make_dfpc(name), REGISTRY.make_dfpc(name)
+    dfpc.configure()
+    again.configure(unpack(pack(dfpc.config.model_dump(mode="json"))))
+    assert again.config_hash == dfpc.config_hash
 
 
 @pytest.mark.req("CDFF-SUP-013")

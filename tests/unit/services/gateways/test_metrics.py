@@ -4,8 +4,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from services.dpm.http.metrics import gateway_lines
 from services.gateways.counters import TopicCounters
+from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.outputs import OutputLink, StaticTransforms
+from services.gateways.settings import OutputTopic
+from services.gateways.status import status_of
+from services.ros_messages.message_types import RosTypes
 
 
 def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:
@@ -26,6 +33,19 @@ def test_each_topic_of_a_gateway_has_its_counters_and_latency() -> None:
     assert f'cdff_gateway_dropped_total{{{names},reason="rate"}} 1' in lines
     assert f"cdff_gateway_latency_seconds{{{names}}} 0.002000" in lines
     assert any('direction="out",topic="/pose"' in line for line in lines)
+
+
+def test_messages_that_slow_subscribers_missed_are_counted_once_for_each_topic() -> None:
+    entries = [
+        OutputTopic(product="position_manager/pose", topic=topic) for topic in ("/pose", "/pose", "/other")
+    ]
+    publisher: Any = None
+    names, types = FrameNames("mana"), RosTypes(1)
+    outputs = [
+        OutputLink(entry, names, types, publisher, FrameTree(), StaticTransforms()) for entry in entries
+    ]
+    status = status_of([], outputs, [], missed={"/pose": 7, "/other": 0}.__getitem__)
+    assert [output["dropped"] for output in status["outputs"]] == [{"slow_subscriber": 7}, {}, {}]
 
 
 def test_without_gateways_there_are_no_lines() -> None:

@@ -41,6 +41,15 @@ def test_without_outputs_the_gateway_only_reads(tmp_path: Path) -> None:
         (f"inputs: [{_IMU}]\noutputs: [{{product: a/b, topic: /imu/data}}]", "circulate"),
         ("outputs: [{product: a/b, topic: /x, type: std_msgs/msg/Char}]", "expected one of"),
         ("frames: {a: mana/base, b: mana/base}", "two names"),
+        (
+            "outputs: [{product: a/b, topic: /x}, "
+            "{product: a/c, topic: /x, type: geometry_msgs/msg/PoseStamped}]",
+            "output topic /x has the types infuse_msgs/msg/Asn1Bitstream and geometry_msgs/msg/PoseStamped",
+        ),
+        (
+            "outputs: [{product: a/b, topic: /x}, {product: a/c, topic: /x, latched: true}]",
+            "output topic /x is latched for one product and not for another",
+        ),
         ("speed: 3", "speed"),
         (f"inputs: [{_IMU.replace('}', ', codec: xer}')}]", "codec"),
         (
@@ -71,6 +80,11 @@ def test_a_frame_tree_may_be_listed_once_for_each_transform_and_in_both_directio
     settings = _load(tmp_path, f"inputs: [{', '.join(edges)}]\noutputs: [{out}]")
     assert [entry.stream for entry in settings.inputs] == ["tf/base", "tf/mast"]
     assert settings.inputs[0].service_quality == "default"
+
+
+def test_several_products_may_have_one_topic_of_one_type(tmp_path: Path) -> None:
+    text = "outputs: [{product: a/b, topic: /x, latched: true}, {product: a/c, topic: /x, latched: true}]"
+    assert len(_load(tmp_path, text).outputs) == 2
 
 
 def test_maps_and_static_transforms_are_latched_by_default(tmp_path: Path) -> None:

@@ -1,0 +1,115 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of DFPCs on the parameter server of ROS 1, below the name of the node of the gateway."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from cdff_common.bus import Bus, keys
+from cdff_common.errors import CdffError, UnavailableError
+from services.gateway_ros1.node import Ros1Node
+from services.gateways.counters import TopicCounters
+from services.gateways.dfpc_parameters import DfpcParameters
+
+logger = logging.getLogger(__name__)
+
+#: Interval of the attempts to set parameters whose DFPC was not available, seconds.
+_RETRY_S = 1.0
+
+
+class ServerParameters:
+    """Values of the parameter server that are set in DFPCs; a refused value is replaced on the server.
+
+    A value whose DFPC is not available is set when the DFPC becomes available.
+
+    Parameters
+    ----------
+    node : Ros1Node
+    robot : str
+    parameters : DfpcParameters
+    bus : Bus
+        Bus of the DFPCs.
+    """
+
+    def __init__(self, node: Ros1Node, robot: str, parameters: DfpcParameters, bus: Bus) -> None:
+        self._node, self._parameters = node, parameters
+        self.counters = TopicCounters()
+        self._lock, self._state_lock = threading.Lock(), threading.Lock()
+        self._values: dict[str, Any] = {}
+        self._pending: set[str] = set()
+        self._available: set[str] = set()
+        self._dfpcs = {name: name.partition(".")[0] for name in parameters.names}
+        for name in parameters.names:
+            node.watch_parameter(self._key(name), partial(self._on_value, name))
+        for dfpc in sorted(set(self._dfpcs.values())):
+            bus.watch_alive(keys.alive(robot, dfpc), partial(self._on_alive, dfpc))
+
+    def to_map(self) -> dict[str, Any]:
+        """Return the names of the parameters, those that wait for their DFPC, and the counters."""
+        with self._state_lock:
+            pending = sorted(self._pending)
+        return {"names": self._parameters.names, "pending": pending, **self.counters.to_map()}
+
+    def retry(self, stop: threading.Event) -> None:
+        """Set the values that wait for their DFPC whenever it is available, until ``stop`` is set."""
+        while not stop.wait(_RETRY_S):
+            with self._state_lock:
+                ready = sorted(name for name in self._pending if self._dfpcs[name] in self._available)
+            for name in ready:
+                self._apply(name)
+
+    def _key(self, name: str) -> str:
+        return f"{self._node.name}/{name.replace('.', '/')}"
+
+    def _on_alive(self, dfpc: str, _: str, is_alive: bool) -> None:
+        """Note whether a DFPC is available; after a restart it has the values of the profile."""
+        with self._state_lock:
+            if is_alive:
+                self._available.add(dfpc)
+            else:
+                self._available.discard(dfpc)
+                self._pending |= {name for name in self._values if self._dfpcs[name] == dfpc}
+
+    def _on_value(self, name: str, value: Any) -> None:
+        self.counters.receive(0)
+        with self._state_lock:
+            self._values[name] = value
+        self._apply(name)
+
+    def _apply(self, name: str) -> None:
+        """Set the last value of a parameter; after a refusal the server has the value of the DFPC again."""
+        with self._lock:
+            with self._state_lock:
+                self._pending.discard(name)
+                value = self._values[name]
+            try:
+                if self._parameters.value(name) != value:
+                    self._parameters.set({name: value})
+                    self.counters.forward(0.0)
+            except UnavailableError as error:
+                with self._state_lock:
+                    self._pending.add(name)
+                self._drop("unavailable", name, error)
+            # TypeError: dates and binary data of XML-RPC cannot be compared with numbers.
+            except (CdffError, LookupError, TypeError) as error:
+                self._drop("refused", name, error)
+                self._replace(name, value)
+
+    def _replace(self, name: str, refused: Any) -> None:
+        """Replace a refused value by that of the DFPC, here and on the server, unless a newer one exists."""
+        with suppress(CdffError, LookupError):
+            value = self._parameters.value(name)
+            with self._state_lock:
+                if self._values[name] is not refused:
+                    return
+                self._values[name] = value
+            self._node.master.call("setParam", self._key(name), value)
+
+    def _drop(self, reason: str, name: str, error: Exception) -> None:
+        if self.counters.drop(reason, f"{name}: {error}"):
+            logger.warning("%s: %s: %s", self._key(name), reason, error)
