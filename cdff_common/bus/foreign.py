@@ -20,6 +20,8 @@ from cdff_common.loops import Loops
 
 logger = logging.getLogger(__name__)
 
+#: Refusals that wait to be sent; further refused calls end without an answer.
+_MAX_REFUSALS = 64
 #: Interval of the heartbeats of a caching publisher after a message, seconds.
 _HEARTBEAT_S = 0.5
 
@@ -89,26 +91,32 @@ class ForeignCall:
 
     def reply(self, payload: bytes, *, encoding: str, attachment: bytes) -> None:
         """Answer the call; nothing happens if it is answered."""
-        query = self._taken()
-        if query is not None:
-            with query:
-                query.reply(
-                    self.key, payload, encoding=encoding_argument(encoding), attachment=attachment or None
-                )
-            self._on_end(self)
+        checked_encoding = encoding_argument(encoding)
+        self._answer(
+            lambda query: query.reply(
+                self.key, payload, encoding=checked_encoding, attachment=attachment or None
+            )
+        )
 
     def refuse(self, reason: str) -> None:
         """Answer the call with an error; nothing happens if it is answered."""
-        query = self._taken()
-        if query is not None:
-            with query:
-                query.reply_err(reason.encode(), encoding="text/plain")
-            self._on_end(self)
+        self._answer(lambda query: _refuse(query, reason))
 
-    def _taken(self) -> zenoh.Query | None:
+    def _answer(self, send: Callable[[zenoh.Query], None]) -> None:
+        """Send the answer, unless there is one; the call ends even if that fails."""
         with self._lock:
             query, self._query = self._query, None
-        return query
+        if query is None:
+            return
+        try:
+            with query:
+                send(query)
+        finally:
+            self._on_end(self)
+
+
+def _refuse(query: zenoh.Query, reason: str) -> None:
+    query.reply_err(reason.encode(), encoding="text/plain")
 
 
 class ForeignServer:
@@ -144,6 +152,7 @@ class ForeignServer:
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"call {key}")
         # The threads of Zenoh, in which calls arrive, must not send.
         self._refusals = ThreadPoolExecutor(1, thread_name_prefix=f"refuse {key}")
+        self._refusal_slots = threading.BoundedSemaphore(_MAX_REFUSALS)
         self._queryable = session.declare_queryable(
             key_argument(key), zenoh.handlers.Callback(self._enqueue, indirect=False), complete=True
         )
@@ -161,20 +170,31 @@ class ForeignServer:
     def _enqueue(self, query: zenoh.Query) -> None:
         size = 0 if query.payload is None else len(query.payload)
         reason = f"{size} bytes, expected at most {self._max_bytes}" if size > self._max_bytes else ""
+        call = None
         with self._lock:
             if len(self._open) >= self._limit:
                 reason = reason or "too many calls at once"
-            call = None
             if not reason:
                 call = ForeignCall(query, self._end)
                 self._open.add(call)
         try:
-            if call is None:
-                self._refusals.submit(ForeignCall(query, self._end).refuse, f"{self._key}: {reason}")
-            else:
+            if call is not None:
                 self._pool.submit(self._handle, call)
-        except RuntimeError as error:  # the server is closed
+            elif self._refusal_slots.acquire(blocking=False):
+                self._refusals.submit(self._send_refusal, query, f"{self._key}: {reason}")
+            else:
+                query.drop()
+        except RuntimeError as error:  # the server is closed, or the process has too many threads
             logger.debug("%s: %s", self._key, error)
+            if call is not None:
+                self._end(call)
+
+    def _send_refusal(self, query: zenoh.Query, reason: str) -> None:
+        try:
+            with query:
+                _refuse(query, reason)
+        finally:
+            self._refusal_slots.release()
 
     def _handle(self, call: ForeignCall) -> None:
         try:

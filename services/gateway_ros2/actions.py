@@ -137,35 +137,44 @@ class ActionServer:
                 goal = self._goals[goal_id] = Goal(goal_id, stamp_ns, request.goal)
         types = self._node.types
         kind = types.store.types[self._action.send_goal.response]
-        respond(kind(accepted=is_accepted, stamp=_time(types, stamp_ns)))
+        try:
+            respond(kind(accepted=is_accepted, stamp=_time(types, stamp_ns)))
+        finally:  # an accepted goal runs to its end even if the client is lost
+            if is_accepted:
+                self._pool.submit(self._run, goal)
         if is_accepted:
             self._publish_status()
-            self._pool.submit(self._run, goal)
         else:
             logger.warning("%s: goal %s is rejected, %d run", self._name, goal_id.hex(), active)
 
     def _run(self, goal: Goal) -> None:
-        with self._lock:
-            is_cancelled = goal.cancelled.is_set()
-            goal.state = goal.state if is_cancelled else GoalState.EXECUTING
-        self._publish_status()
-        succeeded = False
+        """Execute a goal, and answer the clients that wait for its result; an error aborts it."""
         try:
-            if is_cancelled:
-                result = self._no_result()
-            else:
-                result, succeeded = self._execute(goal, lambda message: self._publish_feedback(goal, message))
+            state, result = self._executed(goal)
         except Exception:
             logger.exception("%s: goal %s failed", self._name, goal.goal_id.hex())
-            result = self._no_result()
+            state, result = GoalState.ABORTED, self._no_result()
         with self._lock:
-            goal.result, goal.ended_s = result, monotonic_s()
-            ended = GoalState.SUCCEEDED if succeeded else GoalState.ABORTED
-            goal.state = GoalState.CANCELED if goal.cancelled.is_set() and not succeeded else ended
+            goal.state, goal.result, goal.ended_s = state, result, monotonic_s()
             waiting, goal.waiting = goal.waiting, []
         for respond in waiting:
-            self._respond_result(goal, respond)
+            try:
+                self._respond_result(goal, respond)
+            except Exception:  # the other clients receive the result
+                logger.exception("%s: a result of goal %s is not sent", self._name, goal.goal_id.hex())
         self._publish_status()
+
+    def _executed(self, goal: Goal) -> tuple[GoalState, Any]:
+        """Return the final state and the result of a goal."""
+        with self._lock:
+            if goal.cancelled.is_set():
+                return GoalState.CANCELED, self._no_result()
+            goal.state = GoalState.EXECUTING
+        self._publish_status()
+        result, succeeded = self._execute(goal, lambda message: self._publish_feedback(goal, message))
+        if succeeded:
+            return GoalState.SUCCEEDED, result
+        return GoalState.CANCELED if goal.cancelled.is_set() else GoalState.ABORTED, result
 
     def _on_result(self, request: Any, respond: Callable[[Any], None]) -> None:
         goal_id = bytes(np.asarray(request.goal_id.uuid, np.uint8))
@@ -230,15 +239,17 @@ class ActionServer:
         self._node.publish(Outgoing(self._status_topic, STATUS, message), latched=True)
 
     def _discard_old(self) -> None:
+        """Discard the results that ended longest ago."""
         now_s = monotonic_s()
         self._goals = {
             key: goal
             for key, goal in self._goals.items()
             if not goal.state.is_final or now_s - goal.ended_s < _RESULT_S
         }
-        ended = [key for key, goal in self._goals.items() if goal.state.is_final]
-        for key in ended[: max(len(ended) - _MAX_GOALS, 0)]:
-            del self._goals[key]
+        ended = [goal for goal in self._goals.values() if goal.state.is_final]
+        ended.sort(key=lambda goal: goal.ended_s)
+        for goal in ended[: max(len(ended) - _MAX_GOALS, 0)]:
+            del self._goals[goal.goal_id]
 
     def _info(self, goal: Goal) -> Any:
         stamp = _time(self._node.types, goal.stamp_ns)

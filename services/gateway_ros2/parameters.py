@@ -51,6 +51,8 @@ _MEMBERS = (
     "string_array_value",
 )
 _ARRAY_OFFSET = 5
+#: Parameters of a request.
+_MAX_NAMES = 256
 
 
 class ParameterServer:
@@ -98,6 +100,7 @@ class ParameterServer:
         kind = self._types.store.types[service.response]
 
         def handle(request: Any, respond: Callable[[Any], None]) -> None:
+            _check_size(request)
             respond(kind(**answer(request)))
 
         return handle
@@ -157,18 +160,25 @@ class ParameterServer:
 
     def _set(self, parameters: list[Any]) -> Any:
         """Set parameters of one DFPC, all or none; return the result."""
-        reason = ""
+        is_set, reason = False, ""
         self.counters.receive(0)
         try:
             self._parameters.set({p.name: _plain(p.value, p.name) for p in parameters})
+            is_set = True
+            self.counters.forward(0.0)
         except (CdffError, LookupError) as error:
             reason = str(error)
-        if reason:
             self.counters.drop("refused", reason)
-        else:
-            self.counters.forward(0.0)
         make = self._types.make
-        return make("rcl_interfaces/SetParametersResult", successful=not reason, reason=reason[:1000])
+        return make("rcl_interfaces/SetParametersResult", successful=is_set, reason=reason[:1000])
+
+
+def _check_size(request: Any) -> None:
+    """Raise InputError if a request names too many parameters."""
+    for field in ("names", "parameters", "prefixes"):
+        count = len(getattr(request, field, ()))
+        if count > _MAX_NAMES:
+            raise InputError(f"{count} {field}: expected at most {_MAX_NAMES} in a request")
 
 
 def _typed(value: Any) -> tuple[int, Any]:

@@ -24,7 +24,8 @@ from services.ros_messages.type_hashes import message_hash
 
 logger = logging.getLogger(__name__)
 
-#: Answers a request: from the request and its sender to the response, or None if the call is answered later.
+#: Handler of a service. It is called with a request and a function that sends the response. The handler may
+#: call this function itself, or another thread calls it later.
 ServiceHandler = Callable[[Any, Callable[[Any], None]], None]
 
 _QUALITIES = {"default": QOS_DEFAULT, "sensor_data": QOS_SENSOR_DATA, "latched": QOS_LATCHED}
@@ -139,7 +140,12 @@ class RobotNode:
                 return
 
             def respond(response: Any) -> None:
-                data = bytes(self.types.serialize(response, service.response))
+                try:
+                    data = bytes(self.types.serialize(response, service.response))
+                except (AttributeError, *DECODER_ERRORS) as error:
+                    logger.exception("%s: a response cannot be encoded", name)
+                    call.refuse(f"the response of {service.name} cannot be encoded: {error}")
+                    return
                 attachment = rmw_zenoh.Attachment(asked.seq, wall_ns(), asked.gid).to_bytes()
                 call.reply(data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
 
