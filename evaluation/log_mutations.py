@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Open recordings with randomly damaged bytes in each format of logs.
 
-A reader passes if it reads the recording in whole or in part, or raises an error of the project that names the file,
-with at most 1 GB of memory. Crashes, other exceptions and 60 s of CPU time are faults.
+A reader passes if it reads the recording in whole or in part, or raises an error of the project that names
+the file, with at most 1 GB of memory. Crashes, other exceptions and 60 s of CPU time are faults.
 """
 
 from __future__ import annotations

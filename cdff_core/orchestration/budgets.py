@@ -45,3 +45,9 @@ def excess(needed: Amounts, free: Amounts) -> tuple[str, float, float] | None:
         if value > 0.0 and value > limit + abs(limit) * _TOLERANCE:
             return budget, value, limit
     return None
+
+
+def excess_fraction(needed: Amounts, free: Amounts) -> float:
+    """Return by how much the budgets are exceeded: the sum of the excess of each, relative to its limit."""
+    excesses = ((needed.get(budget, 0.0) - limit) / (abs(limit) or 1.0) for budget, limit in free.items())
+    return sum(max(value, 0.0) for value in excesses)

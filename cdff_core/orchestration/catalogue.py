@@ -364,7 +364,7 @@ def _with_acquisitions(provider: Provider, sensors: Mapping[SensorId, SensorStat
 def _free_budgets(
     robots: Iterable[Robot], reserved: Iterable[Provider], sensors: Iterable[SensorState]
 ) -> dict[str, dict[str, float]]:
-    """Return the remaining budgets of each robot with limits, next to reserved providers and current modes."""
+    """Return the free budgets of each robot with limits, next to reserved providers and modes of sensors."""
     limits = {
         robot.id: own
         for robot in robots
@@ -376,7 +376,7 @@ def _free_budgets(
             used[provider.id.robot].append(provider.needs)
     for state in sensors:
         if state.needs and state.id.robot in used:
-            used[state.id.robot].append(state.needs.get(state.current, {}))
+            used[state.id.robot].append(state.reserved_needs)
     totals = {robot: added(amounts) for robot, amounts in used.items()}
     return {
         robot: {budget: limit - totals[robot].get(budget, 0.0) for budget, limit in own.items()}

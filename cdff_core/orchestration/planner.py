@@ -27,16 +27,16 @@ cost of the cheapest of them is a lower bound. The search is exact; tests compar
 
 from __future__ import annotations
 
-import itertools
+import heapq
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from graphlib import TopologicalSorter
+from operator import itemgetter
 from typing import TypeAlias
 
 from cdff_common.contract.wiring import mode_names
-from cdff_core.orchestration.budgets import BUDGET_UNITS, added, excess
+from cdff_core.orchestration.budgets import BUDGET_UNITS, Amounts, added, excess, excess_fraction
 from cdff_core.orchestration.plans import NoPlan as NoPlan
 from cdff_core.orchestration.plans import Plan as Plan
 from cdff_core.orchestration.plans import combine_plans as combine_plans
@@ -55,11 +55,15 @@ TAKE_COST = 50.0
 REWIRE_COST = 1.0
 OMITTED_INPUT_COST = 100.0
 #: Largest number of combinations of sensor modes that are compared with the budgets of a robot.
-_MAX_MODES = 256
+_MAX_MODES = 1024
 #: A provider, or one implementation of it.
 Root: TypeAlias = "ProviderId | tuple[ProviderId, str]"
 #: Maximum number of search steps, after which the best plan so far is returned; 100 DFPCs need fewer.
 MAX_STEPS = 20_000
+
+
+#: Combination of modes in a queue: cost, excess of the budgets, order of equal ones, needs by budget.
+_Combination: TypeAlias = "tuple[float, float, tuple[int, ...], dict[str, float]]"
 
 
 @dataclass(slots=True)
@@ -213,19 +217,8 @@ class _Search:
             sensors = [s for s in state.accepts if s.robot == robot and self.world.sensors[s].needs]
             if not sensors:
                 continue
-            combinations = itertools.islice(
-                itertools.product(*(state.accepts[s] for s in sensors)), _MAX_MODES
-            )
-            reason = ""
-            for modes in sorted(combinations, key=partial(self._modes_cost, sensors)):
-                changes = [self.world.sensors[s].added_needs(m) for s, m in zip(sensors, modes, strict=True)]
-                over = excess(added([state.used.get(robot, {}), *changes]), free)
-                if over is None:
-                    break
-                chosen = ", ".join(f"{s} {m}" for s, m in zip(sensors, modes, strict=True))
-                reason = reason or f"modes {chosen} do not fit: {_excess_text(over, robot)}"
-            else:
-                self.reasons[reason] = None
+            modes = self._cheapest_modes(state, robot, sensors, free)
+            if modes is None:
                 return False
             first = [state.accepts[s][0] for s in sensors]
             state.cost += self._modes_cost(sensors, modes) - self._modes_cost(sensors, first)
@@ -233,6 +226,50 @@ class _Search:
                 others = (m for m in state.accepts[sensor] if m != mode)
                 state.accepts[sensor] = (mode, *others)
         return True
+
+    def _cheapest_modes(
+        self, state: _PartialPlan, robot: str, sensors: Sequence[SensorId], free: Amounts
+    ) -> tuple[str, ...] | None:
+        """Return the cheapest modes of the sensors of a robot within its budgets; None, with the reason, if
+        there are none.
+
+        At most ``_MAX_MODES`` combinations are compared: cheaper ones first, of equal costs those that exceed
+        the budgets less.
+        """
+        used = state.used.get(robot, {})
+        costs = [[(mode_cost(self.world.sensors[s], m), m) for m in state.accepts[s]] for s in sensors]
+        options = [sorted(modes, key=itemgetter(0)) for modes in costs]
+
+        def entry(indices: tuple[int, ...]) -> _Combination:
+            chosen = [modes[i] for modes, i in zip(options, indices, strict=True)]
+            changes = [
+                self.world.sensors[s].added_needs(m) for s, (_, m) in zip(sensors, chosen, strict=True)
+            ]
+            needed = added([used, *changes])
+            order = tuple(-i for i in indices)
+            return sum(cost for cost, _ in chosen), excess_fraction(needed, free), order, needed
+
+        queue = [entry((0,) * len(sensors))]
+        reason = ""
+        for _ in range(_MAX_MODES):
+            if not queue:
+                break
+            _, _, order, needed = heapq.heappop(queue)
+            indices = tuple(-i for i in order)
+            names = tuple(modes[i][1] for modes, i in zip(options, indices, strict=True))
+            over = excess(needed, free)
+            if over is None:
+                return names
+            chosen = ", ".join(f"{s} {m}" for s, m in zip(sensors, names, strict=True))
+            reason = reason or f"modes {chosen} do not fit: {_excess_text(over, robot)}"
+            # Each combination follows exactly one other: that with its last changed index reduced by one.
+            for k in range(max((k for k, i in enumerate(indices) if i), default=0), len(sensors)):
+                if indices[k] + 1 < len(options[k]):
+                    heapq.heappush(queue, entry((*indices[:k], indices[k] + 1, *indices[k + 1 :])))
+        if queue:
+            reason += f"; more than {_MAX_MODES} combinations of modes, the others are not compared"
+        self.reasons[reason] = None
+        return None
 
     def _modes_cost(self, sensors: Sequence[SensorId], modes: Sequence[str]) -> float:
         return sum(mode_cost(self.world.sensors[s], m) for s, m in zip(sensors, modes, strict=True))

@@ -164,9 +164,14 @@ class SensorState:
         shared = self.priority_modes if self.shared_modes is None else self.shared_modes
         return self.held is not None and shared is not None and mode not in shared
 
+    @property
+    def reserved_needs(self) -> Amounts:
+        """Needs in the mode that a lease requires, else in the current mode, by budget."""
+        return self.needs.get(self.held or self.current, {})
+
     def added_needs(self, mode: str) -> dict[str, float]:
-        """Return the difference of the needs in ``mode`` and in the current mode, by budget."""
-        now = self.needs.get(self.current, {})
+        """Return the difference of the needs in ``mode`` and the reserved needs, by budget."""
+        now = self.reserved_needs
         return {budget: value - now.get(budget, 0.0) for budget, value in self.needs.get(mode, {}).items()}
 
     def streaming_modes(self) -> tuple[str, ...]:
@@ -181,8 +186,8 @@ class World:
 
     providers: Mapping[ProviderId, Provider]
     sensors: Mapping[SensorId, SensorState] = field(default_factory=dict)
-    #: Robot to the free part of each of its budgets, next to the ``reserved`` providers and the current
-    #: modes.
+    #: Robot to the free part of each of its budgets, next to the ``reserved`` providers and the reserved
+    #: needs of sensors.
     free: Mapping[str, Amounts] = field(default_factory=dict)
     #: Providers with allocated budgets: running providers, and those in plans of other requests.
     reserved: frozenset[ProviderId] = frozenset()

@@ -145,9 +145,10 @@ class Runner:
         while self._heap:
             yield from self.step_one()
 
-    def finish(self) -> list[Product]:
-        """Step the queued samples and return the final outputs of the DFPC."""
-        return [*self.drain(), *(self._product(output) for output in self._dfpc.finish())]
+    def finish(self) -> Iterator[Product]:
+        """Step the queued samples and yield their products, then the final outputs of the DFPC."""
+        yield from self.drain()
+        yield from map(self._product, self._dfpc.finish())
 
     def provenance(self, name: str, value: Any) -> dict[str, Any]:
         """Return the header fields of a requested value: a store item or the result of an operation.

@@ -7,7 +7,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from cdff_common.bus import Bus, Message, Qos, Subscription, keys
@@ -122,6 +123,8 @@ class HostedDfpc(DfpcLifeCycle):
             self._activity.remove()
             with self._use:
                 super().deactivate()
+                if self.state is DfpcState.ERROR:
+                    return
                 self._state_store.checkpoint(self.dfpc, now=True)
         self._publish_event("deactivated")
 
@@ -304,17 +307,13 @@ class HostedDfpc(DfpcLifeCycle):
                     return False
             started_s, cpu_s = monotonic_s(), time.thread_time()
             self.step_started_s = started_s
-            failed = True
             with self.failure_guard():
                 products = runner.step_one()
                 self._state_store.checkpoint_first(self.dfpc)
                 self.publish(products)
                 self._state_store.checkpoint(self.dfpc)
-                failed = False
             self.step_started_s = None
-            if failed:
-                self._stopping.set()
-                self._publish_event("alarm", reason=self.last_error)
+            if self.state is DfpcState.ERROR:
                 return False
             took_s = monotonic_s() - started_s
             self._times_s["last_step_s"] = took_s
@@ -323,6 +322,15 @@ class HostedDfpc(DfpcLifeCycle):
         with self._queue:
             self._queue.notify_all()
         return True
+
+    @contextmanager
+    def failure_guard(self) -> Iterator[None]:
+        """Switch to state error on any exception, stop stepping and publish an alarm."""
+        with super().failure_guard():
+            yield
+        if self.state is DfpcState.ERROR:
+            self._stopping.set()
+            self._publish_event("alarm", reason=self.last_error)
 
     def publish(self, products: Sequence[Product]) -> None:
         """Publish products on their keys and queue them for the DPM."""

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from cdff_common.bus import Reply, Request, keys
 from cdff_common.contract.wiring import Wiring
-from cdff_common.errors import CdffError, InputError, NotActiveError, public_text
+from cdff_common.errors import CdffError, InputError, NotActiveError, UnavailableError, public_text
 from cdff_common.interfaces.dfpc import Dfpc
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
@@ -147,6 +147,8 @@ class DfpcLifeCycle(ABC):
         InputError
             If a parameter is not adjustable or outside its bounds, or the profile does not admit the
             implementation.
+        UnavailableError
+            If the DFPC fails at a queued sample; it is then in state error.
         """
         if adjustment is None or self.runner is None:
             return False
@@ -160,8 +162,8 @@ class DfpcLifeCycle(ABC):
         if is_live:
             self.dfpc.config = new.config
             new = self.dfpc
-        else:
-            self.publish(self.runner.finish())
+        elif self._state is DfpcState.ACTIVE and not self._publish_pending(self.runner):
+            raise UnavailableError(f"{self.entry.name}: {self.last_error}")
         self._replace(new, adjustment.parameters)
         logger.info("%s is adjusted: %s %s", self.entry.name, name, self.adjusted or "as in the profile")
         return not is_live
@@ -172,6 +174,7 @@ class DfpcLifeCycle(ABC):
             try:
                 new.resume(state)
             except CdffError as error:
+                new.reset()
                 logger.warning("%s starts without its state: %s", self.entry.name, error)
         self.continue_queue(new)
         self.dfpc, self.adjusted = new, dict(adjusted)
@@ -205,13 +208,20 @@ class DfpcLifeCycle(ABC):
 
     def deactivate(self) -> None:
         """Become inactive, step the queued samples and publish the products that are due."""
-        target, previous_state = self.state_after("deactivate"), self._state
+        target, is_active = self.state_after("deactivate"), self._state is DfpcState.ACTIVE
         self.wired = {}
         self.state = target
-        if previous_state is DfpcState.ACTIVE and self.runner is not None:
-            self.publish(self.runner.finish())
-            if (self.dfpc.implementation, self.adjusted) != (self.entry.choices(self.description)[0], {}):
-                self._replace(self._configured({}, None), {})
+        if not is_active or self.runner is None or not self._publish_pending(self.runner):
+            return
+        if (self.dfpc.implementation, self.adjusted) != (self.entry.choices(self.description)[0], {}):
+            self._replace(self._configured({}, None), {})
+
+    def _publish_pending(self, runner: Runner) -> bool:
+        """Step the queued samples and publish each product; return False if the DFPC failed."""
+        with self.failure_guard():
+            for product in runner.finish():
+                self.publish([product])
+        return self._state is not DfpcState.ERROR
 
     def clean_up(self) -> None:
         """Release the configured DFPC and discard its data."""

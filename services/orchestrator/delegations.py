@@ -100,7 +100,7 @@ class Delegations:
         self._count = 0
         self._needs_of: dict[str, _Need] = {}  # by job
         self._delegations: dict[Hashable, _Delegation] = {}
-        #: Robots whose orchestrator may have requests that nobody here needs, with the time of the next check.
+        #: Robots that may have requests without a job here, with the time of the next check.
         self._unchecked: dict[str, float] = {}
 
     def start(self) -> None:
@@ -264,7 +264,7 @@ class Delegations:
             on_end(error)
 
     def _cancel_unneeded(self, robot: str) -> None:
-        """Cancel the delegated requests of a robot that nobody here needs; repeated until it answers."""
+        """Cancel the delegated requests of a robot that no job here needs; repeated until it answers."""
         if not self._state.controls(robot):
             try:
                 self._call_cancel_unneeded(robot)

@@ -179,8 +179,8 @@ class SystemState:
             strange = [*(str(p) for p in owned if not self.has_provider(p)), *map(str, set(sensors) - known)]
         if strange:
             raise InputError(
-                f"{', '.join(sorted(strange))}: expected DFPCs and sensors of the profile {self.profile.name}; "
-                "both orchestrators need the same profile"
+                f"{', '.join(sorted(strange))}: expected DFPCs and sensors of the profile "
+                f"{self.profile.name}; both orchestrators need the same profile"
             )
 
     # -- change signal

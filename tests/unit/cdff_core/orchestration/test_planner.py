@@ -286,6 +286,34 @@ def test_a_plan_within_the_power_and_heat_of_the_robot_selects_modes_and_states_
     assert "mana/dem does not fit: 2 W of heat, mana has 1 W of heat left" in hot.text
 
 
+def camera_world(free_w: float) -> World:
+    """Return a world with six cameras of four modes, the last of which needs 1 W, the others 2 W and more."""
+    names = [f"camera_{k}" for k in range(6)]
+    needs = {f"m{k}": {"power_w": 4.0 - k} for k in range(4)}
+    modes = {"off": False, **dict.fromkeys(needs, True)}
+    cameras = [sensor(name, modes=modes, needs={"off": {"power_w": 0.0}, **needs}) for name in names]
+    inputs = [replace(from_sensor("image", name), port=name) for name in names]
+    matcher = provider("match", "pose", *inputs)
+    return replace(world(matcher, *cameras), free={"mana": {"power_w": free_w}})
+
+
+def test_modes_within_the_budgets_are_found_among_thousands_of_combinations() -> None:
+    assert set(modes_of(plan(camera_world(6.0), "pose", ["mana"])).values()) == {"m3"}
+    assert sorted(modes_of(plan(camera_world(23.0), "pose", ["mana"])).values()) == [*["m0"] * 5, "m1"]
+    refused = plan(camera_world(5.0), "pose", ["mana"])
+    assert isinstance(refused, NoPlan)
+    assert "more than 1024 combinations of modes, the others are not compared" in refused.text
+
+
+def test_a_mode_that_is_leased_and_not_reached_yet_needs_its_budgets() -> None:
+    needs = {"off": {"power_w": 0.0}, "fast": {"power_w": 9.0}}
+    modes = {"off": False, "fast": True}
+    lidar = sensor("lidar", modes=modes, needs=needs, current="off", held="fast")
+    assert lidar.reserved_needs == {"power_w": 9.0}
+    assert lidar.added_needs("fast") == {"power_w": 0.0}
+    assert lidar.added_needs("off") == {"power_w": -9.0}
+
+
 def modes_of(planned: Plan | NoPlan) -> dict[SensorId, str]:
     assert isinstance(planned, Plan), planned
     return dict(planned.modes)

@@ -6,13 +6,13 @@ afterwards.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pytest
 
-from cdff_common.errors import InputError
-from cdff_common.interfaces.dfpc import Sample
+from cdff_common.errors import InputError, UnavailableError
+from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Product
 from cdff_common.interfaces.profile import DfpcEntry, Robot
 from cdff_common.types import Pointcloud
@@ -100,3 +100,60 @@ def test_an_adjustment_that_is_not_admitted_is_refused(adjustment: Adjustment, f
     with pytest.raises(InputError, match=fault):
         mapper.activate({}, adjustment)
     assert mapper.status()["adjusted"] == {}
+
+
+def failing_mapper(monkeypatch: pytest.MonkeyPatch) -> Mapper:
+    """Return a mapper with two queued samples; it makes a patch of the first one, and fails at the second."""
+    mapper = active_mapper()
+    step, stamps_ns = mapper.dfpc.step, []
+
+    def step_or_fail(sample: Sample) -> Iterable[Output]:
+        stamps_ns.append(sample.stamp_ns)
+        if len(stamps_ns) == 2:
+            raise ZeroDivisionError("a bug")
+        return [*step(sample), *mapper.dfpc.finish()]
+
+    monkeypatch.setattr(mapper.dfpc, "step", step_or_fail)
+    for stamp_s in (1.0, 2.0):
+        mapper.take(stamp_s)
+    return mapper
+
+
+def test_a_failure_at_a_queued_sample_is_an_error_state_after_the_products_before_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mapper = failing_mapper(monkeypatch)
+    with pytest.raises(UnavailableError, match="digital_elevation_mapping: internal error"):
+        mapper.activate({}, Adjustment(None, {"resolution_m": 0.1}))
+    assert mapper.state is DfpcState.ERROR
+    assert mapper.patches() == [0.05]
+    assert mapper.adjusted == {}
+
+
+def test_a_failure_at_the_deactivation_is_an_error_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    mapper = failing_mapper(monkeypatch)
+    mapper.deactivate()
+    assert mapper.state is DfpcState.ERROR
+    assert mapper.patches() == [0.05]
+
+
+def test_an_inactive_dfpc_is_adjusted_without_products(monkeypatch: pytest.MonkeyPatch) -> None:
+    mapper = Mapper()
+    mapper.configure()
+    monkeypatch.setattr(mapper.dfpc, "finish", lambda: pytest.fail("it is not active"))
+    assert mapper.adjust(Adjustment(None, {"resolution_m": 0.1}))
+    assert mapper.dfpc.config.resolution_m == 0.1
+
+
+def test_a_dfpc_that_cannot_continue_the_state_starts_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    mapper = active_mapper()
+    monkeypatch.setattr(mapper.dfpc, "state", lambda: "strange")
+    reset, resets = type(mapper.dfpc).reset, list[object]()
+
+    def count_and_reset(dfpc: Dfpc) -> None:
+        resets.append(dfpc)
+        reset(dfpc)
+
+    monkeypatch.setattr(type(mapper.dfpc), "reset", count_and_reset)
+    assert mapper.adjust(Adjustment(None, {"resolution_m": 0.1}))
+    assert resets == [mapper.dfpc]

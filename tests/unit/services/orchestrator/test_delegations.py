@@ -44,11 +44,12 @@ class Ground:
         self.timing = VirtualTiming(self.scheduler)
         self.jobs_elsewhere: list[dict[str, Any]] = []
         self.cancel_fault: CdffError | None = None
-        self.bus = RecordingBus(self.answer)
+        self.bus: Any = RecordingBus(self.answer)
         self.state = SystemState(PROFILE, self.timing)
         self.state.set_control("mana", controlled=False)
         loops = Loops(self.timing.now_s)
-        self.delegations = Delegations(self.bus, self.state, loops, ManualClock(NOW_NS), self.timing)  # type: ignore[arg-type]
+        clock = ManualClock(NOW_NS)
+        self.delegations = Delegations(self.bus, self.state, loops, clock, self.timing)
         self.delegations.start()
         self.jobs = 0
 
@@ -186,7 +187,7 @@ def test_a_take_over_cancels_and_a_lost_cancellation_is_repeated(ground: Ground)
     ground.state.set_control("mana", controlled=True)
     ground.delegations.update()
     ground.run(3.0)
-    assert ground.cancelled == [sent]  # the ground owns the robot: there is nobody to ask
+    assert ground.cancelled == [sent]  # the ground owns the robot: its orchestrator is absent
     ground.state.set_control("mana", controlled=False)
     ground.cancel_fault = None
     ended = {"request": {"request": f"{DELEGATED}ended"}, "state": "done"}

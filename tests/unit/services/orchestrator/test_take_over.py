@@ -140,7 +140,7 @@ def test_the_dfpcs_of_both_owners_are_handed_back_once(ground: Ground) -> None:
     assert not ground.state.controls("mana")
     assert ground.state.changes("mana") == (set(), set())
     assert ground.records == ["take_over", "hand_back"]
-    # A second kill: what was handed over is known from the history of the robot.
+    # A second kill: the DFPCs passed on are known from the history of the robot.
     ground.set_present(False)
     ground.run(2.0)
     assert ground.owned == {MAPPER}
