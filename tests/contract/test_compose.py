@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from cdff_common.interfaces.profile import load_profile
+from services.supervisor.commands import SERVICES as SUPERVISED
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
@@ -120,6 +121,23 @@ def test_the_override_for_several_orchestrators_has_one_for_each_robot_and_one_o
         assert own["healthcheck"]["test"][-1] == f"{robot}/orchestrator"
         for name in ("build", "image", "volumes", "depends_on", "environment", "restart"):
             assert own[name] == ground[name], name
+
+
+GATEWAYS: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.gateways.yml").read_text(encoding="utf-8"))[
+    "services"
+]
+
+
+def test_each_gateway_has_a_container_that_starts_with_its_profile_only() -> None:
+    assert set(GATEWAYS) == {name for name in SUPERVISED if name.startswith("gateway_")}
+    for name, service in GATEWAYS.items():
+        assert service["profiles"] == [name.removeprefix("gateway_")]
+        assert service["command"][2] == f"services.{name}"
+        assert service["command"][4] == f"/etc/cdff/{name}.yaml"
+        assert service["healthcheck"]["test"][-1] == f"${{CDFF_ROBOT:-mana}}/{name}"
+        assert service["restart"] == "unless-stopped"
+        assert "ports" not in service
+    assert f" AS {GATEWAYS['gateway_ros1']['build']['target']}\n" in DOCKERFILE
 
 
 SECURED: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.secure.yml").read_text(encoding="utf-8"))
