@@ -85,7 +85,8 @@ class Ros1Node:
     def problem(self) -> str:
         """Return which thread of a node that is started and not closed has ended, or an empty text."""
         is_running = not self._stop.is_set()
-        ended = [t.name for t in self._threads if is_running and t.ident and not t.is_alive()]
+        threads = [*self._threads, self._slave.thread]
+        ended = [t.name for t in threads if is_running and t.ident and not t.is_alive()]
         return f"the thread {ended[0]!r} of the node {self.name} has ended" if ended else ""
 
     def close(self) -> None:

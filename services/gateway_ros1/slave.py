@@ -109,6 +109,12 @@ class SlaveApi:
     state : NodeState
     host : str
         Address on which it listens, and by which others reach it.
+
+    Attributes
+    ----------
+    uri : str
+    thread : threading.Thread
+        Thread that accepts the calls.
     """
 
     def __init__(self, state: NodeState, host: str) -> None:
@@ -129,10 +135,10 @@ class SlaveApi:
         self._server.register_function(_answering(self._parameter_update), "paramUpdate")
         self._server.register_function(self._request_topic, "requestTopic")
         self._server.register_function(lambda *_: [0, "the supervisor stops the gateway", 0], "shutdown")
-        self._thread = threading.Thread(
+        self.thread = threading.Thread(
             target=self._server.serve_forever, kwargs={"poll_interval": 0.2}, name="slave api", daemon=True
         )
-        self._thread.start()
+        self.thread.start()
 
     def close(self) -> None:
         """Stop answering."""

@@ -206,6 +206,9 @@ class GatewaySettings(StrictModel):
         for what, names in (("topic", [*incoming, *trees]), ("stream", streams)):
             if len(set(names)) != len(names):
                 raise ValueError(f"inputs have a {what} twice: {', '.join(names)}")
+        calibrations = {entry.camera_info for entry in self.inputs}
+        if both := sorted({*incoming, *trees} & calibrations):
+            raise ValueError(f"topic {both[0]} is an input and a camera_info: expected two topics")
         self._check_directions({*incoming, *trees})
         self._check_outputs()
         if len(set(self.frames.values())) != len(self.frames):

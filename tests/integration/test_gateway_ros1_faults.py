@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cdff_common.bus import Bus, keys
+from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import pack
 from cdff_common.client import Client
 from cdff_common.clock import wall_ns
 from cdff_common.errors import CdffError
+from services.dfpc_host.inputs import decode_sample
 from services.gateway_ros1.gateway import Gateway
 from services.gateway_ros1.node import Ros1Node
 from services.gateway_ros1.settings import Ros1Settings
@@ -90,6 +91,14 @@ def _camera_info(stamp_ns: int) -> Any:
 
 def test_two_cameras_can_share_the_topic_of_their_calibration(bus: Bus, endpoint: str) -> None:
     with Master() as master, running(_CAMERAS, master, endpoint) as gateway:
+        focal_lengths: dict[str, float] = {}
+        for name in ("colour", "grey"):
+
+            def on_sample(message: Message, name: str = name) -> None:
+                frame = decode_sample(message, name, "Frame").value
+                focal_lengths[name] = float(frame.camera_matrix[0, 0])
+
+            bus.subscribe(keys.sensor("mana", "cam", name), on_sample)
         topics = sorted(str(arguments[1]) for arguments in master.called("registerSubscriber"))
         assert topics == ["/cam/camera_info", "/cam/colour", "/cam/grey"]
         robot = Ros1Node(master.uri, "127.0.0.1", "/camera", _TYPES)
@@ -100,7 +109,7 @@ def test_two_cameras_can_share_the_topic_of_their_calibration(bus: Bus, endpoint
             gateway._node.update_publishers(topic, [robot._slave.uri])
         wait_until(lambda: len(robot.connections()) == 3, 10.0, "the gateway is connected")
 
-        def both_arrive() -> bool:
+        def both_are_calibrated() -> bool:
             stamp_ns = wall_ns()
             info = Outgoing("/cam/camera_info", "sensor_msgs/msg/CameraInfo", _camera_info(stamp_ns))
             robot.publish(info, latched=False)
@@ -116,9 +125,9 @@ def test_two_cameras_can_share_the_topic_of_their_calibration(bus: Bus, endpoint
                     data=np.arange(24, dtype=np.uint8),
                 )
                 robot.publish(Outgoing(topic, "sensor_msgs/msg/Image", image), latched=False)
-            return all(counters["forwarded"] for counters in gateway.status()["inputs"].values())
+            return focal_lengths == {"colour": 50.0, "grey": 50.0}
 
-        wait_until(both_arrive, 10.0, "samples of both cameras")
+        wait_until(both_are_calibrated, 10.0, "samples of both cameras with the calibration")
         robot.close()
 
 

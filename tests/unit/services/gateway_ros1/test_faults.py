@@ -124,6 +124,16 @@ def test_a_thread_that_has_ended_is_a_problem_of_the_process(master: Master, nod
     assert node.problem() == "the thread 'master' of the node /gateway has ended"
 
 
+def test_an_xml_rpc_server_that_has_ended_is_a_problem_of_the_process(master: Master) -> None:
+    node = Ros1Node(master.uri, "127.0.0.1", "/gateway", _TYPES)
+    assert node.problem() == ""
+    node._slave._server.shutdown()
+    _wait(node.problem)
+    assert node.problem() == "the thread 'slave api' of the node /gateway has ended"
+    node.close()
+    assert node.problem() == ""
+
+
 def _subscribe(node: Ros1Node, receive: Callable[[str], None]) -> list[tuple[str, str]]:
     faults: list[tuple[str, str]] = []
     node.subscribe(

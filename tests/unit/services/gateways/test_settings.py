@@ -50,6 +50,7 @@ def test_without_outputs_the_gateway_only_reads(tmp_path: Path) -> None:
             "outputs: [{product: a/b, topic: /x}, {product: a/c, topic: /x, latched: true}]",
             "output topic /x is latched for one product and not for another",
         ),
+        (f"inputs: [{_IMU.replace('}', ', camera_info: /imu/data}')}]", "is an input and a camera_info"),
         ("speed: 3", "speed"),
         (f"inputs: [{_IMU.replace('}', ', codec: xer}')}]", "codec"),
         (
