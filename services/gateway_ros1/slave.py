@@ -82,7 +82,11 @@ class _Server(ThreadingMixIn, SimpleXMLRPCServer):
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer a connection in a thread, if one is free."""
         if self._slots.acquire(blocking=False):
-            super().process_request(request, client_address)
+            try:
+                super().process_request(request, client_address)
+            except RuntimeError:  # the process has too many threads
+                self._slots.release()
+                raise
             return
         if not self._has_reported:
             logger.warning("a call of %s is refused: %d are open", client_address, _MAX_THREADS)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import http.client
 import logging
 import socket
+import socketserver
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -238,6 +239,21 @@ def test_the_threads_for_calls_are_limited(node: Ros1Node) -> None:
         sock.close()
     _wait(lambda: threading.active_count() == before)
     assert isinstance(RemoteApi(node._slave.uri, "/test").call("getPid"), int)
+
+
+def test_a_call_for_which_no_thread_can_start_occupies_no_place(
+    node: Ros1Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    api = RemoteApi(node._slave.uri, "/test")
+    with monkeypatch.context() as patch:
+        patch.setattr(socketserver.ThreadingMixIn, "process_request", fail)
+        for _ in range(40):
+            with pytest.raises(UnavailableError):
+                api.call("getPid")
+    assert isinstance(api.call("getPid"), int)
 
 
 def test_an_unexpected_error_of_a_service_is_answered_and_its_connection_remains(
