@@ -103,16 +103,14 @@ class ForeignCall:
         self._answer(lambda query: _refuse(query, reason))
 
     def _answer(self, send: Callable[[zenoh.Query], None]) -> None:
-        """Send the answer, unless there is one; the call ends even if that fails."""
+        """End the call, and send its answer, unless there is one; the client can then call again at once."""
         with self._lock:
             query, self._query = self._query, None
         if query is None:
             return
-        try:
-            with query:
-                send(query)
-        finally:
-            self._on_end(self)
+        self._on_end(self)
+        with query:
+            send(query)
 
 
 def _refuse(query: zenoh.Query, reason: str) -> None:
