@@ -12,7 +12,7 @@ The caller passes times of the monotonic clock.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -282,14 +282,12 @@ class Leases:
         modes.update(sorted(self._modes.selected.items()))
         return modes
 
-    def next_expiry_s(self) -> float | None:
-        """Return the end of the next linger time; None if no provider lingers."""
-        times = [
-            lease.linger_until_s
-            for lease in self._provider_leases.values()
-            if not lease.holders and lease.linger_until_s is not None
-        ]
-        return min(times, default=None)
+    @property
+    def expiries_s(self) -> Iterator[tuple[str, float]]:
+        """Ends of the linger times: robot, monotonic seconds."""
+        for provider, lease in self._provider_leases.items():
+            if not lease.holders and lease.linger_until_s is not None:
+                yield provider.robot, lease.linger_until_s
 
     def describe(self) -> list[dict[str, Any]]:
         """Return the leases as plain data for job lists and the catalogue."""

@@ -21,6 +21,7 @@ from cdff_common.bus import Bus, keys
 from cdff_common.bus.message import pack
 from cdff_common.contract.limits import MAX_PAGE
 from cdff_common.errors import CdffError, InputError
+from cdff_common.interfaces.profile import Robot
 from cdff_common.loops import Loops
 from cdff_core.orchestration.journal import RecoveredState, parse_provider_id, recover
 from cdff_core.orchestration.world import ProviderId, SensorId
@@ -211,17 +212,27 @@ def record_changes(journal: Journal, owned: set[ProviderId], sensors: set[Sensor
         journal.append("mode", sensor=str(sensor), mode="", ok=True, reason=reason)
 
 
-def parse_hand_over(body: Any, robot: str) -> tuple[set[ProviderId], set[SensorId]]:
-    """Return the DFPCs and sensors in the body of ``hand_over``; raises InputError for a malformed one."""
+def parse_hand_over(body: Any, robot: Robot) -> tuple[set[ProviderId], set[SensorId]]:
+    """Return the DFPCs and sensors in the body of ``hand_over``.
+
+    Raises
+    ------
+    InputError
+        If it is malformed, or names a DFPC or sensor that the profile of the robot does not have.
+    """
     if not isinstance(body, dict) or set(body) - {"owned", "sensors"}:
         raise InputError(f"hand_over: got {str(body)[:80]!r}, expected a map of owned and sensors")
+    known = {"owned": {entry.name for entry in robot.dfpcs}, "sensors": set(robot.sensors)}
     pairs = {}
-    for name in ("owned", "sensors"):
-        texts = body.get(name, [])
+    for field, names in known.items():
+        texts = body.get(field, [])
         if not isinstance(texts, list) or not all(isinstance(t, str) for t in texts):
-            raise InputError(f"hand_over: {name} is {str(texts)[:80]!r}, expected a list of {robot}/NAME")
-        pairs[name] = {parse_provider_id(text) for text in texts}
-        strange = sorted(str(p) for p in pairs[name] if p.robot != robot)
+            raise InputError(f"hand_over: {field} is {str(texts)[:80]!r}, expected a list of {robot.id}/NAME")
+        pairs[field] = {parse_provider_id(text) for text in texts}
+        strange = sorted(str(p) for p in pairs[field] if p.robot != robot.id or p.dfpc not in names)
         if strange:
-            raise InputError(f"hand_over: {name} contains {strange[0]!r}, expected {robot}/NAME")
+            raise InputError(
+                f"hand_over: {field} contains {strange[0]!r}, expected {robot.id}/NAME of the profile; both "
+                "orchestrators need the same profile"
+            )
     return pairs["owned"], {SensorId(*pair) for pair in pairs["sensors"]}

@@ -98,7 +98,7 @@ class Reconciler:
 
     def _submit_actions(self, _: object) -> None:
         self._version, self._wait_s = self._state.version, _IDLE_S
-        actions, next_s = self._state.actions()
+        actions, next_s = self._state.new_actions()
         for action in actions:
             subject = action.sensor if isinstance(action, SetMode | Acquire) else action.provider
             with self._lock:

@@ -21,11 +21,11 @@ class RefusedModes:
         self._refused[sensor, mode] = (until_s, reason)
 
     def at(self, now_s: float) -> dict[SensorId, dict[str, str]]:
-        """Return the modes that are refused at a time, with the reason, by sensor; others are removed."""
-        self._refused = {key: value for key, value in self._refused.items() if value[0] > now_s}
+        """Return the modes that are refused at a time, with the reason, by sensor."""
         refusals: dict[SensorId, dict[str, str]] = {}
-        for (sensor, mode), (_, reason) in self._refused.items():
-            refusals.setdefault(sensor, {})[mode] = reason
+        for (sensor, mode), (until_s, reason) in self._refused.items():
+            if until_s > now_s:
+                refusals.setdefault(sensor, {})[mode] = reason
         return refusals
 
     def remove_robot(self, robot: str) -> None:
@@ -33,6 +33,6 @@ class RefusedModes:
         self._refused = {key: value for key, value in self._refused.items() if key[0].robot != robot}
 
     @property
-    def ends_s(self) -> Iterator[float]:
-        """Ends of the refusals, monotonic seconds."""
-        return (until_s for until_s, _ in self._refused.values())
+    def ends_s(self) -> Iterator[tuple[str, float]]:
+        """Ends of the refusals: robot, monotonic seconds."""
+        return ((sensor.robot, until_s) for (sensor, _), (until_s, _) in self._refused.items())

@@ -386,8 +386,7 @@ class Orchestrator:
     def _on_hand_over(self, call: Request) -> Reply:
         """Own the DFPCs and sensors that the ground has switched in the absence of this process."""
         call.check_no_parameters()
-        owned, sensors = parse_hand_over(call.body(), self._scope)
-        self._state.check_known(owned, sensors)
+        owned, sensors = parse_hand_over(call.body(), self._state.profile.robot(self._scope))
         record_changes(self._journal, owned, sensors, "handed over")
         self._state.recover(owned, sensors)
         return Reply.of({"robot": self._scope, "owned": len(owned), "sensors": len(sensors)})

@@ -12,7 +12,6 @@ from typing import Any
 from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.products import requestable_products
 from cdff_common.contract.wiring import mode_names
-from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile, Robot
 from cdff_common.interfaces.registry import Registry
 from cdff_common.interfaces.robot_profile import RobotProfile, with_robot
@@ -36,6 +35,7 @@ from cdff_core.orchestration.reconciliation import (
     next_actions,
 )
 from cdff_core.orchestration.world import ProviderId, SensorId, World
+from services.orchestrator.due_robots import DueRobots
 from services.orchestrator.pending_acquisitions import PendingAcquisitions
 from services.orchestrator.plan_progress import PlanProgress, plan_progress
 from services.orchestrator.provider_entry import provider_entry
@@ -75,6 +75,7 @@ class SystemState:
         self._watchers = Watchers()
         self._cache = ProviderCache()
         self._worlds = Worlds()
+        self._due_robots = DueRobots()
         self._linger_s: dict[ProviderId, float] = {}
         self._leases = Leases(self._linger_s)
         self._left: set[str] = set()
@@ -172,23 +173,13 @@ class SystemState:
             self._observed.owned -= owned
             self._changed_modes -= sensors
 
-    def check_known(self, owned: Iterable[ProviderId], sensors: Iterable[SensorId]) -> None:
-        """Raise InputError for DFPCs and sensors that the profile does not have."""
-        known = {SensorId(robot.id, name) for robot in self.profile.robots for name in robot.sensors}
-        with self._changed:
-            strange = [*(str(p) for p in owned if not self.has_provider(p)), *map(str, set(sensors) - known)]
-        if strange:
-            raise InputError(
-                f"{', '.join(sorted(strange))}: expected DFPCs and sensors of the profile "
-                f"{self.profile.name}; both orchestrators need the same profile"
-            )
-
     # -- change signal
 
     def notify(self, *robots: str) -> None:
         """Signal a change of some robots, by default of all."""
         with self._changed:
             self.version += 1
+            self._due_robots.add(robots or self._by_robot)
             self._worlds.clear(robots)
             self._changed.notify_all()
             self._watchers.notify(robots or None)
@@ -433,49 +424,62 @@ class SystemState:
             return self._leases.describe()
 
     def actions(self) -> tuple[list[Action], float | None]:
-        """Return the due actions, and the time of the next call if nothing changes (monotonic seconds)."""
+        """Return all due actions, and the next time at which they change by themselves (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
-            # A process that is not observed yet, after a restart of this one, may be active.
-            unknown = self._leases.wanted - self._observed.alive
-            expired = self._leases.expire(now_s, self._observed.active | unknown)
-            refusals = self._refused_modes.at(now_s)
-            self._leases.avoid(refusals)
-            if expired or refusals:
-                self._worlds.clear(())
-            o = self._observed
-            wanted = {p for p in self._leases.wanted if p.robot not in self._elsewhere}
-            world = self.world(optimistic=True, robots={p.robot for p in wanted | o.active | o.owned})
-            sources = {m: s for m in wanted if (s := self._leases.chosen_sources(m))}
-            upstream = upstream_providers(world, sources)
-            actions = next_actions(
-                wanted=dependency_order(sorted(wanted), upstream),
-                wanted_modes={
-                    s: mode
-                    for s, mode in {**self._idle_modes(world), **self._leases.wanted_modes()}.items()
-                    if s.robot not in self._elsewhere and self._is_held(s, mode)
-                },
-                uses=sensors_used(world, sources),
-                upstream=upstream,
-                observed=replace(o, owned={p for p in o.owned if p.robot not in self._elsewhere}),
-                now_s=now_s,
-                chosen_sources=sources,
-                configurations={p: c for p in wanted if (c := self._configuration(p, world)) is not None},
-            )
-            acquisitions = self._acquisitions.due(self._leases, self._observed, now_s)
-            actions += [a for a in acquisitions if a.sensor.robot not in self._elsewhere]
-            # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
-            actions = [
-                a for a in actions if not (isinstance(a, SetMode) and a.mode in refusals.get(a.sensor, ()))
-            ]
-            times = [
-                *self._refused_modes.ends_s,
-                *(h.not_before_s for h in self._observed.failures.values()),
-                *self._observed.warm_at_s.values(),
-            ]
-            expiry_s = self._leases.next_expiry_s()
-            later_times_s = [t for t in times if t > now_s] + ([] if expiry_s is None else [expiry_s])
-            return actions, min(later_times_s, default=None)
+            return self._actions(self._by_robot, now_s), self._next_s(now_s)
+
+    def new_actions(self) -> tuple[list[Action], float | None]:
+        """Return the due actions for the robots that have changed since the last call, or one of whose times
+        has come, now and then for all, and the time of the next call as ``actions``.
+        """
+        with self._changed:
+            now_s = self._timing.now_s()
+            robots = self._due_robots.take(self._by_robot, self._times_s(), now_s)
+            return self._actions(robots, now_s), self._next_s(now_s)
+
+    def _actions(self, robots: Collection[str], now_s: float) -> list[Action]:
+        # A process that is not observed yet, after a restart of this one, may be active.
+        unknown = self._leases.wanted - self._observed.alive
+        expired = {p.robot for p in self._leases.expire(now_s, self._observed.active | unknown)}
+        refusals = self._refused_modes.at(now_s)
+        self._leases.avoid(refusals)
+        if changed := expired | {s.robot for s in refusals}:
+            self._worlds.clear(changed)
+        robots = {*robots, *expired} - self._elsewhere
+        o = self._observed
+        owned = {p for p in o.owned if p.robot in robots}
+        wanted = {p for p in self._leases.wanted if p.robot in robots}
+        in_use = wanted | owned | {p for p in o.active if p.robot in robots}
+        world = self.world(optimistic=True, robots={p.robot for p in in_use})
+        sources = {m: s for m in wanted if (s := self._leases.chosen_sources(m))}
+        upstream = upstream_providers(world, sources)
+        leased_modes = {s: m for s, m in self._leases.wanted_modes().items() if s.robot in robots}
+        modes = {**self._idle_modes(world, robots, leased_modes), **leased_modes}
+        actions = next_actions(
+            wanted=dependency_order(sorted(wanted), upstream),
+            wanted_modes={s: mode for s, mode in modes.items() if self._is_held(s, mode)},
+            uses=sensors_used(world, sources),
+            upstream=upstream,
+            observed=replace(o, owned=owned),
+            now_s=now_s,
+            chosen_sources=sources,
+            configurations={p: c for p in wanted if (c := self._configuration(p, world)) is not None},
+        )
+        acquisitions = self._acquisitions.due(self._leases, o, now_s)
+        actions += [a for a in acquisitions if a.sensor.robot in robots]
+        # A refused mode stays wanted, so that its DFPCs wait, but it is not demanded again for a while.
+        return [a for a in actions if not (isinstance(a, SetMode) and a.mode in refusals.get(a.sensor, ()))]
+
+    def _next_s(self, now_s: float) -> float | None:
+        return min((t for _, t in self._times_s() if t > now_s), default=None)
+
+    def _times_s(self) -> Iterator[tuple[str, float]]:
+        """Return the robots with the times at which their actions change, monotonic seconds."""
+        yield from self._refused_modes.ends_s
+        yield from self._leases.expiries_s
+        yield from ((s.robot, history.not_before_s) for s, history in self._observed.failures.items())
+        yield from ((p.robot, warm_s) for p, warm_s in self._observed.warm_at_s.items())
 
     def _is_held(self, sensor: SensorId, mode: str) -> bool:
         """Return False for a mode of single acquisitions, which ends with each acquisition."""
@@ -496,15 +500,21 @@ class SystemState:
         implementation = self._leases.implementation(provider) or next(iter(choices), None)
         return Configuration(implementation, tuple(settings.items()))
 
-    def _idle_modes(self, world: World) -> dict[SensorId, str]:
-        """Return the initial modes of changed sensors without a lease that no other active DFPC uses."""
+    def _idle_modes(
+        self, world: World, robots: Collection[str], leased: Mapping[SensorId, str]
+    ) -> dict[SensorId, str]:
+        """Return the initial modes of the changed sensors of some robots that are not ``leased`` and that no
+        other active DFPC uses.
+        """
+        changed = {s for s in self._changed_modes - leased.keys() if s.robot in robots}
+        if not changed:
+            return {}
         users = {p for p in self._observed.active | self._leases.wanted if not self._leases.holders(p)}
         wired = {p: self._observed.wired[p] for p in users if self._observed.wired.get(p)}
         sensors = sensors_used(world, wired)
         sensors_in_use = {s for p in users & sensors.keys() for s in sensors[p]}
         return {
-            s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode
-            for s in self._changed_modes - sensors_in_use - self._leases.wanted_modes().keys()
+            s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode for s in changed - sensors_in_use
         }
 
     # -- views for planning and replies

@@ -25,8 +25,8 @@ MAPPER, LIDAR = ProviderId("mana", "digital_elevation_mapping"), SensorId("mana"
 
 def test_a_hand_over_names_dfpcs_and_sensors_of_the_robot() -> None:
     body = {"owned": [str(MAPPER)], "sensors": [str(LIDAR)]}
-    assert parse_hand_over(body, "mana") == ({MAPPER}, {LIDAR})
-    assert parse_hand_over({}, "mana") == (set(), set())
+    assert parse_hand_over(body, PROFILE.robot("mana")) == ({MAPPER}, {LIDAR})
+    assert parse_hand_over({}, PROFILE.robot("mana")) == (set(), set())
 
 
 @pytest.mark.parametrize(
@@ -38,11 +38,13 @@ def test_a_hand_over_names_dfpcs_and_sensors_of_the_robot() -> None:
         ({"sensors": [1]}, "expected a list"),
         ({"owned": ["minnie/slam"]}, "expected mana/NAME"),
         ({"owned": ["slam"]}, "expected mana/NAME"),
+        ({"owned": ["mana/strange"]}, "'mana/strange', expected mana/NAME of the profile"),
+        ({"sensors": ["mana/strange"]}, "'mana/strange', expected mana/NAME of the profile"),
     ],
 )
 def test_a_malformed_hand_over_is_refused(body: Any, fault: str) -> None:
     with pytest.raises(InputError, match=fault):
-        parse_hand_over(body, "mana")
+        parse_hand_over(body, PROFILE.robot("mana"))
 
 
 def test_what_was_handed_back_is_not_owned_after_a_restart(tmp_path: Path) -> None:

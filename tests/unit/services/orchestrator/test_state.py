@@ -242,3 +242,29 @@ def test_equal_requests_share_a_world_until_a_change_of_their_robot(timing: SetT
     assert changed is not world
     timing.time_s += 0.6
     assert state.world(robots=robots) is not changed
+
+
+def test_new_actions_are_those_of_changed_robots_and_of_times_that_have_come(
+    timing: SetTime, state: SystemState
+) -> None:
+    mana, minnie = (ProviderId(robot, "digital_elevation_mapping") for robot in ("mana", "minnie"))
+    for provider in (mana, minnie):
+        state.set_alive(provider, alive=True)
+        state.set_state(provider, "active")
+        state.set_owned(provider, owned=True)
+
+    def robots_of_new_actions() -> set[str]:
+        actions, _ = state.new_actions()
+        return {action.provider.robot for action in actions if isinstance(action, Deactivate)}
+
+    assert robots_of_new_actions() == {"mana", "minnie"}
+    assert robots_of_new_actions() == set()
+    state.notify("minnie")
+    assert robots_of_new_actions() == {"minnie"}
+    state.add_failure(mana, "no answer")
+    assert robots_of_new_actions() == set()  # it is repeated after a back-off
+    timing.time_s = state.new_actions()[1] or 0.0
+    assert robots_of_new_actions() == {"mana"}
+    timing.time_s += 5.0
+    assert robots_of_new_actions() == {"mana", "minnie"}
+    assert {provider.robot for provider in deactivated(state)} == {"mana", "minnie"}

@@ -210,11 +210,3 @@ def test_the_history_is_read_to_its_end(ground: Ground, monkeypatch: pytest.Monk
         1,
     ]
     assert ground.owned == {MAPPER}
-
-
-def test_dfpcs_and_sensors_that_the_profile_does_not_have_are_refused(ground: Ground) -> None:
-    ground.state.check_known({MAPPER}, {LIDAR})
-    strange = [({ProviderId("mana", "strange")}, set()), (set(), {SensorId("mana", "strange")})]
-    for owned, sensors in strange:
-        with pytest.raises(InputError, match="mana/strange: expected DFPCs and sensors of the profile"):
-            ground.state.check_known(owned, sensors)

@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Robots whose due actions must be determined again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+
+@dataclass(slots=True)
+class DueRobots:
+    """Robots that have changed, and robots with a time that has come; not thread-safe.
+
+    All robots are due at least every ``COMPLETE_S``.
+    """
+
+    COMPLETE_S = 5.0
+    _changed: set[str] = field(default_factory=set)
+    _taken_s: float = -math.inf
+    _complete_s: float = -math.inf
+
+    def add(self, robots: Iterable[str]) -> None:
+        """Add robots that have changed."""
+        self._changed.update(robots)
+
+    def take(self, robots: Iterable[str], times_s: Iterable[tuple[str, float]], now_s: float) -> set[str]:
+        """Return the due robots since the last call; of ``times_s`` (robot, monotonic seconds) those since
+        then count.
+        """
+        if now_s - self._complete_s >= self.COMPLETE_S:
+            self._complete_s = now_s
+            due = set(robots)
+        else:
+            due = self._changed | {robot for robot, t in times_s if self._taken_s < t <= now_s}
+        self._changed, self._taken_s = set(), now_s
+        return due
