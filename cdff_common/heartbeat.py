@@ -20,7 +20,7 @@ logger = logging.getLogger(__name__)
 
 #: Environment variable with the descriptor of the pipe.
 VARIABLE = "CDFF_HEARTBEAT_FD"
-PERIOD_S = 0.5
+PERIOD_S = 1.0
 #: Exit code of a process that ended because of a failed check.
 EXIT_UNHEALTHY = 76
 

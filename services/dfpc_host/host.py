@@ -139,7 +139,9 @@ class DfpcHost:
 
         def watch(_: bool) -> None:
             for hosted, watchdog in zip(self._hosted, watchdogs, strict=True):
-                problem = watchdog.problem(hosted.step_started_s, monotonic_s(), hosted.step_times())
+                started_s = hosted.step_started_s
+                times = None if started_s is None else hosted.step_times()
+                problem = watchdog.problem(started_s, monotonic_s(), times)
                 if problem:
                     self._end_process(hosted, f"a step of {hosted.entry.name} {problem}")
 

@@ -24,8 +24,10 @@ from services.map_merging.archive import MapArchive
 
 logger = logging.getLogger(__name__)
 
-#: Polling interval, longest time between two rounds, shortest time after a failed one, seconds.
-POLL_S, PERIOD_S, RETRY_S = 0.1, 5.0, 1.0
+#: Longest time between two rounds, and shortest time after a failed one, seconds.
+PERIOD_S, RETRY_S = 5.0, 1.0
+#: Period of the check for the end, and pause before a round, which collects new graphs, seconds.
+_POLL_S, _COLLECT_S = 0.5, 0.1
 
 
 def follow(bus: Bus, rounds: MergingRounds, stop: threading.Event) -> None:
@@ -39,9 +41,11 @@ def follow(bus: Bus, rounds: MergingRounds, stop: threading.Event) -> None:
 
     bus.subscribe(keys.event("*", "inserted"), on_map(on_inserted), depth=1024)
     next_s = monotonic_s()
-    while not stop.wait(POLL_S):
-        if not has_new_graph.is_set() and monotonic_s() < next_s:
+    while not stop.is_set():
+        if not has_new_graph.wait(_POLL_S) and monotonic_s() < next_s:
             continue
+        if stop.wait(_COLLECT_S):
+            return
         has_new_graph.clear()
         next_s = monotonic_s() + PERIOD_S
         try:

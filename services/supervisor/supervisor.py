@@ -22,7 +22,7 @@ from services.supervisor.readiness import Readiness, expected_tokens
 
 logger = logging.getLogger(__name__)
 
-POLL_S = 0.05
+POLL_S = 0.2
 #: Longest time between two polls that counts as silence of the processes, seconds: while this process or the
 #: machine is stopped, the others are, too.
 _LONGEST_POLL_S = 1.0

@@ -9,6 +9,7 @@ import functools
 import socket
 import threading
 from asyncio import sslproto
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -24,6 +25,8 @@ from services.dpm.http.context import Context
 from services.dpm.http.middleware.members import server_options
 
 _STOP_S = 3.0
+#: Period in which the date in the headers of answers is renewed, seconds.
+_DATE_S = 1.0
 #: Interval of the checks of event loop and thread pool, and time after which they count as hung, seconds.
 _PROBE_S, _HUNG_S = 5.0, 300.0
 #: Requests that are carried out at the same time; others wait. Each has its objects in memory, of which the
@@ -39,15 +42,30 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
         self._answered_s: float | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stopped = asyncio.Event()
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve until ``should_exit``."""
         to_thread.current_default_thread_limiter().total_tokens = _THREADS
+        self._loop = asyncio.get_running_loop()
         probe = asyncio.create_task(self._probe())
         try:
             await super().serve(sockets)
         finally:
             probe.cancel()
+
+    async def main_loop(self) -> None:
+        """Wait for ``stop``; the date in the answers is renewed every second."""
+        while not await self.on_tick(0):
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._stopped.wait(), _DATE_S)
+
+    def stop(self) -> None:
+        """End ``serve``; called by another thread."""
+        self.should_exit = True
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._stopped.set)
 
     async def _probe(self) -> None:
         while True:
@@ -117,6 +135,6 @@ class HttpServer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end_streams()
-        self._server.should_exit = True
+        self._server.stop()
         self._thread.join(_STOP_S)
         self._socket.close()
