@@ -80,9 +80,9 @@ def main() -> int:
 
     def detect() -> Any:
         k = next(index) % len(frames)
-        given = None if k == 0 else places
+        searched_places = None if k == 0 else places
         return detection.process(
-            MovingRegionDetectionInputs(image=frames[k], places=given, is_at_rest=k % 2 == 0)
+            MovingRegionDetectionInputs(image=frames[k], places=searched_places, is_at_rest=k % 2 == 0)
         )
 
     detect()

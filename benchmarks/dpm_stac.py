@@ -46,7 +46,7 @@ REQUESTS = {
 
 def products(count: int) -> list[NewProduct]:
     """Return DEMs with random outlines."""
-    rng, made, ids = np.random.default_rng(0), [], []
+    rng, new_products, ids = np.random.default_rng(0), [], []
     for i in range(count):
         x, y = rng.uniform(0.0, 1000.0, 2)
         angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, 24))
@@ -66,8 +66,8 @@ def products(count: int) -> list[NewProduct]:
         )
         ids.append(header.id)
         payload = os.urandom(100) + i.to_bytes(8, "big")
-        made.append(NewProduct(header, payload, "mana", "mapping", "dem", "dem", "ElevationMap"))
-    return made
+        new_products.append(NewProduct(header, payload, "mana", "mapping", "dem", "dem", "ElevationMap"))
+    return new_products
 
 
 async def get(app: Any, address: str) -> bytes:

@@ -116,7 +116,7 @@ def main() -> int:
             StarFieldBackgroundInputs(image=grey, saturation=65535.0)
         ),
     )
-    found = record(
+    sources = record(
         "PointSourceDetection",
         lambda: dfns["PointSourceDetection"].process(
             PointSourceDetectionInputs(
@@ -124,12 +124,12 @@ def main() -> int:
             )
         ),
     )
-    report["sources"] = len(found.points)
+    report["sources"] = len(sources.points)
     fit = record(
         "PointSourceCentroiding",
         lambda: dfns["PointSourceCentroiding"].process(
             PointSourceCentroidingInputs(
-                residual=removed.residual, noise=removed.noise, points=found.points, point_spread=SPREAD
+                residual=removed.residual, noise=removed.noise, points=sources.points, point_spread=SPREAD
             )
         ),
     )

@@ -83,7 +83,7 @@ def sample(types: RosTypes) -> Any:
 def latencies_ms(endpoint: str, node: Ros1Node, rounds: int) -> dict[str, list[float]]:
     """Return the latencies of messages by TCPROS, over the router, and through the gateway."""
     received: dict[str, queue.Queue[float]] = {n: queue.Queue() for n in ("tcpros", "zenoh", "gateway")}
-    found: dict[str, list[float]] = {name: [] for name in received}
+    latencies_by_route: dict[str, list[float]] = {name: [] for name in received}
 
     def arrived(name: str) -> Any:
         return lambda _: received[name].put(time.perf_counter())
@@ -114,9 +114,9 @@ def latencies_ms(endpoint: str, node: Ros1Node, rounds: int) -> dict[str, list[f
             times["zenoh"] = received["zenoh"].get(timeout=TIMEOUT_S) - start_s
             if i >= 20:
                 for name, value in times.items():
-                    found[name].append(1e3 * value)
+                    latencies_by_route[name].append(1e3 * value)
     other.close()
-    return found
+    return latencies_by_route
 
 
 def main() -> None:
@@ -140,17 +140,17 @@ def main() -> None:
             command += ["--connect", services.endpoint, "--master", master.uri]
             with subprocess.Popen(command, stderr=subprocess.DEVNULL) as gateway:
                 try:
-                    found = latencies_ms(services.endpoint, node, args.rounds)
+                    latencies_by_route = latencies_ms(services.endpoint, node, args.rounds)
                 finally:
                     gateway.terminate()
     node.close()
-    raw = [a + b for a, b in zip(found["tcpros"], found["zenoh"], strict=True)]
+    raw = [a + b for a, b in zip(latencies_by_route["tcpros"], latencies_by_route["zenoh"], strict=True)]
     report = {
         name: {
             "p50_ms": round(statistics.median(times), 3),
             "p10_ms": round(float(np.quantile(times, 0.1)), 3),
         }
-        for name, times in {"raw": raw, **found}.items()
+        for name, times in {"raw": raw, **latencies_by_route}.items()
     }
     added = {q: round(report["gateway"][q] - report["raw"][q], 3) for q in ("p50_ms", "p10_ms")}
     write_report(

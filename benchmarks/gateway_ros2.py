@@ -76,7 +76,7 @@ def latencies_ms(endpoint: str, rounds: int) -> dict[str, list[float]]:
         return on_message
 
     points = np.random.default_rng(0).random((POINTS, 3), np.float32)
-    found: dict[str, list[float]] = {name: [] for name in targets}
+    latencies_by_route: dict[str, list[float]] = {name: [] for name in targets}
     with Bus.open(endpoint, name="robot", wait_s=20.0) as robot, Bus.open(endpoint, name="client") as client:
         deadline_s = time.monotonic() + 60.0
         while not client.alive(keys.alive("mana", "gateway_ros2")):
@@ -93,8 +93,8 @@ def latencies_ms(endpoint: str, rounds: int) -> dict[str, list[float]]:
                 robot.publish(key, data, encoding=rmw_zenoh.ENCODING, attachment=attachment)
                 end_s = received[name].get(timeout=TIMEOUT_S)
                 if i >= 5:
-                    found[name].append(1e3 * (end_s - start_s))
-    return found
+                    latencies_by_route[name].append(1e3 * (end_s - start_s))
+    return latencies_by_route
 
 
 def main() -> None:
@@ -112,12 +112,12 @@ def main() -> None:
             command += ["--connect", services.endpoint]
             with subprocess.Popen(command, stderr=subprocess.DEVNULL) as gateway:
                 try:
-                    found = latencies_ms(services.endpoint, args.rounds)
+                    latencies_by_route = latencies_ms(services.endpoint, args.rounds)
                 finally:
                     gateway.terminate()
     quantiles = {
         name: {"p50_ms": statistics.median(times), "p10_ms": float(np.quantile(times, 0.1))}
-        for name, times in found.items()
+        for name, times in latencies_by_route.items()
     }
     report = {name: {q: round(v, 2) for q, v in of.items()} for name, of in quantiles.items()}
     report["added"] = {

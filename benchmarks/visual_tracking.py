@@ -51,12 +51,12 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
         triangles=mesh.triangles,
         range_px=RANGE_PX,
     )
-    found = edges.process(of_edges)
+    edge_points = edges.process(of_edges)
     of_refinement = MeasuredPoseRefinementInputs(
-        points=found.points,
-        pixels=found.pixels,
-        normals=found.normals,
-        offsets=found.offsets,
+        points=edge_points.points,
+        pixels=edge_points.pixels,
+        normals=edge_points.normals,
+        offsets=edge_points.offsets,
         camera_matrix=CAMERA_MATRIX,
         pose=pose,
         limit_px=RANGE_PX,
@@ -82,7 +82,7 @@ def costs(data: Path, rounds: int) -> dict[str, Any]:
         _objects(data, rounds)
         | _regions(image, pose, mesh, rounds)
         | {
-            "control_points": len(found.points),
+            "control_points": len(edge_points.points),
             "ModelEdgeMeasurement": measure(partial(edges.process, of_edges), rounds),
             "MeasuredPoseRefinement": measure(partial(refine.process, of_refinement), rounds),
             "VisualTargetTracking": measure(step, rounds),

@@ -90,13 +90,13 @@ def findings(products: Products, reports: Reports) -> dict[str, int]:
     """Return the numbers of lost, resurrected, corrupt and partly stored products."""
     counts = dict.fromkeys(("lost", "resurrected", "corrupt", "partial batches"), 0)
     for batch in reports.began:
-        found = {seq: products.payload(product(seq).header.id) for seq in batch}
-        counts["corrupt"] += sum(v is not None and v != payload(seq) for seq, v in found.items())
-        for seq, value in found.items():
+        stored_payloads = {seq: products.payload(product(seq).header.id) for seq in batch}
+        counts["corrupt"] += sum(v is not None and v != payload(seq) for seq, v in stored_payloads.items())
+        for seq, value in stored_payloads.items():
             counts["lost"] += seq in reports.stored and seq not in reports.deleting and value is None
             counts["resurrected"] += seq in reports.deleted and value is not None
         counts["partial batches"] += (
-            len({v is None for s, v in found.items() if s not in reports.deleting}) > 1
+            len({v is None for s, v in stored_payloads.items() if s not in reports.deleting}) > 1
         )
     return counts
 

@@ -40,7 +40,9 @@ _PATH = {
 
 def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return errors and standard deviations of each direction of each sensor over all drives."""
-    found: dict[str, list[tuple[FloatArray, FloatArray, tuple[str, ...]]]] = {name: [] for name in _SENSORS}
+    results_by_sensor: dict[str, list[tuple[FloatArray, FloatArray, tuple[str, ...]]]] = {
+        name: [] for name in _SENSORS
+    }
     refused = dict.fromkeys(_SENSORS, 0)
     scales: list[tuple[float, float]] = []
     for seed in SEEDS:
@@ -58,12 +60,12 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
                 refused[name] += 1
                 continue
             error = pose_error(truth[name], sensor.mount.transform.matrix)
-            found[name].append((error, sensor.mount.sigma, sensor.mount.undetermined))
+            results_by_sensor[name].append((error, sensor.mount.sigma, sensor.mount.undetermined))
         if result.scales is not None:
             scales.append((result.scales.radius, result.scales.radius_sigma))
     return {
-        "drives": {name: len(entries) + refused[name] for name, entries in found.items()},
-        "sensors": {name: _directions(entries) for name, entries in found.items()},
+        "drives": {name: len(entries) + refused[name] for name, entries in results_by_sensor.items()},
+        "sensors": {name: _directions(entries) for name, entries in results_by_sensor.items()},
         "refused": refused,
         "wheel_radius": [[round(value, 4) for value in pair] for pair in scales],
     }

@@ -147,8 +147,13 @@ class _Pass:
             pixel = track.data.pixels[0]
             distance = float(np.linalg.norm(pixel - truth.place_px))
             if np.isfinite(distance) and distance < max(3.0, 0.4 * float(truth.size_px.max())):
-                found = track.metadata.track_id
-                rank = (found != number, found in others, track.metadata.status is not _CONFIRMED, distance)
+                track_id = track.metadata.track_id
+                rank = (
+                    track_id != number,
+                    track_id in others,
+                    track.metadata.status is not _CONFIRMED,
+                    distance,
+                )
                 near.append((rank, track))
         return min(near, key=lambda n: n[0])[1] if near else None
 
@@ -191,17 +196,17 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                     expected += 1
                 if track is None:
                     continue
-                found = track.metadata.track_id
+                track_id = track.metadata.track_id
                 if number is None:
-                    number = numbers[name] = found
+                    number = numbers[name] = track_id
                     latency.append(image.time_s - (started if started is not None else image.time_s))
                     continue
-                followed += found == number or claimed.get(found, name) == name
-                if found != number:
+                followed += track_id == number or claimed.get(track_id, name) == name
+                if track_id != number:
                     changes += 1
-                    number = numbers[name] = found
-                claimed[found] = name
-                used.add(found)
+                    number = numbers[name] = track_id
+                claimed[track_id] = name
+                used.add(track_id)
                 data = track.data
                 if truth.visible > 0.98 and track.metadata.status is _CONFIRMED:
                     errors.append(data.pixels[0] - truth.place_px)

@@ -164,14 +164,14 @@ def _error(poses: list[FloatArray], T_true: FloatArray, point: FloatArray) -> di
 def summary(rows: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """Return the figures of an object."""
     limit_m, limit_deg = GATES[name]
-    found = [row for row in rows if row["is_found"]]
-    correct = [row for row in found if row["m"] < limit_m and row["deg"] < limit_deg]
+    detected = [row for row in rows if row["is_found"]]
+    correct = [row for row in detected if row["m"] < limit_m and row["deg"] < limit_deg]
     return {
         "images": len(rows),
         "correct": len(correct),
-        "wrong": len(found) - len(correct),
-        "median_mm": _rounded(1e3 * np.median([row["m"] for row in found])),
-        "median_deg": _rounded(np.median([row["deg"] for row in found])),
+        "wrong": len(detected) - len(correct),
+        "median_mm": _rounded(1e3 * np.median([row["m"] for row in detected])),
+        "median_deg": _rounded(np.median([row["deg"] for row in detected])),
         "median_cpu_s": _rounded(np.median([row["cpu_s"] for row in rows])),
         "frames": {
             str(row["frame"]): [_rounded(1e3 * row["m"]), _rounded(row["deg"]), _rounded(row["score"])]

@@ -99,7 +99,7 @@ def track(
     list(dfpc.step(objects.model(name)))
     if with_guess:
         list(dfpc.step(objects.guess(name)))
-    found: dict[int, dict[str, Any]] = {}
+    output_by_frame: dict[int, dict[str, Any]] = {}
     for frame in objects.frames:
         samples = []
         if "depth" in ports:
@@ -115,16 +115,17 @@ def track(
             if output.port == "pose":
                 number = round(output.t1_ns / INTERVAL_NS)
                 T = None if output.value is None else output.value.transform.matrix
-                found[number] = {"T": T, "reasons": output.quality.reasons, "cpu_s": cpu_s}
-    return [_row(objects, found, previous, frame) for previous, frame in pairwise(objects.frames)]
+                output_by_frame[number] = {"T": T, "reasons": output.quality.reasons, "cpu_s": cpu_s}
+    return [_row(objects, output_by_frame, previous, frame) for previous, frame in pairwise(objects.frames)]
 
 
 def _row(
-    objects: TrackedObjects, found: Mapping[int, Mapping[str, Any]], previous: int, frame: int
+    objects: TrackedObjects, output_by_frame: Mapping[int, Mapping[str, Any]], previous: int, frame: int
 ) -> dict[str, Any]:
     """Return the error of the motion from the previous frame; NaN without both poses."""
     before, now = (
-        found.get(k, {"T": None, "reasons": ("no_output",), "cpu_s": 0.0}) for k in (previous, frame)
+        output_by_frame.get(k, {"T": None, "reasons": ("no_output",), "cpu_s": 0.0})
+        for k in (previous, frame)
     )
     m, deg = float("nan"), float("nan")
     if before["T"] is not None and now["T"] is not None:
@@ -205,7 +206,7 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
             for k in (previous, frame)
         )
         corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 6)[:, 0]
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(
+        moved, flow_status, _ = cv2.calcOpticalFlowPyrLK(
             first, second, corners, corners.copy(), winSize=(21, 21), maxLevel=4
         )
         back, _, _ = cv2.calcOpticalFlowPyrLK(
@@ -214,7 +215,7 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
         depth = objects.depth(previous).value
         row, column = corners[:, ::-1].astype(int).T
         z = depth.data.reshape(depth.height, depth.width)[row, column]
-        is_used = (found[:, 0] > 0) & (np.linalg.norm(back - corners, axis=1) < 0.5)
+        is_used = (flow_status[:, 0] > 0) & (np.linalg.norm(back - corners, axis=1) < 0.5)
         is_used &= (z > _RANGE_M[0]) & (z < _RANGE_M[1])
         K = objects.camera_matrix
         rays = np.column_stack([corners, np.ones(len(corners))]) @ np.linalg.inv(K).T

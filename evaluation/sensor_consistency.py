@@ -119,12 +119,12 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         progress(f"sensor consistency: seed {seed}")
         drive = drive_of(seed)
         for dfpc in _PORTS_OF:
-            found, cpu_s = monitored(drive, dfpc)
-            false_alarms[dfpc] += [f"{seed}: {reason}" for _, reason in found.values()]
+            first_findings, cpu_s = monitored(drive, dfpc)
+            false_alarms[dfpc] += [f"{seed}: {reason}" for _, reason in first_findings.values()]
             cpu[dfpc].append(cpu_s / ((drive.end_ns - drive.start_ns) * 1e-9))
         for fault in FAULTS if seed in FAULT_SEEDS else ():
-            found, _ = monitored(drive, fault.dfpc, fault)
-            after_s, reason = found.get(fault.kind, (None, ""))
+            first_findings, _ = monitored(drive, fault.dfpc, fault)
+            after_s, reason = first_findings.get(fault.kind, (None, ""))
             times[fault.name].append(after_s)
             named[fault.name] += reason.startswith(f"{fault.kind}:{fault.sensor}_")
     return {
@@ -191,13 +191,15 @@ def monitored(
         shift_ns = round(fault.offset_s * 1e9) if fault is not None and fault.port == port else 0
         samples += [replace(s, stamp_ns=s.stamp_ns + shift_ns) for s in drive.samples[port]]
     samples.sort(key=lambda s: (s.stamp_ns, s.port))
-    found: dict[str, tuple[float, str]] = {}
+    first_findings: dict[str, tuple[float, str]] = {}
     start_s = time.thread_time()
     for sample in samples:
         monitor.add(sample)
         for finding in monitor.findings:
-            found.setdefault(finding.kind, ((sample.stamp_ns - drive.moving_ns) * 1e-9, finding.reason))
-    return found, time.thread_time() - start_s
+            first_findings.setdefault(
+                finding.kind, ((sample.stamp_ns - drive.moving_ns) * 1e-9, finding.reason)
+            )
+    return first_findings, time.thread_time() - start_s
 
 
 def _scenario(seed: int) -> Scenario:
@@ -228,13 +230,13 @@ def _pose(T: FloatArray, parent: str, child: str, stamp_ns: int) -> TransformWit
 
 
 def _summary(times: Sequence[float | None], named: int) -> dict[str, Any]:
-    found = sorted(max(t, 0.0) for t in times if t is not None)
+    delays_s = sorted(max(t, 0.0) for t in times if t is not None)
     return {
         "drives": len(times),
-        "found": len(found),
+        "found": len(delays_s),
         "named": named,
-        "median_s": round(float(np.median(found)), 1) if found else None,
-        "largest_s": round(found[-1], 1) if found else None,
+        "median_s": round(float(np.median(delays_s)), 1) if delays_s else None,
+        "largest_s": round(delays_s[-1], 1) if delays_s else None,
     }
 
 

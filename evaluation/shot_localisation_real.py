@@ -68,7 +68,7 @@ def evaluate(data: Path, progress: Callable[[str], None], parts: Sequence[str] =
         answers = _answers(sets[name](), progress)
         if name == "tracked_objects":
             by_colour, poses = answers, tracked_poses_by_depth(data)
-            answers = [(replace(view, poses=poses[view.name]), found) for view, found in by_colour]
+            answers = [(replace(view, poses=poses[view.name]), answer) for view, answer in by_colour]
             results["tracked_objects_by_colour"] = _judged(by_colour) | {
                 "reference": _difference(by_colour, answers)
             }

@@ -106,27 +106,27 @@ def _euroc(data: Path) -> dict[str, Any]:
         views_by_stamp = {v.pair.stamp_ns: v for v in views}
         stamps = {int(p.name.split("_")[0]) // 1000 * 1000 for p in (folder / "query").glob("*_0.jpg")}
         mapped = [v for s, v in views_by_stamp.items() if s not in stamps]
-        asked = [v for s, v in views_by_stamp.items() if s in stamps]
+        query_views = [v for s, v in views_by_stamp.items() if s in stamps]
         poses, cpu = localise(
             python,
             np.array([v.pair.left.image for v in mapped]),
             np.array([v.T_world_left for v in mapped]),
             np.array(mapped[0].pair.camera_matrix),
-            np.array([v.pair.left.image for v in asked]),
+            np.array([v.pair.left.image for v in query_views]),
             right=(np.array([v.pair.right.image for v in mapped]), float(mapped[0].pair.baseline)),
         )
         answers = [(T, None, s) for T, s in zip(poses, cpu, strict=True)]
-        result[PEER] = _figures("euroc", answers, [v.T_world_left for v in asked], EUROC_SIGMAS)
+        result[PEER] = _figures("euroc", answers, [v.T_world_left for v in query_views], EUROC_SIGMAS)
     return result
 
 
 def _kitchen(data: Path) -> dict[str, Any]:
     frames = _kitchen_frames(data)
-    asked = [f for n, f in frames.items() if n >= KITCHEN_FIRST]
-    truth = [f[2] for f in asked]
+    query_frames = [f for n, f in frames.items() if n >= KITCHEN_FIRST]
+    truth = [f[2] for f in query_frames]
     dfpc = _localiser(_kitchen_map(data))
     focal: list[tuple[float, bool]] = []
-    answers = _run(dfpc, [f[0] for f in asked], focal)
+    answers = _run(dfpc, [f[0] for f in query_frames], focal)
     result = {"cdff": _figures("kitchen", answers, truth, KITCHEN_SIGMAS) | _focal_figures(focal)}
     if python := peer_python("poselib"):
         mapped = [f for n, f in frames.items() if n <= KITCHEN_LAST]
@@ -136,7 +136,7 @@ def _kitchen(data: Path) -> dict[str, Any]:
             np.array([grey_image(f[0]) for f in mapped]),
             np.array([f[2] for f in mapped]),
             np.array(mapped[0][0].camera_matrix),
-            np.array([grey_image(f[0]) for f in asked]),
+            np.array([grey_image(f[0]) for f in query_frames]),
             depth_m=np.array([registered_depth(f[0], f[1], offset) for f in mapped]),
         )
         answers = [(T, None, s) for T, s in zip(poses, cpu, strict=True)]

@@ -286,8 +286,8 @@ def _common(camera: CameraModel, depth: Float32Array, other: Float32Array, T_oth
     pixels = np.nan_to_num(np.rint(camera.project(points)), nan=-1.0).astype(int)
     inside = (points[:, 2] > 0.1) & (pixels >= 0).all(axis=1)
     inside &= (pixels[:, 0] < other.shape[1]) & (pixels[:, 1] < other.shape[0])
-    seen = other[pixels[inside, 1], pixels[inside, 0]]
-    is_same = np.abs(seen - points[inside, 2]) < _DEPTH_TOLERANCE * points[inside, 2]
+    depth_in_other = other[pixels[inside, 1], pixels[inside, 0]]
+    is_same = np.abs(depth_in_other - points[inside, 2]) < _DEPTH_TOLERANCE * points[inside, 2]
     return float(is_same.sum()) / max(len(z), 1)
 
 

@@ -41,11 +41,11 @@ def software_vulkan(folder: Path) -> dict[str, str] | None:
     """
     for driver, loader in _DRIVERS:
         if driver.is_file():
-            found = {"VK_ICD_FILENAMES": str(driver), "WGPU_BACKEND": "vulkan"}
+            environment = {"VK_ICD_FILENAMES": str(driver), "WGPU_BACKEND": "vulkan"}
             if loader is None:
-                return found
+                return environment
             (folder / loader.name).symlink_to(loader)
-            return found | {"LD_LIBRARY_PATH": str(folder)}
+            return environment | {"LD_LIBRARY_PATH": str(folder)}
     return None
 
 

@@ -123,12 +123,12 @@ def main(argv: list[str] | None = None) -> int:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(max_workers=args.jobs, mp_context=context) as pool:
         pending = {pool.submit(compile_task, task): task for task in tasks}
-        for done, future in enumerate(as_completed(pending), start=1):
+        for completed, future in enumerate(as_completed(pending), start=1):
             if reason := future.result():
                 task = pending[future]
                 sys.stderr.write(f"not compiled: {task.name} {task.variant}: {reason}\n")
             if sys.stderr.isatty():
-                sys.stderr.write(f"\rcompiled {done} of {len(tasks)}")
+                sys.stderr.write(f"\rcompiled {completed} of {len(tasks)}")
     if sys.stderr.isatty():
         sys.stderr.write("\n")
     sys.stdout.write(f"compiled {len(tasks)} subjects in {time.monotonic() - started:.1f} s\n")

@@ -67,9 +67,9 @@ def wheel_stream(log: LogSource, robot: str, chosen: str | None = None) -> str:
             raise InputError(f"--wheels {chosen}: expected one of {', '.join(names) or 'no stream of poses'}")
         return chosen
     if len(names) != 1:
-        found = ", ".join(names) or "none"
+        listed_streams = ", ".join(names) or "none"
         raise InputError(
-            f"streams of poses of {robot}: {found}; expected one of wheel odometry, see --wheels"
+            f"streams of poses of {robot}: {listed_streams}; expected one of wheel odometry, see --wheels"
         )
     return names[0]
 

@@ -101,8 +101,8 @@ class SensorResult:
             unit = "m" if name in "xyz" else "°"
             digits = 3 if unit == "m" else 2
             if name in self.mount.undetermined:
-                kept = "0" if self.profile_mount is None else "that of the profile"
-                yield f"  {name:5} not determined; kept: {kept} ({value:.{digits}f} {unit})"
+                kept_value = "0" if self.profile_mount is None else "that of the profile"
+                yield f"  {name:5} not determined; kept: {kept_value} ({value:.{digits}f} {unit})"
             else:
                 yield f"  {name:5} {value:9.{digits}f} ± {s:.{digits}f} {unit}"
         if self.mount.undetermined:

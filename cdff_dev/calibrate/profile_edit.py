@@ -54,15 +54,15 @@ def edge_text(parent: str, child: str, T: UncertainTransform) -> str:
 def _edges(text: str, robot: str) -> dict[str, tuple[int, int]]:
     """Return start and end of the text of each edge below the base, by its child."""
     document = yaml.compose(text, Loader=yaml.SafeLoader)
-    found: dict[str, tuple[int, int]] = {}
+    range_by_child: dict[str, tuple[int, int]] = {}
     for owner in _items(document, "robots"):
         if _scalar(owner, "id") != robot:
             continue
         for edge in _items(owner, "frames"):
             child = _scalar(edge, "child")
             if child is not None and _scalar(edge, "parent") == f"{robot}/base":
-                found[child] = (edge.start_mark.index, edge.end_mark.index)
-    return found
+                range_by_child[child] = (edge.start_mark.index, edge.end_mark.index)
+    return range_by_child
 
 
 def _value(node: yaml.Node | None, key: str) -> yaml.Node | None:

@@ -110,8 +110,8 @@ def _samples_and_others(log: LogSource, names: list[str] | None) -> Iterator[Log
     parts = [part for part in (log, log.others) if part is not None]
     known = [name for part in parts for name in part.streams]
     chosen = set(chosen_streams(known, names))
-    found = [part.samples(chosen & part.streams.keys()) for part in parts]
-    return heapq.merge(*found, key=lambda s: (s.stamp_ns, s.stream, s.seq))
+    samples_of_parts = [part.samples(chosen & part.streams.keys()) for part in parts]
+    return heapq.merge(*samples_of_parts, key=lambda s: (s.stamp_ns, s.stream, s.seq))
 
 
 def _count(*logs: LogSource) -> int:

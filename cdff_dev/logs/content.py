@@ -70,7 +70,8 @@ def describe(location: LogLocation) -> str | None:
         return what + (f" (for {use})" if use else "")
     kinds = sorted(groups.items(), key=lambda item: -len(item[1]))
     return "; ".join(
-        f"{len(found)} x {what}" + (f" (for {use})" if use else "") for (what, use), found in kinds
+        f"{len(files_of_kind)} x {what}" + (f" (for {use})" if use else "")
+        for (what, use), files_of_kind in kinds
     )
 
 
@@ -116,19 +117,19 @@ def _by_content(path: Path, suffix: str) -> tuple[str, str] | None:
         text = _text(head)
         return None if text is None else (f"compressed {_table_of(text)}", "")
     try:
-        found = detect(path)
+        format_name = detect(path)
     except CdffError:
-        found = ""
-    if found in ("bal", "libmv"):
+        format_name = ""
+    if format_name in ("bal", "libmv"):
         return _BUNDLE
-    if found == "pose_txt":
+    if format_name == "pose_txt":
         return "pose as a matrix", "cdff run NAME guess=FILE"
     text = _text(head)
     if text is None:
         return None
     if suffix == ".csv":
         return _table_of(text), ""
-    if found == "json":
+    if format_name == "json":
         return f"JSON with {_names(path)}", ""
     if suffix in (".yaml", ".yml", ".xml"):
         return f"{suffix[1:].upper()} settings", ""

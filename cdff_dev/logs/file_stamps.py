@@ -79,10 +79,10 @@ def _from_names(files: Sequence[Path]) -> NDArray[np.int64]:
     numbers = [_NUMBER.findall(file.stem) for file in files]
     if not all(numbers):
         return np.arange(len(files), dtype=np.int64) * PERIOD_NS
-    last = [_time_or_last(found) for found in numbers]
-    lengths = {len(number) for number in last}
+    last_numbers = [_time_or_last(numbers_of_name) for numbers_of_name in numbers]
+    lengths = {len(number) for number in last_numbers}
     unit_ns = _UNITS_NS.get(lengths.pop()) if len(lengths) == 1 else None
-    counts = [int(number) for number in last]
+    counts = [int(number) for number in last_numbers]
     is_counter = unit_ns is None and all(a < b for a, b in pairwise(counts))
     if max(counts, default=0) > np.iinfo(np.int64).max // (unit_ns or PERIOD_NS):
         is_counter, unit_ns = False, None

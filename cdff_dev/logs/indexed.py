@@ -80,11 +80,15 @@ class IndexedLog(LogSource):
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
         """Content without a stream, by its name in the log; with the damaged samples found so far."""
-        found: dict[str, Unconverted] = {}
+        damaged_streams: dict[str, Unconverted] = {}
         for (name, _), reason in self._damaged.items():
-            count = found[name].count if name in found else 0
-            found[name] = Unconverted("damaged sample", count + 1, found[name].reason if count else reason)
-        return self._unconverted | {f"{name}: damaged samples": item for name, item in found.items()}
+            count = damaged_streams[name].count if name in damaged_streams else 0
+            damaged_streams[name] = Unconverted(
+                "damaged sample", count + 1, damaged_streams[name].reason if count else reason
+            )
+        return self._unconverted | {
+            f"{name}: damaged samples": item for name, item in damaged_streams.items()
+        }
 
     @property
     def streams(self) -> dict[str, StreamInfo]:

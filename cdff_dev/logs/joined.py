@@ -60,8 +60,10 @@ class JoinedLog(LogSource):
     @property
     def others(self) -> LogSource | None:
         """Content without a stream that is decoded, of all logs."""
-        found = {part: others for part, log in self._parts.items() if (others := log.others) is not None}
-        return JoinedLog(found) if found else None
+        others_by_part = {
+            part: others for part, log in self._parts.items() if (others := log.others) is not None
+        }
+        return JoinedLog(others_by_part) if others_by_part else None
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:
         """Yield the samples of all or some streams in the order (stamp_ns, stream, seq).
@@ -79,10 +81,10 @@ class JoinedLog(LogSource):
 
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams."""
-        found: dict[str, LogSample] = {}
+        sample_by_stream: dict[str, LogSample] = {}
         for part, names in self._by_part(streams).items():
-            found |= self._parts[part].first_samples(names)
-        return dict(sorted(found.items()))
+            sample_by_stream |= self._parts[part].first_samples(names)
+        return dict(sorted(sample_by_stream.items()))
 
     def stamps_ns(self, stream: str) -> NDArray[np.int64]:
         """Return the stamps of a stream in the order of writing."""
@@ -103,7 +105,7 @@ class JoinedLog(LogSource):
 
     def _by_part(self, streams: Collection[str] | None) -> dict[str, list[str]]:
         """Return the chosen streams of each log that has some."""
-        found: dict[str, list[str]] = {}
+        streams_by_part: dict[str, list[str]] = {}
         for name in chosen_streams(self._owners, streams):
-            found.setdefault(self._owners[name], []).append(name)
-        return found
+            streams_by_part.setdefault(self._owners[name], []).append(name)
+        return streams_by_part

@@ -39,19 +39,19 @@ def other_files(
         for file in sorted(folder.glob(pattern)):
             if file.is_file() and not file.name.lower().startswith(_DESCRIPTIONS) and not is_read(file):
                 by_suffix[file.suffix.lower()].append(file)
-    found: dict[str, Unconverted] = {}
+    contents: dict[str, Unconverted] = {}
     for suffix, files in sorted(by_suffix.items()):
         if len(files) > _MAX_NAMED:
             counts = Counter(_content_of(file) or reason for file in files)
             reasons = [f"{n} x {text}" for text, n in counts.most_common()] if len(counts) > 1 else counts
-            found[f"*{suffix}" if suffix else "no suffix"] = Unconverted(
+            contents[f"*{suffix}" if suffix else "no suffix"] = Unconverted(
                 "file", len(files), "; ".join(reasons)
             )
             continue
         for file in files:
             text = _content_of(file) or reason
-            found[str(file.relative_to(folder))] = Unconverted("file", 1, text)
-    return found
+            contents[str(file.relative_to(folder))] = Unconverted("file", 1, text)
+    return contents
 
 
 def _content_of(file: Path) -> str:
@@ -59,7 +59,7 @@ def _content_of(file: Path) -> str:
     if file.suffix.lower() in (".ply", ".pcd"):
         return _CLOUD
     location = LogLocation.of(file)
-    if found := next((f for f in log_formats() if not f.is_generic and f.recognises(location)), None):
-        return f"{found.name}: open it alone"
+    if log_format := next((f for f in log_formats() if not f.is_generic and f.recognises(location)), None):
+        return f"{log_format.name}: open it alone"
     what = describe(location)
     return "" if what is None or what == TEXT else what

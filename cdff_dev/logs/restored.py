@@ -138,8 +138,10 @@ class RestoredLog(LogSource):
 
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams."""
-        found = [self._restore(s) for s in self._log.first_samples(self._names_of(streams)).values()]
-        return {sample.stream: sample for sample in found}
+        restored_samples = [
+            self._restore(s) for s in self._log.first_samples(self._names_of(streams)).values()
+        ]
+        return {sample.stream: sample for sample in restored_samples}
 
     def _names_of(self, streams: Collection[str] | None) -> list[str]:
         """Return the names in the converted log."""

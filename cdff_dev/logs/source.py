@@ -188,8 +188,8 @@ class LogSource(Protocol):
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams that have one; by default each is read for it."""
         names = chosen_streams(self.streams, streams)
-        found = {name: next(iter(self.samples([name])), None) for name in names}
-        return {name: sample for name, sample in found.items() if sample is not None}
+        sample_by_stream = {name: next(iter(self.samples([name])), None) for name in names}
+        return {name: sample for name, sample in sample_by_stream.items() if sample is not None}
 
     def stamps_ns(self, stream: str) -> NDArray[np.int64]:
         """Return the stamps of a stream in the order of writing; by default all its samples are read."""

@@ -75,8 +75,8 @@ def time_unit_ns(name: str, words: Sequence[str]) -> int:
     seconds if one has a decimal point or all are below a million, otherwise nanoseconds. Words that are no
     numbers do not count.
     """
-    if found := _TIME_UNIT.search(name.strip().lower()):
-        return _UNITS_NS[found[1]]
+    if unit_match := _TIME_UNIT.search(name.strip().lower()):
+        return _UNITS_NS[unit_match[1]]
     numbers = [float(word) for word in words if _NUMBER.fullmatch(word.strip())] or [0.0]
     smallest_s, largest_s = min(numbers) * 1e-9, max(numbers) * 1e-9
     for unit_ns in _UNITS_NS.values():

@@ -80,10 +80,10 @@ def build_map(log: LogSource, options: MapOptions) -> VisualMap:
         raise InputError(
             f"the log has {', '.join(sorted(by_type))}: expected stereo pairs, or colour and depth images"
         )
-    found = list(keyframes)
-    if not found:
+    map_keyframes = list(keyframes)
+    if not map_keyframes:
         raise InputError("no image of the log has a pose of the same time, expected at least one")
-    return _map(found, samples[0].parent_frame, options)
+    return _map(map_keyframes, samples[0].parent_frame, options)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

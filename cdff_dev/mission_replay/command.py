@@ -114,8 +114,8 @@ def _streams(log: LogSource, profile: Profile) -> list[str]:
             )
         selected.append(stream)
     if not selected:
-        found = ", ".join(sorted(log.streams))
-        raise InputError(f"profile {profile.name} has none of the log's streams: {found}")
+        listed_streams = ", ".join(sorted(log.streams))
+        raise InputError(f"profile {profile.name} has none of the log's streams: {listed_streams}")
     return selected
 
 

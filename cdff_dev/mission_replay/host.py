@@ -128,5 +128,5 @@ class ReplayedDfpc(DfpcLifeCycle):
         if runner is not None:
             for name in _COUNTED:
                 self.totals[name] += getattr(runner.counters, name)
-            found = [finding.to_dict() for finding in runner.sensors.history]
-            self.totals["sensor_findings"] = [*self.totals["sensor_findings"], *found]
+            new_findings = [finding.to_dict() for finding in runner.sensors.history]
+            self.totals["sensor_findings"] = [*self.totals["sensor_findings"], *new_findings]

@@ -84,7 +84,7 @@ class Autonomy:
         Ends the thread after the current leg.
     print_line : callable
         Prints a line of progress.
-    done : mapping of str to threading.Event
+    finished_events : mapping of str to threading.Event
         Event of each robot, set when its tasks have ended or failed.
 
     Attributes
@@ -106,7 +106,7 @@ class Autonomy:
     connect: str
     stop: threading.Event
     print_line: Callable[[str], None]
-    done: Mapping[str, threading.Event]
+    finished_events: Mapping[str, threading.Event]
     requests: list[RequestRecord] = field(default_factory=list)
     arrivals: list[Arrival] = field(default_factory=list)
     legs: int = 0
@@ -116,7 +116,7 @@ class Autonomy:
     def run(self) -> None:
         """Run the tasks in order; raises CdffError if one fails."""
         with (
-            closing_event(self.done[self.robot]),
+            closing_event(self.finished_events[self.robot]),
             Bus.open(self.connect, name=f"drive-{self.robot}") as bus,
             Client(self.connect) as client,
         ):
@@ -208,7 +208,7 @@ class Autonomy:
             covariance is not None
             and float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) <= self.guidance.goal_radius_m**2
         )
-        return is_known and self.done[robot].is_set()
+        return is_known and self.finished_events[robot].is_set()
 
     def _pose(self) -> tuple[FloatArray, float]:
         """Return the position in site and the heading of the rover from the DPM."""

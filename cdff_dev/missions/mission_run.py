@@ -122,7 +122,7 @@ def _drive_all(
     Return the rovers, the errors of rovers and requests that did not end, and the outcomes of the requests.
     """
     stop, unfinished = threading.Event(), list[str]()
-    done = {robot: threading.Event() for robot in mission.robots}
+    finished_events = {robot: threading.Event() for robot in mission.robots}
     rovers = [
         Autonomy(
             robot,
@@ -134,7 +134,7 @@ def _drive_all(
             stage.connect,
             stop,
             print_line,
-            done,
+            finished_events,
         )
         for robot, tasks in mission.robots.items()
     ]

@@ -50,21 +50,21 @@ class SensorNames:
             robot = profile.robots[0].id
             if len(profile.robots) > 1:
                 raise InputError(f"--robot: expected one of {', '.join(profile.robot_ids)}")
-        found = {
+        frame_by_stream = {
             (name, stream): entry.frame
             for name, entry in profile.robot(robot).sensors.items()
             for stream, type_name in entry.streams.items()
             if type_name == STREAM_TYPES[kind] and entry.kind == _SENSOR_KINDS.get(kind, entry.kind)
         }
-        chosen = [key for key in found if sensor in (None, key[0])]
+        chosen = [key for key in frame_by_stream if sensor in (None, key[0])]
         if len(chosen) != 1:
-            names = ", ".join(f"{name}.{stream}" for name, stream in found) or "none"
+            names = ", ".join(f"{name}.{stream}" for name, stream in frame_by_stream) or "none"
             raise InputError(
                 f"--sensor {sensor or '(not given)'}: expected one sensor of {robot} with a stream of type "
                 f"{STREAM_TYPES[kind]} for a driver of kind {kind}; it has {names}"
             )
         name, stream = chosen[0]
-        return cls(robot, name, found[chosen[0]], stream)
+        return cls(robot, name, frame_by_stream[chosen[0]], stream)
 
 
 def driver_text(kind: str, names: SensorNames) -> str:

@@ -60,10 +60,10 @@ def create_app(player: Player, stop: threading.Event) -> FastAPI:
 
     @app.post("/{verb}")
     def change(verb: str, request: Request) -> dict[str, Any]:
-        given, name = dict(request.query_params), PARAMETERS.get(verb, "")
-        if unknown := sorted(set(given) - {name}):
+        query, name = dict(request.query_params), PARAMETERS.get(verb, "")
+        if unknown := sorted(set(query) - {name}):
             raise InputError(f"{verb}: parameter {unknown[0]!r}, expected {name or 'none'}")
-        control(player, stop, verb, given.get(name, ""))
+        control(player, stop, verb, query.get(name, ""))
         return player.status()
 
     return app

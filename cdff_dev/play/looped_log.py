@@ -70,8 +70,10 @@ class LoopedLog(LogSource):
             T_lap = self._motion_before(lap)
             start_ns = max(stamp_ns - lap * self._period_ns, self._t0_ns)
             for sample in self._log.samples_from(start_ns, streams):
-                done = T_lap.get(sample.stream)
-                value = sample.value if done is None else _continue_odometry(sample, done)
+                T_previous_laps = T_lap.get(sample.stream)
+                value = (
+                    sample.value if T_previous_laps is None else _continue_odometry(sample, T_previous_laps)
+                )
                 yield self._later(sample, value, lap, counts[sample.stream])
             if not self.is_repeated:
                 return
@@ -122,11 +124,11 @@ class LoopedLog(LogSource):
         )
 
 
-def _continue_odometry(sample: LogSample, done: UncertainTransform) -> TransformWithCovariance:
+def _continue_odometry(sample: LogSample, T_previous_laps: UncertainTransform) -> TransformWithCovariance:
     """Return a pose of odometry after the motion ``done`` of the previous laps."""
     pose: TransformWithCovariance = sample.value
     moved = TransformWithCovariance.from_transform(
-        done @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns
+        T_previous_laps @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns
     )
     return dataclasses.replace(pose, data=moved.data)
 

@@ -23,17 +23,17 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
         If a robot is not in the log, or no stream remains.
     """
     dfpcs = set(Registry.default().dfpcs)
-    found = {}
+    robot_by_stream = {}
     for stream, info in log.streams.items():
         robot, sensor, _ = split_stream(stream)
         if sensor != "truth" and sensor not in dfpcs and not info.is_empty:
-            found[stream] = robot
-    missing = sorted(set(robots or ()) - set(found.values()))
+            robot_by_stream[stream] = robot
+    missing = sorted(set(robots or ()) - set(robot_by_stream.values()))
     if missing:
         raise InputError(
-            f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(found.values()))) or 'none'}"
+            f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(robot_by_stream.values()))) or 'none'}"
         )
-    chosen = [stream for stream, robot in found.items() if robots is None or robot in robots]
+    chosen = [stream for stream, robot in robot_by_stream.items() if robots is None or robot in robots]
     if not chosen:
         raise InputError(f"no sensor streams to play; the log holds {', '.join(log.streams) or 'none'}")
     return chosen

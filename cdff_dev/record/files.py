@@ -84,8 +84,10 @@ class RecordingFiles:
 
     def existing(self) -> list[Path]:
         """Return the files and folders that were written, chunks included."""
-        found = [[path] if path.exists() else chunk_files(path.parent, path.stem) for path in self.paths]
-        return list(chain.from_iterable(found))
+        files_of_paths = [
+            [path] if path.exists() else chunk_files(path.parent, path.stem) for path in self.paths
+        ]
+        return list(chain.from_iterable(files_of_paths))
 
     def _is_full(self, stamp_ns: int) -> bool:
         is_large = self._max_bytes is not None and self._size >= self._max_bytes
@@ -97,9 +99,9 @@ class RecordingFiles:
         path = self._path
         if self._max_bytes is not None or self._max_s is not None:
             path = path.with_name(f"{path.stem}_{len(self.paths):03d}{path.suffix}")
-        found = [path] if path.exists() else chunk_files(path.resolve().parent, path.stem)
-        if found:
-            raise InputError(f"{found[0]} exists: name another file")
+        existing_files = [path] if path.exists() else chunk_files(path.resolve().parent, path.stem)
+        if existing_files:
+            raise InputError(f"{existing_files[0]} exists: name another file")
         self._sink = create_log(path, LogMap(self._targets))
         self.paths.append(path)
         self._size, self._first_ns = 0, None

@@ -61,8 +61,8 @@ class Condition:
         quality = product.header.quality
         if self.field == "reasons":
             return any(str(self.value) in reason for reason in quality.reasons)
-        found: Any = quality.status.name if self.field == "status" else self._number(product)
-        return found is not None and _OPERATORS[self.comparison](found, self.value)
+        product_value: Any = quality.status.name if self.field == "status" else self._number(product)
+        return product_value is not None and _OPERATORS[self.comparison](product_value, self.value)
 
     def _number(self, product: Product) -> float | None:
         """Return the value of the field of a product that is compared; None if the product lacks it."""

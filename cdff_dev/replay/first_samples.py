@@ -32,7 +32,7 @@ def file_ports(
 ) -> list[str]:
     """Return the ports for which a file is given."""
     files = (("model", models), ("map", map_file), ("guess", guess), ("poses", poses))
-    return [port for port, given in files if given]
+    return [port for port, file in files if file]
 
 
 def with_poses(

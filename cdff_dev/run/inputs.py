@@ -80,8 +80,8 @@ def read_sequence(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]
     single = {n: t for n, t in lists.items() if not getattr(port_by_name.get(n), "repeated", False)}
     counts = {name: len(texts) for name, texts in single.items() if len(texts) > 1}
     if len(set(counts.values())) > 1:
-        found = ", ".join(f"{name} {count}" for name, count in counts.items())
-        raise InputError(f"numbers of files: {found}; expected equal ones, or one")
+        counts_by_port = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise InputError(f"numbers of files: {counts_by_port}; expected equal ones, or one")
     batches = []
     for k in range(next(iter(counts.values()), 1)):
         chosen: dict[str, str | Sequence[str]] = {}
@@ -91,8 +91,10 @@ def read_sequence(ports: Sequence[Port], files: Mapping[str, str | Sequence[str]
                 chosen[name] = texts[k]
             elif k == 0 or (port is not None and port.type_name in _POSE_TYPES):
                 chosen[name] = texts
-        given = {name: texts[0] for name, texts in lists.items() if texts}
-        batches.append(read_inputs(ports, chosen, k * PERIOD_NS, _are_named_by_port(port_by_name, given)))
+        first_files = {name: texts[0] for name, texts in lists.items() if texts}
+        batches.append(
+            read_inputs(ports, chosen, k * PERIOD_NS, _are_named_by_port(port_by_name, first_files))
+        )
     return batches
 
 
@@ -103,12 +105,12 @@ def _names(port: Port) -> tuple[str, ...]:
 
 def _expand_patterns(port: Port | None, texts: str | Sequence[str]) -> list[str]:
     """Return the files of a port; patterns of a port of sensor data are replaced by the files."""
-    found: list[str] = []
+    expanded: list[str] = []
     for text in [texts] if isinstance(texts, str) else texts:
         is_pattern = port is not None and port.type_name in _SENSOR_TYPES and not Path(text).exists()
         paths = LogLocation.of(text).files if is_pattern else ()
-        found += [str(path) for path in sorted(paths, key=natural_order)] or [text]
-    return found
+        expanded += [str(path) for path in sorted(paths, key=natural_order)] or [text]
+    return expanded
 
 
 def _are_named_by_port(port_by_name: Mapping[str, Port], files: Mapping[str, Any]) -> bool:
@@ -148,22 +150,28 @@ def read_inputs(
     for name, texts in lists.items():
         if len(texts) > 1 and not getattr(port_by_name[name], "repeated", False):
             raise InputError(f"input {name} is given twice; several files are for the sensors of a DFPC")
-    given = {port_by_name[name].attribute: (port_by_name[name], texts[0]) for name, texts in lists.items()}
-    if len(given) < len(files):
+    file_by_attribute = {
+        port_by_name[name].attribute: (port_by_name[name], texts[0]) for name, texts in lists.items()
+    }
+    if len(file_by_attribute) < len(files):
         raise InputError(f"inputs {', '.join(files)}: a port is given by two of its names")
-    missing = next((p for p in ports if not p.optional and p.attribute not in given), None)
+    missing = next((p for p in ports if not p.optional and p.attribute not in file_by_attribute), None)
     if missing is not None and not earliest_ns:
         raise InputError(
             f"input port {missing.attribute} ({missing.type_name}) is missing: give {missing.attribute}=FILE"
         )
     poses = {
-        a: read_pose(t) for a, (p, t) in given.items() if p.type_name in _POSE_TYPES and _is_pose_file(t)
+        a: read_pose(t)
+        for a, (p, t) in file_by_attribute.items()
+        if p.type_name in _POSE_TYPES and _is_pose_file(t)
     }
     stamp_ns = max((pose.stamp_ns for pose in poses.values()), default=0)
     stamp_ns = max(stamp_ns, earliest_ns)
-    names_by_port = _are_named_by_port(port_by_name, given) if named_by_port is None else named_by_port
+    names_by_port = (
+        _are_named_by_port(port_by_name, file_by_attribute) if named_by_port is None else named_by_port
+    )
     values: dict[str, Any] = {}
-    for attribute, (port, text) in given.items():
+    for attribute, (port, text) in file_by_attribute.items():
         if getattr(port, "repeated", False):
             texts = next(texts for name, texts in lists.items() if port_by_name[name] is port)
             values[attribute] = [_read_message(port, each, _Metadata(attribute, stamp_ns)) for each in texts]
@@ -382,8 +390,8 @@ def _from_log(type_name: str, path: Path, calibration: Path | None = None) -> An
             scan = next(iter(log.samples(scans))).value
             return Pointcloud.from_points(scan.points_m, frame=scan.frame, stamp_ns=scan.stamp_ns)
         if sample is None:
-            found = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items())
+            listed_streams = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items())
             raise InputError(
-                f"{path}: has the streams {found or 'none'}, expected one of {type_name} with samples"
+                f"{path}: has the streams {listed_streams or 'none'}, expected one of {type_name} with samples"
             )
         return sample.value

@@ -101,19 +101,19 @@ class RoverView:
         poses = {
             name: motion.poses(np.array([t_s]))[0] for name, motion in self._motions.items() if name != robot
         }
-        seen: dict[str, Silhouette] = {}
+        silhouettes: dict[str, Silhouette] = {}
         away = {name: float(np.linalg.norm(T[:3, 3] - T_site_camera[:3, 3])) for name, T in poses.items()}
         for name in sorted(poses, key=lambda name: -away[name]):
             self._shade(image, view, T_site_camera, poses[name])
         for name in sorted(poses, key=lambda name: -away[name]):
             silhouette = self._draw(image, depth, T_site_camera, poses[name])
             if silhouette is not None:
-                for other in seen:
-                    seen[other].coverage[:] *= 1.0 - silhouette.coverage
-                seen[name] = silhouette
+                for other in silhouettes:
+                    silhouettes[other].coverage[:] *= 1.0 - silhouette.coverage
+                silhouettes[name] = silhouette
         if self._model.dust is not None:
             self._add_dust(self._model.dust, image, depth, T_site_camera, poses, t_s)
-        return image, seen
+        return image, silhouettes
 
     def _window(self, points_m: FloatArray, T_site_camera: FloatArray) -> tuple[slice, slice] | None:
         """Return rows and columns around points in site; None outside the image."""

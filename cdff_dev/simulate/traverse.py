@@ -287,11 +287,11 @@ def _with_values(
 
     ``rendered`` yields the results of the ``total`` rendering tasks, in the order of their entries.
     """
-    done = 0
+    rendered_count = 0
     for entry in entries:
         value = _value(scenario, entry, next(rendered) if entry.render is not None else None)
         if entry.render is not None:
-            done += 1
+            rendered_count += 1
             if progress is not None:
-                progress(done, total)
+                progress(rendered_count, total)
         yield entry, value

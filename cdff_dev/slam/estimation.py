@@ -202,8 +202,8 @@ def depth_stream(log: LogSource, images: str) -> str:
     names = [name for name, info in log.streams.items() if info.type_name == "DistanceImage"]
     in_time = [name for name in names if _are_in_time(log, images, name)] or names
     if len(in_time) > 1:
-        found = log.first_samples([images, *in_time])
-        frames = {name: s.header.frame for name, s in found.items() if s.header is not None}
+        first_samples = log.first_samples([images, *in_time])
+        frames = {name: s.header.frame for name, s in first_samples.items() if s.header is not None}
         same = [name for name in in_time if name in frames and frames[name] == frames.get(images)]
         in_time = same if len(same) == 1 else in_time
     if len(in_time) > 1:

@@ -64,8 +64,8 @@ class Deriver:
         value: Any = sample.value
         image: Frame = value.left if isinstance(value, FramePair) else value
         if FEATURES in self._names:
-            found = self._extractor.process(FeatureInputs(image=_grey(image))).features
-            features = VisualPointFeatureVector2D.from_arrays(found)
+            image_features = self._extractor.process(FeatureInputs(image=_grey(image))).features
+            features = VisualPointFeatureVector2D.from_arrays(image_features)
             yield _sample(sample, FEATURES, "VisualPointFeatureVector2D", features, image.frame)
         if DISPARITY in self._names and isinstance(value, FramePair):
             disparity = self._matcher.process(DisparityInputs(left=value.left, right=value.right)).disparity

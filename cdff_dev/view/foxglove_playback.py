@@ -192,8 +192,8 @@ class PlaybackServer(ServerListener):
                     yield channel.id, message.log_time, message.data
 
     def _taken_seek(self) -> int | None:
-        taken, self._seek_ns = self._seek_ns, None
-        return None if self._is_closed else taken
+        seek_ns, self._seek_ns = self._seek_ns, None
+        return None if self._is_closed else seek_ns
 
     def _state(self, did_seek: bool, request_id: str | None) -> PlaybackState:
         """Return the state of the playback for the viewer."""

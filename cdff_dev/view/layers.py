@@ -190,10 +190,10 @@ def _(value: types.ObjectDetections, path: str, frame: str, header: Header | Non
         labels = tuple(f"{item.label} {item.score:.2f}" for item in placed)
         sizes_m = _known_sizes(np.array([item.size for item in placed]))
         yield Layer(path, value.frame_id or frame, Boxes(poses, sizes_m, labels))
-    seen = [item for item in value.detections if item.image_box.any()]
-    if seen:
-        rectangles_px = np.array([item.image_box for item in seen], dtype=np.float64)
-        labels = tuple(f"{item.label} {item.score:.2f}" for item in seen)
+    detections_with_box = [item for item in value.detections if item.image_box.any()]
+    if detections_with_box:
+        rectangles_px = np.array([item.image_box for item in detections_with_box], dtype=np.float64)
+        labels = tuple(f"{item.label} {item.score:.2f}" for item in detections_with_box)
         yield Layer(f"{path}/image", value.frame_id or frame, Rectangles(rectangles_px, labels))
 
 

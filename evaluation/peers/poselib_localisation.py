@@ -102,5 +102,5 @@ def localise(
         data, result = Path(folder) / "in.npz", Path(folder) / "out.npz"
         np.savez(data, **arrays)
         subprocess.run([python, "-c", _SCRIPT, str(data), str(result)], check=True)
-        with np.load(result) as found:
-            return found["poses"], found["cpu"]
+        with np.load(result) as result_arrays:
+            return result_arrays["poses"], result_arrays["cpu"]

@@ -36,17 +36,17 @@ _COLUMNS = "id, robot, dfpc, port, product, type_name, seq, t0_ns, t1_ns, frame,
 
 def binaries() -> Path | None:
     """Return the folder of the newest server, if one and psycopg are installed."""
-    found = sorted(_INSTALLED.glob("*/bin/initdb"), key=lambda path: int(path.parents[1].name))
-    return found[-1].parent if found and importlib.util.find_spec("psycopg") else None
+    servers = sorted(_INSTALLED.glob("*/bin/initdb"), key=lambda path: int(path.parents[1].name))
+    return servers[-1].parent if servers and importlib.util.find_spec("psycopg") else None
 
 
 class PostgreSQL:
     """A server with default settings, in a folder of its own, on a Unix socket."""
 
     def __init__(self, folder: Path) -> None:
-        found = binaries()
-        assert found is not None, "no PostgreSQL server or psycopg"
-        self._binaries, self._folder, self._data = found, folder, folder / "data"
+        server_folder = binaries()
+        assert server_folder is not None, "no PostgreSQL server or psycopg"
+        self._binaries, self._folder, self._data = server_folder, folder, folder / "data"
         folder.mkdir(mode=0o755)
         for parent in (folder, *folder.parents[:-2]):
             parent.chmod(parent.stat().st_mode | 0o711)

@@ -81,7 +81,7 @@ def mutants(path: str, source: bytes) -> list[Mutant]:
     finder.visit(ast.parse(source))
     keys: Counter[str] = Counter()
     numbered = []
-    for mutant in sorted(finder.found, key=lambda m: (m.start, m.end, m.operator, m.after)):
+    for mutant in sorted(finder.mutants, key=lambda m: (m.start, m.end, m.operator, m.after)):
         keys[mutant.key] += 1
         numbered.append(replace(mutant, number=keys[mutant.key]))
     return numbered
@@ -89,7 +89,7 @@ def mutants(path: str, source: bytes) -> list[Mutant]:
 
 class _Finder(ast.NodeVisitor):
     def __init__(self, path: str, source: bytes) -> None:
-        self.path, self.found = path, list[Mutant]()
+        self.path, self.mutants = path, list[Mutant]()
         self._scope: list[str] = []
         self._functions = 0
         self._line_starts = [0]
@@ -103,7 +103,7 @@ class _Finder(ast.NodeVisitor):
         assert node.end_col_offset is not None
         end = self._line_starts[node.end_lineno - 1] + node.end_col_offset
         function = ".".join(self._scope) if self._functions else ""
-        self.found.append(
+        self.mutants.append(
             Mutant(self.path, node.lineno, function, operator, ast.unparse(node), after, start, end)
         )
 

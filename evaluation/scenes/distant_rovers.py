@@ -139,28 +139,32 @@ class Renderer:
             T = self.world.motions[OBSERVER].poses(np.array([t]))[0]
             rng = np.random.default_rng([self.scenario.seed, k])
             exposures = self._camera.exposures(rng)
-            light, seen = self._view.radiance(T @ m.T_base_left, OBSERVER, t)
+            light, silhouettes = self._view.radiance(T @ m.T_base_left, OBSERVER, t)
             other, _ = self._view.radiance(T @ m.T_base_right, OBSERVER, t)
             left = self._camera.expose(light, float(exposures[0]), rng)
             right = self._camera.expose(other, float(exposures[1]), rng)
             T_camera = T @ m.T_base_left
             objects = {
-                n: self._truth(n, t, T_camera, seen.get(n)) for n in self.world.motions if n != OBSERVER
+                n: self._truth(n, t, T_camera, silhouettes.get(n))
+                for n in self.world.motions
+                if n != OBSERVER
             }
             yield TrueImage(t, left, right, T_camera, objects)
 
-    def _truth(self, name: str, t: float, T_site_camera: FloatArray, seen: Silhouette | None) -> TrueObject:
+    def _truth(
+        self, name: str, t: float, T_site_camera: FloatArray, silhouette: Silhouette | None
+    ) -> TrueObject:
         motion = self.world.motions[name]
         T = motion.poses(np.array([t]))[0]
         range_m = float(np.linalg.norm(T[:3, 3] - T_site_camera[:3, 3]))
         moving = bool(motion.distance(t) - motion.distance(max(t - 0.5, 0.0)) > 0.02)
         place, size, visible = np.full(2, np.nan), np.zeros(2), 0.0
-        if seen is not None and seen.coverage.max() > 0.5:
-            mask = _filled(seen.coverage > 0.5)
+        if silhouette is not None and silhouette.coverage.max() > 0.5:
+            mask = _filled(silhouette.coverage > 0.5)
             rows, cols = np.nonzero(mask)
             place = np.array([cols.mean(), rows.mean()])
             size = np.array([np.ptp(cols) + 1.0, np.ptp(rows) + 1.0])
-            visible = float(seen.coverage.sum()) / max(seen.whole, 1.0)
+            visible = float(silhouette.coverage.sum()) / max(silhouette.whole, 1.0)
         return TrueObject(place, visible, size, range_m, moving)
 
 

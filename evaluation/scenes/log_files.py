@@ -40,11 +40,11 @@ _P0, _P1 = "7 0 4.5 0 0 7 2.8 0 0 0 1 0", "7 0 4.5 -3.5 0 7 2.8 0 0 0 1 0"
 
 def recordings(data: Path | None, name: str = "all") -> dict[str, list[Files]]:
     """Return the recordings of one format or all; those of pocolog are measured, absent without ``data``."""
-    found = {known: build() for known, build in _BUILDERS.items() if name in (known, "all")}
+    files_by_format = {known: build() for known, build in _BUILDERS.items() if name in (known, "all")}
     if data is not None and name in (POCOLOG, "all"):
         small = [path for path in sorted((data / "pocolog").glob("*.0.log")) if path.stat().st_size < 20_000]
-        found[POCOLOG] = [{path.name: path.read_bytes()} for path in small]
-    return found
+        files_by_format[POCOLOG] = [{path.name: path.read_bytes()} for path in small]
+    return files_by_format
 
 
 def _content(write: Callable[[Path], Path]) -> Files:
@@ -95,7 +95,7 @@ def _messages(store: Any) -> list[tuple[str, str, Any]]:
         tree = ("/tf", "tf2_msgs/msg/TFMessage", ([types[tree[1]](*tree[2])],))
     image = (header, 6, 8, "mono8", 0, 8, _IMAGE.ravel())
     jpeg = (header, "png", np.frombuffer(encoded_png(), np.uint8))
-    found = [
+    topic_messages = [
         ("/imu", "sensor_msgs/msg/Imu", imu),
         ("/points", "sensor_msgs/msg/PointCloud2", cloud),
         tree,
@@ -108,8 +108,8 @@ def _messages(store: Any) -> list[tuple[str, str, Any]]:
         P = np.array(row.split(), np.float64)
         K = P.reshape(3, 4)[:, :3].ravel()
         info = (header, 6, 8, "plumb_bob", np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, roi)
-        found.append((f"/{side}/camera_info", "sensor_msgs/msg/CameraInfo", info))
-    return [(topic, kind, types[kind](*values)) for topic, kind, values in found]
+        topic_messages.append((f"/{side}/camera_info", "sensor_msgs/msg/CameraInfo", info))
+    return [(topic, kind, types[kind](*values)) for topic, kind, values in topic_messages]
 
 
 def _write(writer: Any, store: Any, serialize: Any, **options: Any) -> None:

@@ -103,14 +103,14 @@ def frames(payload: bytes, port: int, number: int, *, mtu: int = 1500, link: int
     """Return a UDP datagram as frames of a link, in IPv4 fragments if it is longer than ``mtu``."""
     udp = struct.pack(">HHHH", port, port, 8 + len(payload), 0) + payload
     step = (mtu - 20) // 8 * 8
-    found = []
+    link_frames = []
     for at in range(0, len(udp), step):
         part = udp[at : at + step]
         flags = at // 8 | (0x2000 if at + step < len(udp) else 0)
         ends = b"\xc0\xa8\x01\x02", b"\xc0\xa8\x01\x01"
         ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(part), number % 65536, flags, 64, 17, 0, *ends)
-        found.append(bytes(12 if link == ETHERNET else 14) + b"\x08\x00" + ip + part)
-    return found
+        link_frames.append(bytes(12 if link == ETHERNET else 14) + b"\x08\x00" + ip + part)
+    return link_frames
 
 
 def pcap(records: Sequence[tuple[int, bytes]], link: int = ETHERNET) -> bytes:
@@ -126,14 +126,14 @@ def sweeps(
     profile: str, count: int, ranges_mm: Callable[[int, int], tuple[int, int]]
 ) -> list[tuple[int, bytes]]:
     """Return lidar packets with their arrivals; the sweeps begin at times of the sensor of 100 ms each."""
-    found = []
+    timed_packets = []
     for sweep in range(count):
         begin_ns = (sweep + 1) * COLUMNS * COLUMN_NS
         for first in range(0, COLUMNS, COLUMNS_PER_PACKET):
             last_us = (begin_ns + (first + COLUMNS_PER_PACKET - 1) * COLUMN_NS) // 1000
             packet = lidar_packet(profile, 65534 + sweep & 0xFFFF, first, begin_ns, ranges_mm)
-            found.append((last_us + DELAY_US, packet))
-    return found
+            timed_packets.append((last_us + DELAY_US, packet))
+    return timed_packets
 
 
 def recording(profile: str) -> dict[str, bytes]:

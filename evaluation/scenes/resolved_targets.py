@@ -149,17 +149,17 @@ def _measured(
             )
             ranging.give_attitude(Sample("body_attitude", 0, 0, value))
         try:
-            found = ranging.measure(0, camera, attitude, removed, box, spread**2 * np.eye(2))
+            estimate = ranging.measure(0, camera, attitude, removed, box, spread**2 * np.eye(2))
         except RefusedError:
             return {"refused": 1.0}
         if not is_known:
-            result["inside"] = float(found.interval_m[0] <= T_true <= found.interval_m[1])
-            result["width"] = float(np.ptp(found.interval_m) / T_true)
-        elif found.reasons:
+            result["inside"] = float(estimate.interval_m[0] <= T_true <= estimate.interval_m[1])
+            result["width"] = float(np.ptp(estimate.interval_m) / T_true)
+        elif estimate.reasons:
             result["refused"] = 1.0
         else:
-            result["error"] = found.range_m / T_true - 1.0
-            result["square"] = ((found.range_m - T_true) / found.sigma_m) ** 2
+            result["error"] = estimate.range_m / T_true - 1.0
+            result["square"] = ((estimate.range_m - T_true) / estimate.sigma_m) ** 2
     return result
 
 

@@ -153,14 +153,17 @@ def calibrated(image: Float32Array) -> tuple[CameraModel, float]:
         dfn.configure()
     spread = np.eye(2) * SPREAD_PX**2
     removed = remove.process(StarFieldBackgroundInputs(image=image, saturation=65535.0))
-    found = detect.process(
+    star_points = detect.process(
         PointSourceDetectionInputs(
             residual=removed.residual, noise=removed.noise, mask=removed.mask, point_spread=spread
         )
     )
     fitted = fit.process(
         PointSourceCentroidingInputs(
-            residual=removed.residual, noise=removed.noise, points=found.points[:80], point_spread=spread
+            residual=removed.residual,
+            noise=removed.noise,
+            points=star_points.points[:80],
+            point_spread=spread,
         )
     )
     valid = np.isfinite(fitted.centroids).all(axis=1)

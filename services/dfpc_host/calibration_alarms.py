@@ -33,14 +33,14 @@ class CalibrationMonitor:
     def add(self, qualities: Iterable[Quality]) -> None:
         """Add the qualities of new products."""
         for quality in qualities:
-            found = next((r for r in quality.reasons if r.partition(":")[0] in _REASONS), "")
-            if bool(found) == bool(self.reason):
+            reason = next((r for r in quality.reasons if r.partition(":")[0] in _REASONS), "")
+            if bool(reason) == bool(self.reason):
                 self._count = 0
-                self.reason = found
+                self.reason = reason
                 continue
             self._count += 1
             if self._count >= PRODUCTS:
-                self._count, self.reason = 0, found
+                self._count, self.reason = 0, reason
 
 
 def set_calibration_alarm(alarms: Alarms, source: str, monitor: CalibrationMonitor) -> None:

@@ -122,8 +122,8 @@ def grants(member: Member, clock: str) -> list[Grant]:
     elif member.kind is Kind.PLAYER:
         granted.append(Grant(_OFFER, _PLAYER_OFFERS))
     elif member.kind is Kind.CLIENT:
-        asked = (*(f"*/{r}" for r in _REQUESTS), "*/dfpc/*/@rpc/call/*", "*/simulator/@rpc/*")
-        granted.append(Grant(_QUERY, asked))
+        query_keys = (*(f"*/{r}" for r in _REQUESTS), "*/dfpc/*/@rpc/call/*", "*/simulator/@rpc/*")
+        granted.append(Grant(_QUERY, query_keys))
     elif member.role != "reader":
         granted.append(Grant(_QUERY, _CALLS))
     if member.name == clock:

@@ -26,9 +26,13 @@ def draw(
     The arguments are those of ``compare``. Raises InputError if no pair has both poses.
     """
     true_poses = {name: pair.T for name, pair in truth.items() if pair.T is not None}
-    found = {name: estimate[name].T for name in true_poses if name in estimate}
+    estimated_poses = {name: estimate[name].T for name in true_poses if name in estimate}
     errors = np.array(
-        [pose_errors(T.matrix, true_poses[name].matrix) for name, T in found.items() if T is not None]
+        [
+            pose_errors(T.matrix, true_poses[name].matrix)
+            for name, T in estimated_poses.items()
+            if T is not None
+        ]
     )
     if not len(errors):
         raise InputError("no pair has an estimated and a true pose: there is nothing to draw")

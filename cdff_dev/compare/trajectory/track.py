@@ -46,13 +46,13 @@ class Track:
 
         Of poses with the same stamp the first one is kept.
         """
-        kept = np.ones(len(stamps_ns), np.bool_)
+        is_kept = np.ones(len(stamps_ns), np.bool_)
         if np.any(np.diff(stamps_ns) <= 0):
-            kept[:] = False
-            kept[_longest_ascending(stamps_ns.tolist())] = True
+            is_kept[:] = False
+            is_kept[_longest_ascending(stamps_ns.tolist())] = True
         if covariances is not None:
-            covariances = covariances[kept]
-        return cls(name, stamps_ns[kept], matrices[kept], covariances, int(np.sum(~kept)))
+            covariances = covariances[is_kept]
+        return cls(name, stamps_ns[is_kept], matrices[is_kept], covariances, int(np.sum(~is_kept)))
 
     def __post_init__(self) -> None:
         if len(self.stamps_ns) != len(self.matrices) or not len(self.stamps_ns):

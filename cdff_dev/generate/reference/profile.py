@@ -46,7 +46,7 @@ def unit(field: str) -> str:
 def _examples(model: type[BaseModel], data: Any) -> Iterator[tuple[tuple[str, str], str]]:
     """Yield the first value of each field of the models in an example, as YAML on one line."""
     schema = model.model_json_schema()
-    seen: set[tuple[str, str]] = set()
+    previous_fields: set[tuple[str, str]] = set()
     waiting = [(schema | {"title": model.__name__}, data)]
     for section, values in waiting:
         if isinstance(values, list):
@@ -57,8 +57,12 @@ def _examples(model: type[BaseModel], data: Any) -> Iterator[tuple[tuple[str, st
             name = section.get("title", "")
             for key, value in values.items():
                 field = _element(section) if fields is None else fields[key]
-                if fields is not None and (name, key) not in seen and not _is_section(field, schema):
-                    seen.add((name, key))
+                if (
+                    fields is not None
+                    and (name, key) not in previous_fields
+                    and not _is_section(field, schema)
+                ):
+                    previous_fields.add((name, key))
                     yield (name, key), _flow(value)
                 waiting += [(option, value) for option in _options(field, schema)]
 

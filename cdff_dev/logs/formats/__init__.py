@@ -133,7 +133,7 @@ def is_log(location: LogLocation) -> bool:
 
 
 def _format_of(location: LogLocation) -> LogFormat | None:
-    return next((found for found in log_formats() if found.recognises(location)), None)
+    return next((log_format for log_format in log_formats() if log_format.recognises(location)), None)
 
 
 def _sub_folders(location: LogLocation) -> list[LogLocation]:

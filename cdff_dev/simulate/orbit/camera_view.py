@@ -184,8 +184,8 @@ class CameraRays:
         inside = (column >= 0) & (column < self.model.columns) & (row >= 0) & (row < self.model.rows)
         flat = np.where(inside, row * self.model.columns + column, 0)
         visible = ~inside | (hits.distance_m < depth[flat])
-        seen = flat[inside & visible]
-        view.number.ravel()[seen] = body.number
+        visible_pixels = flat[inside & visible]
+        view.number.ravel()[visible_pixels] = body.number
         sample_sr = (2.0 * half / _POINTS) ** 2
         view.sources.append(
             PointSources(

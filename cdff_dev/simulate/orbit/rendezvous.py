@@ -99,16 +99,16 @@ def simulate_orbit(
         rendered = pool.map(partial(_Renderer, scenario), tasks)
         values: dict[Task, Any] = {}
         waiting = Counter(e.render for e in entries if e.render is not None)
-        done = 0
+        completed_tasks = 0
         for entry in entries:
             if entry.render is None:
                 yield entry, entry.value
                 continue
             while entry.render not in values:
-                values[tasks[done]] = next(rendered)
-                done += 1
+                values[tasks[completed_tasks]] = next(rendered)
+                completed_tasks += 1
                 if progress is not None:
-                    progress(done, len(tasks))
+                    progress(completed_tasks, len(tasks))
             yield entry, _rendered_value(scenario, entry, values[entry.render])
             waiting[entry.render] -= 1
             if waiting[entry.render] == 0:

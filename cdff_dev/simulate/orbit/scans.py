@@ -109,23 +109,25 @@ class LidarSimulator:
             second = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
             edge[first] |= jump
             edge[second] |= jump
-        at = np.flatnonzero(edge)
-        if not len(at):
+        edge_beams = np.flatnonzero(edge)
+        if not len(edge_beams):
             return
-        weight, weighted = signal[at].astype(float), np.zeros(len(at))
-        seen = np.isfinite(range_m[at])
-        weighted[seen] = weight[seen] * range_m[at[seen]]
+        weight, weighted_range = signal[edge_beams].astype(float), np.zeros(len(edge_beams))
+        hits_centre = np.isfinite(range_m[edge_beams])
+        weighted_range[hits_centre] = weight[hits_centre] * range_m[edge_beams[hits_centre]]
         half = math.radians(model.divergence_deg)
         for part in _PARTS:
-            rays = _unit_vectors(self._azimuth[at] + part[0] * half, self._elevation[at] + part[1] * half)
-            r, s = self._echoes(bodies, rays, at // step)
-            found = np.isfinite(r)
-            weight[found] += s[found]
-            weighted[found] += s[found] * r[found].astype(float)
+            rays = _unit_vectors(
+                self._azimuth[edge_beams] + part[0] * half, self._elevation[edge_beams] + part[1] * half
+            )
+            part_range_m, part_signal = self._echoes(bodies, rays, edge_beams // step)
+            hits_body = np.isfinite(part_range_m)
+            weight[hits_body] += part_signal[hits_body]
+            weighted_range[hits_body] += part_signal[hits_body] * part_range_m[hits_body].astype(float)
         has_echo = weight > 0.0
-        mixed = np.where(has_echo, weighted / np.where(has_echo, weight, 1.0), np.inf)
-        range_m[at] = mixed
-        signal[at] = weight / (1.0 + len(_PARTS))
+        mixed = np.where(has_echo, weighted_range / np.where(has_echo, weight, 1.0), np.inf)
+        range_m[edge_beams] = mixed
+        signal[edge_beams] = weight / (1.0 + len(_PARTS))
 
     def _measure_echoes(
         self, range_m: Float32Array, signal: Float32Array, offsets_s: FloatArray, rng: np.random.Generator
@@ -143,10 +145,12 @@ class LidarSimulator:
         strength = (signal[echo] * speckle)[detected] * (distance / model.reference_m) ** 2
         if model.false_alarms > 0.0:
             false = np.flatnonzero(rng.random(len(range_m)) < model.false_alarms)
-            kept = ~np.isin(beam, false)
-            beam = np.concatenate([beam[kept], false])
-            distance = np.concatenate([distance[kept], rng.uniform(model.near_m, model.far_m, len(false))])
-            strength = np.concatenate([strength[kept], rng.uniform(0.0, 0.1, len(false))])
+            is_true_echo = ~np.isin(beam, false)
+            beam = np.concatenate([beam[is_true_echo], false])
+            distance = np.concatenate(
+                [distance[is_true_echo], rng.uniform(model.near_m, model.far_m, len(false))]
+            )
+            strength = np.concatenate([strength[is_true_echo], rng.uniform(0.0, 0.1, len(false))])
             order = np.argsort(beam, kind="stable")
             beam, distance, strength = beam[order], distance[order], strength[order]
         points = (self.directions[beam] * distance[:, None]).astype(np.float32)

@@ -87,8 +87,8 @@ class OrbitWorld:
         stamp_ns = self.scenario.epoch_ns + round(t_s * NS_PER_S)
         rotation = earth_rotation(stamp_ns)
         earth = earth_appearance(self.scenario.lighting.clouds_seed)
-        seen = earth.radiance(directions, light.earth_m, light.to_sun, rotation)
-        return np.asarray(np.float32(light.irradiance) * seen)
+        relative_radiance = earth.radiance(directions, light.earth_m, light.to_sun, rotation)
+        return np.asarray(np.float32(light.irradiance) * relative_radiance)
 
     def _poses(self, body: Body, t_s: FloatArray) -> FloatArray:
         if not isinstance(body, Appendage):

@@ -119,17 +119,17 @@ def _items(bus: Bus, parameters: dict[str, str]) -> Iterator[dict[str, Any]]:
     """Yield the metadata of all products of a search, oldest first, except derived ones; raises
     ProductNotFoundError if there are none.
     """
-    parameters, found = {"order": "oldest", "limit": str(_PAGE), **parameters}, False
+    parameters, has_products = {"order": "oldest", "limit": str(_PAGE), **parameters}, False
     while True:
         page = bus.call(keys.dpm_rpc(keys.GROUND, "search"), parameters, timeout_s=_TIMEOUT_S).body()
         for item in page["items"]:
             if item["dfpc"] != "dpm":
-                found = True
+                has_products = True
                 yield item
         if page["cursor"] is None:
             break
         parameters["cursor"] = page["cursor"]
-    if not found:
+    if not has_products:
         raise ProductNotFoundError(f"nothing to export: no product of {parameters or 'any kind'}")
 
 

@@ -76,8 +76,8 @@ class ProductOutlines:
         None for a product without a box.
         """
         rings = self._store.footprints([record.id for record in records])
-        found = [record.id for record in records if record.id in rings]
-        outlines = dict(zip(found, ring_outlines([rings[i] for i in found]), strict=True))
+        outlined_ids = [record.id for record in records if record.id in rings]
+        outlines = dict(zip(outlined_ids, ring_outlines([rings[i] for i in outlined_ids]), strict=True))
         return [outlines.get(record.id) for record in records]
 
     def live(self, product_ids: Iterable[str]) -> frozenset[str]:

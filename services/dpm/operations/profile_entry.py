@@ -139,12 +139,12 @@ def _is_mount(graph: FrameGraph, robot: Robot, frame: str) -> bool:
 
 def _ancestors(graph: FrameGraph, frame: str) -> list[str]:
     """Return the frames above a frame, the nearest first."""
-    found: list[str] = []
+    ancestors: list[str] = []
     parent = graph.parent_of(frame)
     while parent is not None:
-        found.append(parent)
+        ancestors.append(parent)
         parent = graph.parent_of(parent)
-    return found
+    return ancestors
 
 
 def _last_of_a_profile(store: Store, frame: str) -> FrameRevision | None:

@@ -55,7 +55,7 @@ class Reports:
                 record = lineage.records.get(i)
                 known = {"known": False} if record is None else {"known": True, **_summary(record)}
                 items.append({"id": i, "generation": generation, **known})
-        links = [{"product": made, "input": used} for made, used in lineage.links]
+        links = [{"product": product, "input": used} for product, used in lineage.links]
         return {
             "id": product_id,
             "direction": lineage.direction,

@@ -151,7 +151,7 @@ class Terrain:
             observer_height_m=p.observer_height_m,
             target_height_m=p.target_height_m,
             range_m=p.range_m,
-            check=lambda done, total: check_time(done, total, "rows of the viewshed"),
+            check=lambda completed, total: check_time(completed, total, "rows of the viewshed"),
         )
         bands = {
             "visible": v.visible,
@@ -362,6 +362,6 @@ def _changes(change_m: Float, sigma_m: Float, cell_m: float) -> dict[str, float 
     return result | {"unknown_error_m2": float(np.count_nonzero(unknown_error)) * cell_m2}
 
 
-def _check_coverage(coverage: float, asked: float) -> None:
-    if coverage < asked:
-        raise UnavailableError(f"coverage {coverage:.3f} of the region, asked {asked:.3f}")
+def _check_coverage(coverage: float, required: float) -> None:
+    if coverage < required:
+        raise UnavailableError(f"coverage {coverage:.3f} of the region, asked {required:.3f}")

@@ -101,13 +101,13 @@ class Withdrawal:
                     )
             return by_id
         query = Query(types=p.type, robot=p.robot, dfpc=p.dfpc, t0_ns=p.t0, t1_ns=p.t1, limit=MAX_PAGE)
-        found: dict[str, ProductRecord] = {}
+        record_by_id: dict[str, ProductRecord] = {}
         while True:
             page = self._store.search(query)
-            found |= {record.id: record for record in page.items}
+            record_by_id |= {record.id: record for record in page.items}
             if page.cursor is None:
-                return found
-            if len(found) > MAX_BATCH:
+                return record_by_id
+            if len(record_by_id) > MAX_BATCH:
                 raise InputError(
                     f"more than {MAX_BATCH} products: expected fewer in one call; give t0 and t1"
                 )
@@ -116,11 +116,11 @@ class Withdrawal:
     def _derived(self, selected: dict[str, ProductRecord], types: Iterable[str]) -> dict[str, ProductRecord]:
         """Return the live products of these types that were made from the selected ones."""
         wanted = set(types)
-        found: dict[str, ProductRecord] = {}
+        record_by_id: dict[str, ProductRecord] = {}
         for product_id in selected:
             lineage = self._store.lineage(product_id, "down")
             if lineage.truncated:
                 raise InputError(f"product {product_id}: too many products were made from it for one call")
-            found |= lineage.records
-        ids = [i for i, r in found.items() if r.product in wanted and i not in selected]
-        return {i: found[i] for i in self._store.live(ids)}
+            record_by_id |= lineage.records
+        ids = [i for i, r in record_by_id.items() if r.product in wanted and i not in selected]
+        return {i: record_by_id[i] for i in self._store.live(ids)}

@@ -244,8 +244,6 @@ class TileCells:
         query = replace(
             query, resolution_max_m=None, resolution_above_m=cell_m(min(z, LAST_LEVEL)) * (1 + 1e-6)
         )
-        found = self._store.search(
-            replace(self._state.restrict(query), types=(self._product,), limit=_SAMPLE)
-        )
-        sizes = [r.fields["resolution_m"] for r in found.items if r.fields.get("resolution_m") is not None]
+        page = self._store.search(replace(self._state.restrict(query), types=(self._product,), limit=_SAMPLE))
+        sizes = [r.fields["resolution_m"] for r in page.items if r.fields.get("resolution_m") is not None]
         return min(level_of(min(sizes)), z - 1) if sizes and z > 0 else None

@@ -103,13 +103,13 @@ def _json(path: Path) -> dict[str, Any]:
 def _common_camera(path: Path, cameras: Mapping[str, Any]) -> tuple[CameraModel, float]:
     """Return the camera of all images, without size, and the metres of a depth value of 1."""
     try:
-        found = {
+        cameras_and_scales = {
             (*(float(v) for v in entry["cam_K"]), float(entry.get("depth_scale", 1.0)))
             for entry in cameras.values()
         }
-        if len(found) > 1:
-            raise ValueError(f"{len(found)} different cameras")
-        *matrix, scale = next(iter(found))
+        if len(cameras_and_scales) > 1:
+            raise ValueError(f"{len(cameras_and_scales)} different cameras")
+        *matrix, scale = next(iter(cameras_and_scales))
         camera = CameraModel.from_matrix(np.reshape(matrix, (3, 3)))
     except (KeyError, TypeError, ValueError, InputError) as error:
         raise InputError(

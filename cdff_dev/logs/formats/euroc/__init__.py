@@ -28,8 +28,8 @@ def recording_folder(folder: Path) -> Path | None:
 def folders_of_pairs(folder: Path) -> list[Path]:
     """Return the folder if it contains pairs named by their time, otherwise its sub-folders that do."""
     candidates = [folder, *sorted(path for path in folder.iterdir() if path.is_dir())]
-    found = [path for path in candidates if any(PAIR_NAME.match(file.name) for file in path.iterdir())]
-    return found[:1] if folder in found else found
+    pair_folders = [path for path in candidates if any(PAIR_NAME.match(file.name) for file in path.iterdir())]
+    return pair_folders[:1] if folder in pair_folders else pair_folders
 
 
 def _recognises(location: LogLocation) -> bool:

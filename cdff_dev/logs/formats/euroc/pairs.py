@@ -39,10 +39,10 @@ def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> Inde
         If there is no calibration or no complete pair.
     """
     images = {
-        (int(found[1]), found[2]): file
+        (int(name_match[1]), name_match[2]): file
         for folder in folders
         for file in folder.iterdir()
-        if (found := PAIR_NAME.match(file.name))
+        if (name_match := PAIR_NAME.match(file.name))
     }
     times = sorted({time for time, camera in images if (time, "0") in images and (time, "1") in images})
     if not times:

@@ -120,19 +120,19 @@ def _add_pairs(
     content: _Content,
 ) -> tuple[ImageSequence, ...]:
     """Add the stream of stereo pairs, if the folder has them, and return the sequences of their images."""
-    found = stereo_sequences(sequences)
-    if found is None:
+    stereo_pair = stereo_sequences(sequences)
+    if stereo_pair is None:
         return ()
-    chosen = read_stereo_calibration(_calibration_files(folder, found[0].folder), calibration)
+    chosen = read_stereo_calibration(_calibration_files(folder, stereo_pair[0].folder), calibration)
     if chosen is None:
         return ()
-    both = stamps[sequences.index(found[0])], stamps[sequences.index(found[1])]
-    content.streams[PAIR], single = stereo_stream(PAIR, found, both, *chosen)
-    content.used.update((chosen[0], *found[0].files, *found[1].files))
+    both = stamps[sequences.index(stereo_pair[0])], stamps[sequences.index(stereo_pair[1])]
+    content.streams[PAIR], single = stereo_stream(PAIR, stereo_pair, both, *chosen)
+    content.used.update((chosen[0], *stereo_pair[0].files, *stereo_pair[1].files))
     if single:
         reason = f"no image of the other camera within {PAIR_TOLERANCE_NS / 1e6:g} ms"
         content.unconverted["single images"] = Unconverted("image", single, reason)
-    return found
+    return stereo_pair
 
 
 def _stamps(sequence: ImageSequence, used: set[Path]) -> Stamps:
@@ -147,23 +147,30 @@ def _calibration_of(
     sequence: ImageSequence, folder: Path, named: Path | None, content: _Content
 ) -> _Calibration | None:
     """Return the calibration of a sequence, or None; one that does not fit is listed as not converted."""
-    found = _read(named) if named else _choose(sequence, _calibrations(folder, sequence.folder))
-    if found is None:
+    calibration = _read(named) if named else _choose(sequence, _calibrations(folder, sequence.folder))
+    if calibration is None:
         return None
     rows, cols = read_image(sequence.files[0]).shape[:2]
-    content.used.add(found.path)
+    content.used.add(calibration.path)
     try:
-        check_image_size(found.camera, rows, cols, str(found.path))
+        check_image_size(calibration.camera, rows, cols, str(calibration.path))
     except InputError as error:
         if named:
             raise
-        content.unconverted[found.path.name] = Unconverted("calibration", 1, str(error))
+        content.unconverted[calibration.path.name] = Unconverted("calibration", 1, str(error))
         return None
-    if found.path.suffix.lower() == ".xml" and (found.camera.cx, found.camera.cy) == (cols / 2, rows / 2):
+    if calibration.path.suffix.lower() == ".xml" and (
+        calibration.camera.cx,
+        calibration.camera.cy,
+    ) == (cols / 2, rows / 2):
         # ViSP's configurations of rendered images state the middle of the image, from its corner.
-        camera = dataclasses.replace(found.camera, cx=found.camera.cx - 0.5, cy=found.camera.cy - 0.5)
-        return dataclasses.replace(found, camera=camera)
-    return found
+        camera = dataclasses.replace(
+            calibration.camera,
+            cx=calibration.camera.cx - 0.5,
+            cy=calibration.camera.cy - 0.5,
+        )
+        return dataclasses.replace(calibration, camera=camera)
+    return calibration
 
 
 def _read(path: Path) -> _Calibration:
@@ -179,13 +186,13 @@ def _calibration_files(folder: Path, images: Path) -> list[Path]:
 
 def _calibrations(folder: Path, images: Path) -> list[_Calibration]:
     """Return the calibrations for the images of a folder."""
-    found = []
+    readable = []
     for path in _calibration_files(folder, images):
         try:
-            found.append(_read(path))
+            readable.append(_read(path))
         except InputError:  # not a calibration: listed with the other files
             continue
-    return found
+    return readable
 
 
 def _choose(sequence: ImageSequence, candidates: list[_Calibration]) -> _Calibration | None:
@@ -228,12 +235,12 @@ def _add_truth(folder: Path, sequence: ImageSequence, stamps_ns: Stamps, content
             columns = f"{path.name}: {', '.join(truth.other_columns)}"
             content.unconverted[columns] = Unconverted("row", truth.rows, "no part of a pose")
     for path in sorted(folder.glob("*.json")):
-        found = None if path in content.used else attitude_stream(ROBOT, path, sequence, stamps_ns)
-        if found is not None:
-            name, content.streams[name], others = found
+        attitudes = None if path in content.used else attitude_stream(ROBOT, path, sequence, stamps_ns)
+        if attitudes is not None:
+            name, content.streams[name], others = attitudes
             content.used.add(path)
             if others:
                 fields = f"{path.name}: {', '.join(others)}"
                 content.unconverted[fields] = Unconverted(
-                    "entry", found[1].info.count, "no part of an attitude"
+                    "entry", attitudes[1].info.count, "no part of an attitude"
                 )

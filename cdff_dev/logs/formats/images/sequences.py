@@ -56,14 +56,14 @@ def image_sequences(folder: Path) -> list[ImageSequence]:
 
 def sequences_of(files: Sequence[Path]) -> list[ImageSequence]:
     """Return the sequences of images, with different names."""
-    found: dict[tuple[Path, str], list[Path]] = defaultdict(list)
+    files_by_pattern: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     for file in files:
-        found[file.parent, _NUMBER.sub("#", file.name)].append(file)
+        files_by_pattern[file.parent, _NUMBER.sub("#", file.name)].append(file)
     sequences: list[ImageSequence] = []
-    for (place, pattern), files in found.items():
-        alone = sum(other == place for other, _ in found) == 1
+    for (place, pattern), files in files_by_pattern.items():
+        alone = sum(other == place for other, _ in files_by_pattern) == 1
         name = _sensor(place.name if alone and _DEPTH not in pattern else pattern.rpartition(".")[0])
-        if len(found) == 1 and _DEPTH not in name:
+        if len(files_by_pattern) == 1 and _DEPTH not in name:
             name = "camera"
         elif any(other.sensor == name for other in sequences):
             name = f"{_sensor(place.name)}_{name}"

@@ -17,12 +17,12 @@ from cdff_dev.logs.stereo_pairs import counterpart, matched_stamps
 def stereo_sequences(sequences: list[ImageSequence]) -> tuple[ImageSequence, ImageSequence] | None:
     """Return the left and right sequence of a folder by their names; None without, or with several."""
     by_name = {sequence.sensor: sequence for sequence in sequences if not sequence.is_depth}
-    found = [
+    stereo_pairs = [
         (left, by_name[names[0]])
         for name, left in by_name.items()
         if (names := counterpart(name)) is not None and names[0] in by_name
     ]
-    return found[0] if len(found) == 1 else None
+    return stereo_pairs[0] if len(stereo_pairs) == 1 else None
 
 
 def read_stereo_calibration(
@@ -32,13 +32,13 @@ def read_stereo_calibration(
 
     A file of one camera that the user names is none of a stereo camera either.
     """
-    found = []
+    calibrations = []
     for path in [named] if named else candidates:
         try:
-            found.append((path, read_stereo(path)))
+            calibrations.append((path, read_stereo(path)))
         except InputError:  # not a calibration of two cameras: used for single images, or listed
             continue
-    return found[0] if len(found) == 1 else None
+    return calibrations[0] if len(calibrations) == 1 else None
 
 
 def stereo_stream(

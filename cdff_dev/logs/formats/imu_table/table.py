@@ -54,7 +54,7 @@ def columns_of(head: bytes) -> Columns | None:
     index: dict[str, int] = {}
     factor: dict[str, float] = {}
     for at, name in enumerate(names):
-        unit = found.group(1).strip().lower() if (found := _UNIT.search(name)) else ""
+        unit = unit_match.group(1).strip().lower() if (unit_match := _UNIT.search(name)) else ""
         plain = _UNIT.sub("", name).strip().lower()
         quantity = next((q for q, pattern in _NAMES.items() if re.fullmatch(pattern, plain)), None)
         if quantity is not None and quantity not in index:

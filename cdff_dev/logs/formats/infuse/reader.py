@@ -261,16 +261,16 @@ def _skip_samples(file: MappedFile, at: int, ends: NDArray[np.int64]) -> int:
 
     Return the number of complete samples.
     """
-    done = 0
-    while done < ends.size:
-        part = ends[done : done + _STRIDE]
+    sample_count = 0
+    while sample_count < ends.size:
+        part = ends[sample_count : sample_count + _STRIDE]
         complete = int(skip_many(file.data, at, part))
-        done += complete
+        sample_count += complete
         if complete < part.size:
             break
         at = int(part[-1])
         file.release_before(at)
-    return done
+    return sample_count
 
 
 def _unpack_value(buffer: NDArray[np.uint8], at: int, after: int, path: Path) -> Any:

@@ -32,11 +32,11 @@ def type_by_fields(sample: Any) -> str:
         if not any(re.fullmatch(r"[^.]+\.[^.]+: missing, .*", quirk) for quirk in quirks):
             deviations[name] = len(quirks)
     fewest = min(deviations.values(), default=0)
-    found = sorted(name for name, count in deviations.items() if count == fewest)
-    if len(found) != 1:
+    type_names = sorted(name for name, count in deviations.items() if count == fewest)
+    if len(type_names) != 1:
         fields = ", ".join(map(str, sample)) if isinstance(sample, dict) else type(sample).__name__
-        raise InputError(f"{len(found)} types have the fields {fields}: expected one")
-    return found[0]
+        raise InputError(f"{len(type_names)} types have the fields {fields}: expected one")
+    return type_names[0]
 
 
 def own_stamps_ns(values: Iterable[Any]) -> list[int]:

@@ -86,7 +86,7 @@ def raw_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[TRUTH] = truth_stream(TRUTH, paths, stamps_ns, _WORLD, _BODY)
     if not streams:
         raise InputError(f"{folder}: no files in {', '.join(f'{name}/data' for name in _STREAMS)}")
-    used = {path for found in files.values() for path, _ in found.values()}
+    used = {path for files_of_sensor in files.values() for path, _ in files_of_sensor.values()}
     used |= {folder / name / "timestamps.txt" for name in _STREAMS}
     used |= {folder / name for name in (_CALIBRATION, *_BODY_CALIBRATIONS)}
     reason = "not a file of a sensor, its times or a calibration"
@@ -137,12 +137,12 @@ def _rectified_camera(name: str) -> str:
 
 def _calibration_file(folder: Path) -> Path:
     candidates = [place / _CALIBRATION for place in (folder, folder.resolve().parent)]
-    found = next((path for path in candidates if path.is_file()), None)
-    if found is None:
+    calibration_path = next((path for path in candidates if path.is_file()), None)
+    if calibration_path is None:
         raise InputError(
             f"{folder}: {_CALIBRATION} not found there or in its parent; name the file with --calibration"
         )
-    return found
+    return calibration_path
 
 
 def _files(folder: Path) -> Files:
@@ -166,13 +166,13 @@ def _files(folder: Path) -> Files:
         raise InputError(
             f"{table}: cannot be read: {error.strerror}; expected a time for each file"
         ) from error
-    found: Files = {}
+    stamped_files: Files = {}
     for path in paths:
         number = int(path.stem)
         if number >= len(lines):
             raise InputError(f"{table}: {len(lines)} times, expected one for {path.name}")
-        found[path.stem] = (path, _stamp_ns(table, number, lines[number]))
-    return found
+        stamped_files[path.stem] = (path, _stamp_ns(table, number, lines[number]))
+    return stamped_files
 
 
 def _stamp_ns(table: Path, number: int, line: str) -> int:

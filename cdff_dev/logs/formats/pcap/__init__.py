@@ -27,19 +27,19 @@ def _captures(location: LogLocation) -> list[Path]:
 
 def _recognises(location: LogLocation) -> bool:
     """Return whether the first capture of a location begins like a PCAP or PCAPNG file."""
-    found = _captures(location)
-    if not found or not found[0].is_file():
+    captures = _captures(location)
+    if not captures or not captures[0].is_file():
         return False
-    with found[0].open("rb") as file:
+    with captures[0].open("rb") as file:
         return file.read(4) in (*_PCAP_MAGIC, _PCAPNG_MAGIC)
 
 
 def _open(location: LogLocation, metadata: Path | None) -> LogSource:
     """Open a capture of an Ouster lidar if its metadata is found, otherwise of a Velodyne lidar."""
-    found = _captures(location)
-    if len(found) > 1:
-        raise InputError(f"{location.name}: {len(found)} captures; expected one: name it")
-    path = found[0]
+    captures = _captures(location)
+    if len(captures) > 1:
+        raise InputError(f"{location.name}: {len(captures)} captures; expected one: name it")
+    path = captures[0]
     from cdff_dev.logs.formats.pcap.ouster_sensor import is_metadata
 
     if metadata is None:

@@ -46,7 +46,7 @@ class _Sweep:
 class _Sweeps:
     """Sweeps of a sensor, and the smallest delay from a time of the sensor to the arrival of its packet."""
 
-    found: list[_Sweep] = field(default_factory=list)
+    sweeps: list[_Sweep] = field(default_factory=list)
     latency_ns: int = 1 << 62
     empty: int = 0
 
@@ -61,9 +61,9 @@ class _Sweeps:
         self.latency_ns = min(self.latency_ns, datagram.arrival_ns - int(stamps_ns.max()))
         frame_id = layout.frame_id(datagram.data)
         # A late packet belongs to the sweep before the last one.
-        sweep = next((sweep for sweep in self.found[:-3:-1] if sweep.frame_id == frame_id), None)
+        sweep = next((sweep for sweep in self.sweeps[:-3:-1] if sweep.frame_id == frame_id), None)
         if sweep is None:
-            self.found.append(_Sweep(datagram.start, datagram.end, frame_id, first_ns, len(stamps_ns)))
+            self.sweeps.append(_Sweep(datagram.start, datagram.end, frame_id, first_ns, len(stamps_ns)))
             return
         sweep.start, sweep.end = min(sweep.start, datagram.start), max(sweep.end, datagram.end)
         sweep.stamp_ns = min(sweep.stamp_ns, first_ns)
@@ -71,7 +71,7 @@ class _Sweeps:
 
     def clock_offset_ns(self) -> int:
         """Return the offset from the time of the sensor to that of the log."""
-        counts_from_start = bool(self.found) and self.found[0].stamp_ns < _FIRST_DATE_NS
+        counts_from_start = bool(self.sweeps) and self.sweeps[0].stamp_ns < _FIRST_DATE_NS
         return self.latency_ns if counts_from_start else 0
 
 
@@ -101,7 +101,7 @@ class _Index:
             set(lidar), sensor.lidar_port, f"{capture.path}: lidar packets", "udp_port_lidar"
         )
         self.others = Counter({f"packets of {size} bytes": count for size, count in sizes.items()})
-        self.sweeps = lidar[self._port].found
+        self.sweeps = lidar[self._port].sweeps
         self.clock_offset_ns = lidar[self._port].clock_offset_ns()
         self.others["packets without a valid column"] = lidar[self._port].empty
         chosen = imu.get(
@@ -110,7 +110,7 @@ class _Index:
         )
         self.imu = np.concatenate([np.zeros((0, 7)), *chosen])
         self.others["IMU packets of other sensors"] = sum(map(len, imu.values())) - len(chosen)
-        ports = sum(sweep.columns for port in lidar if port != self._port for sweep in lidar[port].found)
+        ports = sum(sweep.columns for port in lidar if port != self._port for sweep in lidar[port].sweeps)
         self.others["columns of other sensors"] = ports
         self.others = +self.others
 
@@ -223,14 +223,14 @@ def _stamps(stamps_ns: Any) -> NDArray[np.int64]:
 
 def _unconverted(index: _Index, sensor: OusterSensor, bad_imu: int) -> dict[str, Unconverted]:
     """Return the packets, columns and measurements that are not converted, with the reasons."""
-    found = {
+    contents = {
         what: Unconverted("UDP packet", count, "neither lidar nor IMU data of this sensor")
         for what, count in index.others.items()
     }
     missing = sum(max(sensor.columns_in_window - sweep.columns, 0) for sweep in index.sweeps[1:-1])
     if missing:
         reason = f"lost, or invalid, of {len(index.sweeps) - 2} sweeps without the first and the last"
-        found["missing columns"] = Unconverted("column", missing, reason)
+        contents["missing columns"] = Unconverted("column", missing, reason)
     if bad_imu:
-        found["IMU measurements"] = Unconverted("IMU measurement", bad_imu, "values that are not finite")
-    return found
+        contents["IMU measurements"] = Unconverted("IMU measurement", bad_imu, "values that are not finite")
+    return contents

@@ -156,6 +156,6 @@ class PacketLayout:
             # The readings of the accelerometer and of the gyroscope have a time each.
             return np.array([[float(times_ns[1]), *np.frombuffer(packet, "<f4", 6, 24)]])
         block = np.dtype([("stamp_ns", "<u8"), ("number", "<u2"), ("status", "<u2"), ("values", "<f4", 6)])
-        found = np.frombuffer(packet, block, self._measurements, _HEADER_BYTES + _NMEA_BYTES)
-        found = found[(found["status"] & 1) == 1]
-        return np.column_stack([found["stamp_ns"].astype(np.float64), found["values"]])
+        measurements = np.frombuffer(packet, block, self._measurements, _HEADER_BYTES + _NMEA_BYTES)
+        measurements = measurements[(measurements["status"] & 1) == 1]
+        return np.column_stack([measurements["stamp_ns"].astype(np.float64), measurements["values"]])

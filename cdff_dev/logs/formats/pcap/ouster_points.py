@@ -69,9 +69,9 @@ class RayTable:
         columns = columns[columns["number"] < len(self._direction)]
         columns = columns[np.argsort(columns["stamp_ns"], kind="stable")]
         words = columns["words"]
-        range_mm = np.stack([found.range_mm.of(words) for found in returns], axis=2)
+        range_mm = np.stack([echo.range_mm.of(words) for echo in returns], axis=2)
         intensity = np.stack(
-            [found.intensity.of(words) * np.uint32(found.intensity_factor) for found in returns], axis=2
+            [echo.intensity.of(words) * np.uint32(echo.intensity_factor) for echo in returns], axis=2
         )
         column, ring, number = np.nonzero(range_mm)
         at = columns["number"][column], ring

@@ -77,12 +77,12 @@ class Capture:
     @property
     def unconverted(self) -> dict[str, Unconverted]:
         """Counts of packets without a datagram, and the end of a damaged file; ``datagrams`` fills both."""
-        found = {
+        contents = {
             what: Unconverted("packet", count, "no data of a lidar") for what, count in self._lost.items()
         }
         if self._damage is not None:
-            found[f"byte {self._damage.offset}"] = Unconverted("damaged part", 1, self._damage.reason)
-        return found
+            contents[f"byte {self._damage.offset}"] = Unconverted("damaged part", 1, self._damage.reason)
+        return contents
 
     def description(self, sizes: Mapping[int, int]) -> str:
         """Return numbers of datagrams by size, and where a damaged file ends, for an error message."""

@@ -83,10 +83,10 @@ class RecordReader:
         prefix = struct.Struct(f"{order}IIII")
         at = max(start, _HEADER_BYTES)
         file.seek(at)
-        while found := file.read(prefix.size):
-            if len(found) < prefix.size:
+        while record_header := file.read(prefix.size):
+            if len(record_header) < prefix.size:
                 raise DamagedRecordError(self.path, at, "the file ends in the header of a packet")
-            seconds, fraction, length, _ = prefix.unpack(found)
+            seconds, fraction, length, _ = prefix.unpack(record_header)
             data = file.read(length) if length <= _MAX_RECORD_BYTES else b""
             if len(data) < length:
                 raise DamagedRecordError(self.path, at, _wrong_length(length))
@@ -99,11 +99,11 @@ class RecordReader:
         file.seek(start)
         at = start
         section = self._sections[max(known for known in self._sections if known <= start)] if start else None
-        while found := file.read(8):
-            if len(found) == 8 and found[:4] == PCAPNG_MAGIC:
+        while block_header := file.read(8):
+            if len(block_header) == 8 and block_header[:4] == PCAPNG_MAGIC:
                 section = self._sections.setdefault(at, _Section(self._byte_order(file, at)))
             order = section.order if section else "<"
-            kind, length = struct.unpack(f"{order}II", found) if len(found) == 8 else (0, 0)
+            kind, length = struct.unpack(f"{order}II", block_header) if len(block_header) == 8 else (0, 0)
             if section is None or length % 4 or not 12 <= length <= _MAX_RECORD_BYTES:
                 raise DamagedRecordError(self.path, at, _wrong_length(length))
             body = file.read(length - 8)

@@ -119,11 +119,11 @@ class VelodyneLog(LogSource):
         CodecError.
         """
         try:
-            found = call()
+            completed_scan = call()
         except (RuntimeError, ValueError, TypeError) as error:
             raise CodecError(f"{self._path}: damaged packet: {error}") from error
-        if found is not None and len(found[1]):
-            yield round(found[0].host * 1e6) * 1000, found[1]
+        if completed_scan is not None and len(completed_scan[1]):
+            yield round(completed_scan[0].host * 1e6) * 1000, completed_scan[1]
 
     def close(self) -> None:
         """Close the file, which is only open while it is read."""

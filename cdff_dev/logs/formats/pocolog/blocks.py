@@ -98,19 +98,19 @@ def read_blocks(path: Path) -> FileBlocks:
     """
     with path.open("rb") as file:
         prologue = file.read(_PROLOGUE.size)
-    found = FileBlocks(path, _byte_order(prologue, path))
+    file_blocks = FileBlocks(path, _byte_order(prologue, path))
     with mapped_file(path) as mapped:
         declared: dict[int, StreamBlocks] = {}
         data = mapped.data.data
         at, size = _PROLOGUE.size, len(data)
         while at < size:
             try:
-                at = _read_block(data, at, found, declared)
+                at = _read_block(data, at, file_blocks, declared)
             except _DamageError as error:
-                found.damage = f"damaged at byte {at} of {size}: {error}; the remainder is lost"
+                file_blocks.damage = f"damaged at byte {at} of {size}: {error}; the remainder is lost"
                 break
             mapped.release_before(at)
-    return found
+    return file_blocks
 
 
 def _byte_order(prologue: bytes, path: Path) -> str:
@@ -131,7 +131,7 @@ def _byte_order(prologue: bytes, path: Path) -> str:
     return ">" if flags & 1 else "<"
 
 
-def _read_block(data: memoryview, at: int, found: FileBlocks, declared: dict[int, StreamBlocks]) -> int:
+def _read_block(data: memoryview, at: int, file_blocks: FileBlocks, declared: dict[int, StreamBlocks]) -> int:
     """Add a block to the index, and return the offset of the next."""
     if len(data) - at < BLOCK.size:
         raise _DamageError(f"{len(data) - at} bytes, expected a block header of {BLOCK.size}")
@@ -143,15 +143,15 @@ def _read_block(data: memoryview, at: int, found: FileBlocks, declared: dict[int
     if end > len(data):
         raise _DamageError(f"block of {size} bytes, expected at most the {len(data) - start} of the file")
     if kind == CONTROL_BLOCK:
-        found.control += 1
+        file_blocks.control += 1
     elif kind == DECLARATION_BLOCK:
         if (declaration := _declaration(data, start, end)) is not None:
             declared[stream] = declaration
-            found.streams.append(declaration)
+            file_blocks.streams.append(declaration)
     elif stream in declared:
         _add_sample(declared[stream], data, start, size)
     else:
-        found.undeclared += 1
+        file_blocks.undeclared += 1
     return end
 
 

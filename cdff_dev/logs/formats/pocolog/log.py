@@ -129,10 +129,10 @@ def _recording(path: Path) -> tuple[Path, int]:
     return (path.with_name(match[1]), int(match[2])) if match else (path.with_suffix(""), 0)
 
 
-def _free(name: str, taken: dict[str, IndexedStream] | dict[str, Unconverted]) -> str:
+def _free(name: str, used_names: dict[str, IndexedStream] | dict[str, Unconverted]) -> str:
     """Return a name, with a number if it is taken."""
     numbered, n = name, 1
-    while numbered in taken:
+    while numbered in used_names:
         n += 1
         numbered = f"{name}_{n}"
     return numbered
@@ -142,20 +142,22 @@ def _ports(files: list[FileBlocks], unconverted: dict[str, Unconverted]) -> list
     """Return the ports whose types are readable, and list other content of the files in ``unconverted``."""
     ports: dict[tuple[Path, str, str], _PortFiles] = {}
     registries: dict[tuple[bytes, str], Registry] = {}
-    for number, found in enumerate(files):
-        for blocks in found.streams:
+    for number, file_blocks in enumerate(files):
+        for blocks in file_blocks.streams:
             try:
-                definitions = blocks.registry, found.order
+                definitions = blocks.registry, file_blocks.order
                 if definitions not in registries:
                     registries[definitions] = Registry(*definitions)
                 kind = registries[definitions].build(blocks.type_name)
             except CodecError as error:
-                name = _free(f"{found.path.name}: {blocks.name}", unconverted)
+                name = _free(f"{file_blocks.path.name}: {blocks.name}", unconverted)
                 unconverted[name] = Unconverted(blocks.type_name, len(blocks.starts), str(error))
                 continue
-            key = (_recording(found.path)[0], blocks.name, blocks.type_name)
-            ports.setdefault(key, _PortFiles(*key)).parts.append(PortPart(number, found.order, kind, blocks))
-        _list_remainder(found, unconverted)
+            key = (_recording(file_blocks.path)[0], blocks.name, blocks.type_name)
+            ports.setdefault(key, _PortFiles(*key)).parts.append(
+                PortPart(number, file_blocks.order, kind, blocks)
+            )
+        _list_remainder(file_blocks, unconverted)
     return list(ports.values())
 
 
@@ -179,17 +181,17 @@ def _chosen_ports(ports: list[_PortFiles], unconverted: dict[str, Unconverted]) 
     return chosen
 
 
-def _list_remainder(found: FileBlocks, unconverted: dict[str, Unconverted]) -> None:
+def _list_remainder(file_blocks: FileBlocks, unconverted: dict[str, Unconverted]) -> None:
     """Add damage, undeclared streams and control streams of a file to the content not converted."""
-    name = found.path.name
-    if found.damage:
-        _log.warning("%s: %s", found.path, found.damage)
-        unconverted[_free(name, unconverted)] = Unconverted("damaged block", 0, found.damage)
-    if found.undeclared:
+    name = file_blocks.path.name
+    if file_blocks.damage:
+        _log.warning("%s: %s", file_blocks.path, file_blocks.damage)
+        unconverted[_free(name, unconverted)] = Unconverted("damaged block", 0, file_blocks.damage)
+    if file_blocks.undeclared:
         unconverted[f"{name}: streams without declaration"] = Unconverted(
-            "unknown", found.undeclared, "their declaration, expected before their samples, is missing"
+            "unknown", file_blocks.undeclared, "their declaration, expected before their samples, is missing"
         )
-    if found.control:
+    if file_blocks.control:
         unconverted[f"{name}: control streams"] = Unconverted(
-            "control block", found.control, "pocolog defines no content for them"
+            "control block", file_blocks.control, "pocolog defines no content for them"
         )

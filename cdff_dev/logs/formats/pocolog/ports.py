@@ -122,13 +122,15 @@ class Port:
             for i, (start, size, logical_us) in enumerate(
                 zip(blocks.starts, blocks.sizes, blocks.logical_us, strict=True)
             ):
-                found = [logical_us * 1000]
+                stamps_ns = [logical_us * 1000]
                 if has_time or self._is_split:
                     content = mapped.data.data[start : start + size]
-                    found = self._own_stamps(part, content, bool(blocks.compressed[i]), found[0], has_time)
-                stamps.extend(found)
-                self._blocks.extend([first + i] * len(found))
-                self._elements.extend(range(len(found)))
+                    stamps_ns = self._own_stamps(
+                        part, content, bool(blocks.compressed[i]), stamps_ns[0], has_time
+                    )
+                stamps.extend(stamps_ns)
+                self._blocks.extend([first + i] * len(stamps_ns))
+                self._elements.extend(range(len(stamps_ns)))
                 mapped.release_before(start)
 
     def _own_stamps(

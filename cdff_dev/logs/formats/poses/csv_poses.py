@@ -76,9 +76,9 @@ def _header(source: Source) -> list[str]:
 def _columns(header: list[str]) -> dict[str, int]:
     """Return the index of each column of a pose that the header names; the first one if several match."""
     names = [re.sub(r"\s*\[.*\]", "", name).strip() for name in header]
-    found: dict[str, int] = {}
+    index_by_column: dict[str, int] = {}
     for column, pattern in _COLUMNS.items():
         for index, name in enumerate(names):
             if re.fullmatch(pattern, name, re.IGNORECASE):
-                found.setdefault(column, index)
-    return found
+                index_by_column.setdefault(column, index)
+    return index_by_column

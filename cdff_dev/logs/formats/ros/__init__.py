@@ -30,11 +30,11 @@ def _open(location: LogLocation, calibration: Path | None) -> LogSource:
     from cdff_dev.logs.formats.ros.bags import open_files, open_folder
     from cdff_dev.logs.formats.ros.original_names import open_recording
 
-    found = open_files(location.files) if location.folder is None else open_folder(location.folder)
-    if len(found) == 1:
-        recording = next(iter(found.values()))
+    recordings = open_files(location.files) if location.folder is None else open_folder(location.folder)
+    if len(recordings) == 1:
+        recording = next(iter(recordings.values()))
         return open_recording(recording, robot_name(Path(recording.name)), calibration)
-    return _joined(found, calibration)
+    return _joined(recordings, calibration)
 
 
 def _joined(recordings: dict[str, Recording], calibration: Path | None) -> LogSource:

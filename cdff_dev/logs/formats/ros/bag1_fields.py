@@ -28,16 +28,16 @@ class Bag1Connection:
 def fields(header: bytes | memoryview) -> dict[bytes, bytes]:
     """Return the fields of a header by name; raises ValueError or struct.error if it is damaged."""
     data, at = bytes(header), 0
-    found: dict[bytes, bytes] = {}
+    values: dict[bytes, bytes] = {}
     while at < len(data):
         (size,) = LENGTH.unpack_from(data, at)
         at += LENGTH.size
         name, separator, value = data[at : at + size].partition(b"=")
         if at + size > len(data) or not separator:
             raise ValueError(f"a field of {size} bytes at byte {at} of a header of {len(data)}")
-        found[name] = value
+        values[name] = value
         at += size
-    return found
+    return values
 
 
 def connection(values: dict[bytes, bytes], data: bytes | memoryview) -> Bag1Connection:
@@ -64,12 +64,12 @@ def next_chunk(file: BinaryIO, at: int, size: int) -> int:
     while at < size:
         file.seek(at)
         block = file.read(_BLOCK_BYTES)
-        found = block.find(_CHUNK_FIELD)
-        while found >= 0:
-            for start in range(found - LENGTH.size, max(found - _MAX_DISTANCE, -1), -1):
+        field_start = block.find(_CHUNK_FIELD)
+        while field_start >= 0:
+            for start in range(field_start - LENGTH.size, max(field_start - _MAX_DISTANCE, -1), -1):
                 if _is_chunk(block[start : start + 2 * _MAX_DISTANCE]):
                     return at + start
-            found = block.find(_CHUNK_FIELD, found + 1)
+            field_start = block.find(_CHUNK_FIELD, field_start + 1)
         if len(block) < _BLOCK_BYTES:
             break
         at += _BLOCK_BYTES - 2 * _MAX_DISTANCE

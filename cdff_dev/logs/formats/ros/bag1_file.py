@@ -57,10 +57,10 @@ class Bag1Recording(FileRecording):
     def _channel(self, connection: Bag1Connection, count: int) -> Channel:
         """Return the channel of a connection; its decoder is added to the decoders."""
         name = connection.type_name
-        found = decoder_or_fault(
+        decoder_or_error = decoder_or_fault(
             lambda: decoder("ros1", "ros1msg", name, connection.definition, connection.md5sum)
         )
-        if callable(found):
-            self._decoders[connection.number] = found
-        fault = found if isinstance(found, str) else ""
+        if callable(decoder_or_error):
+            self._decoders[connection.number] = decoder_or_error
+        fault = decoder_or_error if isinstance(decoder_or_error, str) else ""
         return Channel(connection.topic, name, count, connection.number, "ros1", fault=fault)

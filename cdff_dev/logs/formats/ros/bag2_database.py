@@ -88,9 +88,9 @@ class Bag2Database(FileRecording):
 
     def _read_channels(self) -> list[Channel]:
         """Return the topics with the numbers of their messages."""
-        found = self._database.execute("SELECT * FROM topics")
-        columns = [column[0] for column in found.description]
-        topics = [dict(zip(columns, row, strict=True)) for row in found]
+        topic_rows = self._database.execute("SELECT * FROM topics")
+        columns = [column[0] for column in topic_rows.description]
+        topics = [dict(zip(columns, row, strict=True)) for row in topic_rows]
         definitions = self._definitions()
         counts = Counter(topic for (topic,) in self._rows("topic_id", "TRUE"))
         return [self._channel(topic, counts[topic["id"]], definitions) for topic in topics]
@@ -98,11 +98,14 @@ class Bag2Database(FileRecording):
     def _definitions(self) -> dict[str, tuple[str, bytes, str]] | None:
         """Return encoding, definition and hash by type; None if the bag has none."""
         try:
-            found = self._database.execute(
+            definition_rows = self._database.execute(
                 "SELECT topic_type, encoding, encoded_message_definition, type_description_hash "
                 "FROM message_definitions"
             )
-            return {name: (encoding, text.encode(), digest or "") for name, encoding, text, digest in found}
+            return {
+                name: (encoding, text.encode(), digest or "")
+                for name, encoding, text, digest in definition_rows
+            }
         except sqlite3.Error as error:
             if "no such table" not in str(error):
                 self._report("message definitions", str(error))
@@ -115,14 +118,14 @@ class Bag2Database(FileRecording):
         if not isinstance(number, int):
             raise InputError(f"topic {topic['name']!r} with the number {number!r}")
         if encoding != "cdr":
-            found: Decoder | str = f"messages in {encoding!r}, expected 'cdr'"
+            decoder_or_error: Decoder | str = f"messages in {encoding!r}, expected 'cdr'"
         elif definitions and name in definitions and definitions[name][0] != "unknown":
-            found = decoder_or_fault(lambda: _defined(name, *definitions[name]))
+            decoder_or_error = decoder_or_fault(lambda: _defined(name, *definitions[name]))
         else:
-            found = decoder_or_fault(lambda: standard_decoder(name))
-        if callable(found):
-            self._decoders[number] = found
-        fault = found if isinstance(found, str) else ""
+            decoder_or_error = decoder_or_fault(lambda: standard_decoder(name))
+        if callable(decoder_or_error):
+            self._decoders[number] = decoder_or_error
+        fault = decoder_or_error if isinstance(decoder_or_error, str) else ""
         return Channel(str(topic["name"]), name, count, number, "cdr", fault=fault)
 
     def _rows(self, columns: str, condition: str) -> Iterator[tuple[Any, ...]]:

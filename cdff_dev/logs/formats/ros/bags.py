@@ -56,12 +56,12 @@ def open_folder(folder: Path) -> dict[str, Recording]:
     return recordings
 
 
-def _recordings_of(folder: Path, found: list[Path]) -> dict[str, Recording]:
+def _recordings_of(folder: Path, bag_files: list[Path]) -> dict[str, Recording]:
     if (folder / METADATA).is_file():
-        return {str(folder): _open_bag2(folder, found)}
-    groups = _by_recording(found)
-    if len(groups) == 1 and found[0].name.endswith((".db3", ".zstd")):
-        return {str(folder): _open_bag2(folder, found)}
+        return {str(folder): _open_bag2(folder, bag_files)}
+    groups = _by_recording(bag_files)
+    if len(groups) == 1 and bag_files[0].name.endswith((".db3", ".zstd")):
+        return {str(folder): _open_bag2(folder, bag_files)}
     return _recordings(groups, str(folder))
 
 
@@ -91,36 +91,36 @@ def _by_recording(files: Sequence[Path]) -> list[list[Path]]:
 
 def _recordings(groups: Sequence[Sequence[Path]], name: str) -> dict[str, Recording]:
     """Open recordings; one that cannot be read is listed with another that can."""
-    found: dict[str, Recording] = {}
+    recordings: dict[str, Recording] = {}
     missing: dict[str, Unconverted] = {}
     for files in groups:
         openers = [
             (path, partial(_open_compressed if path.suffix == ".zstd" else _open, path, "")) for path in files
         ]
         try:
-            found[str(files[0])] = _joined(name if len(groups) == 1 else str(files[0]), openers, {})
+            recordings[str(files[0])] = _joined(name if len(groups) == 1 else str(files[0]), openers, {})
         except CodecError as error:
             if len(groups) == 1:
                 raise
             _log.warning("%s", error)
             missing[files[0].name] = Unconverted("damaged part", 1, str(error))
-    if not found:
+    if not recordings:
         reasons = "; ".join(item.reason for item in missing.values())
         raise CodecError(f"{name}: no readable bag: {reasons or 'no .db3, .mcap or .bag file'}")
     if missing:
-        first, recording = next(iter(found.items()))
-        found[first] = JoinedRecording(first, [recording], missing)
-    return found
+        first, recording = next(iter(recordings.items()))
+        recordings[first] = JoinedRecording(first, [recording], missing)
+    return recordings
 
 
-def _open_bag2(folder: Path, found: Sequence[Path]) -> Recording:
+def _open_bag2(folder: Path, bag_files: Sequence[Path]) -> Recording:
     """Open a ROS 2 bag; without metadata, its files are those of the folder."""
     missing: dict[str, Unconverted] = {}
     information = _metadata(folder / METADATA, missing)
     mode = str(information.get("compression_mode") or "").lower()
     named = [folder / PurePath(str(path)).name for path in information.get("relative_file_paths") or ()]
-    parts = named or [path for path in found if path.name.endswith(_BAG2_SUFFIXES)]
-    for path in found:
+    parts = named or [path for path in bag_files if path.name.endswith(_BAG2_SUFFIXES)]
+    for path in bag_files:
         if path not in parts:
             missing[path.name] = Unconverted("file", 1, f"not in the list of {METADATA}")
     openers = [

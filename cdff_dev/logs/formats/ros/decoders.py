@@ -107,8 +107,8 @@ def _ros_decoder(encoding: str, schema_encoding: str, name: str, schema: str, di
             types.update(get_types_from_idl(part.partition("\n")[2]))
     else:
         types.update(get_types_from_idl(schema))
-    for found in types:
-        ros_type(found)
+    for type_name in types:
+        ros_type(type_name)
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     if digest:

@@ -199,42 +199,42 @@ class RosLog(LogSource):
 
     def _first_messages(self, channels: list[Channel]) -> dict[str, Any]:
         """Return the first message of each topic."""
-        found: dict[str, Any] = {}
+        message_by_topic: dict[str, Any] = {}
         topics = {channel.topic for channel in channels if channel.count}
         for channel, _, raw in self._recording.messages(channels):
-            if channel.topic not in found:
-                found[channel.topic] = self._recording.decode(channel, raw)
-            if len(found) == len(topics):
+            if channel.topic not in message_by_topic:
+                message_by_topic[channel.topic] = self._recording.decode(channel, raw)
+            if len(message_by_topic) == len(topics):
                 break
-        return found
+        return message_by_topic
 
     def _other_topics(self) -> dict[str, Unconverted]:
         """Return the topics without a conversion, with the reason."""
-        found: dict[str, Unconverted] = {}
+        unconverted_topics: dict[str, Unconverted] = {}
         for channel in self._recording.channels:
             if id(channel) not in self._topics and (channel.type_name != CAMERA_INFO or channel.fault):
-                known = found.get(channel.topic)
+                known = unconverted_topics.get(channel.topic)
                 count = channel.count + (known.count if known else 0)
                 reason = channel.fault or NO_CONVERSION.get(channel.type_name, "no CDFF type has its content")
                 type_name = channel.original_type or channel.type_name
-                found[channel.topic] = Unconverted(type_name, count, reason)
-        return found
+                unconverted_topics[channel.topic] = Unconverted(type_name, count, reason)
+        return unconverted_topics
 
     def _other_fields(self) -> dict[str, Unconverted]:
         """Return the fields of converted messages that no CDFF field has, by topic."""
         converted = [c for c in self._recording.channels if id(c) in self._topics and c.count]
         clouds = self._first_messages([c for c in converted if c.type_name == CLOUD])
-        found: dict[str, Unconverted] = {}
+        unconverted_fields: dict[str, Unconverted] = {}
         for channel in converted:
             fields = () if channel.original_type else OMITTED_FIELDS.get(channel.type_name, ())
             if channel.topic in clouds:
                 fields = unused_fields(clouds[channel.topic])
             if fields:
                 name = f"{channel.topic}: {', '.join(fields)}"
-                count = channel.count + (found[name].count if name in found else 0)
+                count = channel.count + (unconverted_fields[name].count if name in unconverted_fields else 0)
                 type_name = channel.original_type or channel.type_name
-                found[name] = Unconverted(type_name, count, "no CDFF field has it")
-        return found
+                unconverted_fields[name] = Unconverted(type_name, count, "no CDFF field has it")
+        return unconverted_fields
 
     def _stereo_cameras(self) -> list[StereoTopics]:
         """Return the stereo cameras; those without a usable calibration are listed as not converted."""
@@ -404,15 +404,15 @@ class RosLog(LogSource):
         """Return the first sample of all or some streams, from one pass through the recording."""
         names = chosen_streams(self.streams, streams)
         wanted = {name: int(np.argmin(self.stamps_ns(name))) for name in names}
-        found: dict[str, LogSample] = {}
+        sample_by_stream: dict[str, LogSample] = {}
         seqs: Counter[str] = Counter()
         for part in self._parts(set(wanted)) if wanted else ():
             if seqs[part.stream] == wanted[part.stream]:
-                found[part.stream] = self._sample(seqs[part.stream], part)
-                if len(found) == len(wanted):
+                sample_by_stream[part.stream] = self._sample(seqs[part.stream], part)
+                if len(sample_by_stream) == len(wanted):
                     break
             seqs[part.stream] += 1
-        return found
+        return sample_by_stream
 
     def _ordered_parts(self, streams: Collection[str] | None) -> Iterator[tuple[int, _Part]]:
         """Yield the number in its stream of each sample, and the sample, in the order of ``samples``."""

@@ -78,16 +78,16 @@ class McapRecording(FileRecording):
         key = channel.schema_id, channel.message_encoding
         if key not in known:
             known[key] = _decoder_or_fault(channel.message_encoding, schema)
-        found = known[key]
-        if callable(found):
-            self._decoders[channel.id] = found
+        decoder_or_error = known[key]
+        if callable(decoder_or_error):
+            self._decoders[channel.id] = decoder_or_error
         name = "" if schema is None else schema.name
         type_name, original = name, name
         if name in FOXGLOVE:
             type_name = FOXGLOVE[name][0]
-        elif channel.message_encoding in ("ros1", "cdr") and callable(found):
+        elif channel.message_encoding in ("ros1", "cdr") and callable(decoder_or_error):
             type_name, original = ros_type(name), ""
-        fault = found if isinstance(found, str) else ""
+        fault = decoder_or_error if isinstance(decoder_or_error, str) else ""
         encoding = channel.message_encoding
         return Channel(channel.topic, type_name, count, channel.id, encoding, original, fault)
 

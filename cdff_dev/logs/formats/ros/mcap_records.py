@@ -76,10 +76,10 @@ class McapRecords:
             while True:
                 known = self._channels_of.get(at)
                 is_needed = known is None or wanted is None or not known.isdisjoint(wanted)
-                found = self._next(file, at, size, is_needed)
-                if found is None:
+                next_record = self._next(file, at, size, is_needed)
+                if next_record is None:
                     return
-                opcode, body, after = found
+                opcode, body, after = next_record
                 try:
                     yield from self._records(at, opcode, body, is_complete=after <= size)
                 except _ERRORS as error:

@@ -117,17 +117,19 @@ class JoinedRecording(Recording):
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
         """Damaged parts of the files, and files that are not read."""
-        found = dict(self._missing)
+        contents = dict(self._missing)
         for part in self._parts:
             prefix = f"{Path(part.name).name}: " if len(self._parts) > 1 else ""
-            found |= {f"{prefix}{name}": item for name, item in part.unconverted.items()}
-        return found
+            contents |= {f"{prefix}{name}": item for name, item in part.unconverted.items()}
+        return contents
 
     def messages(self, channels: Collection[Channel]) -> Iterator[tuple[Channel, int, Encoded]]:
         """Yield channel, time of recording and encoded message."""
         of_parts = [[c for c in channels if self._owners[id(c)] is part] for part in self._parts]
-        found = [part.messages(chosen) for part, chosen in zip(self._parts, of_parts, strict=True)]
-        return heapq.merge(*found, key=lambda message: message[1])
+        messages_of_parts = [
+            part.messages(chosen) for part, chosen in zip(self._parts, of_parts, strict=True)
+        ]
+        return heapq.merge(*messages_of_parts, key=lambda message: message[1])
 
     def decode(self, channel: Channel, raw: Encoded) -> Any:
         """Return a message; raises CodecError if it is damaged."""
@@ -147,8 +149,8 @@ def kept(message: memoryview) -> Encoded:
 def encoded_stamp_ns(encoding: str, raw: Encoded) -> int:
     """Return the stamp of an encoded message of ROS or in JSON that begins with it; 0 if it does not."""
     if encoding == "json":
-        found = _JSON_STAMP.match(raw)
-        return int(found[1]) * 1_000_000_000 + int(found[2]) if found else 0
+        stamp_match = _JSON_STAMP.match(raw)
+        return int(stamp_match[1]) * 1_000_000_000 + int(stamp_match[2]) if stamp_match else 0
     if encoding not in ("ros1", "cdr") or len(raw) < _STAMP.stop:
         return 0
     order = ">" if encoding == "cdr" and raw[1] == 0 else "<"

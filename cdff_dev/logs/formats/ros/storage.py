@@ -96,10 +96,10 @@ class Bag2Storage(MessageStorage):
     def __init__(self, path: Path) -> None:
         if path.exists():
             raise InputError(f"log {path}: exists already; remove it, or name another folder")
-        if found := sorted(set("#?%") & set(str(path.resolve()))):
+        if forbidden := sorted(set("#?%") & set(str(path.resolve()))):
             # rosbags opens the database by a URI in which these have another meaning.
             raise InputError(
-                f"log {path}: {' '.join(found)} cannot be in the path of a new ROS 2 bag; write it elsewhere "
+                f"log {path}: {' '.join(forbidden)} cannot be in the path of a new ROS 2 bag; write it elsewhere "
                 "and move it, or write NAME.mcap"
             )
         self.types = RosTypes(2)

@@ -222,8 +222,8 @@ class RosWriter(LogSink):
 
     def _report(self, stream: str, value: Any, encoded: Encoded, header: Header | None) -> None:
         """Count the fields of a sample that its messages do not hold."""
-        held = with_mount(encoded.held, self._names.mounts.get(stream))
-        paths = differing_fields(value, held, ROUNDING) if held is not value else []
+        written_value = with_mount(encoded.held, self._names.mounts.get(stream))
+        paths = differing_fields(value, written_value, ROUNDING) if written_value is not value else []
         for path in {".".join(path.split(".")[:_PATH_LENGTH]): None for path in paths}:
             self._losses[stream, path] += 1
         for name in _lost_fields(stream, header):

@@ -57,11 +57,11 @@ def scans_log(files: list[Path], folder: Path | None = None) -> IndexedLog:
 
 def _scan(path: Path, stamp_ns: int) -> LidarScan:
     """Return the finite points of a file; raises CodecError if it is not a cloud."""
-    cloud, found = _read(path)
+    cloud, format_name = _read(path)
     finite = np.isfinite(cloud.points_m).all(axis=1)
     points_m, intensity = cloud.points_m[finite], None
     if cloud.intensity is not None:
-        scaled = np.nan_to_num(cloud.intensity[finite]) * _INTENSITY_FACTORS.get(found, _OF_8_BITS)
+        scaled = np.nan_to_num(cloud.intensity[finite]) * _INTENSITY_FACTORS.get(format_name, _OF_8_BITS)
         intensity = np.round(np.clip(scaled, 0.0, 65535.0)).astype(np.uint16)
     offsets_us = np.zeros(len(points_m), np.uint32)
     return LidarScan.from_arrays(
@@ -79,11 +79,11 @@ def _read(path: Path) -> tuple[CloudArrays, str]:
     source = replace(load(path), on_truncation=logger.warning)
     if path.suffix.lower() == ".bin":
         source = _whole_points(source)
-    found = detect(source)
-    if found not in CLOUD_FORMATS:
+    format_name = detect(source)
+    if format_name not in CLOUD_FORMATS:
         expected = ", ".join((*CLOUD_FORMATS, "e57"))
-        raise CodecError(f"{path}: format {found}, expected a point cloud: {expected}")
-    return read_cloud(source, found), found
+        raise CodecError(f"{path}: format {format_name}, expected a point cloud: {expected}")
+    return read_cloud(source, format_name), format_name
 
 
 def _whole_points(source: Source) -> Source:

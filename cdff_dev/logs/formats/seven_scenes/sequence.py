@@ -47,7 +47,9 @@ def sequence_log(frames: Path) -> IndexedLog:
         If a pose cannot be read.
     """
     colour = {
-        int(found[1]): file for file in sorted(frames.iterdir()) if (found := COLOUR_NAME.match(file.name))
+        int(name_match[1]): file
+        for file in sorted(frames.iterdir())
+        if (name_match := COLOUR_NAME.match(file.name))
     }
     depth = {n: path for n, file in colour.items() if (path := _beside(file, ".depth.png")).is_file()}
     streams: dict[str, IndexedStream] = {

@@ -41,9 +41,9 @@ class Proxy:
             return
         prefix, headers = self._root_path, scope["headers"]
         if self._is_trusted:
-            given = dict(headers)
-            prefix = given.get(b"x-forwarded-prefix", b"").decode("latin-1").rstrip("/") or prefix
-            host = given.get(b"x-forwarded-host", b"").partition(b",")[0].strip()
+            value_by_header = dict(headers)
+            prefix = value_by_header.get(b"x-forwarded-prefix", b"").decode("latin-1").rstrip("/") or prefix
+            host = value_by_header.get(b"x-forwarded-host", b"").partition(b",")[0].strip()
             if host:
                 headers = [*((k, v) for k, v in headers if k != b"host"), (b"host", host)]
         if prefix and (len(prefix) > 200 or not _PREFIX.match(prefix)):

@@ -367,10 +367,10 @@ class _Named:
                 Catalogue(context).extents(collection)
             return cls(collection, places.body)
         frames = {e.frame: places.body_of(e.frame) for e in Catalogue(context).extents(product)}
-        found = {frame: b for frame, b in frames.items() if b is not None and b.name == body_name}
-        if not found or body_name == (places.body.name if places.body else ""):
+        body_by_frame = {frame: b for frame, b in frames.items() if b is not None and b.name == body_name}
+        if not body_by_frame or body_name == (places.body.name if places.body else ""):
             raise ProductNotFoundError(f"no collection {collection[:64]!r}")
-        return cls(product, next(iter(found.values())), tuple(sorted(found)))
+        return cls(product, next(iter(body_by_frame.values())), tuple(sorted(body_by_frame)))
 
     def crs_list(self, request: Request) -> CrsList | None:
         """Return the CRSs of its features; None if the site is not anchored."""
@@ -380,12 +380,12 @@ class _Named:
 def _bodies(context: Context) -> list[Body]:
     """Return the bodies with anchored frames, that of the site first."""
     places = context.places
-    found = {} if places.body is None else {places.body.name: places.body}
+    body_by_name = {} if places.body is None else {places.body.name: places.body}
     for extent in context.extents.get(context.dpm.store):
         body = places.body_of(extent.frame)
         if body is not None:
-            found.setdefault(body.name, body)
-    return list(found.values())
+            body_by_name.setdefault(body.name, body)
+    return list(body_by_name.values())
 
 
 def _check_tracks(parameters: ItemParameters) -> None:

@@ -183,19 +183,21 @@ def collections(
     catalogue = Catalogue(context)
     writer = ItemWriter(str(request.base_url), catalogue.places)
     stac = stac_url(request)
-    found = selected_collections(
+    selected = selected_collections(
         catalogue.collections(), numbers_of(parameters.bbox), parameters.datetime, parameters.q
     )
-    first, count = parameters.token, parameters.limit or len(found)
+    first, count = parameters.token, parameters.limit or len(selected)
     links = [
         Link(rel="self", type=JSON, href=f"{stac}/collections"),
         Link(rel="root", type=JSON, href=stac),
     ]
-    if first + count < len(found):
+    if first + count < len(selected):
         query = parameters.model_dump(exclude_none=True) | {"token": first + count}
         links.append(Link(rel="next", type=JSON, href=f"{stac}/collections?{urlencode(query)}"))
-    page = [StacCollection(**writer.collection(c)) for c in found[first : first + count]]
-    return StacCollections(collections=page, links=links, numberMatched=len(found), numberReturned=len(page))
+    page = [StacCollection(**writer.collection(c)) for c in selected[first : first + count]]
+    return StacCollections(
+        collections=page, links=links, numberMatched=len(selected), numberReturned=len(page)
+    )
 
 
 @router.get("/collections/{collection}", response_model_exclude_none=True)

@@ -72,8 +72,8 @@ class TrackParameters(Parameters):
 @router.get("", response_model=Items[TrackedObject])
 def tracks(context: Ctx, parameters: Annotated[TrackParameters, Query()]) -> dict[str, Any]:
     """Return the newest states of tracked objects: directions, and ranges where they are observable."""
-    asked = parameters.model_dump(include={"robot", "t0", "t1", "limit"}, exclude_none=True)
-    page = context.dpm.retrieval.search(SearchParameters.model_validate({**asked, "type": ("track",)}))
+    search = parameters.model_dump(include={"robot", "t0", "t1", "limit"}, exclude_none=True)
+    page = context.dpm.retrieval.search(SearchParameters.model_validate({**search, "type": ("track",)}))
     objects: dict[tuple[str, str, int], dict[str, Any]] = {}
     for record in reversed(page.items):
         if record.size == 0 or parameters.frame not in (None, record.header.frame):

@@ -86,16 +86,16 @@ def _answer(context: Context, request: Request, pairs: dict[str, str]) -> Respon
 def _capabilities(context: Context, request: Request, frame: str) -> bytes:
     grid = grid_in(context, frame)
     products = set(LAYERS.values())
-    found = [c for c in Catalogue(context).collections() if c.id in products]
+    layers = [c for c in Catalogue(context).collections() if c.id in products]
     boxes = {}
-    for c in found:
+    for c in layers:
         if grid is not None and c.bounds_deg is not None:
             west, south, east, north = c.bounds_deg
             corners = grid.from_lonlat(np.array([[west, south], [east, north]]))
             boxes[c.id] = corners.ravel().tolist()
     times = []
-    if found:
-        times = [format_stamp(min(c.t0_ns for c in found)), format_stamp(max(c.t1_ns for c in found))]
+    if layers:
+        times = [format_stamp(min(c.t0_ns for c in layers)), format_stamp(max(c.t1_ns for c in layers))]
     sets = matrix_sets(context.places.of(frame).wkt, grid)
     return capabilities(str(request.base_url).rstrip("/"), frame, sets, boxes, times)
 
@@ -107,9 +107,9 @@ def _tile(context: Context, pairs: dict[str, str], frame: str) -> TileRequest:
         raise InputError(f"FORMAT={form[:40]!r}: expected one of {', '.join(_FORMS)}")
     z, row, column = (_number(pairs, name) for name in ("TILEMATRIX", "TILEROW", "TILECOL"))
     try:
-        given = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
-        given["frame"] = frame
-        parameters = TileParameters.model_validate(given)
+        tile_values = {name: pairs[name.upper()] for name in _SELECTION if name.upper() in pairs}
+        tile_values["frame"] = frame
+        parameters = TileParameters.model_validate(tile_values)
     except ValidationError as error:
         raise InputError(validation_message(error.errors()[0])) from error
     address = tile_address(context, frame, pairs.get("TILEMATRIXSET", GRID), z, column, row)

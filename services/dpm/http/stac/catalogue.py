@@ -203,9 +203,9 @@ class Catalogue:
         ]
         if len(pages) == 1:
             return pages[0]
-        found = {record.ordinal: record for page in pages for record in page.items}
+        record_by_ordinal = {record.ordinal: record for page in pages for record in page.items}
         newest_first = query.order is not Order.OLDEST
-        items = sorted(found.values(), key=lambda r: (r.t1_ns, r.ordinal), reverse=newest_first)
+        items = sorted(record_by_ordinal.values(), key=lambda r: (r.t1_ns, r.ordinal), reverse=newest_first)
         is_last = len(items) <= query.limit and all(page.cursor is None for page in pages)
         items = items[: query.limit]
         if is_last or not items:
@@ -227,20 +227,20 @@ class Catalogue:
         if not place.is_plain_box:
             page = self._page(replace(query, limit=MAX_PAGE), regions)
             return len(place.touching(self.placed(page.items))) if page.cursor is None else None
-        found = self._ordinals_in(query, regions)
-        return None if found is None else len(found)
+        ordinals = self._ordinals_in(query, regions)
+        return None if ordinals is None else len(ordinals)
 
     def _ordinals_in(self, query: Query, regions: Sequence[tuple[str, Region]]) -> set[int] | None:
         """Return the products in one of the regions; None if they are too many."""
-        found: set[int] = set()
+        ordinals: set[int] = set()
         for frame, region in regions:
             part = self._context.dpm.store.ordinals_in(
                 replace(query, frame=frame, region=region), _MOST_COUNTED
             )
             if part is None:
                 return None
-            found |= part
-        return found
+            ordinals |= part
+        return ordinals
 
     def _searched(self, where: Any) -> Any:
         """Return an expression with the products that touch each place in it."""
@@ -255,23 +255,23 @@ class Catalogue:
         """Return the products that touch a place; raises InputError if they are too many."""
         regions = self.places.regions(place.bounds, self._body)
         if place.is_plain_box:
-            found = self._ordinals_in(Query(), regions)
+            ordinals = self._ordinals_in(Query(), regions)
         else:
-            found, cursor = set(), None
+            ordinals, cursor = set(), None
             for _ in range(_MAX_STEPS):
                 page = self._page(Query(limit=MAX_PAGE, cursor=cursor), regions)
-                found.update(p.record.ordinal for p in place.touching(self.placed(page.items)))
+                ordinals.update(p.record.ordinal for p in place.touching(self.placed(page.items)))
                 cursor = page.cursor
                 if cursor is None:
                     break
             if cursor is not None:
-                found = None
-        if found is None:
+                ordinals = None
+        if ordinals is None:
             raise InputError(
                 f"more than {_MOST_COUNTED} products are near the geometry: use bbox or intersects, or "
                 "a smaller one"
             )
-        return Among(frozenset(found))
+        return Among(frozenset(ordinals))
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
         boxes = [
