@@ -125,10 +125,10 @@ def streams(services: Services) -> dict[str, Any]:
     time.sleep(2.0)
     start_s, start_cpu_s = time.monotonic(), cpu_s(services.dpm.pid)
     time.sleep(_STREAMING_S)
-    used = (cpu_s(services.dpm.pid) - start_cpu_s) / (time.monotonic() - start_s)
+    cpu_fraction = (cpu_s(services.dpm.pid) - start_cpu_s) / (time.monotonic() - start_s)
     for connection in sockets:
         connection.close()
-    return {"streams": opened, "cpu_percent": round(100.0 * used, 1)}
+    return {"streams": opened, "cpu_percent": round(100.0 * cpu_fraction, 1)}
 
 
 def main() -> None:

@@ -500,13 +500,16 @@ def idle(duration_s: float) -> dict[str, Any]:
         processes.append(psutil.Process(stage.supervisor_pid))
         before_s = [sum(p.cpu_times()[:2]) for p in processes]
         time.sleep(duration_s)
-        used_s = [sum(p.cpu_times()[:2]) - used for p, used in zip(processes, before_s, strict=True)]
+        used_s = [
+            sum(p.cpu_times()[:2]) - start_cpu_s for p, start_cpu_s in zip(processes, before_s, strict=True)
+        ]
         names = [" ".join(p.cmdline()[2:6]) for p in processes]
         return {
             "processes": len(processes),
             "cpu_fraction_of_one_core": sum(used_s) / duration_s,
             "cpu_ms_per_s": {
-                name: round(1e3 * used / duration_s, 2) for name, used in zip(names, used_s, strict=True)
+                name: round(1e3 * start_cpu_s / duration_s, 2)
+                for name, start_cpu_s in zip(names, used_s, strict=True)
             },
             "memory_mb": {
                 name: round(p.memory_info().rss / 1e6, 1) for name, p in zip(names, processes, strict=True)

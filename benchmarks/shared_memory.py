@@ -68,7 +68,9 @@ def publishers(count: int, pool_mb: int) -> dict[str, Any]:
             subprocess.run([sys.executable, "-c", _PUBLISHER], env=environment, check=True)
             rows.append([f(pid) for pid in processes.values() for f in (shared_mb, memory_mb, descriptors)])
     slopes = np.polyfit(np.arange(len(rows)), np.array(rows, dtype=float), 1)[0]
-    names = [f"{name}_{what}" for name in processes for what in ("shared_mb", "memory_mb", "descriptors")]
+    names = [
+        f"{name}_{quantity}" for name in processes for quantity in ("shared_mb", "memory_mb", "descriptors")
+    ]
     per_publisher = {name: round(float(slope), 4) for name, slope in zip(names, slopes, strict=True)}
     return {"publishers": count, "messages": len(received), "per_publisher": per_publisher}
 

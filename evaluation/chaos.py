@@ -70,7 +70,7 @@ def table(figures: Mapping[str, Any]) -> str:
 
 
 def _promises_row(name: str, run: Mapping[str, Any]) -> str:
-    counts = ", ".join(f"{what} {n}" for what, n in run["disturbances"].items())
+    counts = ", ".join(f"{disturbance} {n}" for disturbance, n in run["disturbances"].items())
     outcomes = run["requests"]["outcomes"]
     junk = sum(n for outcome, n in outcomes.items() if outcome.startswith("junk"))
     errors = sum(n for outcome, n in outcomes.items() if outcome.endswith("Error") and ":" not in outcome)

@@ -171,7 +171,7 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
     about_mean, absolute, ranges, squares, places = [], [], [], [], []
     for p in passes:
         claimed: dict[int, str] = {}
-        used: set[int] = set()
+        matched_ids: set[int] = set()
         numbers = {name: p.first_number(name) for name in p.images[0].objects}
         for name in p.images[0].objects:
             objects += 1
@@ -206,7 +206,7 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                     changes += 1
                     number = numbers[name] = track_id
                 claimed[track_id] = name
-                used.add(track_id)
+                matched_ids.add(track_id)
                 data = track.data
                 if truth.visible > 0.98 and track.metadata.status is _CONFIRMED:
                     errors.append(data.pixels[0] - truth.place_px)
@@ -225,7 +225,7 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                 absolute.append(e)
                 about_mean.append(e - e.mean(axis=0))
         confirmed = {t.metadata.track_id for rows in p.rows for t in rows if t.metadata.status is _CONFIRMED}
-        false += len(confirmed - used)
+        false += len(confirmed - matched_ids)
     summary: dict[str, Any] = {
         "objects": objects,
         "never_confirmed": never,

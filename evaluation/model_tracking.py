@@ -174,17 +174,17 @@ def _screen(objects: TrackedObjects, name: str) -> Change:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the figures of one run."""
-    used = [row for row in rows if not row["is_coasting"] and np.isfinite(row["mm"])]
-    used = used or [{"frame": 0, "mm": float("nan"), "deg": float("nan")}]
-    worst = max(used, key=lambda row: row["mm"], default={"frame": 0})
+    measured_rows = [row for row in rows if not row["is_coasting"] and np.isfinite(row["mm"])]
+    measured_rows = measured_rows or [{"frame": 0, "mm": float("nan"), "deg": float("nan")}]
+    worst = max(measured_rows, key=lambda row: row["mm"], default={"frame": 0})
     return {
         "motions": len(rows),
-        "used": sum(row["mm"] == row["mm"] for row in used),
-        "median_mm": _rounded(np.median([row["mm"] for row in used])),
-        "largest_mm": _rounded(max(row["mm"] for row in used)),
+        "used": sum(row["mm"] == row["mm"] for row in measured_rows),
+        "median_mm": _rounded(np.median([row["mm"] for row in measured_rows])),
+        "largest_mm": _rounded(max(row["mm"] for row in measured_rows)),
         "largest_in_frame": worst["frame"],
-        "median_deg": _rounded(np.median([row["deg"] for row in used])),
-        "largest_deg": _rounded(max(row["deg"] for row in used)),
+        "median_deg": _rounded(np.median([row["deg"] for row in measured_rows])),
+        "largest_deg": _rounded(max(row["deg"] for row in measured_rows)),
         "ok": sum(not row["reasons"] for row in rows),
         "failed": sum(row["T"] is None for row in rows),
         "median_cpu_ms": _rounded(1e3 * np.median([row["cpu_s"] for row in rows])),

@@ -85,12 +85,12 @@ def sample(root: Path, seed: int, count: int, module: str = "") -> Iterator[tupl
         for mutant in itertools.islice(_drawn(root, [module], f"{seed} {module}"), count):
             yield part, mutant
         return
-    drawn = {part: _drawn(root, _files(root, part), f"{seed} {part}") for part in PARTS_OF_CODE}
+    mutants_by_part = {part: _drawn(root, _files(root, part), f"{seed} {part}") for part in PARTS_OF_CODE}
     sizes = dict.fromkeys(PARTS_OF_CODE, 0)
     for number in range(1, count + 1):
         part = max(sizes, key=lambda p: PARTS_OF_CODE[p][0] * number - sizes[p])
         sizes[part] += 1
-        yield part, next(drawn[part])
+        yield part, next(mutants_by_part[part])
 
 
 def _files(root: Path, part: str) -> list[str]:

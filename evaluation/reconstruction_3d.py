@@ -94,9 +94,10 @@ def tumbling_client(body: Body, sigma_m: float, sigma_deg: float) -> dict[str, A
     R = TorqueFreeBody([0.6, 0.8, 1.0], rate).orientations(t_s)
     centre = 0.5 * (body.vertices.min(axis=0) + body.vertices.max(axis=0))
     truth = se3.transform(R, np.array([0.0, 0.0, 10.0]) - R @ centre)
-    turned = se3.exp_so3(rng.normal(size=(SCANS, 3)) * np.deg2rad(sigma_deg)) @ R
+    noisy_rotations = se3.exp_so3(rng.normal(size=(SCANS, 3)) * np.deg2rad(sigma_deg)) @ R
     poses = se3.transform(
-        turned, truth[:, :3, 3] + (R - turned) @ centre + sigma_m * rng.normal(size=(SCANS, 3))
+        noisy_rotations,
+        truth[:, :3, 3] + (R - noisy_rotations) @ centre + sigma_m * rng.normal(size=(SCANS, 3)),
     )
     dfpc = _dfpc({"range_sigma_m": LIDAR.sigma_m, **LIDAR_PARAMETERS})
     cpu_s = 0.0

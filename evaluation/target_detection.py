@@ -67,9 +67,11 @@ def evaluate(
     if "other_models" in parts:
         figures["other_models"] = {}
         for body_name, body in list(other_bodies(data).items())[:3]:
-            own = detector(body, body_name)
+            body_detector = detector(body, body_name)
             figures["other_models"] |= {
-                f"{body_name}, {name}": measured(own, body, sensor, fewer, f"{body_name}, {name}", progress)
+                f"{body_name}, {name}": measured(
+                    body_detector, body, sensor, fewer, f"{body_name}, {name}", progress
+                )
                 for name, sensor in SENSORS.items()
             }
     return figures

@@ -239,8 +239,10 @@ def _errors(dfpc: Dfpc, sample: Sample, poses: FloatArray, frame: int) -> dict[s
         return row | {"is_failed": 1.0}
     estimate = pose.value.transform
     error = pose_error(poses[frame], estimate.matrix)
-    turned = se3.log_so3(poses[frame + 1, :3, :3] @ poses[frame - 1, :3, :3].T) if frame else np.zeros(3)
-    rate = turned / (2.0 * INTERVAL_S)
+    rotation_vector = (
+        se3.log_so3(poses[frame + 1, :3, :3] @ poses[frame - 1, :3, :3].T) if frame else np.zeros(3)
+    )
+    rate = rotation_vector / (2.0 * INTERVAL_S)
     rate_error = np.linalg.norm(track.value.velocities[0, 3:] - rate) / max(float(np.linalg.norm(rate)), 1e-9)
     return row | {
         "is_failed": 0.0,

@@ -92,8 +92,8 @@ def _tumble(seed: int) -> dict[str, Any]:
     cpu_s = time.process_time() - started
     truth = poses(queries_s)
     R = truth[:, :3, :3]
-    turned = se3.log_so3(motion.poses[:, :3, :3] @ np.swapaxes(R, 1, 2))
-    errors = np.concatenate([motion.poses[:, :3, 3] - truth[:, :3, 3], turned], axis=1)
+    rotation_errors = se3.log_so3(motion.poses[:, :3, :3] @ np.swapaxes(R, 1, 2))
+    errors = np.concatenate([motion.poses[:, :3, 3] - truth[:, :3, 3], rotation_errors], axis=1)
     rates = (R @ body.rates(queries_s)[:, :, None])[:, :, 0]
     velocities = np.concatenate([velocity - np.cross(rates, R @ centre), rates], axis=1)
     error = motion.velocities[1] - velocities[1]
@@ -102,7 +102,7 @@ def _tumble(seed: int) -> dict[str, Any]:
         "ratio_error": None
         if motion.moment_ratios is None
         else float(100.0 * np.abs(motion.moment_ratios / true_ratios - 1.0).max()),
-        "prediction_deg": float(np.rad2deg(np.linalg.norm(turned[1]))),
+        "prediction_deg": float(np.rad2deg(np.linalg.norm(rotation_errors[1]))),
         "position_mm": float(1e3 * np.linalg.norm(errors[1, :3])),
         "nees_pose": float(errors[0] @ np.linalg.solve(motion.covariances[0], errors[0])),
         "nees_prediction": float(errors[1] @ np.linalg.solve(motion.covariances[1], errors[1])),
@@ -149,16 +149,16 @@ def single_axis(data: Path, start: int, n: int) -> dict[str, Any]:
     T = se3.transform(se3.matrix_from_quaternion_xyzw(rows[:, [2, 3, 4, 1]]), rows[:, 5:])
     t_s, last = INTERVAL_S * np.arange(len(T)), start + n - 1
     rng = np.random.default_rng(1)
-    used, ahead = slice(start, start + n), last + round(HORIZON_S / INTERVAL_S)
+    observed, ahead = slice(start, start + n), last + round(HORIZON_S / INTERVAL_S)
     sigma_rad = float(np.deg2rad(SIGMA_DEG))
-    motion = _estimate(t_s[used], _noisy(T[used], sigma_rad, rng), sigma_rad, t_s[[last, ahead]])
-    turned = se3.log_so3(motion.poses[:, :3, :3] @ np.swapaxes(T[[last, ahead], :3, :3], 1, 2))
+    motion = _estimate(t_s[observed], _noisy(T[observed], sigma_rad, rng), sigma_rad, t_s[[last, ahead]])
+    rotation_errors = se3.log_so3(motion.poses[:, :3, :3] @ np.swapaxes(T[[last, ahead], :3, :3], 1, 2))
     shift = motion.poses[:, :3, 3] - T[[last, ahead], :3, 3]
     return {
         "moments_of_inertia": "unobservable"
         if motion.moment_ratios is None
         else motion.moment_ratios.tolist(),
-        "error_deg": np.rad2deg(np.linalg.norm(turned, axis=1)).tolist(),
+        "error_deg": np.rad2deg(np.linalg.norm(rotation_errors, axis=1)).tolist(),
         "error_mm": (1e3 * np.linalg.norm(shift, axis=1)).tolist(),
         "centre_m": motion.centre_m.tolist(),
     }

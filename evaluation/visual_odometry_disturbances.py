@@ -66,10 +66,10 @@ def evaluate(data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the results for each object, and for each error of the calibration or of the pairs."""
     pairs, truth = read(data / SEQUENCE)
     objects = {}
-    for name, thing in OBJECTS.items():
+    for name, planar_object in OBJECTS.items():
         progress(f"visual odometry: object {name}")
-        row = score(run(paste(pairs, thing)), truth)
-        objects[name] = {"coverage": round(thing.coverage(pairs[0]), 3), **row}
+        row = score(run(paste(pairs, planar_object)), truth)
+        objects[name] = {"coverage": round(planar_object.coverage(pairs[0]), 3), **row}
     start = measured_from(truth)
     large_objects = _large_objects(pairs[start:], truth[start:], progress)
     pairs, truth = pairs[start:], se3.inverse(truth[start]) @ truth[start:]
@@ -97,11 +97,11 @@ def _large_objects(
     pairs = pairs[:_LARGE_OBJECT_PAIRS]
     truth = se3.inverse(truth[0]) @ truth[: len(pairs)]
     results = {}
-    for name, thing in LARGE_OBJECTS.items():
+    for name, planar_object in LARGE_OBJECTS.items():
         progress(f"visual odometry: large object {name}")
-        disturbed = paste(pairs, thing)
+        disturbed = paste(pairs, planar_object)
         results[name] = {
-            "coverage": round(thing.coverage(pairs[0]), 3),
+            "coverage": round(planar_object.coverage(pairs[0]), 3),
             "no prior": score(run(disturbed), truth),
             "wheels": score(
                 run(disturbed, wheels=_T_BASE_CAMERA @ truth @ se3.inverse(_T_BASE_CAMERA)), truth

@@ -409,12 +409,14 @@ def _accuracy(poses: dict[int, FloatArray], truth: dict[int, FloatArray]) -> dic
     # The positions of a straight path leave a rotation open: orientations are aligned by their mean.
     to_true = true[:, :3, :3] @ np.swapaxes(estimated[:, :3, :3], 1, 2)
     R_mean = se3.normalise_rotation(to_true.mean(axis=0))
-    turned = np.swapaxes(true[:, :3, :3], 1, 2) @ (R_mean @ estimated[:, :3, :3])
+    rotation_errors = np.swapaxes(true[:, :3, :3], 1, 2) @ (R_mean @ estimated[:, :3, :3])
     return {
         "final_mm": round(1e3 * float(np.sqrt(np.mean(errors**2))), 1),
         "max_mm": round(1e3 * float(errors.max()), 1),
         "scale": round(float((S * signs).sum() / (a**2).sum()), 4),
-        "rotation_deg": round(float(np.degrees(np.sqrt(np.mean(se3.rotation_angle(turned) ** 2)))), 3),
+        "rotation_deg": round(
+            float(np.degrees(np.sqrt(np.mean(se3.rotation_angle(rotation_errors) ** 2)))), 3
+        ),
     }
 
 

@@ -246,15 +246,15 @@ def track(
 def summary(runs: list[list[dict[str, float]]]) -> dict[str, Any]:
     """Return the figures of runs."""
     rows = [row for run in runs for row in run]
-    used = [row for row in rows if not row["is_coasting"]]
+    tracked_rows = [row for row in rows if not row["is_coasting"]]
     predictions = [row["mm"] for row in rows if row["is_coasting"]]
     return {
         "images": len(rows),
-        "median_mm": _rounded(np.median([row["mm"] for row in used])),
-        "largest_mm": _rounded(max(row["mm"] for row in used)),
-        "median_deg": _rounded(np.median([row["deg"] for row in used])),
-        "largest_deg": _rounded(max(row["deg"] for row in used)),
-        "mean_nees": _rounded(np.mean([row["nees"] for row in used])),
+        "median_mm": _rounded(np.median([row["mm"] for row in tracked_rows])),
+        "largest_mm": _rounded(max(row["mm"] for row in tracked_rows)),
+        "median_deg": _rounded(np.median([row["deg"] for row in tracked_rows])),
+        "largest_deg": _rounded(max(row["deg"] for row in tracked_rows)),
+        "mean_nees": _rounded(np.mean([row["nees"] for row in tracked_rows])),
         "degraded": int(sum(row["is_degraded"] for row in rows)),
         "coasting": len(predictions),
         "largest_predicted_mm": _rounded(max(predictions, default=0.0)),

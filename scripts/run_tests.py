@@ -38,7 +38,7 @@ def main() -> int:
     parser.add_argument("--slow", action="store_true", help="also the tests marked slow")
     parser.add_argument("--soak", action="store_true", help="only the tests marked soak")
     parser.add_argument("--workers", default="2", help="processes for the computing part")
-    args, rest = parser.parse_known_args()
+    args, pytest_arguments = parser.parse_known_args()
     BUILD.mkdir(exist_ok=True)
     (BUILD / "traceability.json").unlink(missing_ok=True)
     selected = "soak" if args.soak else "not soak" if args.slow else "not soak and not slow"
@@ -47,14 +47,22 @@ def main() -> int:
     with output.open("wb") as log:
         processes = _start(
             "processes",
-            ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *COMPUTE_ONLY, *rest],
+            ["-m", f"({PROCESSES}) and {selected}", "-p", "no:xdist", *COMPUTE_ONLY, *pytest_arguments],
             stdout=None if args.slow else log,
         )
         if args.slow:
             processes.wait()
         compute = _start(
             "compute",
-            ["-m", f"not ({PROCESSES}) and {selected}", "-n", args.workers, "--dist", "loadfile", *rest],
+            [
+                "-m",
+                f"not ({PROCESSES}) and {selected}",
+                "-n",
+                args.workers,
+                "--dist",
+                "loadfile",
+                *pytest_arguments,
+            ],
             priority=LOWEST_PRIORITY,
         )
         codes = [compute.wait(), processes.wait()]

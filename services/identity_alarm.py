@@ -22,11 +22,11 @@ class IdentityAlarm:
         self._lock = threading.Lock()
         self._count, self._last_s = 0, 0.0
 
-    def refuse(self, what: str, count: int = 1) -> None:
-        """Begin the alarm, or count further refusals; ``what`` names the caller and the reason."""
+    def refuse(self, refusal: str, count: int = 1) -> None:
+        """Begin the alarm, or count further refusals; ``refusal`` names the caller and the reason."""
         with self._lock:
             self._count, self._last_s = self._count + count, monotonic_s()
-            text = f"{self._count} refused, the last one: {what[:400]}"
+            text = f"{self._count} refused, the last one: {refusal[:400]}"
         remedy = "find the caller; if it is not yours, revoke its key or certificate (cdff keys revoke)"
         self._alarms.set(_KIND, self._source, Severity.WARNING, text, remedy)
 

@@ -53,9 +53,9 @@ def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], No
             release_memory()
             released_mb = used_mb = resident_mb()
         if used_mb > budget_mb:
-            what = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
+            problem = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
             remedy = "stop large requests, restart the service, or raise CDFF_MEMORY_MB"
-            alarms.set(_KIND, source, Severity.WARNING, what, remedy)
+            alarms.set(_KIND, source, Severity.WARNING, problem, remedy)
         elif used_mb < _END * budget_mb:
             alarms.clear(_KIND, source)
 

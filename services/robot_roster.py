@@ -146,8 +146,8 @@ class RobotRoster:
         if previous != revision:
             self._listener.set_robot(joined)
             self._revisions[robot] = revision
-            what = "has joined with" if previous is None else f"has changed from revision {previous} to"
-            logger.info("robot %s %s revision %s of its profile", robot, what, revision)
+            change = "has joined with" if previous is None else f"has changed from revision {previous} to"
+            logger.info("robot %s %s revision %s of its profile", robot, change, revision)
         self._refuse(robot, "")
 
     def _refuse(self, robot: str, reason: str) -> None:

@@ -113,8 +113,8 @@ def _comparison(profile: Profile, log: str) -> tuple[list[StreamFinding], tuple[
     return findings, tuple(lines)
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number or 'no'} {what}{'' if number == 1 else 's'}"
+def _count(number: int, noun: str) -> str:
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
 
 
 def _stream_reports(log: str) -> dict[str, StreamReport]:

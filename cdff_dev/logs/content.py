@@ -106,8 +106,10 @@ def _by_content(path: Path, suffix: str) -> tuple[str, str] | None:
 
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
-    if what := next((what for at, magic, what in _NOT_SUPPORTED if head[at:].startswith(magic)), None):
-        return what, ""
+    if description := next(
+        (description for at, magic, description in _NOT_SUPPORTED if head[at:].startswith(magic)), None
+    ):
+        return description, ""
     if suffix == ".gz":
         try:
             with gzip.open(path) as compressed:

@@ -91,8 +91,8 @@ def topic_map(streams: Mapping[str, StreamInfo], chosen: LogMap | None = None) -
     targets = {name: StreamTarget(topic) for name, topic in default_topics(streams).items()}
     for name, target in chosen.streams.items():
         targets[name] = StreamTarget("/" + ros_name(target.to), target.message)
-    used = Counter(target.to for target in targets.values())
-    if double := [topic for topic, count in used.items() if count > 1]:
+    streams_per_topic = Counter(target.to for target in targets.values())
+    if double := [topic for topic, count in streams_per_topic.items() if count > 1]:
         raise InputError(f"topic {double[0]} of several streams: name another with --map")
     return LogMap(targets, chosen.frames, chosen.anchors)
 
@@ -134,8 +134,8 @@ def ros_name(text: str) -> str:
 
 def _parts(stream: str) -> tuple[str, str, str]:
     """Return robot, sensor and port of a stream."""
-    robot, _, rest = stream.strip("/").rpartition("/")
-    sensor, _, port = rest.partition(".")
+    robot, _, sensor_and_port = stream.strip("/").rpartition("/")
+    sensor, _, port = sensor_and_port.partition(".")
     return robot or sensor, sensor, port or "value"
 
 

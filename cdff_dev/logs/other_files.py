@@ -61,5 +61,5 @@ def _content_of(file: Path) -> str:
     location = LogLocation.of(file)
     if log_format := next((f for f in log_formats() if not f.is_generic and f.recognises(location)), None):
         return f"{log_format.name}: open it alone"
-    what = describe(location)
-    return "" if what is None or what == TEXT else what
+    description = describe(location)
+    return "" if description is None or description == TEXT else description

@@ -105,9 +105,9 @@ class RestoredLog(LogSource):
         self._original: dict[str, tuple[str, str]] = {}
         texts: dict[str, str] = {}
         for name in log.streams:
-            robot, _, rest = name.removeprefix("/").partition("/")
-            if rest in names.streams:
-                self._original[name] = names.streams[rest]
+            robot, _, name_in_robot = name.removeprefix("/").partition("/")
+            if name_in_robot in names.streams:
+                self._original[name] = names.streams[name_in_robot]
             texts |= {frame_name(robot, new): old for new, old in names.frames.items()}
             texts[robot] = names.robot
         self._texts = texts

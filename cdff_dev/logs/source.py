@@ -107,9 +107,9 @@ def split_stream(stream: str) -> tuple[str, str, str]:
 
     Raises InputError on other forms.
     """
-    robot, _, rest = stream.removeprefix("/").partition("/")
-    sensor, _, port = rest.partition(".")
-    if not (stream.startswith("/") and robot and sensor and port) or "/" in rest:
+    robot, _, sensor_and_port = stream.removeprefix("/").partition("/")
+    sensor, _, port = sensor_and_port.partition(".")
+    if not (stream.startswith("/") and robot and sensor and port) or "/" in sensor_and_port:
         raise InputError(f"stream {stream!r}: expected /robot/sensor.stream")
     return robot, sensor, port
 

@@ -75,9 +75,9 @@ def driver_text(kind: str, names: SensorNames) -> str:
     InputError
         If a name is not valid in a profile.
     """
-    for what, name, pattern in (("robot", names.robot, ROBOT_ID), ("sensor", names.sensor, NAME)):
+    for noun, name, pattern in (("robot", names.robot, ROBOT_ID), ("sensor", names.sensor, NAME)):
         if name is not None and not re.fullmatch(pattern, name):
-            raise InputError(f"{what} {name!r}: expected a name of a profile, a-z, 0-9 and _")
+            raise InputError(f"{noun} {name!r}: expected a name of a profile, a-z, 0-9 and _")
     text = files("cdff_dev.new.drivers").joinpath(f"{kind}.py").read_text(encoding="utf-8")
     text = _replace_once(r'^(ROBOT = )"\w+"', rf'\g<1>"{names.robot}"', _LICENCE.sub("", text))
     if names.sensor is not None:

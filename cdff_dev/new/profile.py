@@ -240,12 +240,12 @@ def _robot_lines(robot: RobotDraft) -> Iterator[str]:
 
 def _edges(robot: RobotDraft) -> Iterator[tuple[str, str, FloatArray | None, str]]:
     """Yield parent, child, transform (None: to be entered) and comment of each edge that the URDF lacks."""
-    base, own = f"{robot.id}/base", {s.frame: s for s in robot.sensors}
+    base, sensor_by_frame = f"{robot.id}/base", {s.frame: s for s in robot.sensors}
     imu = next((s.frame for s in robot.sensors if s.kind == "imu"), None)
     camera = next((s for s in robot.sensors if "camera" in s.kind), None)
     poses = list(robot.cameras.poses.values()) if robot.cameras is not None and camera is not None else []
     comment = f"  # {robot.cameras.source}" if robot.cameras is not None else ""
-    for frame, sensor in own.items():
+    for frame, sensor in sensor_by_frame.items():
         if frame == base or frame in robot.urdf_frames:
             continue
         if (
@@ -259,7 +259,9 @@ def _edges(robot: RobotDraft) -> Iterator[tuple[str, str, FloatArray | None, str
         else:
             yield sensor.mount_parent or base, frame, sensor.mount, "" if sensor.mount is None else _STATED
     for child in {
-        s.child: None for s in robot.sensors if s.child and s.child not in {*own, *robot.urdf_frames}
+        s.child: None
+        for s in robot.sensors
+        if s.child and s.child not in {*sensor_by_frame, *robot.urdf_frames}
     }:
         yield base, child, np.eye(4), "  # the base as the wheels name it"
     if camera is not None and camera.kind == "stereo_camera" and len(poses) > 1:

@@ -125,7 +125,7 @@ class LoopedLog(LogSource):
 
 
 def _continue_odometry(sample: LogSample, T_previous_laps: UncertainTransform) -> TransformWithCovariance:
-    """Return a pose of odometry after the motion ``done`` of the previous laps."""
+    """Return a pose of odometry after the motion ``T_previous_laps`` of the previous laps."""
     pose: TransformWithCovariance = sample.value
     moved = TransformWithCovariance.from_transform(
         T_previous_laps @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns

@@ -28,11 +28,10 @@ def playable(log: LogSource, robots: Collection[str] | None = None) -> list[str]
         robot, sensor, _ = split_stream(stream)
         if sensor != "truth" and sensor not in dfpcs and not info.is_empty:
             robot_by_stream[stream] = robot
-    missing = sorted(set(robots or ()) - set(robot_by_stream.values()))
+    robots_of_log = sorted(set(robot_by_stream.values()))
+    missing = sorted(set(robots or ()) - set(robots_of_log))
     if missing:
-        raise InputError(
-            f"robot {missing[0]!r}: the log holds {', '.join(sorted(set(robot_by_stream.values()))) or 'none'}"
-        )
+        raise InputError(f"robot {missing[0]!r}: the log holds {', '.join(robots_of_log) or 'none'}")
     chosen = [stream for stream, robot in robot_by_stream.items() if robots is None or robot in robots]
     if not chosen:
         raise InputError(f"no sensor streams to play; the log holds {', '.join(log.streams) or 'none'}")

@@ -66,7 +66,7 @@ def map_stereo(estimation: Estimation, log: LogSource, profile: str | None = Non
     FrameNotFoundError
         If the trajectory is that of the base, and the profile has no mount of the camera.
     """
-    stereo, refused, used = _StereoPoints(), Counter[str](), 0
+    stereo, refused, used_count = _StereoPoints(), Counter[str](), 0
     voxels: VoxelMeans | None = None
     T_used: se3.FloatArray | None = None
     step_m = 0.0
@@ -82,14 +82,14 @@ def map_stereo(estimation: Estimation, log: LogSource, profile: str | None = Non
             distance_m = float(np.median(points_m[:, 2]))
             voxels, step_m = VoxelMeans(_VOXEL_SHARE * distance_m), _STEP_SHARE * distance_m
         voxels.add(se3.transform_points(T, points_m), grey)
-        T_used, used = T, used + 1
+        T_used, used_count = T, used_count + 1
     for reason, count in refused.items():
         logger.warning("map without %d pairs: %s", count, reason)
     if voxels is None:
         return None
     points_m, grey = voxels.means()
     run = {
-        "pairs": used,
+        "pairs": used_count,
         "refused_pairs": refused.total(),
         "points": len(points_m),
         "voxel_m": voxels.edge_m,

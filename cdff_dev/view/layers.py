@@ -125,10 +125,10 @@ def _(value: Any, path: str, frame: str, header: Header | None) -> Iterator[Laye
     colours = getattr(value, "colors", None)
     if colours is not None and len(colours) and value.data.colors.max(initial=0.0) > 0.0:
         scale = 255.0 if colours.max() <= 1.0 else 1.0
-        drawn = np.clip(colours[rows] * scale, 0, 255).astype(np.uint8)
+        point_colours = np.clip(colours[rows] * scale, 0, 255).astype(np.uint8)
     else:
-        drawn = colours_of(points_m[rows, 2])
-    yield Layer(path, frame, Points(points_m[rows].astype(np.float32), drawn))
+        point_colours = colours_of(points_m[rows, 2])
+    yield Layer(path, frame, Points(points_m[rows].astype(np.float32), point_colours))
 
 
 @draw.register(types.ElevationMap)

@@ -81,15 +81,15 @@ def live_updates(connect: str | None, duration_s: float | None = None) -> Iterat
 
 def updates_of(message: Message, states: States) -> Iterator[LogSample | Layer]:
     """Yield the sample or the layers of a message; raises CdffError if it is malformed."""
-    _, _, scope, kind, *rest = message.key.split("/")
+    _, _, scope, kind, *key_end = message.key.split("/")
     if kind == "event":
-        if rest[0] == _PROGRESS:
+        if key_end[0] == _PROGRESS:
             return
-        yield _event_layer(scope, rest[0], unpack(message.payload))
+        yield _event_layer(scope, key_end[0], unpack(message.payload))
     elif kind == "dfpc":
-        yield from states.layers(f"/{scope}/{rest[0]}", unpack(message.payload))
+        yield from states.layers(f"/{scope}/{key_end[0]}", unpack(message.payload))
     else:
-        yield _sample_of(message, f"/{scope}/{rest[0]}.{rest[1]}")
+        yield _sample_of(message, f"/{scope}/{key_end[0]}.{key_end[1]}")
 
 
 def _sample_of(message: Message, stream: str) -> LogSample:

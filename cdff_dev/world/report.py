@@ -72,7 +72,7 @@ def difference_text(difference: WorldDifference) -> str:
         "item removed": difference.items_removed,
         "newer item": difference.items_changed,
     }
-    lines += [f"{what}: {name}" for what, names in named.items() for name in names]
+    lines += [f"{label}: {name}" for label, names in named.items() for name in names]
     return "\n".join(lines if len(lines) > 1 else [*lines, "no change"])
 
 

@@ -52,26 +52,26 @@ class PlanarObject:
         return float(visible / (rows * columns))
 
 
-def paste(pairs: Sequence[FramePair], thing: PlanarObject) -> list[FramePair]:
+def paste(pairs: Sequence[FramePair], planar_object: PlanarObject) -> list[FramePair]:
     """Return the pairs with the object in front of both images, at a consistent disparity."""
-    texture = _texture(thing)
-    rng = np.random.default_rng([thing.seed, 1])
-    return [_with_object(pair, i, thing, texture, rng) for i, pair in enumerate(pairs)]
+    texture = _texture(planar_object)
+    rng = np.random.default_rng([planar_object.seed, 1])
+    return [_with_object(pair, i, planar_object, texture, rng) for i, pair in enumerate(pairs)]
 
 
-def mask_of(pairs: Sequence[FramePair], thing: PlanarObject, *, right: bool) -> NDArray[np.uint8]:
+def mask_of(pairs: Sequence[FramePair], planar_object: PlanarObject, *, right: bool) -> NDArray[np.uint8]:
     """Return the mask image (rows, cols) of an object at rest: 0 on the object, 255 elsewhere."""
     shape = pairs[0].left.image.shape[:2]
-    warp = _warp(pairs[0], 0, thing, right=right)
-    ones = np.full((thing.size_px[1], thing.size_px[0]), 255.0, np.float32)
+    warp = _warp(pairs[0], 0, planar_object, right=right)
+    ones = np.full((planar_object.size_px[1], planar_object.size_px[0]), 255.0, np.float32)
     covered = cv2.warpAffine(ones, warp, shape[::-1])
     return np.where(covered > 0.0, 0, 255).astype(np.uint8)
 
 
-def _texture(thing: PlanarObject) -> NDArray[np.float32]:
+def _texture(planar_object: PlanarObject) -> NDArray[np.float32]:
     """Return grey levels (rows, cols) with structures of 2 to 32 px."""
-    columns, rows = thing.size_px
-    rng, total = np.random.default_rng(thing.seed), np.zeros((rows, columns), np.float32)
+    columns, rows = planar_object.size_px
+    rng, total = np.random.default_rng(planar_object.seed), np.zeros((rows, columns), np.float32)
     for scale in (2, 4, 8, 16, 32):
         coarse = rng.normal(size=(rows // scale + 2, columns // scale + 2)).astype(np.float32)
         total += cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC)
@@ -79,13 +79,13 @@ def _texture(thing: PlanarObject) -> NDArray[np.float32]:
     return np.asarray(_MEAN_DN + _CONTRAST_DN * (total - total.mean()) / total.std(), np.float32)
 
 
-def _warp(pair: FramePair, index: int, thing: PlanarObject, *, right: bool) -> NDArray[np.float64]:
+def _warp(pair: FramePair, index: int, planar_object: PlanarObject, *, right: bool) -> NDArray[np.float64]:
     """Return the affine map (2, 3) from texture to image of a pair."""
-    K, step = pair.camera_matrix, index * np.array(thing.step_m)
-    f, depth_m = float(K[0, 0]), thing.depth_m + float(step[2])
-    scale = thing.depth_m / depth_m
+    K, step = pair.camera_matrix, index * np.array(planar_object.step_m)
+    f, depth_m = float(K[0, 0]), planar_object.depth_m + float(step[2])
+    scale = planar_object.depth_m / depth_m
     centre = np.array([K[0, 2], K[1, 2]])
-    corner = centre + scale * (np.array(thing.corner_px) - centre) + f / depth_m * step[:2]
+    corner = centre + scale * (np.array(planar_object.corner_px) - centre) + f / depth_m * step[:2]
     if right:
         corner[0] -= f * pair.baseline / depth_m
     return np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]]])
@@ -94,14 +94,14 @@ def _warp(pair: FramePair, index: int, thing: PlanarObject, *, right: bool) -> N
 def _with_object(
     pair: FramePair,
     index: int,
-    thing: PlanarObject,
+    planar_object: PlanarObject,
     texture: NDArray[np.float32],
     rng: np.random.Generator,
 ) -> FramePair:
     """Return a pair with the object blended into both images."""
     images = []
     for frame, right in ((pair.left, False), (pair.right, True)):
-        warp = _warp(pair, index, thing, right=right)
+        warp = _warp(pair, index, planar_object, right=right)
         size = frame.image.shape[1::-1]
         grey = cv2.warpAffine(texture, warp, size, flags=cv2.INTER_CUBIC)
         opaque = cv2.warpAffine(np.ones_like(texture), warp, size)

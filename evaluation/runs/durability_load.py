@@ -100,10 +100,10 @@ def report(what: str, seqs: list[int]) -> None:
 def write(products: Products, seed: int, seqs: itertools.count[int]) -> None:
     """Insert products singly and in batches, and delete some, until the store fails."""
     rng = random.Random(seed)
-    own: list[int] = []
+    stored_seqs: list[int] = []
     while True:
-        if len(own) > 10 and rng.random() < 0.2:
-            chosen = [own.pop(rng.randrange(len(own)))]
+        if len(stored_seqs) > 10 and rng.random() < 0.2:
+            chosen = [stored_seqs.pop(rng.randrange(len(stored_seqs)))]
             report("delete", chosen)
             products.delete(product(chosen[0]).header.id)
             report("deleted", chosen)
@@ -112,7 +112,7 @@ def write(products: Products, seed: int, seqs: itertools.count[int]) -> None:
         report("put", chosen)
         products.put_all([product(seq) for seq in chosen])
         report("stored", chosen)
-        own += chosen
+        stored_seqs += chosen
 
 
 def open_products(kind: str, place: str) -> Products:

@@ -36,17 +36,17 @@ class ImportGraph:
             if file.endswith(".yaml"):
                 compound = str(PurePosixPath(file).with_name("compound.py"))
                 for dfn, implementation in _IMPLEMENTATION.findall(text):
-                    if used := classes.get((_snake_case(dfn), implementation)):
-                        self._add(compound, used, _PLUGIN_STEPS)
+                    if used_file := classes.get((_snake_case(dfn), implementation)):
+                        self._add(compound, used_file, _PLUGIN_STEPS)
                 continue
-            for used in _imported(text, files):
-                self._add(file, used, 1)
+            for used_file in _imported(text, files):
+                self._add(file, used_file, 1)
             for name in plugins.keys() & set(re.findall(r"\w+", text)) if file.startswith("tests/") else ():
-                for used in plugins[name]:
-                    self._add(file, used, _PLUGIN_STEPS)
+                for used_file in plugins[name]:
+                    self._add(file, used_file, _PLUGIN_STEPS)
 
-    def _add(self, user: str, used: str, steps: int) -> None:
-        users = self._users.setdefault(used, {})
+    def _add(self, user: str, used_file: str, steps: int) -> None:
+        users = self._users.setdefault(used_file, {})
         users[user] = min(steps, users.get(user, steps))
 
     def steps_to(self, path: str) -> dict[str, int]:

@@ -189,12 +189,12 @@ def thinned_table(figures: dict[str, Any]) -> str:
         "|---" * 8 + "|",
     ]
     for name, row in (figures["real"] | figures["simulated"]).items():
-        own, peer = row["lidar_slam"], row.get("kiss_icp")
-        counts = " / ".join(str(own["sweeps"].get(status, 0)) for status in ("OK", "DEGRADED", "FAILED"))
+        ours, peer = row["lidar_slam"], row.get("kiss_icp")
+        counts = " / ".join(str(ours["sweeps"].get(status, 0)) for status in ("OK", "DEGRADED", "FAILED"))
         peer_cells = "– | –" if peer is None else f"{_rmse(peer)} | {1e3 * peer['cpu_s']:.0f} ms"
         lines.append(
-            f"| {name} | {row['points']} | {_rmse(own)} | {own['squared_error']['mean']:.1f} | "
-            f"{1e3 * own['cpu_s']:.0f} ms | {counts} | {peer_cells} |"
+            f"| {name} | {row['points']} | {_rmse(ours)} | {ours['squared_error']['mean']:.1f} | "
+            f"{1e3 * ours['cpu_s']:.0f} ms | {counts} | {peer_cells} |"
         )
     return "\n".join(lines) + "\n"
 

@@ -169,8 +169,12 @@ class _Finder(ast.NodeVisitor):
         swapped = ast.Or() if isinstance(node.op, ast.And) else ast.And()
         self._add("and/or", node, ast.BoolOp(swapped, node.values))
         for index in range(len(node.values)):
-            rest = [value for other, value in enumerate(node.values) if other != index]
-            self._add("dropped operand", node, rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest))
+            other_operands = [value for other, value in enumerate(node.values) if other != index]
+            self._add(
+                "dropped operand",
+                node,
+                other_operands[0] if len(other_operands) == 1 else ast.BoolOp(node.op, other_operands),
+            )
         self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> None:
@@ -212,8 +216,8 @@ class _Finder(ast.NodeVisitor):
     def visit_Call(self, node: ast.Call) -> None:
         for keyword in node.keywords:
             if keyword.arg is not None and keyword.arg not in _NEUTRAL_ARGUMENTS:
-                rest = [other for other in node.keywords if other is not keyword]
-                self._add("dropped argument", node, ast.Call(node.func, node.args, rest))
+                other_keywords = [other for other in node.keywords if other is not keyword]
+                self._add("dropped argument", node, ast.Call(node.func, node.args, other_keywords))
         self.visit(node.func)
         for argument in node.args:
             self.visit(argument)

@@ -107,11 +107,11 @@ def _row(T: FloatArray, value: Any, reasons: tuple[str, ...]) -> dict[str, Any]:
 def comet_summary(runs: list[list[dict[str, Any]]]) -> dict[str, Any]:
     """Return the figures of runs."""
     rows = [row for run in runs for row in run]
-    used = [row for row in rows if "coasting" not in row["reasons"] and np.isfinite(row["px"])]
+    measured_rows = [row for row in rows if "coasting" not in row["reasons"] and np.isfinite(row["px"])]
     far = [row for row in rows if row["px"] > 5.0 or row["deg"] > 5.0]
-    result: dict[str, Any] = {"images": len(rows), "used": len(used)}
+    result: dict[str, Any] = {"images": len(rows), "used": len(measured_rows)}
     for name in ("px", "deg", "range_percent", "nees"):
-        values = [row[name] for row in used] or [float("nan")]
+        values = [row[name] for row in measured_rows] or [float("nan")]
         result[f"median_{name}"] = _rounded(np.median(values))
         result[f"largest_{name}"] = _rounded(np.max(values))
     result["failed"] = sum(not np.isfinite(row["px"]) for row in rows)

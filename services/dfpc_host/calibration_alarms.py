@@ -48,6 +48,6 @@ def set_calibration_alarm(alarms: Alarms, source: str, monitor: CalibrationMonit
     if not monitor.reason:
         alarms.clear(_KIND, source)
         return
-    what = f"the data of the last {PRODUCTS} products do not agree with the calibration: {monitor.reason}"
+    problem = f"the data of the last {PRODUCTS} products do not agree with the calibration: {monitor.reason}"
     remedy = "calibrate the sensor again and enter the result in the profile"
-    alarms.set(_KIND, source, Severity.WARNING, what, remedy)
+    alarms.set(_KIND, source, Severity.WARNING, problem, remedy)

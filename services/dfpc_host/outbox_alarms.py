@@ -14,8 +14,8 @@ def set_outbox_alarms(alarms: Alarms, source: str, outbox: Outbox) -> None:
     """Begin and end the alarms of an outbox; losses stay until the process ends."""
     spool = outbox.spool
     if spool.in_memory:
-        what = f"{spool.in_memory} products are only in memory, the disk takes no files"
-        alarms.set("outbox_in_memory", source, Severity.CRITICAL, what, _FREE)
+        problem = f"{spool.in_memory} products are only in memory, the disk takes no files"
+        alarms.set("outbox_in_memory", source, Severity.CRITICAL, problem, _FREE)
     else:
         alarms.clear("outbox_in_memory", source)
     lost = {

@@ -31,8 +31,8 @@ class SensorAlarms:
         for finding in findings:
             key = (finding.kind, f"{self._robot}/{finding.name}")
             present.add(key)
-            what = f"{finding.what} (found by {self._dfpc})"
-            self._alarms.set(*key, Severity.WARNING, what, finding.remedy)
+            problem = f"{finding.what} (found by {self._dfpc})"
+            self._alarms.set(*key, Severity.WARNING, problem, finding.remedy)
         for key in self._active - present:
             self._alarms.clear(*key)
         self._active = present

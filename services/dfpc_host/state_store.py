@@ -104,8 +104,8 @@ class StateStore:
         self._revision = dfpc.state_revision
 
     def _read(self) -> object:
-        head, _, rest = self._path.read_bytes().partition(b"\n")
-        digest, _, payload = rest.partition(b"\n")
+        head, _, digest_and_payload = self._path.read_bytes().partition(b"\n")
+        digest, _, payload = digest_and_payload.partition(b"\n")
         if hashlib.sha256(payload).hexdigest().encode() != digest:
             raise CodecError(f"{self._path}: the SHA-256 does not match; the file is renamed to *.broken")
         return decode_payload(payload, head.decode("ascii", "replace"))

@@ -117,8 +117,11 @@ def grants(member: Member, clock: str) -> list[Grant]:
     if member.kind is Kind.GROUND:
         granted += [Grant(_OFFER, _GROUND_OFFERS), Grant(_QUERY, _CALLS)]
     elif member.kind is Kind.ROBOT:
-        own = [member.name + below for below in ("/**", "/**/@rpc/**", "/@alive/*", "/@lead/*")]
-        granted += [Grant(_OFFER, own), Grant(_QUERY, (own[1], *(f"{GROUND}/{r}" for r in _REQUESTS)))]
+        own_keys = [member.name + below for below in ("/**", "/**/@rpc/**", "/@alive/*", "/@lead/*")]
+        granted += [
+            Grant(_OFFER, own_keys),
+            Grant(_QUERY, (own_keys[1], *(f"{GROUND}/{r}" for r in _REQUESTS))),
+        ]
     elif member.kind is Kind.PLAYER:
         granted.append(Grant(_OFFER, _PLAYER_OFFERS))
     elif member.kind is Kind.CLIENT:
@@ -135,10 +138,14 @@ def _access_list(granted: Mapping[Member, Sequence[Grant]]) -> dict[str, Any]:
     rules = [_rule("deliver", "egress", Grant(_ALL, _EVERYWHERE))]
     subjects, policies = [], []
     for member, member_grants in granted.items():
-        own = [_rule(f"{member.name}-{i}", "ingress", grant) for i, grant in enumerate(member_grants)]
-        rules += own
+        member_rules = [
+            _rule(f"{member.name}-{i}", "ingress", grant) for i, grant in enumerate(member_grants)
+        ]
+        rules += member_rules
         subjects.append({"id": member.name, "cert_common_names": list(member.common_names)})
-        policies.append({"subjects": [member.name], "rules": ["deliver", *(rule["id"] for rule in own)]})
+        policies.append(
+            {"subjects": [member.name], "rules": ["deliver", *(rule["id"] for rule in member_rules)]}
+        )
     return {
         "enabled": True,
         "default_permission": "deny",

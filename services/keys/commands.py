@@ -34,8 +34,8 @@ def register(nouns: Any) -> None:
     _add_host_option(init)
     init.set_defaults(run=_init)
 
-    for kind, what in _ISSUED.items():
-        issue = _verb(verbs, kind, f"issue a certificate for {what}; repeat it to rotate")
+    for kind, owner in _ISSUED.items():
+        issue = _verb(verbs, kind, f"issue a certificate for {owner}; repeat it to rotate")
         issue.add_argument("name", metavar="ID" if kind == "robot" else "NAME")
         issue.add_argument("--days", type=int, default=365, help="validity (default 365)")
         if kind == "robot":
@@ -56,8 +56,8 @@ def register(nouns: Any) -> None:
     listing.set_defaults(run=_list)
 
 
-def _verb(verbs: Any, name: str, what: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = verbs.add_parser(name, help=what, description=what)
+def _verb(verbs: Any, name: str, description: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(name, help=description, description=description)
     parser.add_argument(
         "--folder",
         type=Path,

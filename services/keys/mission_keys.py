@@ -166,8 +166,8 @@ class MissionKeys:
         revoked = valid[:-1] if previous else valid
         if not revoked:
             known = sorted({c.name for c in self.certificates if c.state == "valid"})
-            what = "earlier valid certificate" if previous else "valid certificate"
-            raise InputError(f"{name[:80]!r} has no {what}; there are ones of {', '.join(known)}")
+            missing = "earlier valid certificate" if previous else "valid certificate"
+            raise InputError(f"{name[:80]!r} has no {missing}; there are ones of {', '.join(known)}")
         now = datetime.now(UTC).isoformat(timespec="seconds")
         self.certificates = [replace(c, revoked=now) if c in revoked else c for c in self.certificates]
         self.write()
@@ -180,8 +180,10 @@ class MissionKeys:
             if certificate.state == "valid":
                 valid.setdefault(certificate.name, []).append(certificate)
         return [
-            Member(name, own[-1].kind, own[-1].role, tuple(c.common_name for c in own))
-            for name, own in valid.items()
+            Member(
+                name, certificates[-1].kind, certificates[-1].role, tuple(c.common_name for c in certificates)
+            )
+            for name, certificates in valid.items()
         ]
 
     def write(self) -> None:

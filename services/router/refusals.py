@@ -112,7 +112,14 @@ class LogParser:
         return None
 
     def _on_permission(
-        self, thread: str, line: str, session: str, name: str | None, denied: str | None, what: str, key: str
+        self,
+        thread: str,
+        line: str,
+        session: str,
+        name: str | None,
+        denied: str | None,
+        action: str,
+        key: str,
     ) -> None:
         """Remember a refusal, unless the thread computes permissions of a key in advance of messages."""
         if name:
@@ -120,11 +127,11 @@ class LogParser:
                 self._session_names.clear()
             self._session_names[session] = name
         if self._computed_keys.get(thread) == key and _CACHED not in line:
-            if _LAST_COMPUTED in what:
+            if _LAST_COMPUTED in action:
                 del self._computed_keys[thread]
-        elif denied and what.endswith(_INGRESS):
+        elif denied and action.endswith(_INGRESS):
             identity = self._session_names.get(session, "")
-            self._denied[thread] = Refused(identity, what.removesuffix(_INGRESS), key, _NOT_GRANTED)
+            self._denied[thread] = Refused(identity, action.removesuffix(_INGRESS), key, _NOT_GRANTED)
         elif denied:
             self._denied[thread] = None
 
@@ -175,15 +182,15 @@ class RefusalMonitor:
         self._alarm.update()
 
     def _read(self, descriptor: int) -> None:
-        parser, rest, pause = LogParser(), b"", threading.Event()
+        parser, incomplete_line, pause = LogParser(), b"", threading.Event()
 
         def wait() -> bytes | None:
             pause.wait(_READ_S)
             return os.read(descriptor, _PIPE_BYTES) or None
 
         def work(data: bytes) -> None:
-            nonlocal rest
-            *lines, rest = (rest + data).split(b"\n")
+            nonlocal incomplete_line
+            *lines, incomplete_line = (incomplete_line + data).split(b"\n")
             for line in lines:
                 if b" is authorized to " in line and b"Liveliness" not in line:
                     continue  # most lines

@@ -100,10 +100,10 @@ def plan(
     }
 
     def spec(name: str, module: str, *arguments: str, tokens: tuple[tuple[str, str], ...]) -> ProcessSpec:
-        own = environment
+        process_environment = environment
         if secrets is not None:  # all tokens of a process have one scope
-            own = environment | {VARIABLE: str(Identity.read(secrets / tokens[0][0]).folder)}
-        return ProcessSpec(name, (sys.executable, "-m", module, *arguments), own, tokens)
+            process_environment = environment | {VARIABLE: str(Identity.read(secrets / tokens[0][0]).folder)}
+        return ProcessSpec(name, (sys.executable, "-m", module, *arguments), process_environment, tokens)
 
     scope_of_ground = ("--scope", GROUND) if profile.orchestration == "robots" else ()
     uplink_arguments = ("--uplink", uplink) if uplink else ()
@@ -124,9 +124,11 @@ def plan(
     for robot in profile.robots:
         if robot.id in selected_scopes:
             for service in ("orchestrator", "icu") if scope_of_ground else ():
-                own = ("--scope", robot.id)
+                scope_arguments = ("--scope", robot.id)
                 token = ((robot.id, service),)
-                specs.append(spec(f"{robot.id}_{service}", f"services.{service}", *own, tokens=token))
+                specs.append(
+                    spec(f"{robot.id}_{service}", f"services.{service}", *scope_arguments, tokens=token)
+                )
             for gateway, settings in _gateway_settings(robot, profile_path).items():
                 options = ("--robot", robot.id, "--settings", str(settings))
                 own_token = ((robot.id, gateway),)

@@ -78,9 +78,9 @@ def check_joins(uplink: str, tokens: Collection[str], profiles: Mapping[str, Map
 
     if not _is_served(uplink.partition("/")[2]):
         return
-    own = {*tokens, *(keys.alive(scope, "supervisor") for scope in profiles)}
+    own_keys = {*tokens, *(keys.alive(scope, "supervisor") for scope in profiles)}
     with Bus.open(uplink, name="cdff up") as bus:
-        _check_unclaimed(bus, uplink, own)
+        _check_unclaimed(bus, uplink, own_keys)
         if GROUND not in profiles:
             _check_mission(bus, profiles)
 

@@ -38,9 +38,9 @@ class SmallDisks:
         for folder, size in ((self.data, "512m"), (self.spool, "32m")):
             folder.mkdir(parents=True, exist_ok=True)
             command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                sys.stderr.write(f"chaos: NO FULL DISKS, mount failed: {done.stderr.strip()}\n")
+            mount_process = subprocess.run(command, capture_output=True, text=True, check=False)
+            if mount_process.returncode:
+                sys.stderr.write(f"chaos: NO FULL DISKS, mount failed: {mount_process.stderr.strip()}\n")
                 return
             self._mounted.append(folder)
         self.is_mounted = True

@@ -39,12 +39,12 @@ def definitions(name: str) -> dict[str, str]:
 
     text, _ = get_typestore(Stores.ROS2_KILTED).generate_msgdef(name, ros_version=2)
     first, *others = text.split("=" * 80 + "\n")
-    found = {name: first}
+    body_by_type = {name: first}
     for other in others:
         head, _, body = other.partition("\n")
         package, kind = head.removeprefix("MSG: ").strip().replace("/msg/", "/").split("/")
-        found[f"{package}/msg/{kind}"] = body
-    return dict(reversed(found.items()))
+        body_by_type[f"{package}/msg/{kind}"] = body
+    return dict(reversed(body_by_type.items()))
 
 
 def run(port: int) -> None:

@@ -74,8 +74,8 @@ def test_every_command_of_the_page_succeeds_and_every_sample_is_used(
             not is_check or "imu_data disagrees with the other sensors by a rotation of 90" in result.stdout
         )
         printed += result.stdout
-    for found in re.findall(r"^  (?:roll|pitch|yaw) .*°$", page, re.MULTILINE):
-        assert found in printed
+    for angle_line in re.findall(r"^  (?:roll|pitch|yaw) .*°$", page, re.MULTILINE):
+        assert angle_line in printed
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["failed"] == summary["dropped"] == 0
     assert summary["sensor_findings"] == []  # the mounts of the calibration are right
@@ -104,8 +104,8 @@ def test_the_live_part_of_the_page_works_with_the_templates_of_the_drivers(
         return result.stdout
 
     def streams() -> list[dict[str, object]]:
-        found: list[dict[str, object]] = json.loads(run("cdff top --once --json", (0, 1)))["streams"]
-        return [stream for stream in found if stream.get("count")]
+        listed_streams: list[dict[str, object]] = json.loads(run("cdff top --once --json", (0, 1)))["streams"]
+        return [stream for stream in listed_streams if stream.get("count")]
 
     bag = real_data("rosbags/husky_first_150s.bag")
     run(f"cdff new profile {bag} --out husky.yaml")

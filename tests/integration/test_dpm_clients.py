@@ -200,8 +200,8 @@ def test_pystac_client_filters_sorts_and_searches_collections(stac: Any, server:
         server.rotated
     ]
     later = {"op": ">=", "args": [{"property": "datetime"}, {"timestamp": "1970-01-01T00:01:40Z"}]}
-    found = stac.search(filter=later, filter_lang="cql2-json", method="POST").items()
-    assert {i.id for i in found} == {server.rotated, server.unanchored}
+    items = stac.search(filter=later, filter_lang="cql2-json", method="POST").items()
+    assert {i.id for i in items} == {server.rotated, server.unanchored}
     oldest = stac.search(collections=["dem"], sortby=["+datetime"], max_items=3, method=method)
     assert [i.id for i in oldest.items()] == list(server.patches[:3])
     short = stac.search(ids=[server.rotated], fields=["platform", "-assets"], method=method)

@@ -334,19 +334,19 @@ def test_a_dfpc_killed_during_a_request_is_activated_again_after_its_restart(
     driver.next_child = ""
     client.request("pose", robot="mana", max_age_s=0.9)
     system.kill("host")
-    done: list[Any] = []
+    answers: list[Any] = []
     since_ns = wall_ns()
 
     def request() -> None:
-        done.append(client.request("pose", robot="mana", max_age_s=0.5, deadline_s=30))
+        answers.append(client.request("pose", robot="mana", max_age_s=0.5, deadline_s=30))
 
     thread = threading.Thread(target=request)
     eventually(lambda: wall_ns() - since_ns > 1_000_000_000)
     thread.start()
     system.start("host")
     thread.join(35)
-    assert done
-    assert done[0].header.t1_ns > since_ns
+    assert answers
+    assert answers[0].header.t1_ns > since_ns
 
 
 @pytest.mark.slow
@@ -357,16 +357,16 @@ def test_a_killed_orchestrator_resumes_from_its_journal_and_the_client_is_answer
     client.request("pose", robot="mana", max_age_s=0.5)
     before = sum(r["kind"] == "start" for r in system.journal())
     system.kill("orchestrator")
-    done: list[Any] = []
+    answers: list[Any] = []
 
     def request() -> None:
-        done.append(client.request("pose", robot="mana", max_age_s=0.9, deadline_s=30))
+        answers.append(client.request("pose", robot="mana", max_age_s=0.9, deadline_s=30))
 
     thread = threading.Thread(target=request)
     thread.start()
     system.start("orchestrator")
     thread.join(35)
-    assert done
+    assert answers
     starts = [r for r in system.journal() if r["kind"] == "start"]
     assert len(starts) == before + 1
     assert starts[-1]["owned"] == ["mana/troublemaker"]

@@ -62,9 +62,9 @@ class Ground:
         self, profile: Path, name: str, *options: str, connect: str | None = None
     ) -> subprocess.Popen[bytes]:
         address = connect or f"{self.endpoint.partition('/')[0]}/127.0.0.1:{free_port()}"
-        given = ["--profile", str(profile), "--connect", address, "--data-dir", str(self._folder / name)]
-        given += [] if self._secrets is None else ["--secure", str(self._secrets)]
-        return self._spawn("cdff_common.cli", "up", *given, *options)
+        arguments = ["--profile", str(profile), "--connect", address, "--data-dir", str(self._folder / name)]
+        arguments += [] if self._secrets is None else ["--secure", str(self._secrets)]
+        return self._spawn("cdff_common.cli", "up", *arguments, *options)
 
     def join(self, robot: str, **changes: Any) -> subprocess.Popen[bytes]:
         """Start a robot's own machine."""

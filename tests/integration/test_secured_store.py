@@ -82,8 +82,8 @@ def test_no_product_is_lost_when_an_identity_is_revoked_and_refusals_are_audited
     writer.join(60)
     stop.set()
     assert len(stored) == 60
-    found = _ask(mission, "search", {"type": "pose", "limit": 100})
-    assert {item["id"] for item in found["items"]} == stored
+    page = _ask(mission, "search", {"type": "pose", "limit": 100})
+    assert {item["id"] for item in page["items"]} == stored
 
     mission.bus("mana").publish(keys.product("minnie", "audit", "out"), b"forged")
 

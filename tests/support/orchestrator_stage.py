@@ -79,11 +79,11 @@ class Stage:
     def run(self, seconds: float) -> None:
         self.run_until(lambda: False, seconds)
 
-    def run_until(self, done: Callable[[], bool], limit_s: float) -> bool:
+    def run_until(self, is_done: Callable[[], bool], limit_s: float) -> bool:
         until_s = self.scheduler.now_s + limit_s
-        while self.scheduler.now_s < until_s and not done():
+        while self.scheduler.now_s < until_s and not is_done():
             assert self.scheduler.step()
-        return done()
+        return is_done()
 
     def final_answer(self, received: list[Any], limit_s: float = 60.0) -> Any:
         """Run until a request has ended; return its final reply or error."""

@@ -120,11 +120,11 @@ class Compound:
 
     @property
     def offsets(self) -> dict[str, int]:
-        found, end = {}, 0
+        offset_by_member, end = {}, 0
         for name, kind in self.fields.items():
-            found[name] = -(-end // kind.align) * kind.align
-            end = found[name] + kind.size
-        return found
+            offset_by_member[name] = -(-end // kind.align) * kind.align
+            end = offset_by_member[name] + kind.size
+        return offset_by_member
 
     @property
     def end(self) -> int:

@@ -81,13 +81,15 @@ def _from_log(path: str | Path, stream: str | None, frame: str | None) -> Track:
 
 def _place(log: LogSource, samples: list[LogSample], frame: str) -> FloatArray:
     """Return the pose ``(4, 4)`` of a frame in that of poses."""
-    own = getattr(samples[0].value, "child_frame", "") if samples else ""
-    if own == frame:
+    child_frame = getattr(samples[0].value, "child_frame", "") if samples else ""
+    if child_frame == frame:
         return np.eye(4)
     try:
-        return np.asarray(mounts(log).lookup(own, frame, 0).matrix, np.float64)
+        return np.asarray(mounts(log).lookup(child_frame, frame, 0).matrix, np.float64)
     except FrameNotFoundError as error:
-        raise InputError(f"--ref-frame {frame}: its place in {own} is not in the log: {error}") from error
+        raise InputError(
+            f"--ref-frame {frame}: its place in {child_frame} is not in the log: {error}"
+        ) from error
 
 
 def _from_poses(name: str, samples: list[LogSample]) -> Track:

@@ -130,14 +130,17 @@ def body_solids(parts: Sequence[BodyPart], T_site_base: FloatArray, t_s: FloatAr
 def object_solids(objects: Sequence[MovingObject], ground: Ground, t_s: FloatArray) -> list[Solid]:
     """Return the moving objects on the ground at times ``(g,)``."""
     solids = []
-    for thing in objects:
-        velocity = np.array(thing.velocity_m_s)
-        xy = np.array(thing.start_xy_m) + np.maximum(t_s - thing.start_s, 0.0)[:, None] * velocity
-        z = ground.height(xy) + 0.5 * thing.size_m[2]
+    for moving_object in objects:
+        velocity = np.array(moving_object.velocity_m_s)
+        xy = (
+            np.array(moving_object.start_xy_m)
+            + np.maximum(t_s - moving_object.start_s, 0.0)[:, None] * velocity
+        )
+        z = ground.height(xy) + 0.5 * moving_object.size_m[2]
         R = se3.exp_so3([0.0, 0.0, math.atan2(velocity[1], velocity[0])])
         poses = se3.transform(np.tile(R, (len(t_s), 1, 1)), np.column_stack([xy, z]))
-        moves = (t_s >= thing.start_s)[:, None] * np.array([*velocity, 0.0])
-        solids.append(Solid(thing, poses, moves, on_rover=False))
+        moves = (t_s >= moving_object.start_s)[:, None] * np.array([*velocity, 0.0])
+        solids.append(Solid(moving_object, poses, moves, on_rover=False))
     return solids
 
 

@@ -137,10 +137,10 @@ class CameraSimulator:
                 )
                 rates = np.array([source.radiance_sr.sum() / spread])
         bright = float(np.percentile(rates, _BRIGHT)) * self._sun_e_s
-        wanted = exposure.target * self.model.full_well_e
-        if bright * exposure.max_s <= wanted:
+        target_electrons = exposure.target * self.model.full_well_e
+        if bright * exposure.max_s <= target_electrons:
             return exposure.max_s
-        return float(max(wanted / bright, exposure.min_s))
+        return float(max(target_electrons / bright, exposure.min_s))
 
     def _electrons(self, view: View, t_s: float, light: Light, exposure_s: float) -> Float32Array:
         """Return the expected photoelectrons (rows, columns) of all light."""
@@ -174,14 +174,16 @@ class CameraSimulator:
         model, motion = self.model, self.world.motion
         ends_s = np.array([t_s - 0.5 * exposure_s, t_s + 0.5 * exposure_s])
         rotations = [self._attitude(float(end)) for end in ends_s]
-        turned = [rotations[i].T @ self._attitude(t_s) for i in (0, 1)]
+        relative_rotations = [rotations[i].T @ self._attitude(t_s) for i in (0, 1)]
         corners = self.rays.directions.reshape(model.rows, model.columns, 3)[[0, 0, -1, -1], [0, -1, 0, -1]]
         K = model.focal_px
-        shift = _project_directions(corners @ turned[1].T) - _project_directions(corners @ turned[0].T)
+        shift = _project_directions(corners @ relative_rotations[1].T) - _project_directions(
+            corners @ relative_rotations[0].T
+        )
         moving = float(np.abs(shift).max()) * K > _STILL_PX
         displacement = None
         if moving:
-            ends = [_project_directions(self.rays.directions.astype(float) @ R.T) for R in turned]
+            ends = [_project_directions(self.rays.directions.astype(float) @ R.T) for R in relative_rotations]
             displacement = ((ends[1] - ends[0]) * K).reshape(model.rows, model.columns, 2)
         T_camera_base = se3.inverse(model.T_base_camera)
         scenario = self.world.scenario

@@ -163,15 +163,15 @@ def get(dpm: Dpm, request: Request) -> Reply:
         return _reply(dpm.retrieval.product(parse_call(IdParameters, request, p).id, form))
     if "type" not in p:
         raise InputError("parameter 'type' is missing")
-    rest = {k: v for k, v in p.items() if k != "type"}
+    parameters = {k: v for k, v in p.items() if k != "type"}
     match p["type"]:
         case "dem":
-            return _reply(dpm.retrieval.window(parse_call(WindowParameters, request, rest), form))
+            return _reply(dpm.retrieval.window(parse_call(WindowParameters, request, parameters), form))
         case "navigation_map" if "choice" in p:
-            window = parse_call(NavigationWindowParameters, request, rest)
+            window = parse_call(NavigationWindowParameters, request, parameters)
             return _reply(dpm.retrieval.navigation_window(window, form))
         case "pointcloud" if "points" in p:
-            return _reply(dpm.retrieval.cloud(parse_call(CloudParameters, request, rest), form))
+            return _reply(dpm.retrieval.cloud(parse_call(CloudParameters, request, parameters), form))
         case _:
             return _reply(dpm.retrieval.newest(parse_call(NewestParameters, request, p), form))
 

@@ -37,9 +37,9 @@ def check_payloads(dpm: Dpm) -> None:
     if not reasons:
         dpm.alarms.clear("corrupt_payload", _SOURCE)
         return
-    what = f"{len(reasons)} payloads are corrupt and not served, such as {reasons[-1]}"
+    problem = f"{len(reasons)} payloads are corrupt and not served, such as {reasons[-1]}"
     remedy = "insert the same content again, or restore a backup; check the disk and run `cdff dpm verify`"
-    dpm.alarms.set("corrupt_payload", _SOURCE, Severity.CRITICAL, what, remedy)
+    dpm.alarms.set("corrupt_payload", _SOURCE, Severity.CRITICAL, problem, remedy)
 
 
 def check_disk(dpm: Dpm) -> bool:
@@ -48,9 +48,9 @@ def check_disk(dpm: Dpm) -> bool:
     if disk.holds(0):
         dpm.alarms.clear("disk_full", _SOURCE)
         return True
-    what = f"{disk.free_bytes()} bytes are free: products are served and deleted, but not stored"
+    problem = f"{disk.free_bytes()} bytes are free: products are served and deleted, but not stored"
     remedy = "free space on the disk, delete products, or run `cdff dpm retention --apply`"
-    dpm.alarms.set("disk_full", _SOURCE, Severity.CRITICAL, what, remedy)
+    dpm.alarms.set("disk_full", _SOURCE, Severity.CRITICAL, problem, remedy)
     return False
 
 

@@ -132,8 +132,8 @@ class Terrain:
             "aspect_deg": np.degrees(s.aspect_rad),
             "roughness_m": s.roughness_m,
         }
-        more = {"baseline_m": side * heights.geometry.resolution_m}
-        return self._raster(p, heights, bands, heights.metadata("surface") | more)
+        surface_metadata = {"baseline_m": side * heights.geometry.resolution_m}
+        return self._raster(p, heights, bands, heights.metadata("surface") | surface_metadata)
 
     def viewshed(self, p: ViewshedParameters) -> DeliveredProduct:
         """Return the visibility from a point: its probability, and the height that is hidden."""

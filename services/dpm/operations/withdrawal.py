@@ -115,12 +115,12 @@ class Withdrawal:
 
     def _derived(self, selected: dict[str, ProductRecord], types: Iterable[str]) -> dict[str, ProductRecord]:
         """Return the live products of these types that were made from the selected ones."""
-        wanted = set(types)
+        withdrawn_types = set(types)
         record_by_id: dict[str, ProductRecord] = {}
         for product_id in selected:
             lineage = self._store.lineage(product_id, "down")
             if lineage.truncated:
                 raise InputError(f"product {product_id}: too many products were made from it for one call")
             record_by_id |= lineage.records
-        ids = [i for i, r in record_by_id.items() if r.product in wanted and i not in selected]
+        ids = [i for i, r in record_by_id.items() if r.product in withdrawn_types and i not in selected]
         return {i: record_by_id[i] for i in self._store.live(ids)}

@@ -11,9 +11,9 @@ from cdff_common.loops import Loops
 
 def test_a_loop_survives_and_counts_every_error() -> None:
     loops = Loops()
-    loop, items, done = loops.add("watcher"), iter([1, 0, 2, None]), []
-    loop.run(lambda: next(items), lambda x: done.append(1 / x))
-    assert done == [1.0, 0.5]
+    loop, items, results = loops.add("watcher"), iter([1, 0, 2, None]), []
+    loop.run(lambda: next(items), lambda x: results.append(1 / x))
+    assert results == [1.0, 0.5]
     assert loops.describe()["watcher"] == {
         "healthy": True,
         "problem": "",

@@ -63,8 +63,8 @@ def test_a_callback_of_numbers_shows_progress_and_ends(monkeypatch: pytest.Monke
     monkeypatch.setattr("sys.stderr", lines)
     monkeypatch.setattr("cdff_common.progress._LINES_S", 0.0)
     report = progress_of("scans")
-    for done in (1, 2):
-        report(done, 2)
+    for completed in (1, 2):
+        report(completed, 2)
     assert [line.split(",")[0] for line in lines.getvalue().splitlines()] == ["1/2 scans", "2/2 scans"]
 
 

@@ -77,12 +77,12 @@ class World:
 
     def ancestors(self, products: set[int]) -> set[int]:
         """Inputs of products, through all generations."""
-        seen: set[int] = set()
+        ancestors: set[int] = set()
         generation = set(products)
         while generation:
-            generation = {i for seq in generation for i in self.products[seq].inputs} - seen
-            seen |= generation
-        return seen
+            generation = {i for seq in generation for i in self.products[seq].inputs} - ancestors
+            ancestors |= generation
+        return ancestors
 
 
 class StoreMachine(RuleBasedStateMachine):

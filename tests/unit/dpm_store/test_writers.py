@@ -16,7 +16,7 @@ WRITERS, TIMES = 8, 15
 @pytest.mark.slow
 def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: Store) -> None:
     put(store, header(0), b"counted")
-    seqs, done = itertools.count(1), threading.Event()
+    seqs, updates_ended = itertools.count(1), threading.Event()
 
     def write() -> None:
         for _ in range(TIMES):
@@ -25,7 +25,7 @@ def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: 
             put(store, header(next(seqs)), b"image", product="image")
 
     def retain_and_collect() -> None:
-        while not done.is_set():
+        while not updates_ended.is_set():
             store.retention.apply([Rule(product="image", max_count=5)])
             store.collect()
 
@@ -33,7 +33,7 @@ def test_eight_threads_lose_no_update_while_retention_and_collection_run(store: 
         maintenance = threads.submit(retain_and_collect)
         writers = [threads.submit(write) for _ in range(WRITERS)]
         wait(writers)
-        done.set()
+        updates_ended.set()
         for future in (maintenance, *writers):
             future.result()
     assert store.annotations.get(header(0).id).notes == str(WRITERS * TIMES)

@@ -34,10 +34,10 @@ class Ramp:
 
 
 def changes(source: bytes) -> dict[str, set[tuple[str, str]]]:
-    found: dict[str, set[tuple[str, str]]] = {}
+    changes_by_operator: dict[str, set[tuple[str, str]]] = {}
     for mutant in mutants("ramp.py", source):
-        found.setdefault(mutant.operator, set()).add((mutant.before, mutant.after))
-    return found
+        changes_by_operator.setdefault(mutant.operator, set()).add((mutant.before, mutant.after))
+    return changes_by_operator
 
 
 def test_operators_comparisons_factors_branches_and_arguments_are_changed() -> None:
@@ -87,8 +87,8 @@ def test_functions_that_only_compile_and_conditions_of_log_messages_are_not_chan
 
 
 def test_equal_changes_of_one_function_have_different_keys() -> None:
-    found = mutants("a.py", b"def f(x):\n    return x[0] + x[0]\n")
-    assert len({m.key for m in found}) == len(found)
+    all_mutants = mutants("a.py", b"def f(x):\n    return x[0] + x[0]\n")
+    assert len({m.key for m in all_mutants}) == len(all_mutants)
 
 
 def test_a_sample_is_repeated_by_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -66,8 +66,8 @@ def scene_log(folder: Path) -> IndexedLog:
         if count := len(_images(folder, (name,))):
             unconverted[name] = Unconverted("mask", count, "no CDFF type has masks of objects")
     masks = [file for name in _MASKS for file in _images(folder, (name,))]
-    used = {*colour, *depth, *masks, folder / "scene_camera.json", truth}
-    others = other_files(folder, used.__contains__, "not an image, a camera or a pose of the scene")
+    used_files = {*colour, *depth, *masks, folder / "scene_camera.json", truth}
+    others = other_files(folder, used_files.__contains__, "not an image, a camera or a pose of the scene")
     return IndexedLog(streams, others | unconverted)
 
 

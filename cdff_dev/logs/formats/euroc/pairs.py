@@ -66,9 +66,9 @@ def pairs_log(folders: list[Path], calibration: Path | None, root: Path) -> Inde
         streams[TRUTH] = pose_stream(TRUTH, T[order], stamps_ns[order], parent=WORLD, child=BODY)
     single = len(images) - 2 * len(times)
     unconverted = {"single images": Unconverted("image", single, "the other camera's image is missing")}
-    used = {*images.values(), *files, path}
+    used_files = {*images.values(), *files, path}
     patterns = ("*", *(f"{folder.name}/*" for folder in folders if folder != root))
-    others = other_files(root, used.__contains__, "not an image of a pair, nor their poses", patterns)
+    others = other_files(root, used_files.__contains__, "not an image of a pair, nor their poses", patterns)
     return IndexedLog(streams, (unconverted if single else {}) | others)
 
 

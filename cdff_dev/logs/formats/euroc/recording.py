@@ -54,13 +54,13 @@ def recording_log(folder: Path, calibration: Path | None = None, root: Path | No
             count = sum(1 for file in path.rglob("*") if file.is_file())
             reason = "in a folder other than cameras, imu0 or ground-truth state"
             unconverted[path.name] = Unconverted("file", count, reason)
-    used = {path for camera in cameras for path in (*_images(camera).values(), camera / "sensor.yaml")}
-    used |= {folder / name / "data.csv" for name in known} | {calibration or folder}
+    used_files = {path for camera in cameras for path in (*_images(camera).values(), camera / "sensor.yaml")}
+    used_files |= {folder / name / "data.csv" for name in known} | {calibration or folder}
     inner = ["*", *(f"{name}/{pattern}" for name in known for pattern in ("*", "data/*"))]
     if root is not None and root != folder:
         inner = ["*", *(f"{folder.name}/{pattern}" for pattern in inner)]
     reason = "no image or table of the recording"
-    others = other_files(root or folder, used.__contains__, reason, inner)
+    others = other_files(root or folder, used_files.__contains__, reason, inner)
     return IndexedLog(streams, unconverted | others)
 
 

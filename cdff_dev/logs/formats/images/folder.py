@@ -135,10 +135,10 @@ def _add_pairs(
     return stereo_pair
 
 
-def _stamps(sequence: ImageSequence, used: set[Path]) -> Stamps:
+def _stamps(sequence: ImageSequence, used_files: set[Path]) -> Stamps:
     times = sequence.folder / "times.txt"
     if times.is_file():
-        used.add(times)
+        used_files.add(times)
         return file_stamps(sequence.files, times)
     return file_stamps(sequence.files)
 

@@ -92,8 +92,8 @@ def truth_stream(robot: str, folder: Path, path: Path, sequence: ImageSequence, 
     chosen = T[[images[image] for image in order]]
     name, parent, child = truth_names(robot, path, sequence.sensor)
     stream = pose_stream(name, chosen, stamps_ns[order], parent=parent, child=child)
-    used = {key, *(_MATRIX if "T00" in rows[0] else [*_QUATERNION, *_position(rows[0])[0]])}
-    others = [column for column in rows[0] if column and column not in used]
+    used_columns = {key, *(_MATRIX if "T00" in rows[0] else [*_QUATERNION, *_position(rows[0])[0]])}
+    others = [column for column in rows[0] if column and column not in used_columns]
     return Truth(name, stream, len(rows) - len(images), len(rows), others)
 
 

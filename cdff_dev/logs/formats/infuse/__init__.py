@@ -29,9 +29,11 @@ def _is_map(location: LogLocation) -> bool:
     """Return whether the first file is a MessagePack map with a text as first key, or called ``.msg``."""
     if location.files[0].suffix == ".msg":
         return True
-    first, *rest = location.head(6) or b"\0"
-    key = rest[{0xDE: 2, 0xDF: 4}.get(first, 0) :][:1]
+    first, *next_bytes = location.head(6) or b"\0"
+    # MessagePack: 0x80 to 0x8F are short maps; 0xDE and 0xDF have a count of 2 or 4 bytes before the first key.
+    key = next_bytes[{0xDE: 2, 0xDF: 4}.get(first, 0) :][:1]
     is_map = first in (0xDE, 0xDF) or 0x80 <= first < 0x90
+    # 0xA0 to 0xBF are short texts, 0xD9 and 0xDA longer ones.
     return is_map and bool(key) and (0xA0 <= key[0] < 0xC0 or key[0] in (0xD9, 0xDA))
 
 

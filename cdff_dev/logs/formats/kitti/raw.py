@@ -86,11 +86,11 @@ def raw_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[TRUTH] = truth_stream(TRUTH, paths, stamps_ns, _WORLD, _BODY)
     if not streams:
         raise InputError(f"{folder}: no files in {', '.join(f'{name}/data' for name in _STREAMS)}")
-    used = {path for files_of_sensor in files.values() for path, _ in files_of_sensor.values()}
-    used |= {folder / name / "timestamps.txt" for name in _STREAMS}
-    used |= {folder / name for name in (_CALIBRATION, *_BODY_CALIBRATIONS)}
+    used_files = {path for files_of_sensor in files.values() for path, _ in files_of_sensor.values()}
+    used_files |= {folder / name / "timestamps.txt" for name in _STREAMS}
+    used_files |= {folder / name for name in (_CALIBRATION, *_BODY_CALIBRATIONS)}
     reason = "not a file of a sensor, its times or a calibration"
-    others = other_files(folder, used.__contains__, reason, ("*", "*/*", "*/*/*"))
+    others = other_files(folder, used_files.__contains__, reason, ("*", "*/*", "*/*/*"))
     return IndexedLog(streams, unconverted | others)
 
 
@@ -245,9 +245,9 @@ def _rows(path: Path) -> dict[str, FloatArray]:
     """Return the numbers of each line ``name: numbers``; lines of other content are left out."""
     rows = {}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        name, _, rest = line.partition(":")
+        name, _, numbers = line.partition(":")
         try:
-            rows[name.strip()] = np.array(rest.split(), np.float64)
+            rows[name.strip()] = np.array(numbers.split(), np.float64)
         except ValueError:  # the date of the calibration
             continue
     return rows

@@ -99,20 +99,20 @@ def _unused_files(
     folder: Path, calibration: Path | None, pairs: list[tuple[Path, Path]], scans: dict[int, Path]
 ) -> dict[str, Unconverted]:
     """Return the files that are not part of a stream, nor its times or calibration."""
-    used = {
+    used_files = {
         folder / "times.txt",
         _poses_file(folder),
         *scans.values(),
         *(file for pair in pairs for file in pair),
     }
     if pairs:
-        used.add(_calibration_file(folder, calibration))
+        used_files.add(_calibration_file(folder, calibration))
     if scans:
-        used.add(folder / _CALIBRATIONS[-1])
+        used_files.add(folder / _CALIBRATIONS[-1])
     if pairs and pairs[0][0].parent.name == _IMAGE_FOLDERS[0][0]:
-        used.update(file for name in _COLOUR_FOLDERS for file in (folder / name).glob("*.png"))
+        used_files.update(file for name in _COLOUR_FOLDERS for file in (folder / name).glob("*.png"))
     reason = "not an image, a scan, their calibration, times.txt or poses of the sequence"
-    return other_files(folder, used.__contains__, reason)
+    return other_files(folder, used_files.__contains__, reason)
 
 
 def scan_stream(files: list[Path], stamps_ns: Stamps) -> IndexedStream:
@@ -262,9 +262,14 @@ def _poses_file(folder: Path) -> Path | None:
     without one.
     """
     name = f"{folder.resolve().name}.txt"
-    own = sorted((folder / "poses").glob("[0-9][0-9].txt"))
+    numbered_files = sorted((folder / "poses").glob("[0-9][0-9].txt"))
     benchmark = folder.resolve().parents[1] / "poses" / name if len(folder.resolve().parents) > 1 else folder
-    candidates = [folder / "poses.txt", folder / "poses" / name, *(own if len(own) == 1 else []), benchmark]
+    candidates = [
+        folder / "poses.txt",
+        folder / "poses" / name,
+        *(numbered_files if len(numbered_files) == 1 else []),
+        benchmark,
+    ]
     return next((path for path in candidates if path.is_file()), None)
 
 

@@ -57,13 +57,13 @@ def _open(location: LogLocation, metadata: Path | None) -> LogSource:
     return ouster_log(path, metadata, _unused_files(location.folder, {path, metadata}))
 
 
-def _unused_files(folder: Path | None, used: set[Path]) -> dict[str, Unconverted]:
+def _unused_files(folder: Path | None, used_files: set[Path]) -> dict[str, Unconverted]:
     """Return the other files of a folder; none if the capture was named itself."""
     if folder is None:
         return {}
     from cdff_dev.logs.other_files import other_files
 
-    return other_files(folder, used.__contains__, "not the capture or its metadata")
+    return other_files(folder, used_files.__contains__, "not the capture or its metadata")
 
 
 FORMAT = LogFormat(

@@ -132,14 +132,14 @@ class _Index:
         return not (serial and self._serial and serial != self._serial)
 
 
-def _chosen(ports: set[int], named: int, what: str, key: str) -> int:
+def _chosen(ports: set[int], named: int, description: str, key: str) -> int:
     """Return the port of a sensor; raises InputError if there are several and the metadata names none."""
     if len(ports) == 1:
         return next(iter(ports))
     if named not in ports:
         known = ", ".join(map(str, sorted(ports)))
         raise InputError(
-            f"{what} to the ports {known}, the metadata names {named or 'none'}: set {key} in it"
+            f"{description} to the ports {known}, the metadata names {named or 'none'}: set {key} in it"
         )
     return named
 
@@ -224,8 +224,8 @@ def _stamps(stamps_ns: Any) -> NDArray[np.int64]:
 def _unconverted(index: _Index, sensor: OusterSensor, bad_imu: int) -> dict[str, Unconverted]:
     """Return the packets, columns and measurements that are not converted, with the reasons."""
     contents = {
-        what: Unconverted("UDP packet", count, "neither lidar nor IMU data of this sensor")
-        for what, count in index.others.items()
+        name: Unconverted("UDP packet", count, "neither lidar nor IMU data of this sensor")
+        for name, count in index.others.items()
     }
     missing = sum(max(sensor.columns_in_window - sweep.columns, 0) for sweep in index.sweeps[1:-1])
     if missing:

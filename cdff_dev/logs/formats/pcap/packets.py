@@ -78,7 +78,7 @@ class Capture:
     def unconverted(self) -> dict[str, Unconverted]:
         """Counts of packets without a datagram, and the end of a damaged file; ``datagrams`` fills both."""
         contents = {
-            what: Unconverted("packet", count, "no data of a lidar") for what, count in self._lost.items()
+            name: Unconverted("packet", count, "no data of a lidar") for name, count in self._lost.items()
         }
         if self._damage is not None:
             contents[f"byte {self._damage.offset}"] = Unconverted("damaged part", 1, self._damage.reason)

@@ -66,8 +66,8 @@ class VelodyneLog(LogSource):
                 "the file with --calibration; convert those of other lidars with the manufacturer's tool"
             )
         if further := sum(count for size, count in sizes.items() if size != _DATA_BYTES):
-            what = f"{sizes[_POSITION_BYTES]} of them position packets"
-            self._unconverted["other packets"] = Unconverted("UDP packet", further, what)
+            reason = f"{sizes[_POSITION_BYTES]} of them position packets"
+            self._unconverted["other packets"] = Unconverted("UDP packet", further, reason)
         stamps_ns = [stamp_ns for stamp_ns, _ in self._sweeps()]
         self._count = len(stamps_ns)
         self._info = StreamInfo(

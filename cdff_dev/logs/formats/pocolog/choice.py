@@ -61,6 +61,8 @@ def _fitting(known: Sequence[Conversion], kinds: Sequence[Type], *, is_split: bo
     if not chosen:
         missing = ", ".join(sorted(set(known[0].fields) - names))
         return Choice(reason=f"without the expected fields {missing}")
-    used = {name for conversion in chosen.values() for name in (*conversion.fields, *conversion.optional)}
-    lost = dict.fromkeys(sorted(names - used), "the CDFF type has no such field")
+    converted_fields = {
+        name for conversion in chosen.values() for name in (*conversion.fields, *conversion.optional)
+    }
+    lost = dict.fromkeys(sorted(names - converted_fields), "the CDFF type has no such field")
     return Choice(tuple(chosen.values()), is_split, lost)

@@ -30,20 +30,20 @@ class Cursor:
         """Number of bytes after the position."""
         return len(self._data) - self._at
 
-    def take(self, count: int, what: str) -> memoryview:
+    def take(self, count: int, name: str) -> memoryview:
         """Return the next bytes; raises CodecError if the sample has fewer."""
         if count > self.remaining:
-            raise CodecError(f"{what}: {self.remaining} bytes at byte {self._at}, expected {count}")
+            raise CodecError(f"{name}: {self.remaining} bytes at byte {self._at}, expected {count}")
         self._at += count
         return self._data[self._at - count : self._at]
 
-    def take_count(self, element_bytes: int, what: str) -> int:
+    def take_count(self, element_bytes: int, name: str) -> int:
         """Return the number of elements of a container; raises CodecError if they exceed the sample."""
         at = self._at
-        count = int.from_bytes(self.take(8, what), self._order)  # type: ignore[arg-type]
+        count = int.from_bytes(self.take(8, name), self._order)  # type: ignore[arg-type]
         if count * element_bytes > self.remaining:
             raise CodecError(
-                f"{what}: {count} elements at byte {at}, expected at most {self.remaining // element_bytes}"
+                f"{name}: {count} elements at byte {at}, expected at most {self.remaining // element_bytes}"
             )
         return count
 
@@ -154,9 +154,9 @@ class FixedArray:
         return _elements(self.element, self.count, cursor, self.name)
 
 
-def _elements(element: Type, count: int, cursor: Cursor, what: str) -> Any:
+def _elements(element: Type, count: int, cursor: Cursor, name: str) -> Any:
     if isinstance(element, Fixed):
-        data = cursor.take(count * element.dtype.itemsize, what)
+        data = cursor.take(count * element.dtype.itemsize, name)
         return np.frombuffer(data, element.dtype) if count else np.zeros(0, element.dtype)
     return [element.decode(cursor) for _ in range(count)]
 

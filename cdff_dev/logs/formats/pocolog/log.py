@@ -173,8 +173,8 @@ def _chosen_ports(ports: list[_PortFiles], unconverted: dict[str, Unconverted]) 
         if not choice.conversions:
             reasons = {label: ("", choice.reason)}
         lost: dict[str, str] = {}
-        for wanted, (field_name, reason) in reasons.items():
-            name = _free(wanted, unconverted)
+        for wanted_name, (field_name, reason) in reasons.items():
+            name = _free(wanted_name, unconverted)
             unconverted[name] = Unconverted(port.type_name, count, reason)
             lost[name] = field_name
         chosen.append(_ChosenPort(port, choice, lost))

@@ -49,8 +49,8 @@ def open_folder(folder: Path) -> dict[str, Recording]:
     """
     files = sorted((path for path in folder.iterdir() if path.name.endswith(_SUFFIXES)), key=natural_order)
     recordings = _recordings_of(folder, files)
-    used = {*files, folder / METADATA}
-    if others := other_files(folder, used.__contains__, "not a file of a bag"):
+    used_files = {*files, folder / METADATA}
+    if others := other_files(folder, used_files.__contains__, "not a file of a bag"):
         name, first = next(iter(recordings.items()))
         recordings[name] = JoinedRecording(first.name, [first], others)
     return recordings

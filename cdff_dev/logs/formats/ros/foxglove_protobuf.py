@@ -183,14 +183,14 @@ def _files() -> list[Any]:
     time = FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(time)
     messages = [_message(*match.groups()) for match in _MESSAGE.finditer(_SCHEMAS)]
-    own = FileDescriptorProto(
+    foxglove_file = FileDescriptorProto(
         name="foxglove.proto",
         package=PACKAGE,
         syntax="proto3",
         dependency=[time.name],
         message_type=messages,
     )
-    return [time, own]
+    return [time, foxglove_file]
 
 
 def _message(name: str, body: str) -> Any:

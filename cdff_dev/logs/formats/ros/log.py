@@ -403,13 +403,13 @@ class RosLog(LogSource):
     def first_samples(self, streams: Collection[str] | None = None) -> dict[str, LogSample]:
         """Return the first sample of all or some streams, from one pass through the recording."""
         names = chosen_streams(self.streams, streams)
-        wanted = {name: int(np.argmin(self.stamps_ns(name))) for name in names}
+        first_seqs = {name: int(np.argmin(self.stamps_ns(name))) for name in names}
         sample_by_stream: dict[str, LogSample] = {}
         seqs: Counter[str] = Counter()
-        for part in self._parts(set(wanted)) if wanted else ():
-            if seqs[part.stream] == wanted[part.stream]:
+        for part in self._parts(set(first_seqs)) if first_seqs else ():
+            if seqs[part.stream] == first_seqs[part.stream]:
                 sample_by_stream[part.stream] = self._sample(seqs[part.stream], part)
-                if len(sample_by_stream) == len(wanted):
+                if len(sample_by_stream) == len(first_seqs):
                     break
             seqs[part.stream] += 1
         return sample_by_stream

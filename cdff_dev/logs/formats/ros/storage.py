@@ -99,8 +99,8 @@ class Bag2Storage(MessageStorage):
         if forbidden := sorted(set("#?%") & set(str(path.resolve()))):
             # rosbags opens the database by a URI in which these have another meaning.
             raise InputError(
-                f"log {path}: {' '.join(forbidden)} cannot be in the path of a new ROS 2 bag; write it elsewhere "
-                "and move it, or write NAME.mcap"
+                f"log {path}: {' '.join(forbidden)} cannot be in the path of a new ROS 2 bag; write it "
+                "elsewhere and move it, or write NAME.mcap"
             )
         self.types = RosTypes(2)
         self._path = path

@@ -50,8 +50,8 @@ def scans_log(files: list[Path], folder: Path | None = None) -> IndexedLog:
 
     header = headers(SCAN, stamps_ns, frame=_FRAME, producer=_FRAME)
     reason = f"not one of the {files[0].suffix} scans of the folder, nor times.txt"
-    used = {*files, times}
-    others = {} if folder is None else other_files(folder, used.__contains__, reason)
+    used_files = {*files, times}
+    others = {} if folder is None else other_files(folder, used_files.__contains__, reason)
     return IndexedLog({SCAN: IndexedStream("LidarScan", stamps_ns, read, header)}, others)
 
 

@@ -64,12 +64,16 @@ def sequence_log(frames: Path) -> IndexedLog:
         streams[_TRUTH] = pose_stream(
             _TRUTH, T, _stamps(list(poses)), parent=f"{ROBOT}/world", child=f"{ROBOT}/depth"
         )
-    used = {*colour.values(), *depth.values(), *(_beside(file, ".pose.txt") for file in colour.values())}
+    used_files = {
+        *colour.values(),
+        *depth.values(),
+        *(_beside(file, ".pose.txt") for file in colour.values()),
+    }
     # The pictures of an extract have a folder of their own.
     folder = frames.parent if frames.name == _EXTRACT else frames
-    used.add(folder / _TABLE)
+    used_files.add(folder / _TABLE)
     return IndexedLog(
-        streams, other_files(folder, used.__contains__, "no part of a frame with a colour image")
+        streams, other_files(folder, used_files.__contains__, "no part of a frame with a colour image")
     )
 
 

@@ -70,8 +70,8 @@ def labelled_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
         streams[_TRUTH] = pose_stream(
             _TRUTH, T, stamps_ns[posed], parent=f"{ROBOT}/camera", child=f"{ROBOT}/target"
         )
-    used = {*images, *label_files(folder), default, calibration or default}
-    others = other_files(folder, used.__contains__, "not a label or a labelled image")
+    used_files = {*images, *label_files(folder), default, calibration or default}
+    others = other_files(folder, used_files.__contains__, "not a label or a labelled image")
     return IndexedLog(streams, others | unconverted)
 
 

@@ -39,24 +39,24 @@ def recording_log(folder: Path, calibration: Path | None = None) -> IndexedLog:
     InputError
         If a table cannot be read or names an image that does not exist.
     """
-    used = {folder / name for name in ("rgb.txt", "depth.txt", "groundtruth.txt", "accelerometer.txt")}
+    used_files = {folder / name for name in ("rgb.txt", "depth.txt", "groundtruth.txt", "accelerometer.txt")}
     camera = _DEFAULT_CAMERA if calibration is None else read_camera(calibration)
     streams: dict[str, IndexedStream] = {}
     if (table := folder / "rgb.txt").is_file():
         files, stamps_ns = _images(table)
         streams[_COLOUR] = frame_stream(_COLOUR, files, stamps_ns, camera)
-        used.update(files)
+        used_files.update(files)
     if (table := folder / "depth.txt").is_file():
         files, stamps_ns = _images(table)
         streams[_DEPTH] = depth_stream(_DEPTH, files, stamps_ns, camera, _DEPTH_UNIT_M)
-        used.update(files)
+        used_files.update(files)
     if (table := folder / "groundtruth.txt").is_file():
         stamps_ns, rows = read_table(table, 7, _SECOND_NS)
         T = poses_of_rows(table, rows)
         streams[_TRUTH] = pose_stream(_TRUTH, T, stamps_ns, parent=f"{ROBOT}/world", child=f"{ROBOT}/colour")
     if calibration is not None:
-        used.add(calibration)
-    unconverted = other_files(folder, used.__contains__, "not named in rgb.txt or depth.txt")
+        used_files.add(calibration)
+    unconverted = other_files(folder, used_files.__contains__, "not named in rgb.txt or depth.txt")
     if (table := folder / "accelerometer.txt").is_file():
         rows_without_rates = len(read_rows(table, 4))
         unconverted[table.name] = Unconverted(

@@ -295,14 +295,14 @@ def selected_collections(
     """Return the collections whose extent touches a box and an interval, with one of some words."""
     t0_ns, t1_ns = span_of(datetime)
     box = None if bbox is None else box_outline(bbox)
-    wanted = [word.strip().lower() for word in (words or "").split(",") if word.strip()]
+    search_words = [word.strip().lower() for word in (words or "").split(",") if word.strip()]
 
     def is_selected(c: Collection) -> bool:
         text = f"{c.id} {c.title} {c.description}".lower()
         return (
             (t0_ns is None or c.t1_ns >= t0_ns)
             and (t1_ns is None or c.t0_ns <= t1_ns)
-            and (not wanted or any(word in text for word in wanted))
+            and (not search_words or any(word in text for word in search_words))
             and (box is None or (c.bounds_deg is not None and box.intersects(shapely.box(*c.bounds_deg))))
         )
 

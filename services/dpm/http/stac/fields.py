@@ -87,11 +87,11 @@ _TOP = frozenset(name.partition(".")[0] for name in _ALWAYS)
 
 def _remove(data: dict[str, Any], path: list[str]) -> None:
     """Remove the value at a path from nested data, whose changed parts are copied."""
-    name, *rest = path
+    name, *subpath = path
     if name not in data:
         return
-    if not rest:
+    if not subpath:
         del data[name]
     elif isinstance(data[name], dict):
         data[name] = dict(data[name])
-        _remove(data[name], rest)
+        _remove(data[name], subpath)

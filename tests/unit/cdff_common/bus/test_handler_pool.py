@@ -71,11 +71,11 @@ def test_tasks_that_wait_let_others_run_up_to_the_number_of_threads(tasks: Tasks
 
 
 def test_tasks_run_in_the_order_of_their_submission() -> None:
-    pool, order, done = HandlerPool(4, 1, "test"), list[int](), threading.Event()
+    pool, order, all_done = HandlerPool(4, 1, "test"), list[int](), threading.Event()
     for number in range(100):
         pool.submit(order.append, number)
-    pool.submit(done.set)
-    assert done.wait(TIMEOUT_S)
+    pool.submit(all_done.set)
+    assert all_done.wait(TIMEOUT_S)
     assert order == list(range(100))
     pool.close()
 
@@ -102,10 +102,10 @@ def test_submitted_tasks_run_after_close_and_further_ones_are_refused(tasks: Tas
 
 
 def test_threads_end_after_close() -> None:
-    pool, done = HandlerPool(4, 4, "ending"), threading.Barrier(5)
+    pool, barrier = HandlerPool(4, 4, "ending"), threading.Barrier(5)
     for _ in range(4):
-        pool.submit(done.wait, TIMEOUT_S)
-    done.wait(TIMEOUT_S)
+        pool.submit(barrier.wait, TIMEOUT_S)
+    barrier.wait(TIMEOUT_S)
     pool.close()
     for thread in [t for t in threading.enumerate() if t.name.startswith("ending_")]:
         thread.join(TIMEOUT_S)

@@ -80,8 +80,8 @@ def test_products_of_a_slow_dfpc_are_found_behind_a_full_page_of_another(
         def search(self, product: str, **parameters: object) -> list[dict[str, Any]]:
             if product != "pose":
                 return []
-            found = {"": [fast, fast], "lidar_slam": [slow]}
-            return found.get(str(parameters.get("dfpc", "")), [])
+            products_by_dfpc = {"": [fast, fast], "lidar_slam": [slow]}
+            return products_by_dfpc.get(str(parameters.get("dfpc", "")), [])
 
     monkeypatch.setattr("cdff_common.client.live_world.MAX_PAGE", 2)
     dpm = BusyDpm()

@@ -130,8 +130,8 @@ def test_obj_polygons_become_fans_and_negative_indices_count_from_the_end() -> N
 def test_transforms_of_nodes_scale_then_rotate_then_translate(data: bytes) -> None:
     R = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
     expected = 2.0 * VERTICES @ R.T + [1, 2, 3]
-    found = np.round(read_mesh(data).vertices, 5)
-    np.testing.assert_allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)], atol=1e-6)
+    vertices = np.round(read_mesh(data).vertices, 5)
+    np.testing.assert_allclose(vertices[np.lexsort(vertices.T)], expected[np.lexsort(expected.T)], atol=1e-6)
 
 
 def test_vrml_nodes_are_used_again_by_name() -> None:

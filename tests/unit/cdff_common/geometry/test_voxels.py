@@ -72,13 +72,13 @@ def test_no_more_points_than_desired_and_coincident_points_are_not_changed() -> 
     points = np.random.default_rng(4).normal(size=(20, 3))
     assert voxel_for(points, 20) == 0.0
     assert voxel_for(points, 19) > 0.0
-    kept, voxel_m = downsampled(points, 20)
+    reduced, voxel_m = downsampled(points, 20)
     assert voxel_m == 0.0
-    np.testing.assert_array_equal(kept, points)
+    np.testing.assert_array_equal(reduced, points)
     same = np.tile([1.0, 2.0, 3.0], (30, 1))
-    kept, voxel_m = downsampled(same, 5)
+    reduced, voxel_m = downsampled(same, 5)
     assert voxel_m == 0.0
-    np.testing.assert_array_equal(kept, same)
+    np.testing.assert_array_equal(reduced, same)
 
 
 def test_a_count_that_no_voxels_have_gives_the_means_of_the_closest_ones() -> None:

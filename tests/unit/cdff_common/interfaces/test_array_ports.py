@@ -21,8 +21,8 @@ PORTS = ArrayPorts(
 
 
 def check(**values: Any) -> None:
-    given = {"image": None, "points": None, "weights": None, "noise": None, "edge_m": None}
-    PORTS.check(SimpleNamespace(**given | values))
+    without_values = {"image": None, "points": None, "weights": None, "noise": None, "edge_m": None}
+    PORTS.check(SimpleNamespace(**without_values | values))
 
 
 def test_inputs_that_fit_pass() -> None:

@@ -224,10 +224,10 @@ def test_unobserved_ground_does_not_block_the_view_and_is_stated() -> None:
 
 def test_contours_of_a_cone_are_circles_of_their_height() -> None:
     radius = np.hypot(X, Y)
-    found = {c.height_m: c.lines_m for c in contours(GRID, 10.0 - radius, 2.0)}
-    assert set(found) >= {2.0, 4.0, 6.0, 8.0}
+    lines_by_height = {c.height_m: c.lines_m for c in contours(GRID, 10.0 - radius, 2.0)}
+    assert set(lines_by_height) >= {2.0, 4.0, 6.0, 8.0}
     for height in (4.0, 6.0, 8.0):
-        (line,) = found[height]
+        (line,) = lines_by_height[height]
         assert np.hypot(*line.T) == pytest.approx(10.0 - height, abs=0.01)
         assert np.array_equal(line[0], line[-1])
     with pytest.raises(InputError, match="larger interval"):

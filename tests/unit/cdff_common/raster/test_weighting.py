@@ -28,10 +28,10 @@ def cells_of(robot: str, points: np.ndarray, sigma_m: float | None, grid: GridGe
     """Return the cells of points with a stated standard deviation of the pose."""
     layers = CellStatistics.from_points(grid, points, stamps_ns=0).to_layers(0)
     if sigma_m is not None:
-        seen = np.isfinite(layers["mean"])
+        is_observed = np.isfinite(layers["mean"])
         layers["variance"] = layers["variance"] + np.float32(sigma_m**2)
         values = {"pose_variance": sigma_m**2, "intensity": 1.0, "first_age_s": 0.5}
-        layers |= {name: np.where(seen, v, np.nan).astype(np.float32) for name, v in values.items()}
+        layers |= {name: np.where(is_observed, v, np.nan).astype(np.float32) for name, v in values.items()}
     mosaic = Mosaic(grid, auxiliary=True)
     mosaic.add(grid, layers, 0)
     return RobotCells(robot, mosaic.assembled())
@@ -52,8 +52,8 @@ def scan(
 def rms_error_m(window: AssembledWindow, seen_by: RobotCells) -> float:
     """Return the error of the heights in the cells that a robot has observed."""
     x, y = GRID.centres_m()
-    seen = seen_by.assembled.statistics.observed
-    return float(np.sqrt(np.mean((window.statistics.mean - ground(x, y))[seen] ** 2)))
+    is_observed = seen_by.assembled.statistics.observed
+    return float(np.sqrt(np.mean((window.statistics.mean - ground(x, y))[is_observed] ** 2)))
 
 
 @pytest.mark.parametrize("stated_m", [0.6, 0.08])
@@ -91,8 +91,8 @@ def test_independent_errors_are_averaged_and_those_of_one_robot_are_not(rng: np.
     fused = fuse_robots(parts, compare_robots(parts))
     assert fused.auxiliary is not None
     layers = fused.auxiliary.to_layers(fused.statistics, 0)
-    seen = np.all([p.assembled.statistics.observed for p in parts], axis=0)
-    assert np.nanmedian(layers["pose_variance"][seen]) == pytest.approx(0.005, rel=0.05)
+    is_observed = np.all([p.assembled.statistics.observed for p in parts], axis=0)
+    assert np.nanmedian(layers["pose_variance"][is_observed]) == pytest.approx(0.005, rel=0.05)
     alone = parts[0].assembled.auxiliary
     assert alone is not None
     same = alone.to_layers(parts[0].assembled.statistics, 0)

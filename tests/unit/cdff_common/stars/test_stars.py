@@ -83,10 +83,10 @@ def test_the_sun_is_at_the_first_point_of_aries_at_the_equinox_and_the_earth_mov
 
 
 def test_aberration_shifts_a_star_across_the_velocity_by_twenty_arcseconds_towards_it() -> None:
-    seen = aberrated([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [0.0, 29_790.0, 0.0])
-    np.testing.assert_allclose(np.arctan2(seen[0, 1], seen[0, 0]) / ARCSEC, 20.496, atol=1e-3)
-    np.testing.assert_allclose(seen[1], [0.0, 1.0, 0.0], atol=1e-15)
-    np.testing.assert_allclose(geometric(seen, [0.0, 29_790.0, 0.0]), np.eye(3)[:2], atol=1e-14)
+    apparent = aberrated([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [0.0, 29_790.0, 0.0])
+    np.testing.assert_allclose(np.arctan2(apparent[0, 1], apparent[0, 0]) / ARCSEC, 20.496, atol=1e-3)
+    np.testing.assert_allclose(apparent[1], [0.0, 1.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(geometric(apparent, [0.0, 29_790.0, 0.0]), np.eye(3)[:2], atol=1e-14)
 
 
 def test_apparent_directions_contain_proper_motion_and_aberration() -> None:

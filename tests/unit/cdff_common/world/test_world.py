@@ -26,13 +26,13 @@ def pose(
 
 def history() -> WorldHistory:
     """A rover that drives 2 m along x in 2 s with a lidar, and a cloud at 1 s."""
-    made = WorldHistory()
-    made.add_fixed("mana/base", "mana/lidar", MOUNT)
+    world_history = WorldHistory()
+    world_history.add_fixed("mana/base", "mana/lidar", MOUNT)
     for second, sigma_m in ((0, 0.1), (1, 0.2), (2, 0.3)):
-        made.add_pose("/mana/vo.pose", pose(float(second), second * S, sigma_m=sigma_m))
+        world_history.add_pose("/mana/vo.pose", pose(float(second), second * S, sigma_m=sigma_m))
     cloud = Pointcloud.from_points([[1.0, 2.0, 3.0]], frame="mana/lidar", stamp_ns=S)
-    made.add_item("/mana/lidar.cloud", "Pointcloud", S, cloud)
-    return made
+    world_history.add_item("/mana/lidar.cloud", "Pointcloud", S, cloud)
+    return world_history
 
 
 def test_frames_are_interpolated_and_composed_with_their_covariance() -> None:
@@ -54,9 +54,9 @@ def test_a_frame_whose_poses_do_not_cover_the_time_is_omitted_with_the_reason() 
 
 
 def test_true_poses_are_used_only_without_other_poses() -> None:
-    made = history()
-    made.add_pose("/mana/truth.pose", pose(7.0, S))
-    world = made.at(S)
+    world_history = history()
+    world_history.add_pose("/mana/truth.pose", pose(7.0, S))
+    world = world_history.at(S)
     assert world.transform("site", "mana/base").matrix[0, 3] == 1.0
     assert world.omitted == {"site to mana/base by /mana/truth.pose": "/mana/vo.pose is used instead"}
     only_truth = WorldHistory()
@@ -65,17 +65,17 @@ def test_true_poses_are_used_only_without_other_poses() -> None:
 
 
 def test_of_two_sources_the_one_nearest_in_time_is_used() -> None:
-    made = history()
-    made.add_pose("/mana/gnss.pose", pose(1.4, S + 400_000_000))
-    world = made.at(S + 400_000_000)
+    world_history = history()
+    world_history.add_pose("/mana/gnss.pose", pose(1.4, S + 400_000_000))
+    world = world_history.at(S + 400_000_000)
     assert world.transform("site", "mana/base").matrix[0, 3] == 1.4
     assert world.omitted == {"site to mana/base by /mana/vo.pose": "/mana/gnss.pose is used instead"}
 
 
 def test_a_pose_in_a_second_frame_connects_both_with_covariance() -> None:
-    made = history()
-    made.add_pose("/mana/slam.pose", pose(5.0, S, sigma_m=0.05, parent="mana/map"))
-    world = made.at(S)
+    world_history = history()
+    world_history.add_pose("/mana/slam.pose", pose(5.0, S, sigma_m=0.05, parent="mana/map"))
+    world = world_history.at(S)
     assert not world.omitted
     T_map_base, T_site_map = world.transform("mana/map", "mana/base"), world.transform("site", "mana/map")
     assert T_map_base.matrix[0, 3] == pytest.approx(5.0)
@@ -87,10 +87,10 @@ def test_a_pose_in_a_second_frame_connects_both_with_covariance() -> None:
 
 
 def test_poses_without_valid_frames_are_omitted() -> None:
-    made = WorldHistory()
-    made.add_pose("/mana/arm.joint", pose(1.0, 0, child="Upper Arm"))
-    made.add_pose("/mana/vo.motion", pose(1.0, 0, child="site"))
-    world = made.at(0)
+    world_history = WorldHistory()
+    world_history.add_pose("/mana/arm.joint", pose(1.0, 0, child="Upper Arm"))
+    world_history.add_pose("/mana/vo.motion", pose(1.0, 0, child="site"))
+    world = world_history.at(0)
     assert world.frames == ()
     assert "expected [a-z0-9_]+" in world.omitted["/mana/arm.joint"]
     assert "motion of site" in world.omitted["/mana/vo.motion"]
@@ -106,18 +106,18 @@ def test_items_are_found_by_type_and_frame() -> None:
 
 
 def test_a_sensor_states_its_mount() -> None:
-    made = WorldHistory()
+    world_history = WorldHistory()
     cloud = Pointcloud.from_points([[0, 0, 0]], frame="mana/lidar", stamp_ns=0, T_robot_sensor=MOUNT)
-    made.add_item("/mana/lidar.cloud", "Pointcloud", 0, cloud)
-    assert made.at(0).transform("mana/base", "mana/lidar").matrix[2, 3] == 1.5
+    world_history.add_item("/mana/lidar.cloud", "Pointcloud", 0, cloud)
+    assert world_history.at(0).transform("mana/base", "mana/lidar").matrix[2, 3] == 1.5
 
 
 def test_the_difference_of_two_times_has_motions_and_new_items() -> None:
-    made = history()
-    first = made.at(0)
-    made.add_item("/mana/lidar.cloud", "Pointcloud", 2 * S, first.item("/mana/lidar.cloud").value)
-    made.add_item("/mana/vo.pose", "TransformWithCovariance", 2 * S, pose(2.0, 2 * S))
-    changes = first.difference_to(made.at(2 * S))
+    world_history = history()
+    first = world_history.at(0)
+    world_history.add_item("/mana/lidar.cloud", "Pointcloud", 2 * S, first.item("/mana/lidar.cloud").value)
+    world_history.add_item("/mana/vo.pose", "TransformWithCovariance", 2 * S, pose(2.0, 2 * S))
+    changes = first.difference_to(world_history.at(2 * S))
     (motion,) = changes.motions
     assert (motion.parent, motion.child) == ("site", "mana/base")
     assert motion.distance_m == pytest.approx(2.0)
@@ -162,7 +162,9 @@ def test_edges_that_would_close_a_loop_are_omitted() -> None:
 
 
 def test_poses_of_a_static_topic_of_ros_hold_at_all_times() -> None:
-    made = WorldHistory()
-    made.add_pose("/mana/tf_static.lidar", pose(0.3, 900 * S, child="mana/lidar"))
-    made.add_pose("/mana/vo.pose", pose(1.0, S))
-    np.testing.assert_allclose(made.at(S).transform("site", "mana/lidar").matrix[:3, 3], [0.3, 0.0, 0.0])
+    world_history = WorldHistory()
+    world_history.add_pose("/mana/tf_static.lidar", pose(0.3, 900 * S, child="mana/lidar"))
+    world_history.add_pose("/mana/vo.pose", pose(1.0, S))
+    np.testing.assert_allclose(
+        world_history.at(S).transform("site", "mana/lidar").matrix[:3, 3], [0.3, 0.0, 0.0]
+    )

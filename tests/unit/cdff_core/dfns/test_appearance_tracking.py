@@ -40,29 +40,29 @@ def test_a_body_is_found_at_parts_of_a_pixel_with_its_covariance() -> None:
     for k in range(12):
         place = np.array([103.0 + 0.31 * k, 78.0 + 0.17 * k])
         image = DistantScene([Body((place[0], place[1]), (0.0, 0.0))]).image(k + 1)
-        found = matched(image, template, [104.0, 79.0])
-        assert found.score > 0.85
-        squares.append((found.place - place) @ np.linalg.inv(found.covariance) @ (found.place - place))
-        assert found.place == pytest.approx(place, abs=0.3)
-        assert found.second < found.score - 0.1
+        match = matched(image, template, [104.0, 79.0])
+        assert match.score > 0.85
+        squares.append((match.place - place) @ np.linalg.inv(match.covariance) @ (match.place - place))
+        assert match.place == pytest.approx(place, abs=0.3)
+        assert match.second < match.score - 0.1
     assert np.mean(squares) < 6.0
 
 
 def test_the_scale_with_the_best_correlation_is_returned() -> None:
     template = DistantScene([Body((100.0, 80.0), (0.0, 0.0))]).image(0)[70:91, 87:114]
-    found = matched(
+    match = matched(
         DistantScene([Body((100.0, 80.0), (0.0, 0.0))]).image(1),
         template,
         [100.0, 80.0],
         scales=np.array([0.8, 1.0, 1.25]),
     )
-    assert found.scale == pytest.approx(1.0)
+    assert match.scale == pytest.approx(1.0)
 
 
 def test_outside_the_image_there_is_no_place_and_wrong_weights_are_refused() -> None:
     image = DistantScene([]).image(0)
-    found = matched(image, image[70:90, 80:100], [-60.0, 80.0])
-    assert found.score == -1.0
-    assert np.isnan(found.place).all()
+    match = matched(image, image[70:90, 80:100], [-60.0, 80.0])
+    assert match.score == -1.0
+    assert np.isnan(match.place).all()
     with pytest.raises(InputError, match="weights"):
         matched(image, image[70:90, 80:100], [90.0, 80.0], weights=np.zeros((20, 20), np.float32))

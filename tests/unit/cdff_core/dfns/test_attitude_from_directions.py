@@ -31,8 +31,8 @@ def field(
 ) -> tuple[np.ndarray, np.ndarray]:
     v = np.column_stack([rng.uniform(-width, width, (count, 2)), np.ones(count)])
     v /= np.linalg.norm(v, axis=1, keepdims=True)
-    seen = v + rng.normal(0.0, sigma, v.shape)
-    return seen / np.linalg.norm(seen, axis=1, keepdims=True), v @ R.T
+    measured = v + rng.normal(0.0, sigma, v.shape)
+    return measured / np.linalg.norm(measured, axis=1, keepdims=True), v @ R.T
 
 
 def test_errors_agree_with_the_covariance_and_the_roll_is_the_weakest_axis() -> None:
@@ -48,17 +48,17 @@ def test_errors_agree_with_the_covariance_and_the_roll_is_the_weakest_axis() -> 
 
 
 def test_wrong_pairs_are_rejected() -> None:
-    seen, references = field(np.random.default_rng(2), 20, 5e-5)
+    measured, references = field(np.random.default_rng(2), 20, 5e-5)
     references[[3, 7]] = references[[7, 3]]
-    result = solved(seen, references, 5e-5)
+    result = solved(measured, references, 5e-5)
     assert not result.inliers[[3, 7]].any()
     assert result.inliers.sum() >= 17
     assert se3.rotation_angle(R @ result.rotation.T) < 5e-3
 
 
 def test_one_direction_and_two_equal_ones_are_refused() -> None:
-    seen, references = field(np.random.default_rng(3), 5, 1e-5)
+    measured, references = field(np.random.default_rng(3), 5, 1e-5)
     with pytest.raises(RefusedError, match="1 directions agree, expected at least 2"):
-        solved(seen[:1], references[:1], 1e-5)
+        solved(measured[:1], references[:1], 1e-5)
     with pytest.raises(DegenerateGeometryError, match="closer together than their errors"):
-        solved(seen[[0, 0]], references[[0, 0]], 1e-5)
+        solved(measured[[0, 0]], references[[0, 0]], 1e-5)

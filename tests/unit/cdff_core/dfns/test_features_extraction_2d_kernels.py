@@ -17,11 +17,11 @@ def test_a_point_remains_if_no_earlier_one_is_within_the_square(shape: tuple[int
     rows, columns = rng.integers(0, shape[0], 60), rng.integers(0, shape[1], 60)
     cell = max(radius // 2, 1)
     cells = np.column_stack([rows, columns]) // cell
-    kept: list[int] = []
+    kept_indices: list[int] = []
     for i, position in enumerate(cells):
-        if all(np.abs(position - cells[j]).max() > radius // cell for j in kept):
-            kept.append(i)
-    np.testing.assert_array_equal(np.flatnonzero(suppress(columns, rows, shape, radius)), kept)
+        if all(np.abs(position - cells[j]).max() > radius // cell for j in kept_indices):
+            kept_indices.append(i)
+    np.testing.assert_array_equal(np.flatnonzero(suppress(columns, rows, shape, radius)), kept_indices)
 
 
 def test_without_points_none_remains() -> None:

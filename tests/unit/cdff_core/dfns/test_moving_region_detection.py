@@ -37,22 +37,22 @@ def test_noise_and_exposure_give_no_region_and_a_body_gives_its_box() -> None:
     detected(detection, empty.image(0), None)
     for k in range(1, 12):
         assert len(detected(detection, (empty.image(k) * (1.0 + 0.02 * (k % 3))).astype(np.uint8)).boxes) == 0
-    found = detected(detection, scene.image(12))
-    assert len(found.boxes) == 1
-    assert found.centroids[0] == pytest.approx([120.0, 80.0], abs=0.25)
-    assert found.boxes[0] == pytest.approx([110.0, 130.0, 73.0, 87.0], abs=0.8)
-    assert found.areas[0] == pytest.approx(280.0, rel=0.1)
-    assert found.labels[80, 120] == 1
-    assert found.noise == pytest.approx(1.5, abs=0.5)
+    regions = detected(detection, scene.image(12))
+    assert len(regions.boxes) == 1
+    assert regions.centroids[0] == pytest.approx([120.0, 80.0], abs=0.25)
+    assert regions.boxes[0] == pytest.approx([110.0, 130.0, 73.0, 87.0], abs=0.8)
+    assert regions.areas[0] == pytest.approx(280.0, rel=0.1)
+    assert regions.labels[80, 120] == 1
+    assert regions.noise == pytest.approx(1.5, abs=0.5)
 
 
 def test_the_place_that_an_object_has_left_is_no_region() -> None:
     scene, detection = DistantScene([Body((60.0, 80.0), (6.0, 0.0))]), node()
     detected(detection, scene.image(0), None)
     for k in range(1, 10):
-        found = detected(detection, scene.image(k))
-    assert len(found.boxes) == 1
-    assert found.centroids[0] == pytest.approx(scene.bodies[0].place(9), abs=0.5)
+        regions = detected(detection, scene.image(k))
+    assert len(regions.boxes) == 1
+    assert regions.centroids[0] == pytest.approx(scene.bodies[0].place(9), abs=0.5)
 
 
 def test_the_background_moves_with_the_camera() -> None:
@@ -61,9 +61,9 @@ def test_the_background_moves_with_the_camera() -> None:
     detected(detection, still.image(0), None)
     for k in range(1, 6):
         assert len(detected(detection, still.image(k), 2.5).boxes) == 0
-    found = detected(detection, scene.image(6), 2.5)
-    assert len(found.boxes) == 1
-    assert found.centroids[0] == pytest.approx([135.0, 80.0], abs=0.4)
+    regions = detected(detection, scene.image(6), 2.5)
+    assert len(regions.boxes) == 1
+    assert regions.centroids[0] == pytest.approx([135.0, 80.0], abs=0.4)
 
 
 def test_a_smooth_cloud_is_less_sharp_than_a_body() -> None:
@@ -72,8 +72,8 @@ def test_a_smooth_cloud_is_less_sharp_than_a_body() -> None:
     detected(detection, empty.image(1))
     v, u = np.mgrid[0 : CAMERA.rows, 0 : CAMERA.cols]
     cloud = 40.0 * np.exp(-0.5 * ((u - 180) ** 2 + (v - 90) ** 2) / 12.0**2)
-    found = detected(detection, (body.image(2) + cloud).clip(0, 255).astype(np.uint8))
-    by_side = {bool(c[0] > 120): s for c, s in zip(found.centroids, found.sharpness, strict=True)}
+    regions = detected(detection, (body.image(2) + cloud).clip(0, 255).astype(np.uint8))
+    by_side = {bool(c[0] > 120): s for c, s in zip(regions.centroids, regions.sharpness, strict=True)}
     assert by_side[True] < 0.12 < by_side[False]
 
 

@@ -145,13 +145,13 @@ def test_two_objects_that_cross_keep_their_numbers() -> None:
 
 def test_a_slow_object_leaves_the_map_of_sources_at_rest() -> None:
     sky = Sky(seed=7)
-    found = None
+    first_step = None
     for k in range(200):
         out = sky.step(k, [20.0 + 0.08 * k, 30.0])
-        if found is None and (out.ids > 0).any():
-            found = k
-    assert found is not None
-    assert found < 150
+        if first_step is None and (out.ids > 0).any():
+            first_step = k
+    assert first_step is not None
+    assert first_step < 150
     assert np.linalg.norm(place(out, 1) - [20.0 + 0.08 * 199, 30.0]) < 1.0
 
 

@@ -34,10 +34,10 @@ def projected(P: Array, X: Array) -> Array:
 def run(
     start: Array, cam: Array, xy: Array, rig_: tuple[Array, Array, Array], **limits: float
 ) -> tuple[Array, ...]:
-    given = NO_LIMITS | limits
+    bounds = NO_LIMITS | limits
     return triangulate(
-        start, cam, xy, *rig_, int(given["iterations"]), given["max_cosine"], given["max_residual_px"],
-        given["min_depth"],
+        start, cam, xy, *rig_, int(bounds["iterations"]), bounds["max_cosine"], bounds["max_residual_px"],
+        bounds["min_depth"],
     )  # fmt: skip
 
 
@@ -114,25 +114,25 @@ def test_limits_of_angle_residual_and_depth() -> None:
     angle = np.arccos(np.cos(2.0 * np.arctan(0.5 / 5.0)))
     assert of_pair([0.5, 0.0, 5.0])[3] == pytest.approx(angle, rel=1e-9)
     for factor, status in ((1.0 - 1e-9, kernels.SMALL_ANGLE), (1.0 + 1e-9, kernels.VALID)):
-        found = of_pair([0.5, 0.0, 5.0], max_cosine=float(np.cos(angle)) * factor)
-        assert found[0] == status
-        assert np.all(np.isfinite(found[1]))
+        result = of_pair([0.5, 0.0, 5.0], max_cosine=float(np.cos(angle)) * factor)
+        assert result[0] == status
+        assert np.all(np.isfinite(result[1]))
     _, _, cost, _ = of_pair([0.5, 0.0, 5.0], shift_y=0.02)
     rms = np.sqrt(cost / 2.0)
     for factor, status in ((1.0 - 1e-6, kernels.LARGE_RESIDUAL), (1.0 + 1e-6, kernels.VALID)):
-        found = of_pair([0.5, 0.0, 5.0], shift_y=0.02, max_residual_px=rms * factor)
-        assert found[0] == status
-        assert np.all(np.isfinite(found[1]))
+        result = of_pair([0.5, 0.0, 5.0], shift_y=0.02, max_residual_px=rms * factor)
+        assert result[0] == status
+        assert np.all(np.isfinite(result[1]))
     for min_depth, status in ((5.001, kernels.BEHIND), (4.999, kernels.VALID)):
-        found = of_pair([0.5, 0.0, 5.0], min_depth=min_depth)
-        assert found[0] == status
-        assert np.all(np.isfinite(found[1])) == (status == kernels.VALID)
+        result = of_pair([0.5, 0.0, 5.0], min_depth=min_depth)
+        assert result[0] == status
+        assert np.all(np.isfinite(result[1])) == (status == kernels.VALID)
 
 
 def test_the_reasons_have_an_order_and_points_without_solution_are_not_written() -> None:
     assert of_pair([0.5, 0.0, -5.0])[0] == kernels.BEHIND
-    found = of_pair([0.5, 0.0, 5.0], shift_y=0.02, max_cosine=0.5, max_residual_px=1e-3)
-    assert found[0] == kernels.SMALL_ANGLE
+    result = of_pair([0.5, 0.0, 5.0], shift_y=0.02, max_cosine=0.5, max_residual_px=1e-3)
+    assert result[0] == kernels.SMALL_ANGLE
     xy = np.zeros((5, 2))
     start, cam = np.array([0, 0, 1, 3, 5]), np.array([0, 0, 1, 0, 0])
     points, covariances, costs, angles, status = run(start, cam, xy, PAIR)

@@ -43,11 +43,11 @@ def grid() -> np.ndarray:
 
 def test_sources_well_above_the_limit_are_all_found_within_half_a_pixel() -> None:
     pixels = grid()
-    found = detected(sky(pixels, 9.0), min_snr=5.0)
-    distances = np.linalg.norm(found.points[None] - pixels[:, None], axis=2).min(axis=1)
+    sources = detected(sky(pixels, 9.0), min_snr=5.0)
+    distances = np.linalg.norm(sources.points[None] - pixels[:, None], axis=2).min(axis=1)
     assert distances.max() < 0.6
-    assert np.median(found.snr) == pytest.approx(9.0, rel=0.07)
-    assert (np.diff(found.snr) <= 0.0).all()
+    assert np.median(sources.snr) == pytest.approx(9.0, rel=0.07)
+    assert (np.diff(sources.snr) <= 0.0).all()
 
 
 def test_the_number_of_false_sources_is_that_of_maxima_of_filtered_noise() -> None:
@@ -60,14 +60,14 @@ def test_a_body_is_one_extended_source_at_its_centre_and_a_bright_star_is_a_poin
     image = sky(np.array([[60.0, 60.0]]), 300.0)
     v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
     image[(u - 200) ** 2 + (v - 120) ** 2 < 12.0**2] += 25.0
-    found = detected(image, min_snr=5.0)
-    extended = np.flatnonzero(found.is_extended)
+    sources = detected(image, min_snr=5.0)
+    extended = np.flatnonzero(sources.is_extended)
     assert len(extended) == 1
-    assert found.points[extended[0]] == pytest.approx([200.0, 120.0], abs=0.3)
-    assert found.areas[extended[0]] == pytest.approx(np.pi * 144.0, rel=0.1)
-    assert found.boxes[extended[0]] == pytest.approx([188, 212, 108, 132], abs=2)
-    star = np.linalg.norm(found.points - 60.0, axis=1).argmin()
-    assert not found.is_extended[star]
+    assert sources.points[extended[0]] == pytest.approx([200.0, 120.0], abs=0.3)
+    assert sources.areas[extended[0]] == pytest.approx(np.pi * 144.0, rel=0.1)
+    assert sources.boxes[extended[0]] == pytest.approx([188, 212, 108, 132], abs=2)
+    star = np.linalg.norm(sources.points - 60.0, axis=1).argmin()
+    assert not sources.is_extended[star]
 
 
 def test_too_many_maxima_and_a_wrong_point_spread_are_refused() -> None:
@@ -96,7 +96,7 @@ def test_the_filter_follows_a_smeared_point_spread() -> None:
     dfn.configure({"min_snr": 4.0})
     ratios = []
     for spread in (SPREAD, smeared):
-        found = dfn.process(
+        sources = dfn.process(
             PointSourceDetectionInputs(
                 residual=image,
                 noise=np.ones(SHAPE, np.float32),
@@ -104,6 +104,6 @@ def test_the_filter_follows_a_smeared_point_spread() -> None:
                 point_spread=spread,
             )
         )
-        near = np.linalg.norm(found.points - [150.0, 100.0], axis=1) < 5.0
-        ratios.append(found.snr[near].max(initial=0.0))
+        near = np.linalg.norm(sources.points - [150.0, 100.0], axis=1) < 5.0
+        ratios.append(sources.snr[near].max(initial=0.0))
     assert ratios[1] > 1.3 * ratios[0]

@@ -19,22 +19,22 @@ def registered(previous: np.ndarray, current: np.ndarray):
 
 def test_a_camera_at_rest_is_recognised_in_spite_of_noise_and_a_moving_body() -> None:
     scene = DistantScene([Body((60.0, 80.0), (4.0, 0.0), (40, 30))])
-    found = registered(scene.image(0), scene.image(1))
-    assert found.is_at_rest
-    assert np.array_equal(found.homography, np.eye(3))
-    assert found.places[70, 100].tolist() == [100.0, 70.0]
+    registration = registered(scene.image(0), scene.image(1))
+    assert registration.is_at_rest
+    assert np.array_equal(registration.homography, np.eye(3))
+    assert registration.places[70, 100].tolist() == [100.0, 70.0]
 
 
 def test_the_places_follow_a_camera_that_turns_and_not_a_body_in_view() -> None:
     scene = DistantScene([Body((120.0, 80.0), (5.0, 0.0), (24, 20))], pan_px=3.3)
-    found = registered(scene.image(0), scene.image(1))
-    assert not found.is_at_rest
+    registration = registered(scene.image(0), scene.image(1))
+    assert not registration.is_at_rest
     u = np.arange(20, 220)
-    error = found.places[80, u, 0] - (u + 3.3)
+    error = registration.places[80, u, 0] - (u + 3.3)
     assert np.abs(error).max() < 0.4
     assert np.sqrt(np.mean(error**2)) < 0.15
-    assert np.abs(found.places[80, u, 1] - 80.0).max() < 0.3
-    assert found.sigma.min() > 0.0
+    assert np.abs(registration.places[80, u, 1] - 80.0).max() < 0.3
+    assert registration.sigma.min() > 0.0
 
 
 def test_images_without_texture_and_of_other_size_are_refused() -> None:

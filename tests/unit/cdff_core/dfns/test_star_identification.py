@@ -44,8 +44,11 @@ def seen_stars(
     R: np.ndarray, rng: np.random.Generator, false: int = 0, missing: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     indices, pixels = visible_stars(CATALOGUE.brighter_than(6.8), CAMERA, R)
-    kept = rng.random(len(indices)) >= missing
-    indices, pixels = indices[kept], pixels[kept] + rng.normal(0.0, 0.1, (int(kept.sum()), 2))
+    is_visible = rng.random(len(indices)) >= missing
+    indices, pixels = (
+        indices[is_visible],
+        pixels[is_visible] + rng.normal(0.0, 0.1, (int(is_visible.sum()), 2)),
+    )
     others = rng.uniform([0, 0], [CAMERA.cols, CAMERA.rows], (false, 2))
     order = rng.permutation(np.r_[np.arange(len(indices)), np.full(false, -1)])
     order = np.sort(order[order >= 0])

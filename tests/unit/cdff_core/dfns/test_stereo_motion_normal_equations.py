@@ -114,7 +114,7 @@ def scenario(
     reference, current = (
         camera.project(p) for p in (points, se3.transform_points(se3.inverse(MOTION), points))
     )
-    given: dict[str, Any] = {
+    inputs: dict[str, Any] = {
         "reference": reference + rng.normal(0.0, noise_px, reference.shape),
         "current": current + rng.normal(0.0, noise_px, current.shape),
         "camera_matrix": K,
@@ -122,13 +122,13 @@ def scenario(
         "guess": MOTION @ se3.exp_se3([0.004, -0.003, 0.006, 0.001, -0.001, 0.002]),
     }
     if parameters:
-        given |= {
+        inputs |= {
             "reference_basis": rng.normal(1.0, 0.5, (n, parameters)),
             "current_basis": rng.normal(1.0, 0.5, (n, parameters)),
             "calibration": rng.normal(0.0, 0.1, parameters),
             "calibration_covariance": np.diag([0.04, 0.09][:parameters]) + 0.01,
         }
-    return StereoMotionEstimationInputs(**(given | changes))
+    return StereoMotionEstimationInputs(**(inputs | changes))
 
 
 def solved(inputs: StereoMotionEstimationInputs, **config: Any) -> StereoMotionEstimationOutputs:

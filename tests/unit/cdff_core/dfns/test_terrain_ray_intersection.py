@@ -37,12 +37,12 @@ def intersected(
 
 
 def test_the_range_of_flat_ground_and_its_standard_deviation_are_those_of_the_triangle() -> None:
-    found = intersected([20.0, 5.0, 0.0])
+    result = intersected([20.0, 5.0, 0.0])
     r = float(np.linalg.norm([20.0, 5.0, 2.0]))
-    assert found.ranges[0] == pytest.approx(r, rel=1e-6)
+    assert result.ranges[0] == pytest.approx(r, rel=1e-6)
     # d r / d elevation = r / tan(depression).
     slope = r * np.hypot(20.0, 5.0) / 2.0
-    assert found.sigmas[0] == pytest.approx(slope * 1e-3, rel=0.02)
+    assert result.sigmas[0] == pytest.approx(slope * 1e-3, rel=0.02)
     raised = intersected([20.0, 5.0, 0.0], height_sigma=0.1)
     assert raised.sigmas[0] == pytest.approx(np.hypot(slope * 1e-3, slope * 0.1 / r), rel=0.03)
 

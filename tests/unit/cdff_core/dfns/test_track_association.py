@@ -32,21 +32,21 @@ def associated(
 
 
 def test_the_sum_of_all_pairs_decides_not_the_nearest_region() -> None:
-    found = associated([[10.0, 10.0], [12.0, 10.0]], [[12.5, 10.0], [15.0, 10.0]])
-    assert found.chosen.tolist() == [0, 1]
+    association = associated([[10.0, 10.0], [12.0, 10.0]], [[12.5, 10.0], [15.0, 10.0]])
+    assert association.chosen.tolist() == [0, 1]
 
 
 def test_a_region_outside_the_gate_or_of_another_size_is_not_chosen() -> None:
     assert associated([[10.0, 10.0]], [[30.0, 10.0]]).chosen.tolist() == [-1]
     assert associated([[10.0, 10.0]], [[10.0, 10.0]], [[80.0, 80.0]]).chosen.tolist() == [-1]
-    found = associated([[10.0, 10.0]], [])
-    assert found.chosen.tolist() == [-1]
-    assert np.isnan(found.costs).all()
+    association = associated([[10.0, 10.0]], [])
+    assert association.chosen.tolist() == [-1]
+    assert np.isnan(association.costs).all()
 
 
 def test_appearance_separates_objects_at_one_place_and_without_it_they_are_ambiguous() -> None:
     places, regions = [[10.0, 10.0], [10.5, 10.0]], [[10.2, 10.0], [10.4, 10.0]]
     assert associated(places, regions).is_ambiguous.all()
-    found = associated(places, regions, similarities=[[0.1, 0.95], [0.95, 0.1]])
-    assert found.chosen.tolist() == [1, 0]
-    assert not found.is_ambiguous.any()
+    association = associated(places, regions, similarities=[[0.1, 0.95], [0.95, 0.1]])
+    assert association.chosen.tolist() == [1, 0]
+    assert not association.is_ambiguous.any()

@@ -30,8 +30,8 @@ def plane(depth_m: float, rows: int = 48, columns: int = 64, focal: float = 60.0
 
 def added(pairing: RgbdPairing, port: str, ms: int) -> list[tuple[int | None, int | None]]:
     """Return the times of image and depth image of each result, in milliseconds."""
-    found = pairing.add(Sample(port, ms * MS, ms, None))
-    return [(_ms(image), _ms(depth)) for image, depth in found]
+    pairs = pairing.add(Sample(port, ms * MS, ms, None))
+    return [(_ms(image), _ms(depth)) for image, depth in pairs]
 
 
 def _ms(sample: Sample | None) -> int | None:

@@ -47,8 +47,8 @@ def test_the_best_disparity_is_that_of_an_exhaustive_search(lowest: int, highest
 def of_single(
     left: Array, right: Array, point: tuple[float, float], lowest: int, highest: int
 ) -> list[float]:
-    found = search_rows(left, right, np.array([point]), np.array([lowest]), np.array([highest]), HALF)
-    return [float(values[0]) for values in found]
+    results = search_rows(left, right, np.array([point]), np.array([lowest]), np.array([highest]), HALF)
+    return [float(values[0]) for values in results]
 
 
 def noise(seed: int, rows: int = 12, cols: int = 24) -> Array:
@@ -62,11 +62,11 @@ def noise(seed: int, rows: int = 12, cols: int = 24) -> Array:
 )  # fmt: skip
 def test_patches_lie_within_the_left_image(point: tuple[float, float], is_inside: bool) -> None:
     left = noise(2)
-    found = of_single(left, left, point, 0, 0)
+    result = of_single(left, left, point, 0, 0)
     if is_inside:
-        np.testing.assert_allclose(found, [0.0, 1.0, -1.0], atol=1e-5)
+        np.testing.assert_allclose(result, [0.0, 1.0, -1.0], atol=1e-5)
     else:
-        np.testing.assert_array_equal(found, [np.nan, -1.0, -1.0])
+        np.testing.assert_array_equal(result, [np.nan, -1.0, -1.0])
 
 
 def test_disparities_are_limited_to_the_right_image() -> None:
@@ -93,11 +93,11 @@ def test_the_limit_of_structure_is_a_thousandth_squared_grey_level(
     image = noise(5) - np.float32(100.0)
     values = patch(image, 12, 6)
     weak = image * np.float32(np.sqrt(factor * 1e-3 / np.sum((values - values.mean()) ** 2)))
-    found = of_single(weak, image, (12, 6), 0, 0)
-    np.testing.assert_allclose(found[:2], [0.0, 1.0] if has_structure else [np.nan, -1.0], atol=1e-4)
+    result = of_single(weak, image, (12, 6), 0, 0)
+    np.testing.assert_allclose(result[:2], [0.0, 1.0] if has_structure else [np.nan, -1.0], atol=1e-4)
     # The patch of the right image, around zero so that rounding is small.
-    found = of_single(image, weak, (12, 6), 0, 0)
-    np.testing.assert_allclose(found[:2], [0.0, 1.0 if has_structure else -1.0], atol=1e-4)
+    result = of_single(image, weak, (12, 6), 0, 0)
+    np.testing.assert_allclose(result[:2], [0.0, 1.0 if has_structure else -1.0], atol=1e-4)
 
 
 def test_the_lower_of_two_equal_disparities_is_returned_and_the_second_is_three_pixels_away() -> None:

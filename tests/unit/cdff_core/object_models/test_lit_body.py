@@ -72,8 +72,8 @@ def test_the_edge_of_a_shadow_is_where_the_ray_over_the_wall_ends(sun_deg: float
 def test_a_point_is_in_shadow_behind_the_body_only() -> None:
     cube = satellite.box((1.0, 1.0, 1.0))
     points = np.array([[0.0, 0.0, 0.5], [0.0, 0.0, -0.5], [0.4, 0.4, 0.5], [0.0, 0.0, -1.5]])
-    found = in_shadow(*cube, points, np.zeros(4), np.array([0.0, 0.0, 1.0]))
-    assert found.tolist() == [False, True, False, True]
+    is_shadowed = in_shadow(*cube, points, np.zeros(4), np.array([0.0, 0.0, 1.0]))
+    assert is_shadowed.tolist() == [False, True, False, True]
 
 
 @pytest.mark.parametrize("part_px", [0.0, 0.25, 0.5, 0.75])

@@ -21,9 +21,9 @@ from tests.support.satellite_images import CAMERA_MATRIX
 
 
 def dfn(name: str, implementation: str, **parameters: Any) -> Any:
-    made = Registry.default().make_dfn(name, implementation)
-    made.configure(parameters)
-    return made
+    node = Registry.default().make_dfn(name, implementation)
+    node.configure(parameters)
+    return node
 
 
 @pytest.fixture
@@ -63,11 +63,11 @@ def test_colours_are_learned_when_the_body_is_in_the_image(
     with pytest.raises(RefusedError) as refusal:
         fitter.fit(model, state(moved(9.0)), colour_image(moved(9.0), rng), CAMERA_MATRIX)
     assert refusal.value.reasons == ("no_colours",)
-    seen = fitter.fit(model, state(T_BOX), colour_image(T_BOX, rng), CAMERA_MATRIX)
-    assert seen.lines > 80
-    found = fitter.fit(model, state(T_BOX), colour_image(moved(0.04), rng), CAMERA_MATRIX)
-    assert found.agreement > 0.9
-    assert found.state.T[0, 3] == pytest.approx(0.04, abs=0.005)
+    first_fit = fitter.fit(model, state(T_BOX), colour_image(T_BOX, rng), CAMERA_MATRIX)
+    assert first_fit.lines > 80
+    second_fit = fitter.fit(model, state(T_BOX), colour_image(moved(0.04), rng), CAMERA_MATRIX)
+    assert second_fit.agreement > 0.9
+    assert second_fit.state.T[0, 3] == pytest.approx(0.04, abs=0.005)
 
 
 def test_colours_stay_when_the_body_leaves_the_image(
@@ -75,8 +75,8 @@ def test_colours_stay_when_the_body_leaves_the_image(
 ) -> None:
     fitter.learn(model, T_BOX, colour_image(T_BOX, rng), CAMERA_MATRIX)
     fitter.learn(model, moved(9.0), np.zeros((240, 320, 3), np.uint8), CAMERA_MATRIX)
-    found = fitter.fit(model, state(T_BOX), colour_image(T_BOX, rng), CAMERA_MATRIX)
-    assert found.lines > 80
+    fit = fitter.fit(model, state(T_BOX), colour_image(T_BOX, rng), CAMERA_MATRIX)
+    assert fit.lines > 80
     fitter.clear()
     far = dataclasses.replace(state(T_BOX), T=moved(9.0))
     with pytest.raises(RefusedError, match="no pixel"):

@@ -40,9 +40,9 @@ def moved_covariance(previous: TrackedState, sigma_m: float, sigma_rad: float) -
 
 def fitter() -> TextureFitter:
     def dfn(name: str, implementation: str, **parameters: Any) -> Any:
-        made = Registry.default().make_dfn(name, implementation)
-        made.configure(parameters)
-        return made
+        node = Registry.default().make_dfn(name, implementation)
+        node.configure(parameters)
+        return node
 
     return TextureFitter(
         dfn("features_extraction_2d", "GridGftt", features=300),
@@ -74,8 +74,8 @@ def test_the_motion_of_the_texture_moves_the_body_and_keeps_the_old_uncertainty(
     previous = state(0.05, 0.001)
     predicted = moved_covariance(previous, 0.1, 0.001)
     shifted = np.ascontiguousarray(np.roll(image, int(SHIFT_PX), axis=1))
-    seen = SeenBody(image, previous)
-    fit = fitter().fit(prepared(), seen, predicted, np.eye(STATE_ERROR_DIM), shifted, CAMERA_MATRIX)
+    seen_body = SeenBody(image, previous)
+    fit = fitter().fit(prepared(), seen_body, predicted, np.eye(STATE_ERROR_DIM), shifted, CAMERA_MATRIX)
     assert fit.points > 20
     assert fit.agreement > 0.9
     front_m = DISTANCE_M - 0.2

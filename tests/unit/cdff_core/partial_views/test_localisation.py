@@ -36,8 +36,8 @@ class Search:
         return factor >= self.finest
 
     def refined(self, candidates: list[ViewCandidate], factor: float) -> list[ViewCandidate]:
-        found = [replace(c, score=self.scores[factor][int(c.T is THERE)]) for c in candidates]
-        return sorted(found, key=lambda c: -c.score)
+        scored = [replace(c, score=self.scores[factor][int(c.T is THERE)]) for c in candidates]
+        return sorted(scored, key=lambda c: -c.score)
 
     def is_same(self, first: Any, second: Any, factor: float = 1.0) -> bool:
         return first is second

@@ -170,10 +170,10 @@ def test_a_view_that_contradicts_the_registration_yields_the_pose_and_covariance
     assess.configure({})
     cfg = ViewSearchConfig()
     localiser = ViewLocaliser(WrongRegistration(), assess, cfg, 0.7, seed=3)  # type: ignore[arg-type]
-    found, quality = localiser.localise(prepare_model(solid()[0], cfg), view(T_TRUE))
-    assert found is not None, quality
+    localisation, quality = localiser.localise(prepare_model(solid()[0], cfg), view(T_TRUE))
+    assert localisation is not None, quality
     assert "not_refined" in quality.reasons
-    error = pose_error(T_TRUE, found.T_target_source)
-    squared = error @ np.linalg.solve(found.transform.covariance, error)
+    error = pose_error(T_TRUE, localisation.T_target_source)
+    squared = error @ np.linalg.solve(localisation.transform.covariance, error)
     assert squared < 16.8  # 99 % quantile of chi2 with 6 degrees of freedom
-    assert np.sqrt(found.transform.covariance[:3, :3].trace()) < 0.02
+    assert np.sqrt(localisation.transform.covariance[:3, :3].trace()) < 0.02

@@ -46,9 +46,9 @@ def test_mounts_are_replaced_in_both_styles_and_everything_else_is_kept(tmp_path
     path.write_text(text)
     robot = load_profile(path).robot("mana")
     for frame in ("mana/imu", "mana/lidar"):
-        found = robot.frame_graph().lookup("mana/base", frame, 0)
-        np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-5)
-        np.testing.assert_allclose(found.covariance, T.covariance, rtol=1e-2, atol=1e-9)
+        mount = robot.frame_graph().lookup("mana/base", frame, 0)
+        np.testing.assert_allclose(mount.matrix, T.matrix, atol=1e-5)
+        np.testing.assert_allclose(mount.covariance, T.covariance, rtol=1e-2, atol=1e-9)
     assert robot.frame_graph().parent_of("mana/lamp") == "mana/lidar"
 
 

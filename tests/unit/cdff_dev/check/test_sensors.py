@@ -49,8 +49,8 @@ def test_a_tilt_with_the_wrong_sign_is_an_error_and_the_right_one_is_not(
     profile.write_text(PROFILE.format(pitch_deg=pitch_deg))
     result = report(str(profile), str(log))
     assert not result.checked.errors
-    found = [f for f in result.findings if "disagrees with the other sensors" in f.problem]
-    assert [f.stream for f in found] == (["/mana/lidar"] if is_wrong else [])
+    disagreements = [f for f in result.findings if "disagrees with the other sensors" in f.problem]
+    assert [f.stream for f in disagreements] == (["/mana/lidar"] if is_wrong else [])
     text = "\n".join(result.lines())
     assert "mana: lidar: its vertical is" in text
     assert "imu against wheels: stamps" in text

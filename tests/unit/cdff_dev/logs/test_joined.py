@@ -23,9 +23,9 @@ def _log(stream: str, *stamps_us: int, other: str = "") -> IndexedLog:
 
 def test_samples_of_all_logs_are_in_the_order_of_their_stamps() -> None:
     log = JoinedLog({"a.bag": _log("/a/clock.time", 1, 5), "b.bag": _log("/b/clock.time", 3, 5, 9)})
-    found = [(s.stamp_ns, s.stream, s.seq) for s in log.samples()]
-    assert found == sorted(found)
-    assert [stamp_ns for stamp_ns, *_ in found] == [1000, 3000, 5000, 5000, 9000]
+    order = [(s.stamp_ns, s.stream, s.seq) for s in log.samples()]
+    assert order == sorted(order)
+    assert [stamp_ns for stamp_ns, *_ in order] == [1000, 3000, 5000, 5000, 9000]
     assert [s.stamp_ns for s in log.samples_from(5000, ["/b/clock.time"])] == [5000, 9000]
     assert {name: s.stamp_ns for name, s in log.first_samples().items()} == {
         "/a/clock.time": 1000,

@@ -33,8 +33,8 @@ LAYOUTS: dict[str, Files] = {
 def test_a_few_files_of_a_type_are_named_and_many_are_counted(tmp_path: Path) -> None:
     for name in ("0.bin", "README.txt", "map.g2o", *(f"{k}.dat" for k in range(5))):
         (tmp_path / name).write_bytes(b"\x00\x01")
-    found = other_files(tmp_path, lambda file: file.suffix == ".bin", "no scan")
-    assert {name: (item.count, item.reason) for name, item in found.items()} == {
+    unread_files = other_files(tmp_path, lambda file: file.suffix == ".bin", "no scan")
+    assert {name: (item.count, item.reason) for name, item in unread_files.items()} == {
         "*.dat": (5, "no scan"),
         "map.g2o": (1, "pose graph (for cdff run pose_graph_optimization graph=FILE)"),
     }

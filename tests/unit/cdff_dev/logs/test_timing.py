@@ -50,10 +50,10 @@ def test_few_stamps_have_no_rate(seconds: tuple[float, ...]) -> None:
 
 def test_samples_in_bursts_have_the_mean_rate() -> None:
     bursts_us = [second * 1_000_000 + k * 15 for second in range(10) for k in range(4)]
-    found = timing(np.array(bursts_us, np.int64) * 1000)
-    assert found.has_bursts
-    assert found.rate_hz == pytest.approx(1e6 / 15)
-    assert found.mean_rate_hz == pytest.approx(39 / 9.000045)
+    result = timing(np.array(bursts_us, np.int64) * 1000)
+    assert result.has_bursts
+    assert result.rate_hz == pytest.approx(1e6 / 15)
+    assert result.mean_rate_hz == pytest.approx(39 / 9.000045)
     assert not timing(np.arange(10, dtype=np.int64) * 10**8).has_bursts
 
 

@@ -26,7 +26,10 @@ from cdff_dev.missions.script import load_mission
 def test_a_robot_is_met_only_after_its_tasks_ended_and_with_a_known_position(
     sigma_m: float | None, tasks_ended: bool, is_settled: bool
 ) -> None:
-    mission, done = load_mission(deploy_folder() / "missions" / "rendezvous.yaml"), threading.Event()
+    mission, tasks_ended_event = (
+        load_mission(deploy_folder() / "missions" / "rendezvous.yaml"),
+        threading.Event(),
+    )
     profile = load_profile(deploy_folder() / "profiles" / "two_rovers.yaml")
     rover = Autonomy(
         "mana",
@@ -38,11 +41,11 @@ def test_a_robot_is_met_only_after_its_tasks_ended_and_with_a_known_position(
         "",
         threading.Event(),
         lambda _text: None,
-        {"minnie": done},
+        {"minnie": tasks_ended_event},
     )
     covariance = None if sigma_m is None else np.diag([0.01, sigma_m**2, 9.0, 1.0, 1.0, 1.0])
     client: Any = SimpleNamespace(pose=lambda _robot: UncertainTransform(np.eye(4), covariance))
     rover._client = client
     if tasks_ended:
-        done.set()
+        tasks_ended_event.set()
     assert rover._is_settled("minnie") is is_settled

@@ -67,8 +67,8 @@ def kalibr(tmp_path: Path, *, with_imu: bool) -> Path:
 
 @pytest.fixture
 def answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: Iterator[str] = iter(ANSWERS)
-    monkeypatch.setattr(builtins, "input", lambda _question: next(given))
+    next_answers: Iterator[str] = iter(ANSWERS)
+    monkeypatch.setattr(builtins, "input", lambda _question: next(next_answers))
 
 
 def written(tmp_path: Path, *options: str) -> Robot:
@@ -125,8 +125,8 @@ def test_the_links_of_a_urdf_are_the_frames_of_the_sensors(answers: None, tmp_pa
     robot = written(tmp_path, "--urdf", str(urdf))
     assert (tmp_path / "pico.urdf").exists()
     assert "pico/top" not in {edge.child for edge in robot.frames}
-    found = robot.frame_graph().lookup("pico/base", "pico/top", 0).matrix
-    assert found[:3, 3] == pytest.approx([0.2, 0.0, 0.7])
+    T_base_top = robot.frame_graph().lookup("pico/base", "pico/top", 0).matrix
+    assert T_base_top[:3, 3] == pytest.approx([0.2, 0.0, 0.7])
 
 
 def test_the_picture_shows_every_frame_below_the_base(answers: None, tmp_path: Path) -> None:

@@ -41,22 +41,22 @@ def renderer(data: dict[str, Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def made() -> Any:
+def small_renderer() -> Any:
     return renderer(small())
 
 
-def test_a_rover_covers_the_pixels_of_its_size_and_casts_a_shadow(made: Any) -> None:
-    scenario, view = made._world.scenario, made._rover_view
-    T = made._world.motions["mana"].poses(np.array([0.0]))[0] @ scenario.navcam.T_base_left
-    image, seen = view.radiance(T, "mana", 0.0)
-    assert list(seen) == ["minnie"]
-    silhouette = seen["minnie"]
+def test_a_rover_covers_the_pixels_of_its_size_and_casts_a_shadow(small_renderer: Any) -> None:
+    scenario, view = small_renderer._world.scenario, small_renderer._rover_view
+    T = small_renderer._world.motions["mana"].poses(np.array([0.0]))[0] @ scenario.navcam.T_base_left
+    image, silhouettes = view.radiance(T, "mana", 0.0)
+    assert list(silhouettes) == ["minnie"]
+    silhouette = silhouettes["minnie"]
     rows, columns = np.nonzero(silhouette.coverage > 0.5)
-    T_camera = np.linalg.inv(T) @ made._world.motions["minnie"].poses(np.array([0.0]))[0]
+    T_camera = np.linalg.inv(T) @ small_renderer._world.motions["minnie"].poses(np.array([0.0]))[0]
     pixels_per_m = scenario.navcam.focal_px / T_camera[2, 3]
     assert np.ptp(rows) + 1 == pytest.approx(scenario.rovers_in_view.height_m * pixels_per_m, abs=2.5)
     assert silhouette.coverage.sum() == pytest.approx(silhouette.whole, rel=0.2)
-    alone = made._camera.radiance(T)
+    alone = small_renderer._camera.radiance(T)
     changed = image - alone
     below = changed[: rows.max() + 6, columns.min() - 20 : columns.max() + 20]
     assert below.min() < -0.1
@@ -64,14 +64,14 @@ def test_a_rover_covers_the_pixels_of_its_size_and_casts_a_shadow(made: Any) -> 
     assert (np.abs(changed[silhouette.coverage > 0.9]) > 0.05).mean() > 0.5
 
 
-def test_a_sample_of_the_log_shows_the_rover_in_both_images(made: Any) -> None:
-    scenario, view = made._world.scenario, made._rover_view
-    T = made._world.motions["mana"].poses(np.array([0.0]))[0]
-    pair = made.render(("navcam", "mana", 0))
+def test_a_sample_of_the_log_shows_the_rover_in_both_images(small_renderer: Any) -> None:
+    scenario, view = small_renderer._world.scenario, small_renderer._rover_view
+    T = small_renderer._world.motions["mana"].poses(np.array([0.0]))[0]
+    pair = small_renderer.render(("navcam", "mana", 0))
     for image, mount in zip(pair, (scenario.navcam.T_base_left, scenario.navcam.T_base_right), strict=True):
-        light, seen = view.radiance(T @ mount, "mana", 0.0)
-        expected = made._camera.expose(light, 1.0, np.random.default_rng(0)).astype(float)
-        near = seen["minnie"].coverage > 0.0
+        light, silhouettes = view.radiance(T @ mount, "mana", 0.0)
+        expected = small_renderer._camera.expose(light, 1.0, np.random.default_rng(0)).astype(float)
+        near = silhouettes["minnie"].coverage > 0.0
         assert np.abs(image[near] - expected[near]).mean() < 10.0
 
 

@@ -76,7 +76,7 @@ def test_a_log_is_generated_once_and_linked_on_request(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     cached = simulated_log(scenario, 0)
     rendered: list[int] = []
-    assert simulated_log(scenario, 0, lambda done, total: rendered.append(done)) == cached
+    assert simulated_log(scenario, 0, lambda completed, total: rendered.append(completed)) == cached
     assert rendered == []
     deliver(cached, tmp_path / "out")
     log = open_log(tmp_path / "out")

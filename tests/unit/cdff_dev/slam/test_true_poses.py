@@ -57,20 +57,20 @@ def write(path: Path, T_base_sensor: np.ndarray, *, as_stream: bool) -> Path:
 @pytest.mark.parametrize("as_stream", [False, True])
 def test_true_poses_of_the_base_become_those_of_the_sensor(tmp_path: Path, as_stream: bool) -> None:
     with open_log(write(tmp_path / "run.msg", T_BASE_CAMERA, as_stream=as_stream)) as log:
-        found = true_poses(log, "mana/navcam_left")
+        truth = true_poses(log, "mana/navcam_left")
         own = true_poses(log, "mana/base")
-    assert found.track is not None
+    assert truth.track is not None
     assert own.track is not None
-    assert (found.frame, own.frame) == ("mana/navcam_left", "mana/base")
-    np.testing.assert_allclose(found.track.matrices, T_WORLD_BASE @ T_BASE_CAMERA, atol=1e-12)
+    assert (truth.frame, own.frame) == ("mana/navcam_left", "mana/base")
+    np.testing.assert_allclose(truth.track.matrices, T_WORLD_BASE @ T_BASE_CAMERA, atol=1e-12)
     np.testing.assert_allclose(own.track.matrices, T_WORLD_BASE, atol=1e-12)
 
 
 def test_without_the_place_of_the_sensor_the_frame_of_the_true_poses_is_stated(tmp_path: Path) -> None:
     with open_log(write(tmp_path / "run.msg", T_BASE_CAMERA, as_stream=False)) as log:
-        found = true_poses(log, "mana/lidar")
-    assert found.frame == "mana/base"
-    assert found.track is not None
+        truth = true_poses(log, "mana/lidar")
+    assert truth.frame == "mana/base"
+    assert truth.track is not None
 
 
 def test_a_log_without_true_poses_has_the_reason(tmp_path: Path) -> None:

@@ -86,12 +86,12 @@ def connected(port: int) -> Iterator[tuple[Client, int]]:
 
 def stamps(client: Client, count: int) -> list[int]:
     """Return the times of the next messages with data."""
-    found: list[int] = []
-    while len(found) < count:
+    stamps_ns: list[int] = []
+    while len(stamps_ns) < count:
         message = client.receive()
         if isinstance(message, tuple):
-            found.append(message[1])
-    return found
+            stamps_ns.append(message[1])
+    return stamps_ns
 
 
 @pytest.fixture

@@ -132,8 +132,8 @@ def test_images_are_shown_as_red_green_blue() -> None:
 def test_detections_are_boxes_in_the_frame_of_their_sensor() -> None:
     T = UncertainTransform(se3.transform(np.eye(3), [0.0, 0.0, 5.0]))
     pose = types.TransformWithCovariance.from_transform(T, parent="mana/navcam", child="rock", stamp_ns=0)
-    found = types.ObjectDetection("rock", 0.9, pose, np.array([0.5, 0.4, 0.3]))
-    layer = only(types.ObjectDetections(frame_id="mana/navcam", detections=(found,)), Boxes)
+    detection = types.ObjectDetection("rock", 0.9, pose, np.array([0.5, 0.4, 0.3]))
+    layer = only(types.ObjectDetections(frame_id="mana/navcam", detections=(detection,)), Boxes)
     assert layer.frame == "mana/navcam"
     assert layer.drawing.labels == ("rock 0.90",)
     np.testing.assert_array_equal(layer.drawing.sizes_m, [[0.5, 0.4, 0.3]])

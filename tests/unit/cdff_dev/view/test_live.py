@@ -22,9 +22,9 @@ NOW_NS = 5_000_000_000
 
 
 def layers(key: str, body: dict[str, Any], states: States | None = None) -> list[Layer]:
-    found = [*updates_of(Message(key, pack(body), "", b""), states or States())]
-    assert all(isinstance(update, Layer) for update in found)
-    return found  # type: ignore[return-value]
+    updates = [*updates_of(Message(key, pack(body), "", b""), states or States())]
+    assert all(isinstance(update, Layer) for update in updates)
+    return updates  # type: ignore[return-value]
 
 
 def test_a_product_is_a_sample_and_a_failed_one_has_no_value() -> None:

@@ -141,8 +141,8 @@ def test_a_damaged_compressed_file_ends_at_the_damage(tmp_path: Path) -> None:
     path = tmp_path / "00000001.changes.gz"
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
-    found = numbers(tmp_path)
-    assert found == [*range(len(found) - 15), *range(10, 25)]
+    read_numbers = numbers(tmp_path)
+    assert read_numbers == [*range(len(read_numbers) - 15), *range(10, 25)]
 
 
 @pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.slow)])
@@ -154,8 +154,8 @@ def test_a_kill_before_any_call_loses_no_acknowledged_record(tmp_path: Path, str
     assert len(runs[0]["acknowledged"]) == 40
     assert len(runs[-1]["acknowledged"]) == 80
     for run in runs:
-        found, acknowledged = run["found"], set(run["acknowledged"])
-        assert found == sorted(set(found))
-        assert acknowledged <= set(found)
-        assert len(set(found) - acknowledged) <= 1  # the record in writing
+        recovered, acknowledged = run["found"], set(run["acknowledged"])
+        assert recovered == sorted(set(recovered))
+        assert acknowledged <= set(recovered)
+        assert len(set(recovered) - acknowledged) <= 1  # the record in writing
         assert run["parts"] == 0

@@ -118,8 +118,8 @@ def test_end_keys_bound_the_end_of_capture_within_a_second(database: Database) -
     with database.write() as connection:
         sqlite.index_products(connection, [(i + 1, (0, box), (t - 1.0, t)) for i, t in enumerate(ends_s)])
         for number, t in enumerate(ends_s):
-            found = sqlite.candidates_between(connection, "product_index", [(0, box)], (t, t), None)
-            (key,) = (key for ordinal, key in found if ordinal == number + 1)
+            candidates = sqlite.candidates_between(connection, "product_index", [(0, box)], (t, t), None)
+            (key,) = (key for ordinal, key in candidates if ordinal == number + 1)
             low, high = sqlite.end_bounds_s(key)
             assert low <= t <= high
             assert high - low < 1e-4 + 1.3e-6 * abs(t) + 60 * 2e-6

@@ -58,10 +58,10 @@ def test_a_collection_in_steps_removes_exactly_the_unused_payloads(
 
 
 def test_a_collection_keeps_concurrent_insertions(store: Store) -> None:
-    done = threading.Event()
+    writer_ended = threading.Event()
 
     def collect() -> None:
-        while not done.is_set():
+        while not writer_ended.is_set():
             store.collect()
 
     collector = threading.Thread(target=collect)
@@ -73,7 +73,7 @@ def test_a_collection_keeps_concurrent_insertions(store: Store) -> None:
             assert store.payload(header(seq).id) == content
             store.delete(header(seq).id)
     finally:
-        done.set()
+        writer_ended.set()
         collector.join()
     assert store.verify() == ()
 

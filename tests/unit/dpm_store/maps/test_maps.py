@@ -71,20 +71,22 @@ def test_a_window_of_two_robots_has_the_auxiliary_layers_of_their_patches(
         "overhang_m",
     }
     x, _ = window.map.geometry.centres_m()
-    seen = np.isfinite(window.map.layer("mean"))
+    is_observed = np.isfinite(window.map.layer("mean"))
     for name in ("pose_variance", "error_variance", "first_age_s", "intensity"):
-        np.testing.assert_array_equal(np.isfinite(window.map.layer(name)), seen, err_msg=name)
-    np.testing.assert_allclose(window.map.layer("intensity")[seen & (x < 2.0)], 10.0)
-    np.testing.assert_allclose(window.map.layer("first_age_s")[seen & (x < 2.0)], 1.5)
+        np.testing.assert_array_equal(np.isfinite(window.map.layer(name)), is_observed, err_msg=name)
+    np.testing.assert_allclose(window.map.layer("intensity")[is_observed & (x < 2.0)], 10.0)
+    np.testing.assert_allclose(window.map.layer("first_age_s")[is_observed & (x < 2.0)], 1.5)
     n1, n2 = (np.nan_to_num(m.layer("count")) for m in (first, second))
-    both, n1, n2 = seen[:, 20:40], n1[:, 20:], n2[:, :20]
+    both, n1, n2 = is_observed[:, 20:40], n1[:, 20:], n2[:, :20]
     np.testing.assert_allclose(
         window.map.layer("pose_variance")[:, 20:40][both],
         ((0.01 * n1 + 0.02 * n2)[both] / (n1 + n2)[both]),
         rtol=1e-5,
     )
     assert not np.isfinite(window.map.layer("overhang_m")[x > 4.0]).any()
-    assert np.all(window.map.layer("error_variance")[seen] > window.map.layer("pose_variance")[seen])
+    assert np.all(
+        window.map.layer("error_variance")[is_observed] > window.map.layer("pose_variance")[is_observed]
+    )
 
 
 def test_a_window_in_strips_equals_the_window_as_a_whole(
@@ -219,12 +221,12 @@ def test_a_profile_reads_the_cell_under_each_sample(store: Store, rng: np.random
     assert result.distance_m[0] == 0.0
     assert result.distance_m[-1] == pytest.approx(3.0 + 4.45)
     assert np.all(np.diff(result.distance_m) > 0.0)
-    seen = result.count > 0
-    assert seen[result.points_m[:, 1] < 1.99].all()
-    assert not seen[result.points_m[:, 1] > 2.01].any()
-    x, y = result.points_m[seen].T
-    np.testing.assert_allclose(result.mean_m[seen], ground(x, y), atol=0.06)
-    assert np.isnan(result.sigma_m[~seen]).all()
+    is_observed = result.count > 0
+    assert is_observed[result.points_m[:, 1] < 1.99].all()
+    assert not is_observed[result.points_m[:, 1] > 2.01].any()
+    x, y = result.points_m[is_observed].T
+    np.testing.assert_allclose(result.mean_m[is_observed], ground(x, y), atol=0.06)
+    assert np.isnan(result.sigma_m[~is_observed]).all()
     assert 0.005 < np.nanmedian(result.sigma_m) < 0.05
 
 

@@ -47,8 +47,8 @@ def test_boxes_that_touch_the_bounds_overlap_them() -> None:
             [0.0, 0.0, 2.0 - e, 9.0], [3.0, 7.0, 3.5, 8.0], [3.0, 0.0, 3.5, 3.0 - e],
         ]
     )  # fmt: skip
-    found = overlapping(selection, boxes, (2.0, 3.0, 4.0, 7.0))
-    assert [r.ordinal for r in found.records] == [0, 2, 4]
+    selected = overlapping(selection, boxes, (2.0, 3.0, 4.0, 7.0))
+    assert [r.ordinal for r in selected.records] == [0, 2, 4]
     (touching,) = overlapping(replace(selection, records=selection.records[:1]), np.array([[3.0, 0, 3, 3]]),
                               (2.0, 3.0, 4.0, 7.0)).records  # fmt: skip
     assert touching.ordinal == 0

@@ -20,8 +20,8 @@ CURSOR = Cursor(Order.NEAREST, 5_000, 7, 3, 2.5, 40)
 
 def test_a_query_without_conditions_is_the_first_hundred_newest_products_in_the_site_frame() -> None:
     values = {f.name: getattr(Query(), f.name) for f in fields(Query)}
-    given = {name: value for name, value in values.items() if value not in (None, ())}
-    assert given == {"frame": "site", "order": Order.NEWEST, "limit": 100}
+    non_empty = {name: value for name, value in values.items() if value not in (None, ())}
+    assert non_empty == {"frame": "site", "order": Order.NEWEST, "limit": 100}
 
 
 @pytest.mark.parametrize(

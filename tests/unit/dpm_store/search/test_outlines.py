@@ -72,10 +72,10 @@ def test_rotated_boxes_touch_a_region_that_contains_one_of_their_points(
     for box in boxes:
         inside = np.column_stack([box[:2] + grid * (box[3:5] - box[:2]), np.full(len(grid), box[2])])
         expected.append(bool(region.contains(*se3.transform_points(T, inside)[:, :2].T).any()))
-    found = touches(region, boxes, T)
-    assert not (np.array(expected) & ~found).any()
-    assert (found & ~np.array(expected)).sum() <= 12  # contact between the points of the grid
-    assert 20 < found.sum() < 180
+    is_touching = touches(region, boxes, T)
+    assert not (np.array(expected) & ~is_touching).any()
+    assert (is_touching & ~np.array(expected)).sum() <= 12  # contact between the points of the grid
+    assert 20 < is_touching.sum() < 180
 
 
 def test_distances_to_rotated_boxes_are_those_to_their_corners_or_edges() -> None:

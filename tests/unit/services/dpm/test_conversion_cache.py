@@ -53,10 +53,10 @@ def test_files_of_an_earlier_run_and_lost_files_are_made_again(tmp_path: Path) -
 
 
 def test_concurrent_callers_wait_for_one_conversion(tmp_path: Path) -> None:
-    cache, made, started = ConversionCache(tmp_path), [], threading.Barrier(8)
+    cache, conversions, started = ConversionCache(tmp_path), [], threading.Barrier(8)
 
     def make() -> Converted:
-        made.append(1)
+        conversions.append(1)
         return Converted(b"data", "image/tiff", "tif")
 
     def ask(_: int) -> bytes:
@@ -66,7 +66,7 @@ def test_concurrent_callers_wait_for_one_conversion(tmp_path: Path) -> None:
 
     with ThreadPoolExecutor(8) as pool:
         assert set(pool.map(ask, range(8))) == {b"data"}
-    assert len(made) == 1
+    assert len(conversions) == 1
 
 
 def test_a_failed_conversion_is_tried_again(tmp_path: Path) -> None:

@@ -163,16 +163,16 @@ def test_pages_of_a_box_over_distant_sites_repeat_and_skip_no_product(http: Test
             value, "pointcloud", i + 1, frame=frame, box_m=(0.0, 0.0, 0.0, 1.0, 1.0, 0.0)
         )
         ids.append(dpm.writer.put(*arguments)[1].id)
-    found: list[str] = []
+    paged_ids: list[str] = []
     page = http.get("/stac/search?bbox=0,-5,60,5&limit=3").json()
     while True:
-        found += [feature["id"] for feature in page["features"]]
+        paged_ids += [feature["id"] for feature in page["features"]]
         (*_, url) = [None, *(link["href"] for link in page["links"] if link["rel"] == "next")]
         if url is None:
             break
         page = http.get(url).json()
-    assert sorted(found) == sorted(ids)
-    assert found == [i.id for i in dpm.store.search().items]
+    assert sorted(paged_ids) == sorted(ids)
+    assert paged_ids == [i.id for i in dpm.store.search().items]
 
 
 @pytest.mark.parametrize(
@@ -325,9 +325,11 @@ def test_converted_payloads_have_their_own_etag(http: TestClient, inserted_id: I
 def test_a_converted_payload_is_made_once_and_read_in_parts(
     http: TestClient, inserted_id: InsertedId, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made: list[str] = []
+    converted_formats: list[str] = []
     convert = products.convert
-    monkeypatch.setattr(products, "convert", lambda *a, **k: (made.append(a[3]), convert(*a, **k))[1])
+    monkeypatch.setattr(
+        products, "convert", lambda *a, **k: (converted_formats.append(a[3]), convert(*a, **k))[1]
+    )
     url = f"/api/v1/products/{inserted_id('dem')}/payload?format=tif"
     whole = http.get(url)
     part = http.get(url, headers={"Range": "bytes=4-9"})
@@ -335,7 +337,7 @@ def test_a_converted_payload_is_made_once_and_read_in_parts(
     assert part.headers["Content-Range"] == f"bytes 4-9/{len(whole.content)}"
     assert http.get(url, headers={"Range": "bytes=4-9", "If-Range": '"other"'}).content == whole.content
     assert http.get(url, headers={"Range": f"bytes={len(whole.content)}-"}).status_code == 416
-    assert made == ["tif"]
+    assert converted_formats == ["tif"]
 
 
 def test_a_new_anchor_changes_the_etag_of_files_with_a_crs(

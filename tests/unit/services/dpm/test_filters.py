@@ -132,18 +132,18 @@ def test_items_are_sorted_over_all_pages(
     http: TestClient, ids: dict[str, str], sortby: str, expected: str | None
 ) -> None:
     for place in ({}, {"bbox": "9,-1,11,1"}):
-        found: list[str] = []
+        names_of_pages: list[str] = []
         page = http.get("/stac/search", params={"sortby": sortby, "limit": 2, **place})
         while True:
-            found.append(names_of(ids, page))
+            names_of_pages.append(names_of(ids, page))
             following = [link["href"] for link in page.json()["links"] if link["rel"] == "next"]
             if not following:
                 break
             page = http.get(following[0])
         whole = http.get("/stac/search", params={"sortby": sortby, **place})
-        assert ",".join(found) == names_of(ids, whole)
+        assert ",".join(names_of_pages) == names_of(ids, whole)
         if expected is not None:
-            assert ",".join(found) == expected
+            assert ",".join(names_of_pages) == expected
     fields = [
         {"field": name.lstrip("+-"), "direction": "desc" if name[0] == "-" else "asc"}
         for name in sortby.split(",")

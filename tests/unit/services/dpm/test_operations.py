@@ -102,11 +102,11 @@ def test_the_newest_product_is_found_behind_many_failed_ones(dpm: Dpm) -> None:
 
 def test_a_newest_product_that_the_client_holds_is_not_delivered_again(dpm: Dpm) -> None:
     _, first = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 0))
-    asked = NewestParameters.parse({"type": "pointcloud", "known": first.id})
-    unchanged = dpm.retrieval.newest(asked)
+    parameters = NewestParameters.parse({"type": "pointcloud", "known": first.id})
+    unchanged = dpm.retrieval.newest(parameters)
     assert (unchanged.reference, unchanged.body.data) == (first.id, b"")
     _, second = dpm.writer.put(*put_arguments(cloud(), "pointcloud", 1))
-    changed = dpm.retrieval.newest(asked)
+    changed = dpm.retrieval.newest(parameters)
     assert changed.reference is None
     assert changed.metadata["id"] == second.id
     assert changed.body.data

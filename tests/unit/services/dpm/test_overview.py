@@ -68,8 +68,8 @@ def faults(mode: str = "nominal", **stream: Any) -> list[str]:
         }
     }
     (row,) = overview([ROBOT], [dfpc(**stream)], modes)["streams"]
-    found: list[str] = row["faults"]
-    return found
+    listed_faults: list[str] = row["faults"]
+    return listed_faults
 
 
 @pytest.mark.parametrize(

@@ -247,24 +247,24 @@ def test_tiles_of_analyses_have_the_values_of_their_windows(http: TestClient, dp
     assert np.abs(change[known & (x > 2.2)]).mean() < 0.02
     lines = tile_values(dpm, "contours", tile, interval_m=0.25)
     assert 0.01 < np.isfinite(lines[known]).mean() < 0.5
-    seen = tile_values(dpm, "viewshed", tile, observer_m=(5.0, 1.0), observer_height_m=1.0, range_m=9.0)
-    assert seen[known & (np.abs(x - 4.5) < 0.2) & (np.abs(y - 1.0) < 0.2)].min() == 1.0
+    visibility = tile_values(dpm, "viewshed", tile, observer_m=(5.0, 1.0), observer_height_m=1.0, range_m=9.0)
+    assert visibility[known & (np.abs(x - 4.5) < 0.2) & (np.abs(y - 1.0) < 0.2)].min() == 1.0
     rough = tile_values(dpm, "roughness", tile)
     assert 0.0 < np.nanmedian(rough[known & (x > 3.0)]) < 0.02
     put_ground(dpm, 60, raised_m=9.0)
     again = tile_values(dpm, "viewshed", tile, observer_m=(5.0, 1.0), observer_height_m=1.0, range_m=9.0)
-    assert not np.array_equal(seen, again, equal_nan=True)
+    assert not np.array_equal(visibility, again, equal_nan=True)
 
 
 def test_tiles_of_a_viewshed_enlarge_the_cells_of_the_map(dpm: Dpm) -> None:
     put_ground(dpm, 1)
     parameters = {"observer_m": (5.01, 1.01), "observer_height_m": 1.0, "range_m": 9.0}
-    found = {}
+    tile_by_level = {}
     for z in (17, 19):
         columns, rows = tiles_over(z, (5.0, 1.0, 5.0, 1.0))
         tile = Tile(z, columns[0], rows[0])
-        found[z] = tile.geometry("site"), tile_values(dpm, "viewshed", tile, **parameters)
-    (coarse, expected), (fine, enlarged) = found[17], found[19]
+        tile_by_level[z] = tile.geometry("site"), tile_values(dpm, "viewshed", tile, **parameters)
+    (coarse, expected), (fine, enlarged) = tile_by_level[17], tile_by_level[19]
     rows_of, columns_of, inside = coarse.cells_of(*fine.centres_m())
     assert inside.all()
     assert np.array_equal(enlarged, expected[rows_of, columns_of], equal_nan=True)

@@ -67,8 +67,8 @@ def test_the_frame_of_a_client_is_found_relative_to_the_servicer(http: TestClien
         )
         names = {"frame": "servicer/far_camera", "child": "client/body", "robot": "servicer"}
         dpm.writer.put(*put_arguments(value, "pose", second, **names))
-    asked = {"robot": "servicer", "frame": "servicer/base", "child": "client/body", "t": str(S)}
-    (pose,) = http.get("/api/v1/poses", params=asked).json()["items"]
+    query = {"robot": "servicer", "frame": "servicer/base", "child": "client/body", "t": str(S)}
+    (pose,) = http.get("/api/v1/poses", params=query).json()["items"]
     # The camera looks along the x axis of the base.
     assert [row[3] for row in pose["T"]][:3] == pytest.approx([99.0, 0.0, 0.0])
     frames = http.get("/api/v1/frames").json()["tracks"]

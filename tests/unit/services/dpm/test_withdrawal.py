@@ -47,14 +47,14 @@ def test_a_bad_robot_is_removed_from_all_maps_in_one_call(dpm: Dpm, clock: Manua
     good = put(dpm, 0.0, 1)
     bad = [put(dpm, 1.0, second, "minnie") for second in (2, 3)]
     navigation_of_bad = put_arguments(navigation(), "navigation_map", 4, "minnie", inputs=(bad[0],))
-    made = dpm.writer.put(*navigation_of_bad)[1].id
+    map_id = dpm.writer.put(*navigation_of_bad)[1].id
     assert (mean_m(dpm), tile_m(dpm)) == pytest.approx((2 / 3, 2 / 3))
     before_ns = clock.now_ns()
     clock.set_ns(before_ns + 10 * S)
     planned = withdraw(dpm, robot="minnie", dry_run=True)
     assert (planned["applied"], mean_m(dpm)) == (False, pytest.approx(2 / 3))
     result = withdraw(dpm, robot="minnie", reason="lost its localisation")
-    assert sorted([*result["withdrawn"], *result["derived"]]) == sorted([*bad, made])  # type: ignore[misc]
+    assert sorted([*result["withdrawn"], *result["derived"]]) == sorted([*bad, map_id])  # type: ignore[misc]
     assert (mean_m(dpm), tile_m(dpm)) == pytest.approx((0.0, 0.0))
     assert mean_m(dpm, as_of=str(before_ns)) == pytest.approx(2 / 3)
     (entry,) = dpm.reports.history(0, 1000, ("withdrawn",))["items"]
@@ -104,16 +104,16 @@ def test_a_product_of_another_type_is_not_withdrawn_by_its_id(dpm: Dpm) -> None:
     for types in ("navigation_map", "soil"):
         with pytest.raises(InputError, match=types):
             withdraw(dpm, id=bad, type=types)
-    made = dpm.writer.put(*put_arguments(navigation(), "navigation_map", 2, inputs=(bad,)))[1].id
+    map_id = dpm.writer.put(*put_arguments(navigation(), "navigation_map", 2, inputs=(bad,)))[1].id
     result = withdraw(dpm, id=bad, type="dem")
     assert (result["withdrawn"], result["derived"]) == ([bad], [])
-    assert dpm.store.get(made).id == made
+    assert dpm.store.get(map_id).id == map_id
 
 
 def test_a_robot_does_not_withdraw_maps_of_others_that_were_made_from_its_own(dpm: Dpm) -> None:
     bad = put(dpm, 1.0, 1, "minnie")
-    made = put_arguments(navigation(), "navigation_map", 2, "mana", inputs=(bad,))
-    dpm.writer.put(*made)
+    derived_arguments = put_arguments(navigation(), "navigation_map", 2, "mana", inputs=(bad,))
+    dpm.writer.put(*derived_arguments)
     with acting(Actor("minnie", "robot", "zenoh")):
         for dry_run in (True, False):
             with pytest.raises(DeniedError, match="'mana'"):

@@ -21,10 +21,10 @@ def parse(*lines: str, parser: LogParser | None = None) -> list[Refused]:
     """Return the refusals in lines ``thread: text`` at level TRACE."""
     reader = parser or LogParser()
     texts = (line.split(": ", 1) for line in lines)
-    found = (
+    refusals = (
         reader.parse(f"2026-11-23T17:05:03.188333Z TRACE  rx-0 ThreadId({n}) {text}") for n, text in texts
     )
-    return [refused for refused in found if refused is not None]
+    return [refused for refused in refusals if refused is not None]
 
 
 def test_a_dropped_message_has_the_identity_operation_and_key_of_the_line_before() -> None:

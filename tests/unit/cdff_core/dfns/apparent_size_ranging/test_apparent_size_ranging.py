@@ -90,22 +90,22 @@ def test_the_range_with_attitude_and_sun_is_right_to_two_per_cent_also_half_in_s
     range_m: float, phase_deg: float
 ) -> None:
     sun = direction(phase_deg)
-    found = ranging(photograph(range_m, sun, (50.0, 44.0)), sun, attitude=np.eye(3))
-    assert found.range == pytest.approx(range_m, rel=0.02)
-    assert abs(found.range - range_m) < 3.0 * found.range_sigma
-    assert found.origin == pytest.approx([50.0, 44.0], abs=0.5)
-    assert found.agreement > 0.97
+    result = ranging(photograph(range_m, sun, (50.0, 44.0)), sun, attitude=np.eye(3))
+    assert result.range == pytest.approx(range_m, rel=0.02)
+    assert abs(result.range - range_m) < 3.0 * result.range_sigma
+    assert result.origin == pytest.approx([50.0, 44.0], abs=0.5)
+    assert result.agreement > 0.97
 
 
 @pytest.mark.parametrize("phase_deg", [10.0, 60.0, 100.0])
 def test_without_attitude_the_range_is_an_interval_that_contains_the_true_one(phase_deg: float) -> None:
     sun = direction(phase_deg)
-    found = ranging(photograph(150.0, sun, (47.0, 48.0)), sun, attitude=None)
-    assert found.interval[0] < 150.0 < found.interval[1]
-    assert found.range == pytest.approx(found.interval.mean())
-    assert found.range_sigma == pytest.approx(np.ptp(found.interval) / np.sqrt(12.0))
-    assert np.isnan(found.origin).all()
-    assert np.isnan(found.agreement)
+    result = ranging(photograph(150.0, sun, (47.0, 48.0)), sun, attitude=None)
+    assert result.interval[0] < 150.0 < result.interval[1]
+    assert result.range == pytest.approx(result.interval.mean())
+    assert result.range_sigma == pytest.approx(np.ptp(result.interval) / np.sqrt(12.0))
+    assert np.isnan(result.origin).all()
+    assert np.isnan(result.agreement)
 
 
 def test_a_body_of_few_pixels_and_an_empty_image_have_no_range() -> None:

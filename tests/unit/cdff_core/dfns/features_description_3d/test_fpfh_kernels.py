@@ -32,12 +32,14 @@ def spfh(points: Array, normals: Array, row: int, near: Array) -> Array:
     for q in near:
         if np.array_equal(points[q], points[row]):
             continue
-        found = angles(points[row], normals[row], points[q], normals[q])
-        if found is None:
+        pair_angles = angles(points[row], normals[row], points[q], normals[q])
+        if pair_angles is None:
             continue
         count += 1
         for histogram, value in zip(
-            out, ((found[0] / np.pi + 1) / 2, (found[1] + 1) / 2, (found[2] + 1) / 2), strict=True
+            out,
+            ((pair_angles[0] / np.pi + 1) / 2, (pair_angles[1] + 1) / 2, (pair_angles[2] + 1) / 2),
+            strict=True,
         ):
             histogram[min(int(value * 11), 10)] += 1.0
     return 100.0 * out.ravel() / max(count, 1)

@@ -42,11 +42,11 @@ def largest_subsets(adjacency: BoolArray) -> list[tuple[int, ...]]:
     """Return all cliques with the largest number of vertices, by trial of all subsets."""
     n = len(adjacency)
     for size in range(n, 0, -1):
-        found = [
+        cliques = [
             s for s in combinations(range(n), size) if all(adjacency[i, j] for i, j in combinations(s, 2))
         ]
-        if found:
-            return found
+        if cliques:
+            return cliques
     return [()]
 
 

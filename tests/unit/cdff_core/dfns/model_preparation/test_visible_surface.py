@@ -31,9 +31,9 @@ def test_the_grid_returns_the_nearest_point_within_a_cell(rng: np.random.Generat
     model = prepared()
     places = model.points[rng.permutation(len(model.points))[:200]] + rng.normal(0.0, 0.05, (200, 3))
     cell = ((places - model.grid_low) / model.grid_cell_m).astype(int)
-    found = np.linalg.norm(places - model.points[model.grid_index[tuple(cell.T)]], axis=1)
+    distances = np.linalg.norm(places - model.points[model.grid_index[tuple(cell.T)]], axis=1)
     exact = np.linalg.norm(places[:, None] - model.points[None], axis=2).min(axis=1)
-    assert (found - exact).max() < np.sqrt(3.0) * model.grid_cell_m
+    assert (distances - exact).max() < np.sqrt(3.0) * model.grid_cell_m
 
 
 def test_two_preparations_are_equal_and_the_seed_changes_the_points() -> None:

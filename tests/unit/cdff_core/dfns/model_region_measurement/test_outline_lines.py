@@ -29,8 +29,8 @@ def colours(rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Return the colours of the box and of its background."""
     node = LineHistograms()
     node.configure()
-    found = node.process(RegionColourLearningInputs(image=colour_image(T_BOX, rng), pose=T_BOX, **PORTS))
-    return {"body_colours": found.body_colours, "background_colours": found.background_colours}
+    learned = node.process(RegionColourLearningInputs(image=colour_image(T_BOX, rng), pose=T_BOX, **PORTS))
+    return {"body_colours": learned.body_colours, "background_colours": learned.background_colours}
 
 
 def measure(image: np.ndarray, T: np.ndarray = T_BOX, **changes: Any) -> ModelRegionMeasurementOutputs:

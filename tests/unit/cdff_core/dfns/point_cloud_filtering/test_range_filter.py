@@ -62,5 +62,5 @@ def test_without_a_largest_range_points_far_from_all_others_are_removed(rng: np.
     points = rng.uniform(0.0, 300.0, (50, 3)) + np.array([5.13e5, 5.403e6, 300.0])
     points[7] = [1e9, 0.0, 0.0]
     points[9] = [np.inf, 0.0, 0.0]
-    kept = make_node().process(PointCloudFilteringInputs(points=points)).kept
-    assert np.array_equal(np.setdiff1d(np.arange(50), kept), [7, 9])
+    kept_indices = make_node().process(PointCloudFilteringInputs(points=points)).kept
+    assert np.array_equal(np.setdiff1d(np.arange(50), kept_indices), [7, 9])

@@ -85,13 +85,13 @@ def test_exact_measurements_give_the_true_poses_from_any_poses_of_free_vertices(
 ) -> None:
     true = se3.exp_se3(rng.normal(size=(6, 6)))
     exact = [true[a] if a == b else se3.inverse(true[a]) @ true[b] for a, b in ENDS]
-    given = true.copy()
-    given[1:5] = se3.exp_se3(rng.normal(size=(4, 6)))
+    initial = true.copy()
+    initial[1:5] = se3.exp_se3(rng.normal(size=(4, 6)))
     g = PoseGraph.from_arrays(
-        range(6), [0] * 6, given, ENDS, exact, np.tile(np.eye(6), (len(ENDS), 1, 1)), KINDS, frame="map",
+        range(6), [0] * 6, initial, ENDS, exact, np.tile(np.eye(6), (len(ENDS), 1, 1)), KINDS, frame="map",
         fixed=FIXED,
     )  # fmt: skip
-    np.testing.assert_allclose(chordal_poses(make_problem(g), given, np.ones(len(ENDS))), true, atol=1e-6)
+    np.testing.assert_allclose(chordal_poses(make_problem(g), initial, np.ones(len(ENDS))), true, atol=1e-6)
 
 
 def test_poses_of_fixed_vertices_are_unchanged() -> None:

@@ -161,7 +161,7 @@ def test_a_stated_reach_replaces_that_of_the_parameters() -> None:
     T = upright(0.0, 8.0, 5.0, 0.0)
     node = MaskedGradientCorrelation()
     node.configure({"search_m": 2.0, "search_deg": 0.0})
-    found = node.process(
+    result = node.process(
         RasterMatchingInputs(reference=REFERENCE, template=template(T), reach=np.array([12.0, 0.05]))
     )
-    np.testing.assert_allclose(found.transforms[0][:2, 3], [8.0, 5.0], atol=0.1)
+    np.testing.assert_allclose(result.transforms[0][:2, 3], [8.0, 5.0], atol=0.1)

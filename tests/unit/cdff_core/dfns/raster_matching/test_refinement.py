@@ -48,27 +48,27 @@ def test_heights_and_slopes_of_a_plane_are_exact_and_outside_is_not_observed() -
 
 
 def test_a_placement_is_found_to_a_hundredth_of_a_cell() -> None:
-    found = placed(HeightSurface.from_grid(grid()), 0.7, -0.6, 0.03, 5.0)
-    assert found is not None
-    assert (found.row, found.col) == pytest.approx((0.7, -0.6), abs=0.01)
-    assert found.rotation_rad == pytest.approx(0.03, abs=1e-3)
-    assert found.height_m == pytest.approx(5.0, abs=1e-2)
-    assert found.residual_m < 0.01
-    assert found.cells == 31 * 31
+    placement = placed(HeightSurface.from_grid(grid()), 0.7, -0.6, 0.03, 5.0)
+    assert placement is not None
+    assert (placement.row, placement.col) == pytest.approx((0.7, -0.6), abs=0.01)
+    assert placement.rotation_rad == pytest.approx(0.03, abs=1e-3)
+    assert placement.height_m == pytest.approx(5.0, abs=1e-2)
+    assert placement.residual_m < 0.01
+    assert placement.cells == 31 * 31
 
 
 def test_a_tilt_of_the_points_is_estimated_with_the_placement() -> None:
-    found = placed(HeightSurface.from_grid(grid()), 0.3, 0.2, -0.02, 1.0, tilt=0.05)
-    assert found is not None
-    assert (found.row, found.col) == pytest.approx((0.3, 0.2), abs=0.01)
-    assert found.residual_m < 0.01
+    placement = placed(HeightSurface.from_grid(grid()), 0.3, 0.2, -0.02, 1.0, tilt=0.05)
+    assert placement is not None
+    assert (placement.row, placement.col) == pytest.approx((0.3, 0.2), abs=0.01)
+    assert placement.residual_m < 0.01
 
 
 def test_the_covariance_is_that_of_clustered_least_squares_at_the_solution() -> None:
     surface = HeightSurface.from_grid(grid())
-    found = placed(surface, 0.0, 0.0, 0.0, 0.0, noise_m=0.02)
-    assert found is not None
-    assert found.residual_m == pytest.approx(0.02, rel=0.1)
+    placement = placed(surface, 0.0, 0.0, 0.0, 0.0, noise_m=0.02)
+    assert placement is not None
+    assert placement.residual_m == pytest.approx(0.02, rel=0.1)
     # The same model by central differences: heights of the surface less those of the moved points.
     rng = np.random.default_rng(4)
     y, x = (a.ravel().astype(np.float64) for a in np.mgrid[-15:16, -15:16])
@@ -81,7 +81,7 @@ def test_the_covariance_is_that_of_clustered_least_squares_at_the_solution() -> 
         heights = surface.at(MIDDLE[0] + d_row + c * y - s * x, MIDDLE[1] + d_col + c * x + s * y)[0]
         return heights - z - height - p[4] * y - p[5] * x
 
-    p = np.array([found.row, found.col, found.rotation_rad, found.height_m, *tilts])
+    p = np.array([placement.row, placement.col, placement.rotation_rad, placement.height_m, *tilts])
     for _ in range(5):  # the tilts are not part of the result
         J = np.column_stack([(errors(p + 1e-3 * u) - errors(p - 1e-3 * u)) / 2e-3 for u in np.eye(6)])
         e = errors(p)
@@ -94,21 +94,21 @@ def test_the_covariance_is_that_of_clustered_least_squares_at_the_solution() -> 
         [((w * e)[:, None] * J)[index.ravel() == k].sum(axis=0) for k in range(index.max() + 1)]
     )
     expected = (inverse @ scores.T @ scores @ inverse)[np.ix_([1, 0, 3, 2], [1, 0, 3, 2])]
-    np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected), rtol=0.15)
+    np.testing.assert_allclose(np.diag(placement.covariance), np.diag(expected), rtol=0.15)
     deviation = (
         z
         - np.column_stack([np.ones_like(x), x, y])
         @ np.linalg.lstsq(np.column_stack([np.ones_like(x), x, y]), z, rcond=None)[0]
     )
-    assert found.relief_m == pytest.approx(np.sqrt(np.mean(deviation**2)))
+    assert placement.relief_m == pytest.approx(np.sqrt(np.mean(deviation**2)))
 
 
 def test_outliers_have_a_bounded_influence() -> None:
     heights = grid()
     heights[20:24, 20:24] += 5.0
-    found = placed(HeightSurface.from_grid(heights), 0.7, -0.6, 0.0, 0.0)
-    assert found is not None
-    assert (found.row, found.col) == pytest.approx((0.7, -0.6), abs=0.1)
+    placement = placed(HeightSurface.from_grid(heights), 0.7, -0.6, 0.0, 0.0)
+    assert placement is not None
+    assert (placement.row, placement.col) == pytest.approx((0.7, -0.6), abs=0.1)
 
 
 def test_a_plane_constrains_no_translation_and_points_off_the_grid_no_placement() -> None:
@@ -124,6 +124,6 @@ def test_a_third_of_the_points_on_the_grid_is_required(rows_inside: int, is_foun
     y, x = (a.ravel().astype(np.float64) for a in np.mgrid[-15:16, -15:16])
     row, col = y - y.max() + rows_inside - 1.0, MIDDLE[1] + x
     surface = HeightSurface.from_grid(grid())
-    found = refine_placement(surface, row, col, hills(row, col), (float(row.mean()), MIDDLE[1]))
-    assert (found is not None) == is_found
-    assert found is None or (found.row, found.col) == pytest.approx((0.0, 0.0), abs=0.05)
+    placement = refine_placement(surface, row, col, hills(row, col), (float(row.mean()), MIDDLE[1]))
+    assert (placement is not None) == is_found
+    assert placement is None or (placement.row, placement.col) == pytest.approx((0.0, 0.0), abs=0.05)

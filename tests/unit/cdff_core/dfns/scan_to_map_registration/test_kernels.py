@@ -30,9 +30,9 @@ def table_of(*clouds: np.ndarray, voxel: float = VOXEL_M, max_points: int = 1000
 
 
 def row(table: VoxelTable, *cell: int) -> int:
-    found = int(voxels.row_of(table.keys, voxels.pack(*cell)))
-    assert table.keys[found] != voxels.EMPTY
-    return found
+    index = int(voxels.row_of(table.keys, voxels.pack(*cell)))
+    assert table.keys[index] != voxels.EMPTY
+    return index
 
 
 def plane_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -209,8 +209,8 @@ def test_the_support_is_the_mean_weight_of_the_kernel(ground: VoxelTable, rng: n
         turned = se3.exp_so3(fractions[:, None] * motion[3:]) @ points[:, :, None]
         in_map = se3.transform_points(T, turned[:, :, 0] + fractions[:, None] * motion[:3])
         expected.append(sum(matched(ground, p)[3] for p in in_map[:50]) / len(points))
-    found = kernels.supports((ground,), VOXEL_M, 0, points, fractions, poses, motions, KERNEL_M)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    supports = kernels.supports((ground,), VOXEL_M, 0, points, fractions, poses, motions, KERNEL_M)
+    np.testing.assert_allclose(supports, expected, rtol=1e-9)
 
 
 def test_the_common_information_is_that_on_which_both_halves_agree(

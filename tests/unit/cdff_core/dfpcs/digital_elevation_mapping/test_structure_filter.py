@@ -56,9 +56,9 @@ def test_in_small_cells_the_rasterisation_decides(rng: np.random.Generator) -> N
     compound = dem(1.0, far_factor=4)
     structure = StructureFilter(compound.config, compound.dfn)
     assert structure.find(points, 1.0) is None
-    found = structure.find(points, 4.0)
-    assert found is not None
-    assert np.mean(found == is_house) > 0.98
+    is_structure = structure.find(points, 4.0)
+    assert is_structure is not None
+    assert np.mean(is_structure == is_house) > 0.98
     without = dem(8.0, overhang_gap_m=None)
     assert StructureFilter(without.config, without.dfn).find(points, 8.0) is None
 

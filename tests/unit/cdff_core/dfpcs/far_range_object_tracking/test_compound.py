@@ -55,11 +55,11 @@ def test_an_object_among_stars_is_followed_in_inertial_directions_without_a_give
     squares = []
     for k, (sample, pixel) in enumerate(images(scene, 25)):
         outputs = list(dfpc.step(sample))
-        found = tracks(outputs)
+        track_outputs = tracks(outputs)
         if k < 6:
             continue
-        assert [o.value.metadata.track_id for o in found] == [1]
-        track = found[0].value
+        assert [o.value.metadata.track_id for o in track_outputs] == [1]
+        track = track_outputs[0].value
         assert np.linalg.norm(track.data.pixels[0] - pixel) < 1.0
         assert track.metadata.frame_id == "inertial"
         azimuth, elevation, sigma_a, sigma_e, range_m, _ = track.data.bearings[0]
@@ -73,7 +73,7 @@ def test_an_object_among_stars_is_followed_in_inertial_directions_without_a_give
         squares.append(((error / [sigma_a, sigma_e]) ** 2).sum())
         assert np.isnan(range_m)
         assert np.isnan(track.data.poses[0, :3]).all()
-        assert "range_unobservable" in found[0].quality.reasons
+        assert "range_unobservable" in track_outputs[0].quality.reasons
     assert np.mean(squares) < 5.0
     attitude = next(o for o in outputs if o.port == "attitude_estimate")
     error_rad = se3.rotation_angle(attitude.value.transform.matrix[:3, :3] @ scene.rotation(24).T)
@@ -86,12 +86,14 @@ def test_the_eclipse_is_passed_by_coasting_with_growing_covariance_and_the_same_
     scene, dfpc = StarScene(seed=2, rate=np.zeros(3)), compound()
     sigmas, statuses = [], []
     for sample, _ in images(scene, 40, dark=range(15, 30)):
-        found = tracks(list(dfpc.step(sample)))
+        track_outputs = tracks(list(dfpc.step(sample)))
         statuses.append(
-            [(o.value.metadata.track_id, o.value.metadata.status, o.quality.status) for o in found]
+            [(o.value.metadata.track_id, o.value.metadata.status, o.quality.status) for o in track_outputs]
         )
         sigmas += [
-            o.value.data.bearings[0, 2] for o in found if 15 <= o.value.data.stamps[0] * 1000 - T0_NS < 30e9
+            o.value.data.bearings[0, 2]
+            for o in track_outputs
+            if 15 <= o.value.data.stamps[0] * 1000 - T0_NS < 30e9
         ]
     for k in range(16, 30):
         assert statuses[k] == [(1, COASTING, Status.DEGRADED)]
@@ -119,9 +121,9 @@ def test_without_stars_the_directions_are_inertial_only_with_a_given_attitude() 
             if has_attitude:
                 dfpc.step(scene.attitude_sample(k))
             outputs = list(dfpc.step(scene.sample(light, k)))
-        found = tracks(outputs)
-        assert [o.frame for o in found] == ["inertial" if has_attitude else "robot/camera"]
-        assert ("attitude_missing" in found[0].quality.reasons) is not has_attitude
+        track_outputs = tracks(outputs)
+        assert [o.frame for o in track_outputs] == ["inertial" if has_attitude else "robot/camera"]
+        assert ("attitude_missing" in track_outputs[0].quality.reasons) is not has_attitude
 
 
 def test_a_hot_pixel_a_cosmic_ray_and_a_smeared_image_give_no_false_object() -> None:

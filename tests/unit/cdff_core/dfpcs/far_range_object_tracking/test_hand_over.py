@@ -53,8 +53,8 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
     assert len(states) >= 8
     T, state = states[-1]
     assert (state.frame, state.child) == ("robot/camera", "client/body")
-    found = state.value.transform
-    assert found.matrix[:3, 3] == pytest.approx(T[:3, 3], rel=0.03, abs=0.02 * T[2, 3])
-    assert np.linalg.norm(se3.log_so3(found.matrix[:3, :3].T @ T[:3, :3])) < 0.03
+    estimate = state.value.transform
+    assert estimate.matrix[:3, 3] == pytest.approx(T[:3, 3], rel=0.03, abs=0.02 * T[2, 3])
+    assert np.linalg.norm(se3.log_so3(estimate.matrix[:3, :3].T @ T[:3, :3])) < 0.03
     # The errors of the images are alike: only a single position has the stated covariance.
     assert np.median(squares) < 12.0

@@ -55,27 +55,27 @@ def _configured() -> object:
 def test_without_the_attitude_the_interval_contains_the_range_and_is_not_informative(
     extent_px: float,
 ) -> None:
-    found, range_m = measured(extent_px, is_attitude_known=False)
-    low, high = found.interval_m
+    result, range_m = measured(extent_px, is_attitude_known=False)
+    low, high = result.interval_m
     assert low < range_m < high
-    assert abs(found.range_m - range_m) < 2.0 * found.sigma_m
-    assert found.reasons[0] == "range_interval"
-    assert found.reasons[1].startswith("range_uninformative:0.")
-    assert found.metrics["range_relative_sigma"] == pytest.approx(found.sigma_m / found.range_m)
-    assert (found.metrics["range_low_m"], found.metrics["range_high_m"]) == (low, high)
+    assert abs(result.range_m - range_m) < 2.0 * result.sigma_m
+    assert result.reasons[0] == "range_interval"
+    assert result.reasons[1].startswith("range_uninformative:0.")
+    assert result.metrics["range_relative_sigma"] == pytest.approx(result.sigma_m / result.range_m)
+    assert (result.metrics["range_low_m"], result.metrics["range_high_m"]) == (low, high)
 
 
 @pytest.mark.parametrize("extent_px", [20.0, 50.0])
 def test_with_the_attitude_the_range_is_informative(extent_px: float) -> None:
-    found, range_m = measured(extent_px, is_attitude_known=True)
-    assert found.reasons == ()
-    assert abs(found.range_m - range_m) < 3.0 * found.sigma_m
-    assert found.sigma_m < 0.1 * found.range_m
+    result, range_m = measured(extent_px, is_attitude_known=True)
+    assert result.reasons == ()
+    assert abs(result.range_m - range_m) < 3.0 * result.sigma_m
+    assert result.sigma_m < 0.1 * result.range_m
 
 
 def test_the_limit_of_an_informative_range_is_configured() -> None:
-    found, _ = measured(50.0, is_attitude_known=False, informative_range=0.6)
-    assert found.reasons == ("range_interval",)
+    result, _ = measured(50.0, is_attitude_known=False, informative_range=0.6)
+    assert result.reasons == ("range_interval",)
 
 
 def test_a_target_below_five_pixels_has_no_range() -> None:

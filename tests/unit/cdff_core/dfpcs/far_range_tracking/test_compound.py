@@ -91,18 +91,18 @@ def test_an_empty_scene_and_noise_give_no_track() -> None:
 def test_a_body_keeps_its_number_behind_an_occluder() -> None:
     scene = DistantScene([Body((30.0, 80.0), (2.5, 0.0))], occluder=(100, 160))
     steps = run(compound(), scene, 70)
-    seen = [{o.value.metadata.track_id: o for o in tracks(outputs)} for outputs in steps]
+    tracks_by_step = [{o.value.metadata.track_id: o for o in tracks(outputs)} for outputs in steps]
     hidden = range(40, 46)
     for k in hidden:
-        output = seen[k][1]
+        output = tracks_by_step[k][1]
         assert output.value.metadata.status is COASTING
         assert output.quality.status is Status.DEGRADED
         assert "coasting" in output.quality.reasons
-    sigma = [seen[k][1].value.data.bearings[0, 2] for k in hidden]
+    sigma = [tracks_by_step[k][1].value.data.bearings[0, 2] for k in hidden]
     assert sigma == sorted(sigma)
-    assert seen[69][1].value.metadata.status is CONFIRMED
-    assert seen[69][1].value.data.pixels[0] == pytest.approx(scene.bodies[0].place(69), abs=1.0)
-    assert {number for s in seen[60:] for number in s} == {1}
+    assert tracks_by_step[69][1].value.metadata.status is CONFIRMED
+    assert tracks_by_step[69][1].value.data.pixels[0] == pytest.approx(scene.bodies[0].place(69), abs=1.0)
+    assert {number for s in tracks_by_step[60:] for number in s} == {1}
 
 
 def test_two_bodies_that_cross_keep_their_numbers() -> None:
@@ -162,8 +162,8 @@ def test_height_stereo_and_terrain_give_range_and_position_in_the_site() -> None
     for outputs in (first, second):
         (output,) = tracks(outputs)
         assert output.frame == "site"
-        found, sigma = output.value.data.bearings[0, 4:]
-        assert found == pytest.approx(range_m, rel=0.06)
+        measured_m, sigma = output.value.data.bearings[0, 4:]
+        assert measured_m == pytest.approx(range_m, rel=0.06)
         assert 0.0 < sigma < 0.2 * range_m
         expected = T[:3, :3] @ CAMERA.rays(body.place(29)[None])[0] * range_m + T[:3, 3]
         assert output.value.data.poses[0, :3] == pytest.approx(expected, abs=0.08 * range_m)

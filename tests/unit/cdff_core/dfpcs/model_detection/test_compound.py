@@ -59,12 +59,12 @@ def test_two_objects_on_a_table_are_found(rng: np.random.Generator) -> None:
     assert output.quality.status is Status.DEGRADED
     # The block looks the same from several sides.
     assert output.quality.reasons[0].startswith(("symmetric_model", "ambiguous"))
-    found = {detection.label: detection for detection in output.value.detections}
-    assert sorted(found) == ["block", "bracket"]
-    metres, degrees = error(found["bracket"].pose.transform.matrix, T_bracket)
+    detection_by_label = {detection.label: detection for detection in output.value.detections}
+    assert sorted(detection_by_label) == ["block", "bracket"]
+    metres, degrees = error(detection_by_label["bracket"].pose.transform.matrix, T_bracket)
     assert metres < 0.005
     assert degrees < 2.0
-    T = found["block"].pose.transform.matrix
+    T = detection_by_label["block"].pose.transform.matrix
     assert np.linalg.norm((T - T_block)[:3] @ [0.0, 0.0, 0.04, 1.0]) < 0.005
     assert output.value.frame_id == "rover/depth"
 

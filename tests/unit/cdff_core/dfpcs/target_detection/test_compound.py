@@ -92,7 +92,7 @@ def test_the_pose_is_found_from_all_sides_with_covariance(client: Dfpc, rng: np.
 
 
 def test_about_a_hundred_points_suffice(client: Dfpc, rng: np.random.Generator) -> None:
-    found = 0
+    correct_count = 0
     for _ in range(5):
         T = satellite.random_pose(rng, 20.0)
         points = satellite.scan(satellite.satellite(), T, rng=rng, **FAR)
@@ -100,8 +100,8 @@ def test_about_a_hundred_points_suffice(client: Dfpc, rng: np.random.Generator) 
         output = detect(client, points)
         if output.value is not None:
             angle_deg, distance_m = errors(output.value.detections[0], T)
-            found += angle_deg < 5.0 and distance_m < 0.06
-    assert found >= 4
+            correct_count += angle_deg < 5.0 and distance_m < 0.06
+    assert correct_count >= 4
 
 
 def test_the_sensor_may_look_in_any_direction(client: Dfpc, rng: np.random.Generator) -> None:

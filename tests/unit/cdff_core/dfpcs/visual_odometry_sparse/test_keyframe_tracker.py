@@ -37,11 +37,11 @@ def run_with_wheels(
     frames.set_static("mana/base", "mana/navcam_left", UncertainTransform.identity())
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(None, DfpcContext("mana", frames))
-    track, seen = KeyframeTracker._track, set()
+    track, stamps_ns = KeyframeTracker._track, set()
 
     def lost_first(self, view, keyframe, T):  # type: ignore[no-untyped-def]
-        if view.stamp_ns not in seen:
-            seen.add(view.stamp_ns)
+        if view.stamp_ns not in stamps_ns:
+            stamps_ns.add(view.stamp_ns)
             T = se3.transform(np.eye(3), [0.0, 0.0, 50.0]) @ T  # all points leave the image
         return track(self, view, keyframe, T)
 

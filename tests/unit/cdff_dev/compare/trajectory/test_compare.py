@@ -213,6 +213,6 @@ def test_repeated_and_unordered_stamps_are_dropped_and_counted() -> None:
 def test_one_stamp_far_ahead_does_not_drop_the_poses_after_it() -> None:
     stamps_ns = np.arange(10, dtype=np.int64)
     stamps_ns[3] = 10**9
-    kept = Track.of_ascending("log", stamps_ns, np.tile(np.eye(4), (10, 1, 1)))
-    assert kept.stamps_ns.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
-    assert kept.dropped == 1
+    track = Track.of_ascending("log", stamps_ns, np.tile(np.eye(4), (10, 1, 1)))
+    assert track.stamps_ns.tolist() == [0, 1, 2, 4, 5, 6, 7, 8, 9]
+    assert track.dropped == 1

@@ -67,10 +67,12 @@ def test_without_thrust_there_is_no_specific_force_and_a_held_position_needs_thr
     t_s = np.array([50.0, 100.0, 250.0])
     free = OrbitMotion(small_scenario(servicer__path=drift, servicer__start_m=[-200.0, 30.0, 50.0]))
     assert np.abs(free.specific_forces(t_s)).max() < 5e-6
-    held = OrbitMotion(small_scenario(servicer__start_m=[0.0, 0.0, -1000.0]))
-    rate = held.reference.mean_motion_rad_s
+    station_keeping = OrbitMotion(small_scenario(servicer__start_m=[0.0, 0.0, -1000.0]))
+    rate = station_keeping.reference.mean_motion_rad_s
     # A body kept above its reference is accelerated by 3 n² z towards it (Clohessy-Wiltshire).
-    np.testing.assert_allclose(np.linalg.norm(held.specific_forces(t_s), axis=1), 3e3 * rate**2, rtol=1e-3)
+    np.testing.assert_allclose(
+        np.linalg.norm(station_keeping.specific_forces(t_s), axis=1), 3e3 * rate**2, rtol=1e-3
+    )
 
 
 def test_the_servicer_points_to_the_client_within_its_pointing_error() -> None:

@@ -172,9 +172,9 @@ def test_captures_of_all_interfaces_and_of_wireshark_are_read(tmp_path: Path) ->
         data += block + padded + struct.pack("<I", length)
     path.write_bytes(data)
     with open_log(path) as log:
-        found = list(log.samples())
+        samples = list(log.samples())
         assert log.stamps_ns("/rover/lidar.scan")[0] == ARRIVAL_NS + 100_000_000 + ouster.DELAY_US * 1000
-    np.testing.assert_array_equal([sample.value.points_m for sample in found], expected)
+    np.testing.assert_array_equal([sample.value.points_m for sample in samples], expected)
 
 
 def test_metadata_is_found_in_the_folder_or_named(tmp_path: Path) -> None:

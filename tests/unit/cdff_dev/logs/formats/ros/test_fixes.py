@@ -87,8 +87,8 @@ def test_positions_are_those_of_a_local_frame_at_the_first_one(tmp_path: Path, s
     stated = anchors[7].value
     assert (stated.parent_frame, stated.child_frame) == ("earth", "rover/enu")
     location = Anchor.from_transform(body("earth"), stated.transform.matrix)
-    found = (location.lon_deg, location.lat_deg, location.height_m)
-    np.testing.assert_allclose(found, (LON_DEG, LAT_DEG, HEIGHT_M), atol=1e-8)
+    position = (location.lon_deg, location.lat_deg, location.height_m)
+    np.testing.assert_allclose(position, (LON_DEG, LAT_DEG, HEIGHT_M), atol=1e-8)
 
 
 def test_messages_without_position_or_covariance_are_listed_with_counts(
@@ -147,9 +147,9 @@ def test_converted_positions_are_equal(tmp_path: Path, target: str) -> None:
     with AnyReader([tmp_path / target]) as reader:
         connections = [c for c in reader.connections if c.msgtype == FIX]
         assert [c.topic for c in connections] == ["/gps_fix"]
-        found = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
-    assert len(found) == 9
-    for message, original in zip(found, fixes[3:], strict=True):
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+    assert len(messages) == 9
+    for message, original in zip(messages, fixes[3:], strict=True):
         # the resolution is that of positions: 1e-7 m
         assert message.latitude == pytest.approx(original.latitude, abs=2e-12)
         assert message.longitude == pytest.approx(original.longitude, abs=2e-12)
@@ -184,10 +184,10 @@ def test_positions_in_a_site_are_written_with_its_location_in_the_map(tmp_path: 
     }
     with AnyReader([tmp_path / "run.bag"]) as reader:
         connections = [c for c in reader.connections if c.topic == "/fix"]
-        found = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(connections)]
     # x of the site is south, y is east
-    assert found[2].latitude < found[0].latitude < LAT_DEG + 1e-9
-    assert all(message.longitude > LON_DEG for message in found)
+    assert messages[2].latitude < messages[0].latitude < LAT_DEG + 1e-9
+    assert all(message.longitude > LON_DEG for message in messages)
     with open_log(tmp_path / "run.bag") as log:
         samples = list(log.samples(["/mana/gnss.fix"]))
     np.testing.assert_allclose(

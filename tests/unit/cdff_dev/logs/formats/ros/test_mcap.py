@@ -57,7 +57,7 @@ def protobuf_messages(k: int) -> list[tuple[str, Any]]:
         translation=messages.Vector3(x=1.0 * k, y=0.0, z=0.0),
         rotation=messages.Quaternion(x=0, y=0, z=0, w=1),
     )
-    found = [("/lidar/points", cloud), ("/tf", transform)]
+    topic_messages = [("/lidar/points", cloud), ("/tf", transform)]
     for side, offset in (("left", 0.0), ("right", -FOCAL_PX * BASELINE_M)):
         K = [FOCAL_PX, 0.0, 32.0, 0.0, FOCAL_PX, 24.0, 0.0, 0.0, 1.0]
         P = [FOCAL_PX, 0.0, 32.0, offset, 0.0, FOCAL_PX, 24.0, 0.0, 0.0, 0.0, 1.0, 0.0]
@@ -67,8 +67,8 @@ def protobuf_messages(k: int) -> list[tuple[str, Any]]:
         image = messages.CompressedImage(
             timestamp=time, frame_id=side, format="png", data=cv2.imencode(".png", IMAGE)[1].tobytes()
         )
-        found += [(f"/{side}/camera_info", camera), (f"/{side}/image_rect", image)]
-    return found
+        topic_messages += [(f"/{side}/camera_info", camera), (f"/{side}/image_rect", image)]
+    return topic_messages
 
 
 def write_mcap(
