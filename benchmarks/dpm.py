@@ -60,7 +60,8 @@ TYPES = (
     "track",
     "mesh",
 )
-#: Fractions of area and time; together with one type of ten, each selects a thousandth of the products.
+#: Fractions of the area and of the time that a search selects; together with one type of ten it selects a
+#: thousandth of the products.
 SHAPES = {
     "area_0.1_time_0.1": (0.1, 0.1),
     "area_0.01_time_all": (0.01, 1.0),

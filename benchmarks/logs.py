@@ -42,7 +42,7 @@ from cdff_dev.logs.sinks import FOXGLOVE, ROS2, SCHEMAS
 _POINTS, _ROWS, _COLS = 120_000, 960, 1280
 _SAMPLE_BYTES = _POINTS * 20 + 2 * _ROWS * _COLS
 _PERIOD_NS = 100_000_000
-#: Names of the new logs; those of Foxglove's schemas begin with the name of these.
+#: File names of the new logs. A name with Foxglove's schemas starts with the name of the log without them.
 _TARGETS = ("run.bag", "run.mcap", "foxglove.mcap", "foxglove-json.mcap", "run_ros2")
 _SMALL_COUNT = 3
 _Step = Callable[[Path, int], object]

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-#: Duration that configuring with compiled kernels does not exceed, seconds.
+#: Longest usual duration of configuring if the kernels are already compiled, seconds.
 _USUAL_S = 3.0
 
 

@@ -38,7 +38,7 @@ PARTS = ("solution", "centroids", "range_67p", "range_simulated", "tracking")
 OPTIONS = {"seed": 1, "count": 30_000}
 #: Images of one series, their period, s, and the signal-to-noise ratios of the injected sources.
 SERIES, PERIOD_S, SNR = 100, 1.0, (5.0, 20.0)
-#: Images after which an object is expected to be confirmed.
+#: Number of images after which an object is expected to be confirmed.
 _ACQUISITION = 10
 
 

@@ -46,7 +46,7 @@ TERRAIN_PAIRS, ROUNDS = 8, 1
 VOXEL_M = 0.25
 #: Number of points of the fine level of ``PointToPlane``.
 _FINE_POINTS = 25_000
-#: Endings of the names of the methods that are only run on measured pairs.
+#: Suffixes of the names of the methods that are only run on measured pairs.
 _REGISTRATION_ONLY, _AS_FINE = ", registration only", f", {_FINE_POINTS} points"
 #: Names of the measured pairs in the table.
 _PAIRS = {"kitti_94_95": "KITTI 00, 94→95", "small_gicp_pair": "small_gicp's pair"}

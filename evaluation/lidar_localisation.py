@@ -42,9 +42,9 @@ MAP_TIMES_S = np.arange(2.0, 62.0, 1.5)
 MAP_SIGMA_M, MAP_SIGMA_DEG = 0.01, 0.05
 #: Largest distance of a trial from the path, along x and along y.
 ASIDE_M = 3.0
-#: Error of a guess.
+#: Error of an initial guess, metres and degrees.
 GUESS_M, GUESS_DEG = 2.0, 20.0
-#: Errors of an accurate answer.
+#: Largest errors of an accurate answer, metres and degrees.
 LIMIT_M, LIMIT_DEG = 0.03, 0.1
 #: An answer with a larger error is wrong, whatever its covariance.
 WRONG_M = 0.3

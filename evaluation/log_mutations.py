@@ -15,7 +15,7 @@ from typing import Any
 from evaluation.runs.log_mutations import run
 from evaluation.scenes.log_files import POCOLOG, SIMULATED
 
-#: Damaged copies of each format.
+#: Number of damaged copies of each format.
 OPTIONS = {"count": 100_000, "seed": 0}
 #: Formats; each takes some minutes.
 PARTS = (*SIMULATED, POCOLOG)

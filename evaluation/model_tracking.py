@@ -35,7 +35,7 @@ PARTS = ("runs", "disturbed", "reference", "m3t")
 FOLDER, M3T = "visp_rbt_rgbd", "m3t_pair"
 OBJECTS = ("dragon", "cube")
 DISTURBED = range(76, 80)
-#: A screen in front of the right half of the object, millimetres from the camera.
+#: Distance of a simulated screen in front of the right half of the object from the camera, millimetres.
 _SCREEN_MM = 250
 #: Corners of the reference and their largest error, px; range of the depths, metres.
 _CORNERS, _REPROJECTION_PX, _RANGE_M = 600, 2.0, (0.2, 1.5)

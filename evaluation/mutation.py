@@ -37,7 +37,8 @@ PARTS_OF_CODE: dict[str, tuple[float, tuple[str, ...]]] = {
                          "services/dpm/operations", "services/dpm/queries")),
 }  # fmt: skip
 _NOT_SAMPLED = {"commands.py", "__main__.py", "migrations"}
-#: Mark of files that are generated: ``cdff generate --check`` of the continuous integration finds any change.
+#: Text in generated files, which are not mutated: ``cdff generate --check`` of the continuous integration
+#: finds any change.
 _GENERATED = b"# GENERATED from"
 
 

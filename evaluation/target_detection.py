@@ -37,7 +37,7 @@ from evaluation.scenes.target_scans import (
 PARTS = ("views", "faults", "other_bodies", "other_models")
 OPTIONS = {"count": 200}
 LIMIT_DEG, LIMIT_M = 5.0, 0.05
-#: Fraction of the views for the parts after the first.
+#: Fraction of the views with which the parts after the first are evaluated.
 _FEWER = 0.2
 
 

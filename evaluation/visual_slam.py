@@ -43,7 +43,8 @@ KITTI_SIGMAS = (0.05, 0.2)
 _FRAME_NS = 100_000_000
 #: Frames of the map and of the revisit.
 _MAPPED, _REVISIT = (220, 240), (260, 580)
-#: Ratio of the points of a frame that are seen again, and tolerance of their depth: the same place.
+#: Smallest ratio of the points of a frame that another frame of the same place shows, and tolerance of their
+#: depths, as a ratio.
 _COMMON, _DEPTH_TOLERANCE = 0.3, 0.1
 _FALSE_M, _FALSE_DEG = 0.25, 10.0
 _CHAIN = "OpenCV chain"

@@ -26,8 +26,8 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES, DRAWN = ROOT / "docs" / "images", ROOT / "build" / "pictures"
 _SIZE = "1000x560"
-#: Cells of a picture that are compared, and the largest mean difference of their colours, of 255: a space of
-#: the viewer without its content differs by about 20.
+#: Number of cells of a picture that are compared, and largest mean difference of their colours (of 255): a
+#: space of the viewer without its content differs by about 20.
 _CELLS, _LARGEST_DIFFERENCE = (50, 28), 6.0
 #: Pairs of KITTI whose elevation map is drawn.
 _PAIRS = 14

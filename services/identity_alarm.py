@@ -10,7 +10,7 @@ from cdff_common.clock import monotonic_s
 from services.alarms import Alarms, Severity
 
 _KIND = "refused_identity"
-#: The alarm ends after this time without a refusal, seconds.
+#: Time without a refusal after which the alarm ends, seconds.
 QUIET_S = 600.0
 
 

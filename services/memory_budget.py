@@ -15,7 +15,7 @@ from services.alarms import Alarms, Severity
 _KIND = "memory_over_budget"
 #: Default of ``CDFF_MEMORY_MB``, megabytes.
 DEFAULT_MB = 2000
-#: The alarm ends below this fraction of the budget.
+#: Fraction of the budget below which the alarm ends.
 _END = 0.9
 #: Growth since the last release after which freed memory is released, megabytes.
 _GROWTH_MB = 32.0

@@ -15,7 +15,8 @@ from cdff_dev.check.log import StreamFinding
 from cdff_dev.logs import LogSource
 from cdff_dev.logs.mounts import mounts
 
-#: Differences of a place that are named: a hand measurement is more accurate.
+#: Largest differences between the mount in a profile and that in the log without a finding: a mount that was
+#: measured by hand can be this inaccurate.
 _MAX_M, _MAX_DEG = 0.05, 2.0
 
 

@@ -26,7 +26,7 @@ from cdff_dev.logs.source import LogSource
 _POSES = ("TransformWithCovariance", "RigidBodyState")
 _CLOUDS = ("LidarScan", "Pointcloud")
 _IMAGES = ("Frame", "FramePair", "DistanceImage")
-#: Largest number of numbers of an array that is a row of a table.
+#: Largest number of elements of an array that is written to a table, each in a column of its own.
 _MAX_COLUMNS = 64
 _MILLIMETRES = 1000.0
 _NS_PER_S = 1_000_000_000

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 
-#: Period without times, as of KITTI.
+#: Period of files without times: that of the sweeps of KITTI.
 PERIOD_NS = 100_000_000
 #: Nanoseconds of the last digit of a number that is a time since 1970, by the number of its digits.
 _UNITS_NS = {10: 1_000_000_000, 13: 1_000_000, 16: 1_000, 19: 1}

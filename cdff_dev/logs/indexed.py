@@ -25,7 +25,8 @@ from cdff_dev.logs.source import (
 
 logger = logging.getLogger(__name__)
 
-#: Damaged samples of a log that are logged; all are listed in ``unconverted``.
+#: Largest number of damaged samples of a log for which a warning is logged; all are listed in
+#: ``unconverted``.
 _MAX_LOGGED = 5
 
 

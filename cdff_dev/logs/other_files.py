@@ -12,7 +12,7 @@ from cdff_dev.logs.content import TEXT, describe
 from cdff_dev.logs.formats import LogLocation, log_formats
 from cdff_dev.logs.source import Unconverted
 
-#: More files of one type are listed together.
+#: Largest number of files of one type that are listed by name; more are listed together.
 _MAX_NAMED = 3
 #: Files that describe a data set and are not part of the recording.
 _DESCRIPTIONS = ("readme", "license")

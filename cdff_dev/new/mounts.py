@@ -22,7 +22,8 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.geometry.urdf import RobotModel, read_urdf
 
 _LARGEST_BYTES = 4 << 20
-#: Calibration between camera and IMU below this distance and rotation is the identity.
+#: Largest difference of the elements of a calibration between camera and IMU from those of the identity,
+#: which means that none is stated.
 _IDENTITY = 1e-9
 
 

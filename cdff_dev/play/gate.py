@@ -34,7 +34,7 @@ class SensorGate:
         self._lock = threading.Lock()
         self._states: dict[tuple[str, str], SensorState] = {}
         self._passed_ns: dict[tuple[str, str, str], int] = {}
-        #: Number of the last acquisition of each stream, and of its samples.
+        #: By stream: number of its last acquisition, and number of samples of that acquisition.
         self._acquired: dict[tuple[str, str, str], tuple[int, int]] = {}
 
     def set(self, robot: str, sensor: str, body: Mapping[str, Any]) -> None:

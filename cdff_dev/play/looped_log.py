@@ -15,7 +15,7 @@ from cdff_common.types import Time, TransformWithCovariance
 from cdff_dev.logs import LogSample, LogSource, StreamInfo
 from cdff_dev.logs.source import Unconverted, split_stream
 
-#: Laps that a player may expect: thirty years of one minute each.
+#: Largest number of laps: thirty years of laps of one minute each. A player needs a stated end.
 _LAPS = 1 << 24
 
 
@@ -40,7 +40,7 @@ class LoopedLog(LogSource):
         step_ns = max(min(spacings_ns, default=0) // 1000 * 1000, 1000)
         self._t0_ns = min(i.t0_ns for i in infos)
         self._period_ns = max(i.t1_ns for i in infos) - self._t0_ns + step_ns
-        #: Motion of the laps before each lap, by stream of odometry: T_first_start.
+        #: For each lap, the motion of all previous laps by stream of odometry: T_first_start.
         self._T_laps: list[dict[str, UncertainTransform]] = [{}]
         self._T_one: dict[str, UncertainTransform] | None = None
 

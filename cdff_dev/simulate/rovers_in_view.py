@@ -19,7 +19,7 @@ from cdff_dev.simulate.rover_motion import Motion
 from cdff_dev.simulate.rovers_in_view_model import RaisedDust, RoversInView, body_mesh
 from cdff_dev.simulate.surface import Float32Array
 
-#: Rays of a pixel along each axis in the window of a body.
+#: Number of rays per pixel along each image axis, in the window around a body.
 _SUBSAMPLES = 3
 #: Margin of a window, pixels: wider than the point spread.
 _MARGIN_PX = 3

@@ -15,7 +15,7 @@ from cdff_common.geometry.se3 import FloatArray
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_dev.simulate.fields import NotNegative, Positive, Vector3
 
-#: Edges of a wheel.
+#: Number of corners of the polygon that approximates a wheel.
 _WHEEL_EDGES = 14
 
 

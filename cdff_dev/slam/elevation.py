@@ -26,7 +26,7 @@ from cdff_dev.replay.engine import samples_of
 from cdff_dev.slam.estimation import Estimation
 
 ELEVATION_DFPC = "digital_elevation_mapping"
-#: Variant with a map of the whole traverse, for both sensors.
+#: Implementation whose map contains the whole traverse; it takes clouds of both sensors.
 _IMPLEMENTATION = "LidarGlobal"
 #: Axes of a level camera: x right, y down, z forward; of the base: x forward, y left, z up.
 _T_BASE_CAMERA = se3.transform([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.zeros(3))

@@ -33,13 +33,13 @@ from cdff_dev.slam.true_poses import TruePoses, true_poses
 _MAX_FAILED = 0.05
 #: Largest share of FAILED poses, and of images that are not in the trajectory, if parts are merged.
 _MAX_FAILED_PARTS, _MAX_MISSING = 0.5, 0.2
-#: Share of the points of a sweep within range below which the ranges are named.
+#: Smallest share of the points of a sweep within the range limits without a message that states the ranges.
 _MIN_IN_RANGE = 0.1
 #: Largest difference of the times of an image and its depth image.
 _DEPTH_TOLERANCE_NS = 50_000_000
 #: Content without a stream that a calibration would make usable.
 _CAMERA_CONTENT = ("image", "calibration", "stereo camera")
-#: The streams of a log with more of them are named by their types.
+#: Largest number of streams that a message names; of more streams it states the number of each type.
 _MAX_NAMED = 8
 
 

@@ -25,8 +25,9 @@ Float = NDArray[np.float64]
 _KITCHEN_LEVER_M, _KITCHEN_SIGMA_M, _KITCHEN_SIGMA_RAD = (0.025, 0.005, 0.005), 0.003, np.radians(0.1)
 #: Nominal camera matrix of the sensor; the lens distortion is not known.
 _KITCHEN_CAMERA = np.array([[525.0, 0.0, 320.0], [0.0, 525.0, 240.0], [0.0, 0.0, 1.0]])
-#: Differences of calibrated sensors of this type (Freiburg 1 and 2 of TUM RGB-D) from the nominal camera: the
-#: principal point by 1.8 % of the focal length (RMS), and 6 px at the edge by focal length and by distortion.
+#: Differences between the calibrated sensors of this type (Freiburg 1 and 2 of TUM RGB-D) and the nominal
+#: camera: 1.8 % of the focal length in the principal point (RMS), and 6 px at the edge of the image by focal
+#: length and distortion.
 _KITCHEN_CAMERA_ERRORS = {"principal_point_ratio": 0.018, "lens_edge_px": 6.0}
 
 

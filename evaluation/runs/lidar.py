@@ -24,7 +24,7 @@ from cdff_dev.simulate.world import cast_scene, generator, make_world, true_heig
 from evaluation.runs.dead_reckoning import EPOCH_NS, ROBOT, SCENARIO, SimulatedRun, simulate_measurements
 from evaluation.runs.traverse import EXACT_MOUNTS, run
 
-#: Cell size of the true terrain.
+#: Cell size of the true terrain, metres.
 TRUTH_M = 0.05
 #: Start of mapping, seconds; period and standard deviation (roll and pitch) of attitude fixes.
 LEVELLED_S, ATTITUDE_PERIOD_S, ATTITUDE_SIGMA_RAD = 1.0, 5.0, 1e-4

@@ -21,7 +21,7 @@ from cdff_core.dfns.star_identification.interface import StarIdentificationInput
 
 #: Field of view of the shared photographs, degrees (README.txt of the set).
 FIELD_DEG = 11.42
-#: Width of the point spread of the photographs, pixels, of injected objects.
+#: Width of the point spread of the photographs and therefore of injected objects, pixels.
 SPREAD_PX = 0.6
 #: Date of the photographs, 29 July 2019, nanoseconds.
 PHOTOGRAPH_NS = 1_564_358_400_000_000_000

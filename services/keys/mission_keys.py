@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 AUTHORITY_DAYS = 3650
 CERTIFICATE_DAYS = 365
-#: Time before the expiry from which on it is an alarm; at most a fifth of the validity.
+#: Time before its expiry at which a certificate raises an alarm, at most a fifth of its validity.
 _EXPIRY_WARNING = timedelta(days=30)
 _AUTHORITY_FOLDER, _AUTHORITY_KEY, _REGISTER = "ca", "ca.key", "register.json"
 #: Names under which a router or HTTP server is reached on its own machine.

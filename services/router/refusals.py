@@ -28,9 +28,11 @@ logger = logging.getLogger(__name__)
 LOG_FILTER = "error,zenoh::net::routing::interceptor=trace,zenoh_link_tls=debug"
 #: Interval of the reports, seconds.
 REPORT_S = 1.0
-#: The pipe is read at intervals, because waking for each line would slow the router down.
+#: Interval between two reads of the pipe, seconds, because waking for each line would slow the router down;
+#: size of the pipe, and the Linux command that sets it (``fcntl.h``).
 _READ_S, _PIPE_BYTES, _F_SETPIPE_SZ = 0.02, 1 << 20, 1031
-#: Different refusals that are counted in one interval, since an intruder chooses the keys; known sessions.
+#: Largest number of different refusals that are counted in one interval, since an intruder chooses the keys,
+#: and of known sessions.
 _MAX_KINDS, _MAX_SESSIONS = 50, 1000
 
 _INGRESS = " (ingress)"

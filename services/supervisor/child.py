@@ -16,7 +16,7 @@ from cdff_common.heartbeat import VARIABLE
 from services.supervisor.plan import ProcessSpec
 from services.supervisor.starvation import Starvation
 
-#: Part of the limit of silence from which on the waiting for a processor is measured.
+#: Fraction of the silence limit after which the time that the process waits for a processor is measured.
 _SUSPECT = 0.1
 
 

@@ -14,7 +14,7 @@ from cdff_common.plots import new_figure
 from cdff_dev.compare.registration.rates import pose_errors
 from cdff_dev.compare.registration.read import Pair
 
-#: Smallest drawn error of the logarithmic axes, metres and degrees.
+#: Lower end of the logarithmic axes of errors, metres and degrees; smaller errors are drawn there.
 _LEAST = 1e-6
 
 

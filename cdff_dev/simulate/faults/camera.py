@@ -107,7 +107,7 @@ class CameraFaults(StrictModel):
     dust: LensDust | None = None
 
 
-#: Most samples of a pixel's path during the exposure.
+#: Largest number of samples of a pixel's path during the exposure.
 _BLUR_SAMPLES = 24
 #: Angle from the sun below which the veil is constant, degrees.
 _SUN_CORE_DEG = 1.0

@@ -20,7 +20,8 @@ from cdff_dev.simulate.orbit.eclipse import EARTH_RADIUS_M
 SUN_MAGNITUDE = -26.74
 _J2000_UNIX_S = 946_728_000.0
 _DAY_S = 86_400.0
-#: Interval of the ephemeris between which the position of the Sun is interpolated linearly, seconds.
+#: Spacing of the times of the ephemeris, between which the position of the Sun is interpolated linearly,
+#: seconds.
 _STEP_S = 600.0
 
 

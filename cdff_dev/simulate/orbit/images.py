@@ -26,11 +26,12 @@ from cdff_dev.simulate.orbit.random_streams import generator, number_of
 from cdff_dev.simulate.orbit.sensors import Camera, off_axis_rad
 from cdff_dev.simulate.orbit.world import OrbitWorld
 
-#: Fraction of the pixels of the client below whose brightness the exposure is controlled.
+#: Percentile of the brightness of the client's pixels by which the exposure is controlled.
 _BRIGHT = 99.0
 #: Motion during the exposure below which the image is not blurred, pixels.
 _STILL_PX = 0.25
-#: Reduction of the image for the halo, and angular radius of the Sun at 1 au, rad.
+#: Factor by which the image is reduced before the halo is computed, and angular radius of the Sun at 1 au,
+#: rad.
 _HALO_STEP, _SUN_RAD = 8, 0.00465
 
 

@@ -29,13 +29,13 @@ logger = logging.getLogger(__name__)
 
 _SPANNED = "IMUSensors"
 _PRODUCER = "dpm/history/1"
-#: Samples queued while the store waits for its disk; dropped samples are counted.
+#: Largest number of queued samples while the store waits for its disk; dropped samples are counted.
 _DEPTH = 512
 #: Mission seconds between two applications of the retention rules, and largest share of the time for them.
 _RETIRE_EVERY_S, _RETIRE_SHARE = 10.0, 0.05
 
 
-#: Robot, sensor and stream.
+#: Names of robot, sensor and stream.
 _StreamKey = tuple[str, str, str]
 
 

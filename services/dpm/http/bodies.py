@@ -19,7 +19,7 @@ from services.dpm.http.context import Context
 
 logger = logging.getLogger(__name__)
 
-#: Largest body that is kept in memory, and size of the parts of others, bytes.
+#: Largest body that is kept in memory, and size of the parts in which larger ones are sent, bytes.
 MEMORY_BYTES = 1 << 20
 _PART_BYTES = 1 << 18
 

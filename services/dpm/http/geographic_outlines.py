@@ -32,7 +32,7 @@ _POINTS_PER_SIDE = 16
 _REACH_DEG = 5.0
 #: Minimum extent of a region, degrees: points and lines are widened to it.
 MIN_EXTENT_DEG = 1e-9
-#: Corners of the outlines in lists of features.
+#: Largest number of corners of an outline in a list of features.
 MAX_CORNERS = 12
 _ANGLES = 2.0 * np.pi * np.arange(MAX_CORNERS) / MAX_CORNERS
 _DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])

@@ -22,7 +22,7 @@ from services.dpm.http.context import root_path
 
 _JSON = re.compile(r"application/(geo\+|schema\+)?json\b")
 _ADDRESS = re.compile(r"https?://[^\s<>\"']+\Z")
-#: Longest answer that is shown as a page, bytes; elements of a list that are shown.
+#: Longest answer that is shown as a page, bytes; largest number of elements of a list that are shown.
 _MOST_BYTES, _MOST_ELEMENTS = 4 << 20, 1000
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">

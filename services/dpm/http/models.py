@@ -32,7 +32,7 @@ FILTER_CLASSES = (
     "http://www.opengis.net/spec/cql2/1.0/conf/basic-spatial-functions",
     "http://www.opengis.net/spec/cql2/1.0/conf/basic-spatial-functions-plus",
 )
-#: Nanoseconds as a decimal.
+#: Nanoseconds as a decimal string, because JavaScript numbers have 53 bits.
 StampNs = Annotated[str, Field(pattern=r"^-?\d{1,19}$")]
 Json = dict[str, Any]
 #: Responses of a route that answers with GeoJSON.

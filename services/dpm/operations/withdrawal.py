@@ -23,7 +23,8 @@ from dpm_store.products.products import MAX_BATCH
 from dpm_store.products.transaction import Delete
 from services.dpm.operations.event_publisher import EventPublisher
 
-#: Ids in the entry of the history, which has a limited size; each product also has an entry of its own.
+#: Largest number of ids in the entry of the history, which has a limited size; each product also has an
+#: entry of its own.
 _IDS_IN_ENTRY = 500
 
 

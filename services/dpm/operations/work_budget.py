@@ -25,7 +25,8 @@ from dpm_store.engine.time_limit import time_limit
 
 #: Memory of all requests together, bytes.
 TOTAL_BYTES = 480 << 20
-#: Requests of each kind that wait, since each one occupies a thread, and their longest wait.
+#: Largest number of waiting requests of each kind, since each one occupies a thread, and their longest wait,
+#: seconds.
 MAX_WAITING, WAIT_S = 8, 8.0
 _RETRY_S = 3.0
 #: Longest time of a request, seconds, including its wait: its client has given up before.

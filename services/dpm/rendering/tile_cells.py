@@ -25,7 +25,7 @@ from dpm_store.maps.tile_queries import tile_query
 from dpm_store.products.records import MetricBound
 
 Layers = Mapping[str, NDArray[Any]]
-#: Products that determine the level of an enlarged tile.
+#: Number of products from which the level of an enlarged tile is determined.
 _SAMPLE = 100
 
 

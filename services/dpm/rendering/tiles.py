@@ -58,7 +58,7 @@ MEDIA_TYPES = {
     "bin": "application/octet-stream",
 }
 _CACHE_BYTES = 32 << 20
-#: Tiles of a body's grid and of earlier states in memory.
+#: Largest number of tiles of a body's grid and of earlier states that are kept in memory.
 _MOST_OTHERS = 128
 #: Largest number of cells of a frame that one tile of a body's grid is made from.
 _MOST_CELLS = 1 << 21

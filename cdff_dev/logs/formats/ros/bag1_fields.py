@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 LENGTH = struct.Struct("<L")
-#: Field of the type of a record, in the header of a chunk, and largest distance of it from its record.
+#: Length and name of the field with the type of a record, and the type of a chunk, as bytes; and largest
+#: distance of that field from the start of its record.
 _CHUNK_FIELD, _MAX_DISTANCE = b"\x04\x00\x00\x00op=\x05", 64
 _BLOCK_BYTES = 1 << 20
 

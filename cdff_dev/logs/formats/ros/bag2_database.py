@@ -26,7 +26,8 @@ from cdff_dev.logs.formats.ros.file_recording import FileRecording
 from cdff_dev.logs.formats.ros.recording import Channel, Encoded
 
 _MAX_BYTES = 256 << 20
-#: After damage, rows are tried one by one, then at doubled distances: a page of a table has hundreds of rows.
+#: Number of rows after damage that are tried one by one, because a page of a table has hundreds of rows;
+#: then the distance doubles, up to the last row.
 _NEAR_ROWS, _LAST_ROW = 512, 1 << 62
 
 

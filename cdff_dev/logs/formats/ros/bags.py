@@ -32,7 +32,8 @@ METADATA = "metadata.yaml"
 _BAG2_SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
 _SUFFIXES = (*_BAG2_SUFFIXES, ".bag")
 _NUMBERS = re.compile(r"\d+")
-#: Largest ratio of the size of a compressed file to that in the folder, before it is refused as damaged.
+#: Largest ratio of the decompressed to the compressed size of a file; with a larger one it is refused as
+#: damaged.
 _MAX_RATIO = 1000
 
 

@@ -18,11 +18,11 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from cdff_common.errors import InputError
 from cdff_dev.logs.formats.ros.recording import PARSER_ERRORS, Encoded
 
-#: Returns the message of encoded bytes.
+#: Function that decodes the bytes of a message.
 Decoder = Callable[[Encoded], Any]
 #: Errors of damaged schemas and messages.
 DECODER_ERRORS = (*PARSER_ERRORS, InputError, DecodeError, SerdeError, TypesysError)
-#: Types are names in Python code that rosbags generates.
+#: Valid name of a type: rosbags generates Python code in which types are identifiers.
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*){1,2}")
 _IDL_SEPARATOR = "=" * 80 + "\n"
 _MAX_SCHEMA_BYTES = 4 << 20

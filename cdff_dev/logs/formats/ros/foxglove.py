@@ -160,7 +160,8 @@ def _same(message: Any) -> Any:
     return message
 
 
-#: Type of ROS, and conversion of a decoded message to the fields of that type, by the name of the schema.
+#: ROS type by the name of a Foxglove schema, and the function that converts a decoded message to the fields
+#: of that type.
 FOXGLOVE: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "foxglove.PointCloud": ("sensor_msgs/msg/PointCloud2", _cloud),
     "foxglove.LaserScan": ("sensor_msgs/msg/LaserScan", _laser_scan),

@@ -117,7 +117,7 @@ def _transforms(message: Any) -> Fields:
     return {"transforms": transforms}
 
 
-#: Schema of Foxglove, and conversion to its fields, by the type of ROS.
+#: Foxglove schema by the name of a ROS type, and the function that converts a message to its fields.
 SCHEMAS: dict[str, tuple[str, Callable[[Any], Fields]]] = {
     "sensor_msgs/msg/PointCloud2": ("PointCloud", _cloud),
     "sensor_msgs/msg/Image": ("RawImage", _image),

@@ -44,7 +44,8 @@ _STORAGES: dict[tuple[str, str], Callable[[Path], MessageStorage]] = {
     ("", ROS2): Bag2Storage,
 }
 _FRAME_TREE = ("/tf", "tf2_msgs/msg/TFMessage")
-#: Names of a path that are reported, of ``left.extrinsic.pose_robot_frame_sensor_frame.data`` three.
+#: Number of names at the start of a path that a report contains: of
+#: ``left.extrinsic.pose_robot_frame_sensor_frame.data``, the first three.
 _PATH_LENGTH = 3
 #: Fields of a header that the reader sets itself, or that follow from the value.
 _READER_FIELDS = ("id", "seq", "t0_ns", "t1_ns", "frame", "child", "producer")

@@ -17,12 +17,14 @@ TEXT_LANGUAGE, JSON_LANGUAGE = "cql2-text", "cql2-json"
 LANGUAGES = (TEXT_LANGUAGE, JSON_LANGUAGE)
 #: Longest text of a filter; longer ones, such as those with large polygons, are sent as JSON.
 MAX_TEXT = 20_000
-#: Largest depth and number of operators, of values in a list, of letters of a value, of wildcards.
+#: Largest depth of an expression; largest numbers of its operators, of values in a list, of letters in a
+#: value and of wildcards in a pattern.
 _DEPTH, _OPERATORS, _LISTED, _LETTERS, _WILDCARDS = 20, 200, 1000, 1000, 8
 _COMPARISONS = ("=", "<>", "<", "<=", ">", ">=")
 _KINDS = {TEXT: "a text", NUMBER: "a number", TIME: "a time"}
 
-#: Returns the expression of products that touch a GeoJSON geometry, or a ``bbox`` as a list.
+#: Function that returns the expression of products that touch a GeoJSON geometry, or a ``bbox`` as
+#: a list.
 Touching = Callable[[Any], Any]
 
 

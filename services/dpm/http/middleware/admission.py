@@ -12,7 +12,7 @@ from cdff_common.errors import OverloadedError
 from services.dpm.http.middleware.problems import problem_of
 from services.dpm.operations.work_budget import WorkBudget
 
-#: Requests in progress; an event stream is one.
+#: Largest numbers of requests in progress, in total and of one address; an event stream counts as one.
 MAX_REQUESTS, MAX_REQUESTS_OF_ADDRESS = 320, 240
 
 

@@ -9,9 +9,9 @@ import gzip
 import re
 from collections.abc import Callable
 
-#: Smaller answers are sent as they are.
+#: Smallest answer that is compressed, bytes.
 SMALLEST_BYTES = 1000
-#: Larger ones are compressed outside of the event loop.
+#: Largest answer that is compressed in the event loop, bytes; larger ones are compressed in a thread.
 MOST_AT_ONCE_BYTES = 1 << 17
 _TEXT = re.compile(r"(text/(?!event-stream)|image/svg\+xml|application/([\w.+-]+\+)?(json|xml)\b)")
 _QUALITY = re.compile(r"\s*;\s*q=([01](?:\.\d{0,3})?)\s*\Z")

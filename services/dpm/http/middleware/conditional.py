@@ -22,9 +22,9 @@ from services.dpm.http.middleware.compression import (
 )
 from services.dpm.queries.bodies import parse_revision
 
-#: Endless streams, without HEAD.
+#: Paths of endless streams, which do not answer HEAD.
 _NO_HEAD = frozenset({"/api/v1/events"})
-#: Searches by a body, which change nothing.
+#: Paths of searches with POST, which change nothing.
 _SEARCHES = frozenset({"/stac/search"})
 _JSON = (
     "application/json",
@@ -32,7 +32,7 @@ _JSON = (
     "application/vnd.oai.openapi+json",
     "application/schema+json",
 )
-#: Larger answers are forwarded without an ETag.
+#: Largest answer with an ETag, bytes.
 _MAX_BYTES = 8 << 20
 
 

@@ -19,7 +19,7 @@ from cdff_common.errors import CdffError, ConflictError, OverloadedError, http_s
 logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
-#: Described once for the OpenAPI document.
+#: Content of all error answers, which the OpenAPI document describes once.
 _BODY = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
 RESPONSES: dict[int | str, dict[str, Any]] = {
     "4XX": {"description": "Refused, with a problem document (RFC 9457)", "content": _BODY},

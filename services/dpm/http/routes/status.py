@@ -28,7 +28,7 @@ from services.dpm.operations.condition_monitor import check_disk
 router = APIRouter(tags=["status"])
 
 _KEEP_ALIVE_S = 15.0
-#: Events read at once; each may take 64 kB.
+#: Largest number of events that are read at once; each may take 64 kB.
 _BATCH = 16
 _METRICS_TIMEOUT_S = 1.0
 

@@ -36,7 +36,7 @@ from services.dpm.rendering.tiles import (
 
 router = APIRouter(prefix="/tiles", tags=["tiles"])
 
-#: Memory of the rendering of a tile.
+#: Memory for the rendering of a tile, bytes.
 _TILE_BYTES = 16 << 20
 
 Frame = Annotated[str, Query(max_length=128, description="Frame of the grid; default: site")]

@@ -24,11 +24,11 @@ from dpm_store.search.filters import Among, Call
 from services.dpm.http.context import Context
 from services.dpm.http.search_places import Place, Touching, both, box_outline, required_place
 
-#: Store pages that one page of features may be filtered from.
+#: Largest number of pages of the store that are read and filtered for one page of features.
 _MAX_STEPS = 50
 #: Largest number of products that are counted in a region.
 _MOST_COUNTED = 20_000
-#: The whole body.
+#: Box of the whole body, degrees: west, south, east, north.
 _EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
 
 

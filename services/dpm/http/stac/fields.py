@@ -14,7 +14,7 @@ from typing import Any
 
 from cdff_common.errors import InputError
 
-#: Fields of every item of a list that has a selection.
+#: Fields that a selection contains unless the client excludes them.
 _ALWAYS = [
     "id",
     "type",
