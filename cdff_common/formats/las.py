@@ -133,6 +133,10 @@ def _read_laz(s: Source) -> CloudArrays:
         wide = np.stack([unpacked[c] for c in ("red", "green", "blue")], axis=1) if "red" in names else None
     except (laspy.errors.LaspyException, lazrs.LazrsError, ValueError, struct.error) as error:
         raise s.error(f"not a readable LAZ: {error}") from error
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # lazrs, in Rust, raises it for damaged chunks
+            raise
+        raise s.error(f"not a readable LAZ: {error}") from error
     if not np.all(np.isfinite(points)):
         raise s.error("scale or offset that is not finite")
     return CloudArrays(points, intensity, None if wide is None else _eight_bits(wide))

@@ -51,6 +51,8 @@ def test_readers_of_a_format_pass(name: str) -> None:
     [
         ("MCAP", (23859, 71851)),  # a cloud defined without its fields, and a field without its name
         ("KITTI raw", (34493, 72822)),  # a year after 2262, and a rotation that is not finite
+        ("scans", (49114, 62884, 66124)),  # compressed points that end the decoder
+        ("BOP", (36424,)),  # a number of an image that is not a number
         ("KITTI odometry", (52806,)),  # a pose of the lidar that is not finite
     ],
 )

@@ -12,6 +12,7 @@ import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,7 @@ def scene_log(folder: Path) -> IndexedLog:
         streams[_DEPTH] = depth_stream(_DEPTH, depth, stamps_ns, camera, unit_m)
     unconverted: dict[str, Unconverted] = {}
     if (truth := folder / "scene_gt.json").is_file():
-        poses = {int(n): entries for n, entries in _json(truth).items()}
-        added, repeated = _truth_streams(truth, poses, _COLOUR if colour else _DEPTH)
+        added, repeated = _truth_streams(truth, _json(truth), _COLOUR if colour else _DEPTH)
         streams |= added
         if repeated:
             unconverted[truth.name] = Unconverted("pose", repeated, "further instances of the same object")
@@ -79,7 +79,7 @@ def single_frame_log(folder: Path) -> IndexedLog:
         raise InputError(f"{path}: expected the objects camera and pose")
     camera, unit_m = _common_camera(path, {"0": document["camera"]})
     stamps_ns = _stamps([0])
-    streams, _ = _truth_streams(path, {0: [document["pose"]]}, _COLOUR)
+    streams, _ = _truth_streams(path, {"0": [document["pose"]]}, _COLOUR)
     streams[_COLOUR] = frame_stream(_COLOUR, [folder / "rgb.png"], stamps_ns, camera)
     streams[_DEPTH] = depth_stream(_DEPTH, [folder / "depth.png"], stamps_ns, camera, unit_m)
     read = ("rgb.png", "depth.png", path.name)
@@ -119,7 +119,7 @@ def _common_camera(path: Path, cameras: Mapping[str, Any]) -> tuple[CameraModel,
 
 
 def _truth_streams(
-    path: Path, poses: Mapping[int, Sequence[Mapping[str, Any]]], images: str
+    path: Path, poses: Mapping[str, Sequence[Mapping[str, Any]]], images: str
 ) -> tuple[dict[str, IndexedStream], int]:
     """Return a stream of poses for each object, and the number of poses of further instances.
 
@@ -129,14 +129,16 @@ def _truth_streams(
     tracks: dict[int, dict[int, FloatArray]] = defaultdict(dict)
     repeated = 0
     try:
-        for number in sorted(poses):
-            for entry in poses[number]:
+        for number, entries in sorted(((int(n), e) for n, e in poses.items()), key=itemgetter(0)):
+            for entry in entries:
                 track = tracks[int(entry["obj_id"])]
                 if number in track:
                     repeated += 1
                     continue
                 R = np.array(entry["cam_R_m2c"], dtype=np.float64).reshape(3, 3)
                 t_m = np.array(entry["cam_t_m2c"], dtype=np.float64).reshape(3) * _MM
+                if not np.all(np.isfinite([*R.ravel(), *t_m])):
+                    raise ValueError(f"a pose of object {entry['obj_id']} in image {number} is not finite")
                 track[number] = se3.transform(se3.normalise_rotation(R), t_m)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: {type(error).__name__} {error}; expected poses of objects") from error
