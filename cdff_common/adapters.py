@@ -46,9 +46,9 @@ def to_numpy(value: Any) -> dict[str, NDArray[Any]]:
     if hasattr(value, "transform"):
         covariance = value.transform.covariance
         return {"matrix": value.transform.matrix} | ({} if covariance is None else {"covariance": covariance})
-    named = {name: getattr(value, name) for name in _ARRAYS if hasattr(type(value), name)}
-    named = named or {field.name: getattr(value, field.name) for field in fields(value)}
-    return {name: array for name, array in named.items() if isinstance(array, np.ndarray)}
+    values_by_name = {name: getattr(value, name) for name in _ARRAYS if hasattr(type(value), name)}
+    values_by_name = values_by_name or {field.name: getattr(value, field.name) for field in fields(value)}
+    return {name: array for name, array in values_by_name.items() if isinstance(array, np.ndarray)}
 
 
 def to_xarray(value: Any) -> Any:

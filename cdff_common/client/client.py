@@ -289,10 +289,10 @@ class Client:
         model = TERRAIN_ANALYSES.get(analysis)
         if model is None:
             raise InputError(f"analysis={analysis!r}: expected one of {', '.join(TERRAIN_ANALYSES)}")
-        given = {name: value for name, value in parameters.items() if value is not None}
+        given_parameters = {name: value for name, value in parameters.items() if value is not None}
         if "format" in model.model_fields:
-            given.setdefault("format", "npz")
-        query = {"analysis": analysis, **model.parse(given).to_parameters()}
+            given_parameters.setdefault("format", "npz")
+        query = {"analysis": analysis, **model.parse(given_parameters).to_parameters()}
         reply = self._bus.call(keys.dpm_rpc(keys.GROUND, "terrain"), query, timeout_s=_RETRIEVE_S)
         return TerrainResult(reply.payload, reply.encoding, reply.attachment)
 
@@ -304,9 +304,9 @@ class Client:
         dict
             ``withdrawn`` and ``derived`` (ids), ``robots``, ``applied`` (False with ``dry_run=True``).
         """
-        given = {name: value for name, value in selection.items() if value is not None}
+        given_selection = {name: value for name, value in selection.items() if value is not None}
         parameters = WithdrawalParameters.parse(
-            {"id": product_ids, "reason": reason, **given}
+            {"id": product_ids, "reason": reason, **given_selection}
         ).to_parameters()
         reply: dict[str, Any] = self._bus.call(
             keys.dpm_rpc(keys.GROUND, "withdraw"), parameters, timeout_s=_RETRIEVE_S

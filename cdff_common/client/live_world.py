@@ -45,13 +45,16 @@ def _products(
     newest: dict[str, Mapping[str, Any]] = {}
     pose_frames: dict[tuple[str, str], str] = {}
     for robot, counts in dpm("stat", {})["by_robot"].items():
-        for product in counts:
-            for found in _newest(client, product, robot, t_ns):
-                name = f"/{robot}/{found['dfpc']}.{found['port']}"
-                if found.get("child") and base_type(found["type_name"]) == "TransformWithCovariance":
-                    pose_frames.setdefault((found["frame"], found["child"]), name)
-                if int(found["t1_ns"]) <= t_ns and found["quality"]["status"] != "FAILED":
-                    newest.setdefault(name, found)
+        for product_type in counts:
+            for product_header in _newest(client, product_type, robot, t_ns):
+                name = f"/{robot}/{product_header['dfpc']}.{product_header['port']}"
+                if (
+                    product_header.get("child")
+                    and base_type(product_header["type_name"]) == "TransformWithCovariance"
+                ):
+                    pose_frames.setdefault((product_header["frame"], product_header["child"]), name)
+                if int(product_header["t1_ns"]) <= t_ns and product_header["quality"]["status"] != "FAILED":
+                    newest.setdefault(name, product_header)
     return newest, pose_frames
 
 
@@ -64,12 +67,12 @@ def _newest(client: Client, product: str, robot: str, t_ns: int) -> Iterator[Map
             yield from client.search(product, robot=robot, dfpc=dfpc, t1=t_ns, limit=MAX_PAGE)
 
 
-def _item(client: Client, found: Mapping[str, Any], *, values: bool) -> WorldItem:
+def _item(client: Client, product_header: Mapping[str, Any], *, values: bool) -> WorldItem:
     """Return the newest product of a port as an item, with its value on request."""
-    header = Header.from_dict(found)
+    header = Header.from_dict(product_header)
     return WorldItem(
-        f"/{found['robot']}/{found['dfpc']}.{found['port']}",
-        base_type(str(found["type_name"])),
+        f"/{product_header['robot']}/{product_header['dfpc']}.{product_header['port']}",
+        base_type(str(product_header["type_name"])),
         header.frame,
         header.t1_ns,
         client.get(header.id).value if values else None,

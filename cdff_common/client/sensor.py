@@ -321,15 +321,15 @@ class Sensor:
 
     def _check_frames(self, value: Any) -> None:
         """Raise InputError if the frames in a value are not those of the sensor."""
-        own = (
+        frames = (
             ("frame", getattr(value, "frame", ""), self.frame),
             ("parent frame", getattr(value, "parent_frame", ""), self.frame),
             ("child frame", getattr(value, "child_frame", ""), self.child or ""),
         )
-        for name, found, expected in own:
-            if found and found != expected:
+        for name, frame_of_value, frame_of_sensor in frames:
+            if frame_of_value and frame_of_value != frame_of_sensor:
                 raise InputError(
-                    f"{self.name}/{self.stream}: {name} {found!r} in the value, expected {expected!r} of "
+                    f"{self.name}/{self.stream}: {name} {frame_of_value!r} in the value, expected {frame_of_sensor!r} of "
                     "this sensor"
                 )
 

@@ -73,9 +73,9 @@ def wire_node(value: Any, type_name: str | None = None) -> Message:
     if type_name is None:
         return message_node(wire_type(value))
     node = message_node(type_name)
-    own: str = type(value).ASN1_NAME
-    if base_type(node.name) != own:
-        raise CodecError(f"a {own} cannot be written as {node.name}")
+    type_of_value: str = type(value).ASN1_NAME
+    if base_type(node.name) != type_of_value:
+        raise CodecError(f"a {type_of_value} cannot be written as {node.name}")
     if node.name in LARGE and not _fits(node.name)(value):
         raise CodecError(f"too large for {node.name}: expected {LARGE[node.name]}")
     return node

@@ -93,17 +93,19 @@ def read_g2o(source: Readable) -> G2oGraph:
         words = line.split("#")[0].split()
         if not words:
             continue
-        tag, rest = words[0], words[1:]
+        tag, numbers = words[0], words[1:]
         if tag == "FIX":
-            fixed += rest
+            fixed += numbers
         elif tag in _COUNTS:
             if tag.startswith("EDGE"):
                 edge_lines.append((tag, len(lines[tag])))
-            lines[tag].append((number, rest))
+            lines[tag].append((number, numbers))
         elif tag != "PARAMS_SE3OFFSET":
             raise s.error(f"line {number}: {tag[:40]!r}, expected one of {', '.join(_COUNTS)} or FIX")
-        elif " ".join(rest[1:]) != _IDENTITY:
-            raise s.error(f"line {number}: sensor offset {' '.join(rest[1:])[:80]!r}, expected {_IDENTITY}")
+        elif " ".join(numbers[1:]) != _IDENTITY:
+            raise s.error(
+                f"line {number}: sensor offset {' '.join(numbers[1:])[:80]!r}, expected {_IDENTITY}"
+            )
     spatial = any(lines[tag] for tag in _SPATIAL)
     tags = _SPATIAL if spatial else tuple(tag for tag in _COUNTS if tag not in _SPATIAL)
     if any(tag_lines and tag not in tags for tag, tag_lines in lines.items()):

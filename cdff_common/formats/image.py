@@ -114,8 +114,8 @@ def write_jpg(image: NDArray[Any]) -> bytes:
 
 def _netpbm_header(data: bytes) -> tuple[list[int], int]:
     """Return width, height and maximum of a PGM header, and the start of the pixels; zeros if invalid."""
-    found = _NETPBM_HEADER.match(data[:_NETPBM_HEADER_BYTES])
-    return ([int(token) for token in found.groups()], found.end() + 1) if found else ([0, 0, 0], 0)
+    header = _NETPBM_HEADER.match(data[:_NETPBM_HEADER_BYTES])
+    return ([int(token) for token in header.groups()], header.end() + 1) if header else ([0, 0, 0], 0)
 
 
 def _read_wide_pgm(s: Source) -> NDArray[np.uint16]:

@@ -150,8 +150,8 @@ class BodyTile:
         at = (np.arange(TILE_CELLS) + 0.5) * _STEPS / TILE_CELLS
         cells, parts = at.astype(np.intp), (at % 1.0)[:, None]
         rows = nodes[cells] * (1.0 - parts[..., None]) + nodes[cells + 1] * parts[..., None]
-        both = rows[:, cells] * (1.0 - parts) + rows[:, cells + 1] * parts
-        return both[..., 0], both[..., 1], min(edges, default=np.inf)
+        values = rows[:, cells] * (1.0 - parts) + rows[:, cells + 1] * parts
+        return values[..., 0], values[..., 1], min(edges, default=np.inf)
 
 
 def body_grid(body: Body) -> BodyGrid | None:

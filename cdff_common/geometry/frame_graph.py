@@ -55,21 +55,21 @@ class PoseTrack:
 
     def evict_before(self, stamp_ns: int, keep_ns: Iterable[int] = ()) -> None:
         """Remove poses older than ``stamp_ns``, except the last one and the neighbours of ``keep_ns``."""
-        cut = max(bisect_left(self.stamps_ns, stamp_ns) - 1, 0)
-        next_rows = [bisect_right(self.stamps_ns, t) for t in keep_ns] if cut else []
-        retained = {i for k in next_rows for i in (k - 1, k) if 0 <= i < cut}
-        if len(retained) == cut:
+        first_retained = max(bisect_left(self.stamps_ns, stamp_ns) - 1, 0)
+        next_rows = [bisect_right(self.stamps_ns, t) for t in keep_ns] if first_retained else []
+        retained = {i for k in next_rows for i in (k - 1, k) if 0 <= i < first_retained}
+        if len(retained) == first_retained:
             return
         evicted = False
-        for i, stamp in enumerate(self.stamps_ns[: cut + 1]):
-            if i == cut or i in retained:
+        for i, stamp in enumerate(self.stamps_ns[: first_retained + 1]):
+            if i == first_retained or i in retained:
                 if evicted and retained and i > min(retained):
                     self.gap_ends.add(stamp)
                 evicted = False
             else:
                 del self.poses[stamp]
                 evicted = True
-        self.stamps_ns[:cut] = [self.stamps_ns[i] for i in sorted(retained)]
+        self.stamps_ns[:first_retained] = [self.stamps_ns[i] for i in sorted(retained)]
         self.gap_ends = {s for s in self.gap_ends if s in self.poses and s != self.stamps_ns[0]}
 
     def gap_ns(self, stamp_ns: int) -> int:

@@ -176,10 +176,10 @@ def parse_region(text: str) -> Region:
     InputError
         If the form is unknown, the count of numbers is wrong, a number is not finite, or the region is empty.
     """
-    kind, colon, rest = text.partition(":")
+    kind, colon, arguments = text.partition(":")
     if not colon or kind not in {*_COUNTS, "polygon", "path", "near"}:
         raise InputError(f"region={text!r}: expected {_FORMS}")
-    parts = rest.split(",")
+    parts = arguments.split(",")
     near_frame = checked_frame(parts.pop(0), "region's frame") if kind == "near" else None
     try:
         values = tuple(float(p) for p in parts)

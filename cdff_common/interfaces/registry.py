@@ -99,8 +99,10 @@ class Registry:
         package_entry = self._find(self.dfns, name, "DFN")
         description: DfnDescription = package_entry.description
         default = description.implementation_aliases.get(name, description.implementations[0])
-        chosen = description.implementation(implementation or default)
-        instance: Dfn[Any, Any, Any] = package_entry.load(snake_case(chosen), chosen)()
+        implementation_name = description.implementation(implementation or default)
+        instance: Dfn[Any, Any, Any] = package_entry.load(
+            snake_case(implementation_name), implementation_name
+        )()
         return instance
 
     def make_dfpc(self, name: str) -> Dfpc:

@@ -41,8 +41,10 @@ class RobotProfile:
             and policy.sensor in robot.sensors
             and policy.stream in robot.sensors[policy.sensor].streams
         )
-        own = robot.model_copy(update={"gateways": {}})  # files of the machine of the robot
-        part = {"robots": (own,), "history": history, "retention": (), "merging": None}
+        robot_without_gateways = robot.model_copy(
+            update={"gateways": {}}
+        )  # files of the machine of the robot
+        part = {"robots": (robot_without_gateways,), "history": history, "retention": (), "merging": None}
         return cls(profile.model_copy(update=part))
 
     @property
@@ -92,15 +94,15 @@ class RobotProfile:
         Both need one body, one location of each site that both anchor, and one clock: maps and poses of the
         robot would otherwise lie elsewhere.
         """
-        own, robot_id = self.profile, self.robot.id
+        profile, robot_id = self.profile, self.robot.id
         for name in ("name", "kind", "crs", "radii_m"):
-            mine, theirs = getattr(own.body, name), getattr(ground.body, name)
+            mine, theirs = getattr(profile.body, name), getattr(ground.body, name)
             if mine != theirs:
                 raise ConfigurationError(
                     f"robot {robot_id}: body.{name} is {mine!r}, but {theirs!r} in the profile "
                     f"{ground.name} of the ground; use one body"
                 )
-        for frame, anchor in own.body.anchors.items():
+        for frame, anchor in profile.body.anchors.items():
             expected = ground.body.anchors.get(frame)
             if expected is not None and expected != anchor:
                 raise ConfigurationError(
@@ -108,9 +110,9 @@ class RobotProfile:
                     f"{anchor.lat_deg:g}°, height {anchor.height_m:g} m, azimuth {anchor.azimuth_deg:g}°, "
                     f"elsewhere than in the profile {ground.name} of the ground; use one location, or omit it"
                 )
-        if own.clock != ground.clock:
+        if profile.clock != ground.clock:
             raise ConfigurationError(
-                f"robot {robot_id}: clock is {own.clock!r}, but {ground.clock!r} in the profile "
+                f"robot {robot_id}: clock is {profile.clock!r}, but {ground.clock!r} in the profile "
                 f"{ground.name} of the ground; use one mission clock"
             )
 

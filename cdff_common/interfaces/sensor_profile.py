@@ -243,9 +243,9 @@ class Sensor(StrictModel):
     @model_validator(mode="after")
     def _modes_exist(self) -> Sensor:
         """Refuse names of modes that the sensor does not have."""
-        named = [self.initial_mode, *self.refuses, *self.transitions]
+        mode_names = [self.initial_mode, *self.refuses, *self.transitions]
         for mode in (
-            *named,
+            *mode_names,
             *(name for targets in self.transitions.values() for name in targets),
         ):
             if mode not in self.modes:

@@ -49,12 +49,19 @@ def draw_cloud(figure: Any, axes: Any, points_m: NDArray[Any], plane: tuple[int,
     x, y = plane
     z = 3 - x - y
     finite = points_m[np.isfinite(points_m).all(axis=1)]
-    drawn = finite[:: max(1, len(finite) // _MAX_POINTS)]
-    drawn = drawn[np.argsort(drawn[:, z])]
-    low, high = colour_range(drawn[:, z])
-    size = float(np.clip(2e4 / max(len(drawn), 1), 0.3, 12.0))
+    drawn_points = finite[:: max(1, len(finite) // _MAX_POINTS)]
+    drawn_points = drawn_points[np.argsort(drawn_points[:, z])]
+    low, high = colour_range(drawn_points[:, z])
+    size = float(np.clip(2e4 / max(len(drawn_points), 1), 0.3, 12.0))
     points = axes.scatter(
-        drawn[:, x], drawn[:, y], c=drawn[:, z], s=size, lw=0, vmin=low, vmax=high, cmap="viridis"
+        drawn_points[:, x],
+        drawn_points[:, y],
+        c=drawn_points[:, z],
+        s=size,
+        lw=0,
+        vmin=low,
+        vmax=high,
+        cmap="viridis",
     )
     figure.colorbar(points, ax=axes, label=f"{_AXES[z]}, m")
     _metres(axes, plane)
@@ -128,8 +135,8 @@ def draw_image(figure: Any, axes: Any, image: NDArray[Any], label: str = "value"
     else:
         values = np.where(np.isfinite(pixels), pixels, np.nan)
         low, high = colour_range(values)
-        drawn = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, extent=extent)
-        figure.colorbar(drawn, ax=axes, label=label)
+        mappable = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, extent=extent)
+        figure.colorbar(mappable, ax=axes, label=label)
     axes.set(xlabel="column, px", ylabel="row, px")
 
 

@@ -38,8 +38,12 @@ def figure_of(values: Mapping[str, Any]) -> Any:
     """
     panels = [(name, value, draw) for name, value in values.items() if (draw := _drawing_of(value))]
     if not panels:
-        found = ", ".join(f"{name}: {type(value).__name__}" for name, value in values.items()) or "no value"
-        raise InputError(f"nothing to draw ({found}); drawn are {', '.join(sorted(_DRAWINGS))} and arrays")
+        names_and_types = (
+            ", ".join(f"{name}: {type(value).__name__}" for name, value in values.items()) or "no value"
+        )
+        raise InputError(
+            f"nothing to draw ({names_and_types}); drawn are {', '.join(sorted(_DRAWINGS))} and arrays"
+        )
     left_out, panels = len(panels[_MAX_PANELS:]), panels[:_MAX_PANELS]
     columns = math.ceil(math.sqrt(len(panels)))
     rows = math.ceil(len(panels) / columns)

@@ -274,13 +274,13 @@ def flag_disagreement(
     """Flag cells whose standard deviation between patches exceeds ``agreed_m`` and ``sigmas`` times that
     within.
     """
-    flagged = 0
+    flagged_count = 0
     for i in range(len(count)):
         between = m2[i] - within[i]
         if between > sigmas * sigmas * within[i] + agreed_m * agreed_m * count[i] and count[i] > 0.0:
             out[i] = True
-            flagged += 1
-    return flagged
+            flagged_count += 1
+    return flagged_count
 
 
 @njit(cache=True, nogil=True)

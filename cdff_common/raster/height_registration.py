@@ -169,12 +169,12 @@ def _refine(
     """
     parameters: Grid = np.array(start, dtype=np.float64)
     down_slope, right_slope = (np.asarray(np.gradient(reference, axis=k), np.float64) for k in (0, 1))
-    residual, used = np.inf, 0
+    residual, used_count = np.inf, 0
     normal: Grid = np.eye(4)
     for iteration in range(_ITERATIONS):
         c, s = np.cos(parameters[3]), np.sin(parameters[3])
-        turned: Grid = offsets @ np.array([[c, s], [-s, c]])
-        target: Grid = turned + centre + parameters[:2]
+        rotated_offsets: Grid = offsets @ np.array([[c, s], [-s, c]])
+        target: Grid = rotated_offsets + centre + parameters[:2]
         column, row = target[:, 0], target[:, 1]
         height = _interpolate_heights(reference, column, row)
         i, j = np.rint(row).astype(np.int64), np.rint(column).astype(np.int64)
@@ -190,9 +190,11 @@ def _refine(
             shift = float(np.median(r))
             parameters[2] += shift
             r = r - shift
-        residual, used = _rms(r), len(usable)
-        gx, gy, turned = gx[usable], gy[usable], turned[usable]
-        J: Grid = np.column_stack([gx, gy, -np.ones(len(r)), gy * turned[:, 0] - gx * turned[:, 1]])
+        residual, used_count = _rms(r), len(usable)
+        gx, gy, rotated_offsets = gx[usable], gy[usable], rotated_offsets[usable]
+        J: Grid = np.column_stack(
+            [gx, gy, -np.ones(len(r)), gy * rotated_offsets[:, 0] - gx * rotated_offsets[:, 1]]
+        )
         limit = 4.685 * max(residual, _LEAST_SCALE_M)
         w = np.where(np.abs(r) < limit, (1.0 - (r / limit) ** 2) ** 2, 0.0)
         normal = J.T @ (w[:, None] * J) + np.diag([1e-9, 1e-9, 1e-9, 1e-6])
@@ -203,7 +205,7 @@ def _refine(
             break
     inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     covariance = inverse * max(residual, _LEAST_SCALE_M) ** 2 * _CORRELATED_CELLS
-    return residual, parameters, covariance, used
+    return residual, parameters, covariance, used_count
 
 
 def _interpolate_heights(grid: Grid, column: Grid, row: Grid) -> Grid:

@@ -178,26 +178,26 @@ class Mosaic:
 
         See ``DISAGREE_SIGMA``.
         """
-        flagged = np.zeros(self.geometry.shape, dtype=np.bool_)
+        is_flagged = np.zeros(self.geometry.shape, dtype=np.bool_)
         if self.choice is not Choice.POOLED:
-            return flagged, 0
+            return is_flagged, 0
         cells = self._cells.statistics
         count, m2, within = (a.reshape(-1) for a in (cells.count, cells.m2, self._within))
-        return flagged, _kernels.flag_disagreement(
-            count, m2, within, DISAGREE_SIGMA, AGREED_M, flagged.reshape(-1)
+        return is_flagged, _kernels.flag_disagreement(
+            count, m2, within, DISAGREE_SIGMA, AGREED_M, is_flagged.reshape(-1)
         )
 
     def assembled(self) -> AssembledWindow:
         """Return the window after the treatment of disagreement."""
-        flagged, count = self.disagreeing()
+        is_flagged, count = self.disagreeing()
         cells = self._cells
         if count and self.disagreement is Disagreement.DROP:
             if cells.auxiliary is not None:
-                cells.auxiliary.clear(flagged)
-            return AssembledWindow(cells.statistics.masked(~flagged), cells.auxiliary, flagged)
+                cells.auxiliary.clear(is_flagged)
+            return AssembledWindow(cells.statistics.masked(~is_flagged), cells.auxiliary, is_flagged)
         if count and self._newest is not None:
-            cells.replace(self._newest, flagged)
-        return AssembledWindow(cells.statistics, cells.auxiliary, flagged)
+            cells.replace(self._newest, is_flagged)
+        return AssembledWindow(cells.statistics, cells.auxiliary, is_flagged)
 
     def _auxiliary_of(
         self, geometry: GridGeometry, layers: Mapping[str, ArrayLike]

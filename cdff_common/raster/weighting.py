@@ -180,32 +180,32 @@ def fuse_robots(parts: Sequence[RobotCells], agreements: Sequence[Agreement]) ->
     weight = np.where(unknown, count, weight)
     total = weight.sum(axis=0)
     share = weight / np.where(total > 0.0, total, 1.0)
-    used = weight > 0.0
+    is_used = weight > 0.0
     fused_mean = (share * mean).sum(axis=0)
     spread = m2 / np.where(observed, count, 1.0) + (mean - fused_mean) ** 2
-    fused_count = np.where(used, count, 0.0).sum(axis=0)
-    between = np.where(used, count * (mean - fused_mean) ** 2, 0.0).sum(axis=0)
-    within = np.where(used, m2, 0.0).sum(axis=0)
+    fused_count = np.where(is_used, count, 0.0).sum(axis=0)
+    between = np.where(is_used, count * (mean - fused_mean) ** 2, 0.0).sum(axis=0)
+    within = np.where(is_used, m2, 0.0).sum(axis=0)
     pooled_flags = between > DISAGREE_SIGMA**2 * within + AGREED_M**2 * fused_count
-    flagged = np.where(unknown, pooled_flags, differing.any(axis=0))
-    flagged |= np.any([part.assembled.flagged for part in parts], axis=0)
+    is_flagged = np.where(unknown, pooled_flags, differing.any(axis=0))
+    is_flagged |= np.any([part.assembled.flagged for part in parts], axis=0)
     fused = CellStatistics(
         statistics[0].geometry,
         fused_count,
         fused_mean,
-        np.where(used, share * spread, 0.0).sum(axis=0) * fused_count,
-        np.where(used, np.stack([s.minimum for s in statistics]), np.inf).min(axis=0),
-        np.where(used, np.stack([s.maximum for s in statistics]), -np.inf).max(axis=0),
-        np.where(used, np.stack([s.newest_ns for s in statistics]), np.iinfo(np.int64).min).max(axis=0),
+        np.where(is_used, share * spread, 0.0).sum(axis=0) * fused_count,
+        np.where(is_used, np.stack([s.minimum for s in statistics]), np.inf).min(axis=0),
+        np.where(is_used, np.stack([s.maximum for s in statistics]), -np.inf).max(axis=0),
+        np.where(is_used, np.stack([s.newest_ns for s in statistics]), np.iinfo(np.int64).min).max(axis=0),
     )
-    auxiliary = _fused_auxiliary(parts, share, used, unknown, fused_count, added)
-    return AssembledWindow(fused, auxiliary, flagged.astype(np.bool_))
+    auxiliary = _fused_auxiliary(parts, share, is_used, unknown, fused_count, added)
+    return AssembledWindow(fused, auxiliary, is_flagged.astype(np.bool_))
 
 
 def _fused_auxiliary(
     parts: Sequence[RobotCells],
     share: Grid,
-    used: NDArray[np.bool_],
+    is_used: NDArray[np.bool_],
     unknown: NDArray[np.bool_],
     count: Grid,
     added: Grid,
@@ -220,14 +220,14 @@ def _fused_auxiliary(
     counts = np.stack([part.assembled.statistics.count for part in parts])
     sums = np.stack([layer.sums for layer in layers])
     result = AuxiliaryLayers.empty(layers[0].geometry)
-    pose_sum = np.where(used, sums[..., POSE_VARIANCE_SUM], 0.0)
-    pose = pose_sum / np.where(used, counts, 1.0) + added
-    weighted = np.where(used, share**2 * pose, 0.0).sum(axis=0) * count
+    pose_sum = np.where(is_used, sums[..., POSE_VARIANCE_SUM], 0.0)
+    pose = pose_sum / np.where(is_used, counts, 1.0) + added
+    weighted = np.where(is_used, share**2 * pose, 0.0).sum(axis=0) * count
     result.sums[..., POSE_VARIANCE_SUM] = np.where(unknown, pose_sum.sum(axis=0), weighted)
     for added_up in (INTENSITY_SUM, INTENSITY_COUNT):
-        result.sums[..., added_up] = np.where(used, sums[..., added_up], 0.0).sum(axis=0)
+        result.sums[..., added_up] = np.where(is_used, sums[..., added_up], 0.0).sum(axis=0)
     for lowest in (FIRST_US, OVERHANG_M):
-        result.sums[..., lowest] = np.where(used, sums[..., lowest], np.inf).min(axis=0)
+        result.sums[..., lowest] = np.where(is_used, sums[..., lowest], np.inf).min(axis=0)
     return result
 
 

@@ -86,13 +86,13 @@ class StarCatalogue:
 
     def selected(self, indices: ArrayLike) -> StarCatalogue:
         """Return the stars with the indices ``(k,)``, which keep the order of brightness if they ascend."""
-        chosen = np.asarray(indices, dtype=np.intp)
+        rows = np.asarray(indices, dtype=np.intp)
         return StarCatalogue(
-            hip=read_only(self.hip[chosen]),
-            directions=read_only(self.directions[chosen]),
-            motions_rad_yr=read_only(self.motions_rad_yr[chosen]),
-            magnitudes=read_only(self.magnitudes[chosen]),
-            colours=read_only(self.colours[chosen]),
+            hip=read_only(self.hip[rows]),
+            directions=read_only(self.directions[rows]),
+            motions_rad_yr=read_only(self.motions_rad_yr[rows]),
+            magnitudes=read_only(self.magnitudes[rows]),
+            colours=read_only(self.colours[rows]),
             epoch_ns=self.epoch_ns,
         )
 

@@ -54,8 +54,8 @@ def visible_stars(
     near = catalogue.near(R[:, 2], _half_field_rad(camera, margin_px))
     pixels = camera.project(catalogue.directions[near] @ R)
     inside = (pixels >= -0.5 - margin_px) & (pixels <= np.array([camera.cols, camera.rows]) - 0.5 + margin_px)
-    seen = inside.all(axis=1)  # the pixels of a star behind the camera are NaN
-    return near[seen], pixels[seen]
+    is_visible = inside.all(axis=1)  # the pixels of a star behind the camera are NaN
+    return near[is_visible], pixels[is_visible]
 
 
 def _half_field_rad(camera: CameraModel, margin_px: float) -> float:

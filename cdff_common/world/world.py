@@ -100,22 +100,28 @@ class World:
         its parent a child of the frame, unless it is a true pose.
         """
         graph, reasons = FrameGraph(), dict(omitted or {})
-        kept: dict[str, WorldEdge] = {}
+        edge_of_child: dict[str, WorldEdge] = {}
         for edge in edges:
-            used, placed = kept.get(edge.child), edge
-            if used is not None and edge.parent not in kept and "/truth." not in edge.source:
-                placed = WorldEdge(edge.child, edge.parent, edge.transform.inverse(), edge.source)
+            edge_in_tree, placed_edge = edge_of_child.get(edge.child), edge
+            if edge_in_tree is not None and edge.parent not in edge_of_child and "/truth." not in edge.source:
+                placed_edge = WorldEdge(edge.child, edge.parent, edge.transform.inverse(), edge.source)
             try:
-                if placed.child in kept:
+                if placed_edge.child in edge_of_child:
                     raise CdffError("a second pose of the frame")
-                graph.set_static(placed.parent, placed.child, placed.transform)
+                graph.set_static(placed_edge.parent, placed_edge.child, placed_edge.transform)
             except CdffError as error:
-                reason = str(error) if used is None else f"{used.source or 'a fixed frame'} is used instead"
+                reason = (
+                    str(error)
+                    if edge_in_tree is None
+                    else f"{edge_in_tree.source or 'a fixed frame'} is used instead"
+                )
                 reasons.setdefault(f"{edge.parent} to {edge.child} by {edge.source or 'profile'}", reason)
                 continue
-            kept[placed.child] = placed
+            edge_of_child[placed_edge.child] = placed_edge
         ordered = sorted(items, key=lambda item: item.name)
-        return cls(stamp_ns, tuple(kept[name] for name in sorted(kept)), tuple(ordered), reasons)
+        return cls(
+            stamp_ns, tuple(edge_of_child[name] for name in sorted(edge_of_child)), tuple(ordered), reasons
+        )
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -74,7 +74,9 @@ class LocalOrbitalAxes:
         """Return an inertial direction (3,), its rate (3,) and their covariance (6, 6) in the axes."""
         to_axes = self.rotation.T
         across = self.rate - (self.rate @ direction) * direction
-        both = np.kron(np.eye(2), to_axes)
-        turned = both @ covariance @ both.T
-        turned[:3, :3] += np.eye(3) * self.sigma_rad**2
-        return BearingStates((to_axes @ direction)[None], (to_axes @ (rate - across))[None], turned[None])
+        block_rotation = np.kron(np.eye(2), to_axes)
+        rotated_covariance = block_rotation @ covariance @ block_rotation.T
+        rotated_covariance[:3, :3] += np.eye(3) * self.sigma_rad**2
+        return BearingStates(
+            (to_axes @ direction)[None], (to_axes @ (rate - across))[None], rotated_covariance[None]
+        )

@@ -80,10 +80,10 @@ class Mount:
         if any(replaced[3:]):
             replaced[3:] = [True] * 3
             T[:3, :3] = known.matrix[:3, :3]
-        stated = np.zeros(6) if known.covariance is None else np.diag(known.covariance)
+        stated_variances = np.zeros(6) if known.covariance is None else np.diag(known.covariance)
         for k in np.flatnonzero(replaced):
             covariance[k], covariance[:, k] = 0.0, 0.0
-            covariance[k, k] = stated[k] or LIMITS[k] ** 2
+            covariance[k, k] = stated_variances[k] or LIMITS[k] ** 2
             if k < 3:
                 T[k, 3] = known.matrix[k, 3]
         return UncertainTransform(se3.normalise_transform(T), covariance)

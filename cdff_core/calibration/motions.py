@@ -74,10 +74,10 @@ def motion_pairs(
     at = _interpolate_poses(base_ns, base, stamps[ends])
     first, second = se3.inverse(at[:-1]) @ at[1:], se3.inverse(poses[ends[:-1]]) @ poses[ends[1:]]
     # A motion is kept by the base's trajectory alone, so that noise of the sensor does not select.
-    turned = se3.rotation_angle(first[:, :3, :3]) >= _LEAST_RAD
-    moved = np.linalg.norm(first[:, :3, 3], axis=1) >= _LEAST_M
-    kept = turned | moved
-    return MotionPairs(first[kept], second[kept], stamps[ends[1:]][kept])
+    has_rotated = se3.rotation_angle(first[:, :3, :3]) >= _LEAST_RAD
+    has_translated = np.linalg.norm(first[:, :3, 3], axis=1) >= _LEAST_M
+    is_used = has_rotated | has_translated
+    return MotionPairs(first[is_used], second[is_used], stamps[ends[1:]][is_used])
 
 
 def _interpolate_poses(

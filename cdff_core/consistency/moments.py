@@ -127,8 +127,8 @@ def fitted_rotation(groups: tuple[Moments, ...]) -> FloatArray:
     likelihood = total_log_likelihood(groups, starts)
     best = cube[np.argmax(likelihood, axis=0)]
     refined = _refine_rotations(groups, np.stack([np.broadcast_to(np.eye(3), (k, 3, 3)), best]))
-    chosen = np.argmax(total_log_likelihood(groups, refined), axis=0)
-    return np.asarray(refined[chosen, np.arange(k)])
+    most_likely = np.argmax(total_log_likelihood(groups, refined), axis=0)
+    return np.asarray(refined[most_likely, np.arange(k)])
 
 
 def rotation_information(groups: tuple[Moments, ...], R: FloatArray) -> FloatArray:

@@ -218,11 +218,13 @@ class SensorMonitor:
             estimate.rotation_excess > 1.0 for estimate in relations.values()
         )
         has_offset = any(estimate.offset_excess > 1.0 for estimate in relations.values())
-        found = [self._rotation_finding(verticals, relations)] if has_rotation else []
-        found += [self._clock_finding(relations)] if has_offset else []
-        found += [finding for stream in self._streams.values() for finding in stream.findings()]
-        found += self._frame_findings()
-        present = {(finding.kind, finding.name): finding for finding in found if finding is not None}
+        findings_or_none = [self._rotation_finding(verticals, relations)] if has_rotation else []
+        findings_or_none += [self._clock_finding(relations)] if has_offset else []
+        findings_or_none += [finding for stream in self._streams.values() for finding in stream.findings()]
+        findings_or_none += self._frame_findings()
+        present = {
+            (finding.kind, finding.name): finding for finding in findings_or_none if finding is not None
+        }
         self.findings = self._confirm_findings(present)
         self._history |= {(finding.kind, finding.name): finding for finding in self.findings}
 
@@ -245,8 +247,10 @@ class SensorMonitor:
         for (port, frame), count in self._unknown_frames.items():
             if count < _UNKNOWN_SAMPLES:
                 continue
-            stated = [n for n, e in self._context.sensors.items() if self._all_types[port] in _streams_of(e)]
-            sensor = stated[0] if len(stated) == 1 else port
+            sensors_of_type = [
+                n for n, e in self._context.sensors.items() if self._all_types[port] in _streams_of(e)
+            ]
+            sensor = sensors_of_type[0] if len(sensors_of_type) == 1 else port
             nearest = nearest_frame(frame, self._known)
             hint = f"; did you mean {nearest}?" if nearest else ""
             what = (
@@ -271,15 +275,15 @@ class SensorMonitor:
         if suspects is None:
             return None
         sensor = suspects.sensors[0]
-        stated = sources[sensor].R_base_sensor
+        R_base_sensor = sources[sensor].R_base_sensor
         sigma_deg = np.degrees(np.sqrt(np.diag(suspects.covariance)))
         unknown = [axis for axis, s in zip(("x", "y", "z"), sigma_deg, strict=True) if s > 10.0]
         angle_deg = float(np.degrees(np.linalg.norm(se3.log_so3(suspects.rotation))))
         known_deg = ", ".join(f"{s:.1f}" for s in sigma_deg)
         what = (
             f"{' or '.join(suspects.sensors)} disagrees with the other sensors by a rotation of "
-            f"{angle_deg:.0f} deg: expected rpy_deg {roll_pitch_yaw_deg(stated)} of {sensor} in the base, "
-            f"observed {roll_pitch_yaw_deg(suspects.rotation @ stated)}, sigma about x, y, z of the base "
+            f"{angle_deg:.0f} deg: expected rpy_deg {roll_pitch_yaw_deg(R_base_sensor)} of {sensor} in the base, "
+            f"observed {roll_pitch_yaw_deg(suspects.rotation @ R_base_sensor)}, sigma about x, y, z of the base "
             f"[{known_deg}] deg"
         )
         if unknown:

@@ -61,8 +61,8 @@ class MotionStream:
         if interrupted:
             self._interruptions_ns.append(stamp_ns)
         if len(self._stamps_ns) % _BLOCK == 0:
-            cut = bisect_left(self._stamps_ns, stamp_ns - int(_MEMORY_S * 1e9))
-            del self._stamps_ns[:cut], self._sums[:cut]
+            first_retained = bisect_left(self._stamps_ns, stamp_ns - int(_MEMORY_S * 1e9))
+            del self._stamps_ns[:first_retained], self._sums[:first_retained]
             self._interruptions_ns = [t for t in self._interruptions_ns if t >= self._stamps_ns[0]]
 
     def arrays(self, since_ns: int, origin_ns: int) -> tuple[FloatArray, FloatArray, FloatArray]:

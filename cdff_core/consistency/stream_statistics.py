@@ -96,8 +96,8 @@ class StreamStatistics:
             return None
         if any(r / self._max_ratio <= rate <= r * self._max_ratio for r in self._stated_hz):
             return None
-        stated = " or ".join(f"{r:g} Hz" for r in self._stated_hz)
-        what = f"{self.sensor} sends {rate:.3g} Hz, the profile states {stated}"
+        stated_rates = " or ".join(f"{r:g} Hz" for r in self._stated_hz)
+        what = f"{self.sensor} sends {rate:.3g} Hz, the profile states {stated_rates}"
         remedy = f"correct rate_hz of the modes of {self.sensor} in the profile, or its driver"
         return Finding(SAMPLES, (self.sensor,), f"{rate:.3g}_hz", what, remedy)
 

@@ -49,18 +49,18 @@ class RgbdPairing:
     def add(self, sample: Sample) -> list[RgbdSamples]:
         """Return the complete pairs, and samples whose pair will not be completed, oldest first."""
         other, self._waiting = self._waiting, None
-        found: list[RgbdSamples] = []
+        pairs: list[RgbdSamples] = []
         self._expected[sample.port] = True
         if other is not None:
             if other.port != sample.port and abs(other.stamp_ns - sample.stamp_ns) <= MAX_GAP_NS:
                 return [_pair(other, sample)]
-            found.append(_pair(other))
+            pairs.append(_pair(other))
             if other.port == sample.port:
                 self._expected[_OTHER[sample.port]] = False
         if self._expected[_OTHER[sample.port]]:
             self._waiting = sample
-            return found
-        return [*found, _pair(sample)]
+            return pairs
+        return [*pairs, _pair(sample)]
 
     def take_waiting(self) -> list[RgbdSamples]:
         """Return the sample that still waits, and remove it."""

@@ -72,9 +72,9 @@ def camera_entry(sensors: Mapping[str, Mapping[str, Any]], frame: str) -> Mappin
     InputError if one of several has a mask then.
     """
     cameras = [entry for entry in sensors.values() if entry.get("kind") == "stereo_camera"]
-    named = [entry for entry in cameras if entry.get("frame") == frame]
-    if named or len(cameras) == 1:
-        return (named or cameras)[0]
+    entries_of_frame = [entry for entry in cameras if entry.get("frame") == frame]
+    if entries_of_frame or len(cameras) == 1:
+        return (entries_of_frame or cameras)[0]
     if any(entry.get("mask") or entry.get("mask_right") for entry in cameras):
         known = ", ".join(str(entry.get("frame")) for entry in cameras)
         raise InputError(f"image of frame {frame!r}: expected one of the cameras with a mask, {known}")

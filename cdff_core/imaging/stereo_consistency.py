@@ -101,8 +101,8 @@ def stereo_consistency(left: ByteArray, right: ByteArray, disparity: Float32Arra
     corners = _corners(left)
     columns, rows = corners.astype(int).T
     disparities = disparity[rows, columns].astype(np.float64)
-    matched = np.isfinite(disparities)
-    points, disparities = corners[matched], disparities[matched]
+    has_disparity = np.isfinite(disparities)
+    points, disparities = corners[has_disparity], disparities[has_disparity]
     if len(corners) < _MIN_CORNERS:
         return StereoConsistency(len(corners), float("nan"), float("nan"))
     start = points - np.column_stack([disparities, np.zeros(len(points))])
@@ -124,8 +124,8 @@ def _robust_rms(offsets: FloatArray) -> float:
 
 def _corners(left: ByteArray) -> FloatArray:
     """Return corners (n, 2) of an image: columns and rows."""
-    found = cv2.goodFeaturesToTrack(np.ascontiguousarray(left), _CORNERS, 0.01, _CORNER_DISTANCE_PX)
-    return np.zeros((0, 2)) if found is None else found[:, 0].astype(np.float64)
+    corners = cv2.goodFeaturesToTrack(np.ascontiguousarray(left), _CORNERS, 0.01, _CORNER_DISTANCE_PX)
+    return np.zeros((0, 2)) if corners is None else corners[:, 0].astype(np.float64)
 
 
 def _align_patches(

@@ -65,17 +65,17 @@ class MapMerger:
         roots = np.array([self._first_id[m.robot] + m.root for m in maps], dtype=np.int64)
         solution = self._optimise.process(PoseGraphOptimizationInputs(graph=graph, wanted=roots))
         is_accepted = solution.weights > 0.5
-        solved = dict(
+        optimised_poses = dict(
             zip(solution.graph.vertices.ids.tolist(), solution.graph.vertices.matrices, strict=True)
         )
         anchors, deformation_m = {}, {}
         for m, root, covariance in zip(maps, roots.tolist(), solution.covariances, strict=True):
             in_map = np.array(list(m.keyframes.values()))
-            in_site = np.array([solved[ids[keyframe]] for keyframe in m.keyframes])
+            in_site = np.array([optimised_poses[ids[keyframe]] for keyframe in m.keyframes])
             T = fit_rigid_transform(in_site, in_map)
             deformation_m[m.robot] = float(np.linalg.norm((T @ in_map - in_site)[:, :3, 3], axis=1).max())
             T_map_root = UncertainTransform.exact(m.graph.vertices.matrices[m.root])
-            at_root = UncertainTransform(solved[root], covariance)
+            at_root = UncertainTransform(optimised_poses[root], covariance)
             anchors[m.robot] = UncertainTransform(T, (at_root @ T_map_root.inverse()).covariance)
         rejected = tuple(
             c for c, ok in zip(linked, is_accepted[len(is_accepted) - len(linked) :], strict=True) if not ok

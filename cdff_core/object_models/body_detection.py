@@ -48,16 +48,16 @@ class BodyDetection(Dfpc):
             self._waiting = sample
             return ()
         metrics: dict[str, float] = {}
-        found: list[Hypothesis] = []
+        hypotheses: list[Hypothesis] = []
         try:
-            found, reasons = self._hypotheses(sample, metrics)
-            quality = detections_quality(found, models, reasons, metrics)
+            hypotheses, reasons = self._hypotheses(sample, metrics)
+            quality = detections_quality(hypotheses, models, reasons, metrics)
         except (InputError, RefusedError) as error:
             quality = Quality.from_error(error, metrics)
-        if not found:
+        if not hypotheses:
             return [self._output(sample, None, quality)]
         self._last = detections_message(
-            found, models, stamp_ns=sample.stamp_ns, frame=self._frame(sample), producer=self.name
+            hypotheses, models, stamp_ns=sample.stamp_ns, frame=self._frame(sample), producer=self.name
         )
         return [self._output(sample, self._last, quality)]
 

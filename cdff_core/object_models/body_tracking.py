@@ -123,20 +123,20 @@ class BodyTracking(Dfpc):
         self._unused += 1
 
     def _use_detection(
-        self, model: ModelPreparationOutputs, found: list[Hypothesis], stamp_ns: int
+        self, model: ModelPreparationOutputs, hypotheses: list[Hypothesis], stamp_ns: int
     ) -> list[str]:
         """Correct the track with a detection that agrees with it, or start a track; return the reasons.
 
         The state has the time of the detection; the same measurement then corrects it.
         """
-        poses = [T for hypothesis in found for T in hypothesis.T @ model.symmetries]
+        poses = [T for hypothesis in hypotheses for T in hypothesis.T @ model.symmetries]
         agreeing = self._agreeing(model, poses)
         if agreeing is not None:
             self._state = agreeing
             return ["detected"]
-        self._start(model, stamp_ns, UncertainTransform(found[0].T))
+        self._start(model, stamp_ns, UncertainTransform(hypotheses[0].T))
         reasons = ["new_track"]
-        reasons += [f"ambiguous:{len(found) - 1}"] if len(found) > 1 else []
+        reasons += [f"ambiguous:{len(hypotheses) - 1}"] if len(hypotheses) > 1 else []
         reasons += [f"symmetric_model:{len(model.symmetries)}"] if len(model.symmetries) > 1 else []
         return reasons
 

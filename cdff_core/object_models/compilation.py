@@ -29,9 +29,9 @@ def compile_kernels() -> None:
     registry = Registry.default()
 
     def dfn(name: str, parameters: dict[str, Any] | None = None) -> Any:
-        made = registry.make_dfn(name)
-        made.configure(parameters)
-        return made
+        instance = registry.make_dfn(name)
+        instance.configure(parameters)
+        return instance
 
     model = dfn("model_preparation", _COARSE).process(
         ModelPreparationInputs(vertices=_VERTICES, triangles=_TRIANGLES)

@@ -25,8 +25,8 @@ def decimate(
     A mesh with fewer triangles is returned without its unused vertices and with an edge of 0. The surface
     moves by less than the diagonal of a cluster.
     """
-    used, rows = np.unique(triangles, return_inverse=True)
-    v, t = vertices_m[used], rows.reshape(-1, 3)
+    used_vertices, rows = np.unique(triangles, return_inverse=True)
+    v, t = vertices_m[used_vertices], rows.reshape(-1, 3)
     if len(t) <= max_triangles:
         return np.ascontiguousarray(v), np.ascontiguousarray(t), 0.0
     extent = float(np.ptp(v, axis=0).max())
@@ -35,10 +35,10 @@ def decimate(
     for _ in range(_ROUNDS):
         cell = float(np.sqrt(smallest * largest))
         cluster = _clusters(v, cell)
-        kept = _kept_triangles(cluster[t])
-        if len(kept) <= max_triangles:
-            best, largest = (_nearest_vertices(v, t, cluster, cell), kept, cell), cell
-            if len(kept) > 0.8 * max_triangles:
+        kept_triangles = _kept_triangles(cluster[t])
+        if len(kept_triangles) <= max_triangles:
+            best, largest = (_nearest_vertices(v, t, cluster, cell), kept_triangles, cell), cell
+            if len(kept_triangles) > 0.8 * max_triangles:
                 break
         else:
             smallest = cell

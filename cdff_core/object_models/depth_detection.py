@@ -161,8 +161,15 @@ class _Scene:
         agree = int(np.count_nonzero(is_on & (np.abs(behind_m) <= limit_m)))
         in_front = is_on & (behind_m < -limit_m)
         hidden = int(np.count_nonzero(in_front & ~self.on_planes[part]))
-        met, drawn = int(np.count_nonzero(is_on)), int(np.count_nonzero(np.isfinite(rendered_m)))
-        return _Comparison(agree / max(met - hidden, 1), hidden / max(met, 1), met / max(drawn, 1))
+        count_on_surface, count_rendered = (
+            int(np.count_nonzero(is_on)),
+            int(np.count_nonzero(np.isfinite(rendered_m))),
+        )
+        return _Comparison(
+            agree / max(count_on_surface - hidden, 1),
+            hidden / max(count_on_surface, 1),
+            count_on_surface / max(count_rendered, 1),
+        )
 
 
 class DepthDetector:
@@ -210,16 +217,16 @@ class DepthDetector:
         parts, on_planes = scene_parts(grid_m, model.diameter_m, cfg.min_points, seed=self._seed)
         scene = _Scene(image, grid_m @ self._R, on_planes)
         flat = grid_m.reshape(-1, 3)
-        found: list[DepthDetection] = []
+        detections: list[DepthDetection] = []
         reasons: list[str] = [] if parts else ["no_part"]
         for rows in parts[: cfg.max_parts]:
             try:
-                found.append(self._examine_part(name, model, scene, flat[rows]))
+                detections.append(self._examine_part(name, model, scene, flat[rows]))
             except RefusedError as error:
                 reasons += error.reasons
-        if not found:
+        if not detections:
             raise RefusedError(f"{name} is in none of {len(parts)} parts of the image", reasons)
-        return sorted(found, key=lambda detection: -detection.score)
+        return sorted(detections, key=lambda detection: -detection.score)
 
     def _grid(self, image: DistanceImage) -> FloatArray:
         """Return the points (r, c, 3) of a grid of pixels in the axes of the camera."""
@@ -320,12 +327,12 @@ def separate(detections: list[tuple[DepthDetection, float]]) -> list[DepthDetect
     """Return detections, each with the diameter of its model, without detections at the position of a better
     one.
     """
-    kept: list[tuple[DepthDetection, float]] = []
+    separate_detections: list[tuple[DepthDetection, float]] = []
     for detection, diameter_m in sorted(detections, key=lambda pair: -pair[0].score):
         is_apart = all(
             np.linalg.norm(detection.centre_m - other.centre_m) > _APART * max(diameter_m, other_m)
-            for other, other_m in kept
+            for other, other_m in separate_detections
         )
         if is_apart:
-            kept.append((detection, diameter_m))
-    return [detection for detection, _ in kept]
+            separate_detections.append((detection, diameter_m))
+    return [detection for detection, _ in separate_detections]

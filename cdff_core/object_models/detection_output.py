@@ -17,7 +17,7 @@ from cdff_core.object_models.scan_detection import Hypothesis
 
 
 def detections_message(
-    found: Sequence[Hypothesis],
+    hypotheses: Sequence[Hypothesis],
     models: Mapping[str, ModelPreparationOutputs],
     *,
     stamp_ns: int,
@@ -26,7 +26,7 @@ def detections_message(
 ) -> ObjectDetections:
     """Return the message of hypotheses in the frame of a sensor, in their order."""
     detections = []
-    for hypothesis in found:
+    for hypothesis in hypotheses:
         model = models[hypothesis.name]
         pose = TransformWithCovariance.from_transform(
             UncertainTransform(hypothesis.T, hypothesis.covariance),
@@ -54,7 +54,7 @@ def detections_message(
 
 
 def detections_quality(
-    found: Sequence[Hypothesis],
+    hypotheses: Sequence[Hypothesis],
     models: Mapping[str, ModelPreparationOutputs],
     reasons: Sequence[str],
     metrics: Mapping[str, float],
@@ -64,11 +64,11 @@ def detections_quality(
     DEGRADED ``ambiguous:n`` if n of them are alternatives, ``symmetric_model:n`` if a model has n equivalent
     poses.
     """
-    if not found:
+    if not hypotheses:
         return Quality.failed("not_found", *reasons, metrics=metrics)
-    alternatives = sum(hypothesis.is_alternative for hypothesis in found)
-    equivalent = max(len(models[hypothesis.name].symmetries) for hypothesis in found)
+    alternatives = sum(hypothesis.is_alternative for hypothesis in hypotheses)
+    equivalent = max(len(models[hypothesis.name].symmetries) for hypothesis in hypotheses)
     degraded = [f"ambiguous:{alternatives}"] if alternatives else []
     degraded += [f"symmetric_model:{equivalent}"] if equivalent > 1 else []
-    all_metrics = {**metrics, "detections": float(len(found) - alternatives)}
+    all_metrics = {**metrics, "detections": float(len(hypotheses) - alternatives)}
     return Quality.from_reasons(degraded, CovarianceKind.FORMAL, all_metrics)

@@ -99,13 +99,13 @@ def start_poses(
 def distinct(poses: FloatArray, order: np.ndarray, count: int) -> list[int]:
     """Return at most ``count`` rows in the given order whose rotations differ by more than 6 degrees."""
     rows: list[int] = []
-    chosen = np.empty((count, 3, 3))
+    selected_rotations = np.empty((count, 3, 3))
     least_trace = 1.0 + 2.0 * math.cos(_DISTINCT_RAD)
     for row in order:
         R = poses[row, :3, :3]
-        traces = np.einsum("kij,ij->k", chosen[: len(rows)], R)
+        traces = np.einsum("kij,ij->k", selected_rotations[: len(rows)], R)
         if not np.any(traces > least_trace):
-            chosen[len(rows)] = R
+            selected_rotations[len(rows)] = R
             rows.append(int(row))
             if len(rows) == count:
                 break

@@ -310,18 +310,18 @@ class ImageTracking(BodyTracking):
 
         It adds no knowledge of the pose itself: a state with this correction alone is still a prediction.
         """
-        seen, cfg = self._seen, self.config
-        if not cfg.texture or seen is None or fit.grey is None:
+        seen_body, cfg = self._seen, self.config
+        if not cfg.texture or seen_body is None or fit.grey is None:
             return
         camera_matrix = sample.value.camera_matrix
         try:
-            found = self._texture.fit(model, seen, fit.state, transition, fit.grey, camera_matrix)
+            texture_fit = self._texture.fit(model, seen_body, fit.state, transition, fit.grey, camera_matrix)
         except RefusedError:
             return
-        fit.metrics |= {"features": float(found.points), "texture_agreement": found.agreement}
-        is_near = found.state.squared_distance(fit.state) < self._gate
-        if found.agreement >= cfg.min_texture_agreement and is_near:
-            fit.state = found.state
+        fit.metrics |= {"features": float(texture_fit.points), "texture_agreement": texture_fit.agreement}
+        is_near = texture_fit.state.squared_distance(fit.state) < self._gate
+        if texture_fit.agreement >= cfg.min_texture_agreement and is_near:
+            fit.state = texture_fit.state
 
     def _correct_by_depths(
         self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit, delay_sigma_s: float
@@ -341,45 +341,45 @@ class ImageTracking(BodyTracking):
         if not self._depth_sigma_m:
             self._depth_sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
         try:
-            found = self._fit_depths(model, state, points_m, delay_sigma_s)
-            if self._is_underestimated(found):
-                fit.faults.append(f"depth_innovation:{found.distance:.3g}>{self._gate:.3g}")
-                factor = _MARGIN * found.distance / self._gate
+            depth_fit = self._fit_depths(model, state, points_m, delay_sigma_s)
+            if self._is_underestimated(depth_fit):
+                fit.faults.append(f"depth_innovation:{depth_fit.distance:.3g}>{self._gate:.3g}")
+                factor = _MARGIN * depth_fit.distance / self._gate
                 state = replace(state, covariance=factor * state.covariance)
-                found = self._fit_depths(model, state, points_m, delay_sigma_s)
+                depth_fit = self._fit_depths(model, state, points_m, delay_sigma_s)
         except RefusedError as error:
             fit.faults.append(f"depth_{error.reasons[0]}")
             return
         fit.metrics |= {
-            "depths": float(found.points),
-            "depth_agreement": found.agreement,
-            "depth_innovation": found.distance,
+            "depths": float(depth_fit.points),
+            "depth_agreement": depth_fit.agreement,
+            "depth_innovation": depth_fit.distance,
             "depth_sigma_m": self._depth_sigma_m,
-            "hidden": found.in_front,
+            "hidden": depth_fit.in_front,
         }
         fault = ""
-        if found.agreement < cfg.min_depth_agreement:
-            fault = f"depth_low_agreement:{found.agreement:.2f}<{cfg.min_depth_agreement:g}"
-        elif found.in_front > 1.0 - cfg.min_visible:
-            fault = f"hidden:{found.in_front:.2f}>{1.0 - cfg.min_visible:g}"
-        elif found.distance > self._gate:
-            fault = f"depth_innovation:{found.distance:.3g}>{self._gate:.3g}"
+        if depth_fit.agreement < cfg.min_depth_agreement:
+            fault = f"depth_low_agreement:{depth_fit.agreement:.2f}<{cfg.min_depth_agreement:g}"
+        elif depth_fit.in_front > 1.0 - cfg.min_visible:
+            fault = f"hidden:{depth_fit.in_front:.2f}>{1.0 - cfg.min_visible:g}"
+        elif depth_fit.distance > self._gate:
+            fault = f"depth_innovation:{depth_fit.distance:.3g}>{self._gate:.3g}"
             fit.is_contradiction = True
         if fault:
             fit.faults.append(fault)
             return
-        if found.agreement < cfg.good_depth_agreement:
-            fit.faults.append(f"depth_low_agreement:{found.agreement:.2f}<{cfg.good_depth_agreement:g}")
-        visible = self._visible(sample, model, found, points_m, step)
+        if depth_fit.agreement < cfg.good_depth_agreement:
+            fit.faults.append(f"depth_low_agreement:{depth_fit.agreement:.2f}<{cfg.good_depth_agreement:g}")
+        visible = self._visible(sample, model, depth_fit, points_m, step)
         fit.metrics["visible"] = visible
         if visible < cfg.good_visible:
             fit.faults.append(f"partly_hidden:{visible:.2f}<{cfg.good_visible:g}")
-        if len(found.weak_directions):
-            fit.weak = direction_names(found.weak_directions)
-        fit.state = replace(found.state, T=moved(found.state.T, np.array(cfg.depth_offset_m)))
+        if len(depth_fit.weak_directions):
+            fit.weak = direction_names(depth_fit.weak_directions)
+        fit.state = replace(depth_fit.state, T=moved(depth_fit.state.T, np.array(cfg.depth_offset_m)))
         fit.has_depths = True
         if not cfg.depth_sigma_m:
-            noise_m = bounded_noise(found.sigma_m, model.diameter_m)
+            noise_m = bounded_noise(depth_fit.sigma_m, model.diameter_m)
             self._depth_sigma_m += _NOISE_GAIN * (noise_m - self._depth_sigma_m)
 
     def _fit_depths(
@@ -388,12 +388,12 @@ class ImageTracking(BodyTracking):
         times_s = np.zeros(len(points_m))
         return self._depths.fit(model, state, points_m, times_s, self._depth_sigma_m, delay_sigma_s)
 
-    def _is_underestimated(self, found: ScanFit) -> bool:
+    def _is_underestimated(self, depth_fit: ScanFit) -> bool:
         """Return whether the covariance of the prediction is too small: the depths agree with the model, and
         are only a few gates away from the prediction.
         """
-        is_near = self._gate < found.distance < _NEAR_GATES * self._gate
-        return is_near and found.agreement >= self.config.good_depth_agreement
+        is_near = self._gate < depth_fit.distance < _NEAR_GATES * self._gate
+        return is_near and depth_fit.agreement >= self.config.good_depth_agreement
 
     def _body_points(
         self, sample: Sample, model: ModelPreparationOutputs, state: TrackedState
@@ -405,16 +405,21 @@ class ImageTracking(BodyTracking):
         return np.ascontiguousarray(points_m @ R.T), step
 
     def _visible(
-        self, sample: Sample, model: ModelPreparationOutputs, found: ScanFit, points_m: FloatArray, step: int
+        self,
+        sample: Sample,
+        model: ModelPreparationOutputs,
+        depth_fit: ScanFit,
+        points_m: FloatArray,
+        step: int,
     ) -> float:
         """Return the number of points on the body, relative to its pixels if nothing hides it."""
         image: DistanceImage = sample.value
         fx, fy = 1.0 / image.scale_x, 1.0 / image.scale_y
         camera = Window(fx, fy, -image.center_x * fx, -image.center_y * fy, image.height, image.width)
-        T = se3.transform(self._R_camera_depth.T, np.zeros(3)) @ found.state.T
+        T = se3.transform(self._R_camera_depth.T, np.zeros(3)) @ depth_fit.state.T
         pixels = silhouette_pixels(model.drawn_vertices, model.drawn_triangles, T, camera)
         limit_m = max(_SIGMAS * self._depth_sigma_m, _SPACING * model.diameter_m)
-        count = int(np.count_nonzero(on_surface(model, found.state.T, points_m, limit_m)))
+        count = int(np.count_nonzero(on_surface(model, depth_fit.state.T, points_m, limit_m)))
         return min(count * step**2 / max(pixels, 1.0), 1.0)
 
     def _correct_by_shading(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
@@ -427,21 +432,21 @@ class ImageTracking(BodyTracking):
             return
         fit.rgb = rgb_image(sample.value)
         try:
-            found = self._regions.fit(model, fit.state, fit.rgb, sample.value.camera_matrix)
+            region_fit = self._regions.fit(model, fit.state, fit.rgb, sample.value.camera_matrix)
         except RefusedError as error:
             fit.add_missing(f"region_{error.reasons[0]}")
             return
         fit.metrics |= {
-            "lines": float(found.lines),
-            "region_agreement": found.agreement,
-            "region_innovation": found.distance,
+            "lines": float(region_fit.lines),
+            "region_agreement": region_fit.agreement,
+            "region_innovation": region_fit.distance,
         }
-        if found.agreement < cfg.min_region_agreement:
-            fit.add_missing(f"region_low_agreement:{found.agreement:.2f}<{cfg.min_region_agreement:g}")
-        elif found.distance > self._gate:
-            fit.faults.append(f"region_innovation:{found.distance:.3g}>{self._gate:.3g}")
+        if region_fit.agreement < cfg.min_region_agreement:
+            fit.add_missing(f"region_low_agreement:{region_fit.agreement:.2f}<{cfg.min_region_agreement:g}")
+        elif region_fit.distance > self._gate:
+            fit.faults.append(f"region_innovation:{region_fit.distance:.3g}>{self._gate:.3g}")
         else:
-            fit.state, fit.has_regions = found.state, True
+            fit.state, fit.has_regions = region_fit.state, True
 
     def _correct_by_edges(self, sample: Sample, model: ModelPreparationOutputs, fit: ViewFit) -> None:
         """Correct the state of a fit with the edges in an image."""
@@ -449,27 +454,27 @@ class ImageTracking(BodyTracking):
         assert fit.grey is not None
         image = fit.grey.astype(np.float32)
         try:
-            found = self._edges.fit(model, fit.state, image, sample.value.camera_matrix)
+            edge_fit = self._edges.fit(model, fit.state, image, sample.value.camera_matrix)
         except RefusedError as error:
             fit.add_missing(error.reasons[0])
             return
         fit.metrics |= {
-            "points": float(found.points),
-            "agreement": found.agreement,
-            "innovation": found.distance,
-            "sigma_px": found.sigma_px,
-            "range_px": found.range_px,
+            "points": float(edge_fit.points),
+            "agreement": edge_fit.agreement,
+            "innovation": edge_fit.distance,
+            "sigma_px": edge_fit.sigma_px,
+            "range_px": edge_fit.range_px,
         }
-        if found.agreement < cfg.min_agreement:
-            fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.min_agreement:g}")
+        if edge_fit.agreement < cfg.min_agreement:
+            fit.add_missing(f"low_agreement:{edge_fit.agreement:.2f}<{cfg.min_agreement:g}")
             return
-        if found.distance > self._gate:
-            fit.faults.append(f"innovation:{found.distance:.3g}>{self._gate:.3g}")
+        if edge_fit.distance > self._gate:
+            fit.faults.append(f"innovation:{edge_fit.distance:.3g}>{self._gate:.3g}")
             fit.is_contradiction = True
             return
-        if found.agreement < cfg.good_agreement:
-            fit.add_missing(f"low_agreement:{found.agreement:.2f}<{cfg.good_agreement:g}")
-        fit.state, fit.has_edges = found.state, True
+        if edge_fit.agreement < cfg.good_agreement:
+            fit.add_missing(f"low_agreement:{edge_fit.agreement:.2f}<{cfg.good_agreement:g}")
+        fit.state, fit.has_edges = edge_fit.state, True
 
     def _guess_sigmas(self, model: ModelPreparationOutputs) -> FloatArray:
         """Return the standard deviations (6,) of a guess without covariance, metres and rad."""

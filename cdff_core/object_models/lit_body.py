@@ -69,12 +69,12 @@ def lit_body(
         window.columns * k,
     )
     image = render(vertices_m, triangles, T_window_body, fine)
-    seen = image.face >= 0
+    is_visible = image.face >= 0
     light = np.zeros(image.face.shape, np.float32)
-    if seen.any():
-        normals = camera_normals(vertices_m, triangles, T_window_body, image.face)[seen]
-        row, column = np.nonzero(seen)
-        depth = image.depth_m[seen]
+    if is_visible.any():
+        normals = camera_normals(vertices_m, triangles, T_window_body, image.face)[is_visible]
+        row, column = np.nonzero(is_visible)
+        depth = image.depth_m[is_visible]
         points = np.column_stack(
             [(column - fine.cx) / fine.fx * depth, (row - fine.cy) / fine.fy * depth, depth]
         )
@@ -84,7 +84,7 @@ def lit_body(
         R, t = T_window_body[:3, :3], T_window_body[:3, 3]
         slopes = np.sqrt(np.maximum(1.0 - mu0**2, 0.0)) / np.maximum(mu0, 1e-6)
         lit[in_shadow(vertices_m, triangles, (points - t) @ R, slopes, R.T @ sun)] = 0.0
-        light[seen] = lit
+        light[is_visible] = lit
     reduced = cv2.resize(light, (window.columns, window.rows), interpolation=cv2.INTER_AREA)
     return np.asarray(cv2.GaussianBlur(reduced, (0, 0), point_spread_px), np.float32)
 

@@ -54,10 +54,10 @@ def mesh_edges(vertices_m: FloatArray, triangles: IntArray, crease_rad: float) -
     pairs, faces = pairs[order], faces[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(pairs, axis=0) != 0).any(axis=1)])
     counts = np.diff(np.r_[starts, len(pairs)])
-    both = normals[np.stack([faces[starts], faces[starts + np.minimum(counts - 1, 1)]], axis=1)]
-    cosine = np.einsum("ij,ij->i", both[:, 0], both[:, 1])
+    edge_normals = normals[np.stack([faces[starts], faces[starts + np.minimum(counts - 1, 1)]], axis=1)]
+    cosine = np.einsum("ij,ij->i", edge_normals[:, 0], edge_normals[:, 1])
     is_sharp = (counts != 2) | (cosine < np.cos(crease_rad))
-    return MeshEdges(vertices[pairs[starts]], both, is_sharp)
+    return MeshEdges(vertices[pairs[starts]], edge_normals, is_sharp)
 
 
 def control_points(

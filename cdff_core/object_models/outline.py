@@ -51,8 +51,8 @@ class OutlineEdges:
         if not len(triangles):
             raise InputError(f"{len(vertices)} vertices and no triangle, expected a mesh")
         if self._mesh is None or self._mesh[0] is not vertices or self._mesh[1] is not triangles:
-            found = mesh_edges(vertices, triangles, np.pi)
-            self._edges = found
+            edges = mesh_edges(vertices, triangles, np.pi)
+            self._edges = edges
             self._mesh = vertices, triangles
         return self._edges
 

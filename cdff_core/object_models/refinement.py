@@ -132,8 +132,8 @@ class PoseRefiner:
         """
         costs = likelihood(self._view, *self._mesh, poses, self._sigma_m).cost
         rows = distinct(poses, np.argsort(costs, kind="stable"), count)
-        found = [self._search(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
-        return sorted(found, key=lambda refined: refined.cost)
+        refined_poses = [self._search(poses[row]) for row in rows if costs[row] < costs[rows[0]] + _HOPELESS]
+        return sorted(refined_poses, key=lambda refined: refined.cost)
 
     def estimate_noise(self, poses: FloatArray, least_m: float) -> float:
         """Reduce the noise to that of the range residuals at the best of poses T_view_model (k, 4, 4);

@@ -114,7 +114,7 @@ def normal_equations(
     A[:] = 0.0
     b[:] = 0.0
     J = np.empty(6)
-    limit2, used = scale * scale, 0
+    limit2, used_points = scale * scale, 0
     sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
     for i in range(len(scan)):
         px, py, pz = scan[i, 0] - T[0, 3], scan[i, 1] - T[1, 3], scan[i, 2] - T[2, 3]
@@ -160,11 +160,11 @@ def normal_equations(
         b[3] -= v * ex
         b[4] -= v * ey
         b[5] -= v * ez
-        used += 1
+        used_points += 1
     for c in range(6):
         for d in range(c + 1, 6):
             A[c, d] = A[d, c]
-    return used
+    return used_points
 
 
 @njit(cache=True)

@@ -110,7 +110,7 @@ class ScanDetector:
         _check_size(model, scan_m)
         sigma_m = limits.sigma_m or bounded_noise(range_noise(scan_m), model.diameter_m)
         surface = surface_ports(model)
-        found = self._search.process(
+        searched = self._search.process(
             ModelPoseSearchInputs(
                 scan=scan_m,
                 view_directions=model.view_directions,
@@ -122,7 +122,7 @@ class ScanDetector:
         refined = self._refine.process(
             ModelPoseRefinementInputs(
                 scan=scan_m,
-                poses=found.poses,
+                poses=searched.poses,
                 drawn_vertices=model.drawn_vertices,
                 drawn_triangles=model.drawn_triangles,
                 centre_m=model.centre_m,

@@ -160,18 +160,18 @@ class ShadingFitter:
         part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         if min(rendered.rendering[part].shape) < _MIN_SIDE_PX:
             return np.zeros((0, 2)), np.zeros((0, 3))
-        found = self._detect.process(
+        features = self._detect.process(
             FeaturesExtraction2DInputs(
                 image=np.ascontiguousarray(rendered.rendering[part]), mask=inner_pixels(is_body[part])
             )
         ).features
-        found = found + np.array([columns[0], rows[0]])
-        u, v = np.rint(found).astype(np.int64).T
+        features = features + np.array([columns[0], rows[0]])
+        u, v = np.rint(features).astype(np.int64).T
         z = rendered.depth[v, u]
         K = camera_matrix
-        x, y = (found - [K[0, 2], K[1, 2]]).T
+        x, y = (features - [K[0, 2], K[1, 2]]).T
         in_camera = np.stack([x / K[0, 0] * z, y / K[1, 1] * z, z], axis=1)
-        return found, se3.transform_points(se3.inverse(T), in_camera)
+        return features, se3.transform_points(se3.inverse(T), in_camera)
 
     def _matches(
         self, rendering: ByteArray, image: ByteArray, features: FloatArray

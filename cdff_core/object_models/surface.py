@@ -71,18 +71,18 @@ def visible_surface(
     DegenerateGeometryError
         If the mesh has no extent.
     """
-    used = vertices_m[np.unique(triangles)]
-    low, high = used.min(axis=0), used.max(axis=0)
+    used_vertices = vertices_m[np.unique(triangles)]
+    low, high = used_vertices.min(axis=0), used_vertices.max(axis=0)
     centre_m, radius_m = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     if radius_m <= 0.0:
         raise DegenerateGeometryError("mesh: all vertices are equal, expected a body with an extent")
     window, rng = view_window(pixels), np.random.default_rng(seed)
-    seen = np.zeros(len(triangles), bool)
+    is_visible = np.zeros(len(triangles), bool)
     pool, pool_normals, centroids = [], [], []
     for T in view_poses(centre_m, radius_m, views):
         depth_m, face = render(vertices_m, triangles, T, window)
         rows, columns = np.nonzero(face != NO_FACE)
-        seen[face[rows, columns]] = True
+        is_visible[face[rows, columns]] = True
         if not len(rows):
             centroids.append(centre_m)
             continue
@@ -92,9 +92,11 @@ def visible_surface(
         )
         in_model = (in_camera - T[:3, 3]) @ T[:3, :3]
         centroids.append(in_model.mean(axis=0))
-        chosen = rng.permutation(len(rows))[:_POINTS_PER_VIEW]
-        normals = camera_normals(vertices_m, triangles, T, face[rows[chosen], columns[chosen]][:, None])[:, 0]
-        pool.append(in_model[chosen])
+        sampled_rows = rng.permutation(len(rows))[:_POINTS_PER_VIEW]
+        normals = camera_normals(
+            vertices_m, triangles, T, face[rows[sampled_rows], columns[sampled_rows]][:, None]
+        )[:, 0]
+        pool.append(in_model[sampled_rows])
         pool_normals.append(normals @ T[:3, :3])
     if not pool:
         raise DegenerateGeometryError("mesh: no view shows a face, expected a body with an area")
@@ -106,7 +108,7 @@ def visible_surface(
     return VisibleSurface(
         surface,
         candidate_normals[rows],
-        np.ascontiguousarray(triangles[seen]),
+        np.ascontiguousarray(triangles[is_visible]),
         axes,
         np.array(centroids),
         0.5 * (surface.min(axis=0) + surface.max(axis=0)),

@@ -77,21 +77,21 @@ def symmetry_group(surface: VisibleSurface, grid: NearestGrid, tolerance: float)
     order = np.argsort(costs, kind="stable")
     candidates = [poses[i] for i in order[: max(60, len(order) // 3)] if costs[i] < 0.5]
     tester = _SurfaceTest(surface, tolerance * diameter_m)
-    found = [np.eye(4)]
+    transforms = [np.eye(4)]
     for T in candidates:
         T_inverse = se3.inverse(T)
-        if _is_new(T_inverse, found) and tester.holds(T_inverse):
-            found.append(se3.normalise_transform(T_inverse))
-    axis = _common_axis(found[1:])
-    if axis is not None and len(found) > _MAX_ORDER:
+        if _is_new(T_inverse, transforms) and tester.holds(T_inverse):
+            transforms.append(se3.normalise_transform(T_inverse))
+    axis = _common_axis(transforms[1:])
+    if axis is not None and len(transforms) > _MAX_ORDER:
         angles = 2.0 * math.pi * np.arange(_CONTINUOUS_SAMPLES) / _CONTINUOUS_SAMPLES
         R = se3.exp_so3(angles[:, None] * axis)
-        sampled = np.stack([se3.transform(r, centre - r @ centre) for r in R])
-        if all(tester.holds(T) for T in sampled[1:]):
-            across = [T for T in found if T[:3, :3] @ axis @ axis < -0.99]
-            flipped = [across[0] @ T for T in sampled] if across else []
-            return SymmetryGroup(np.stack([*sampled, *flipped]), axis)
-    return SymmetryGroup(np.stack(_close_under_products(found, tester)))
+        rotations_about_axis = np.stack([se3.transform(r, centre - r @ centre) for r in R])
+        if all(tester.holds(T) for T in rotations_about_axis[1:]):
+            across = [T for T in transforms if T[:3, :3] @ axis @ axis < -0.99]
+            flipped = [across[0] @ T for T in rotations_about_axis] if across else []
+            return SymmetryGroup(np.stack([*rotations_about_axis, *flipped]), axis)
+    return SymmetryGroup(np.stack(_close_under_products(transforms, tester)))
 
 
 class _SurfaceTest:
@@ -116,13 +116,13 @@ class _SurfaceTest:
         return bool(np.mean(on_surface) >= _FRACTION)
 
 
-def _close_under_products(found: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
+def _close_under_products(transforms: list[FloatArray], tester: _SurfaceTest) -> list[FloatArray]:
     """Add to the transforms the products of two of them that are symmetries as well."""
-    group = list(found)
+    group = list(transforms)
     for first in range(_MAX_GROUP):
         if first >= len(group) or len(group) >= _MAX_GROUP:
             break
-        for other in found:
+        for other in transforms:
             T = se3.normalise_transform(group[first] @ other)
             if len(group) < _MAX_GROUP and _is_new(T, group) and tester.holds(T):
                 group.append(T)
@@ -139,8 +139,8 @@ def _rotations(centre: FloatArray) -> FloatArray:
     return np.stack(poses)
 
 
-def _is_new(T: FloatArray, found: list[FloatArray]) -> bool:
-    R = np.stack([other[:3, :3] for other in found])
+def _is_new(T: FloatArray, known_transforms: list[FloatArray]) -> bool:
+    R = np.stack([other[:3, :3] for other in known_transforms])
     return bool(np.min(se3.rotation_angle(np.swapaxes(R, 1, 2) @ T[:3, :3])) > _SAME_RAD)
 
 

@@ -76,7 +76,7 @@ class TextureFitter:
     def fit(
         self,
         model: ModelPreparationOutputs,
-        seen: SeenBody,
+        seen_body: SeenBody,
         predicted: TrackedState,
         transition: FloatArray,
         image: ByteArray,
@@ -94,20 +94,20 @@ class TextureFitter:
         RefusedError
             ``few_features:n`` or ``behind_camera``.
         """
-        features, points_m = self._features(model, seen, camera_matrix)
+        features, points_m = self._features(model, seen_body, camera_matrix)
         camera = _window(camera_matrix, image)
         in_camera = se3.transform_points(predicted.T, points_m)
         is_ahead = in_camera[:, 2] > 1e-3 * max(float(in_camera[:, 2].max(initial=0.0)), 1e-9)
         features, points_m, in_camera = features[is_ahead], points_m[is_ahead], in_camera[is_ahead]
         pixels = in_camera[:, :2] / in_camera[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-        matches, is_valid = self._track_features(seen.image, image, features, pixels)
+        matches, is_valid = self._track_features(seen_body.image, image, features, pixels)
         if np.count_nonzero(is_valid) < _MIN_POINTS:
             raise RefusedError(
                 f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
                 [f"few_features:{np.count_nonzero(is_valid)}<{_MIN_POINTS}"],
             )
         measured = PointOffsets.of_matches(points_m[is_valid], pixels[is_valid], matches[is_valid])
-        prior = relative_prior(seen.state, predicted, transition)
+        prior = relative_prior(seen_body.state, predicted, transition)
         outputs = self._refine.process(
             MeasuredPoseRefinementInputs(
                 points=measured.points,
@@ -126,29 +126,29 @@ class TextureFitter:
         return TextureFit(state, outputs.agreement, int(np.count_nonzero(is_valid)))
 
     def _features(
-        self, model: ModelPreparationOutputs, seen: SeenBody, camera_matrix: FloatArray
+        self, model: ModelPreparationOutputs, seen_body: SeenBody, camera_matrix: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return features (n, 2) of the body in the previous image, and their points (n, 3) in the frame of
         the body.
         """
         row, column, window = body_window(
-            model.drawn_vertices, seen.state.T, _window(camera_matrix, seen.image)
+            model.drawn_vertices, seen_body.state.T, _window(camera_matrix, seen_body.image)
         )
         if min(window.rows, window.columns) < _MIN_SIDE_PX:
             return np.zeros((0, 2)), np.zeros((0, 3))
-        depth_m = render(model.drawn_vertices, model.drawn_triangles, seen.state.T, window).depth_m
-        part = seen.image[row : row + window.rows, column : column + window.columns]
-        found = self._detect.process(
+        depth_m = render(model.drawn_vertices, model.drawn_triangles, seen_body.state.T, window).depth_m
+        part_of_image = seen_body.image[row : row + window.rows, column : column + window.columns]
+        detection = self._detect.process(
             FeaturesExtraction2DInputs(
-                image=np.ascontiguousarray(part), mask=inner_pixels(np.isfinite(depth_m))
+                image=np.ascontiguousarray(part_of_image), mask=inner_pixels(np.isfinite(depth_m))
             )
         )
-        u, v = np.rint(found.features).astype(np.int64).T
+        u, v = np.rint(detection.features).astype(np.int64).T
         z = depth_m[v, u]
-        x, y = (found.features - [window.cx, window.cy]).T
+        x, y = (detection.features - [window.cx, window.cy]).T
         in_camera = np.stack([x / window.fx * z, y / window.fy * z, z], axis=1)
-        return found.features + np.array([column, row]), se3.transform_points(
-            se3.inverse(seen.state.T), in_camera
+        return detection.features + np.array([column, row]), se3.transform_points(
+            se3.inverse(seen_body.state.T), in_camera
         )
 
     def _track_features(
@@ -160,10 +160,10 @@ class TextureFitter:
         """
         if not len(features) or previous.shape != image.shape:
             return pixels, np.zeros(len(features), bool)
-        both = np.concatenate([features, pixels])
+        all_pixels = np.concatenate([features, pixels])
         limit = np.array(image.shape[::-1])
-        low = np.clip(np.floor(both.min(axis=0)) - _MARGIN_PX, 0, limit - _MIN_SIDE_PX).astype(int)
-        high = np.clip(np.ceil(both.max(axis=0)) + _MARGIN_PX, low + _MIN_SIDE_PX, limit).astype(int)
+        low = np.clip(np.floor(all_pixels.min(axis=0)) - _MARGIN_PX, 0, limit - _MIN_SIDE_PX).astype(int)
+        high = np.clip(np.ceil(all_pixels.max(axis=0)) + _MARGIN_PX, low + _MIN_SIDE_PX, limit).astype(int)
         part = np.s_[low[1] : high[1], low[0] : high[0]]
         outputs = self._track.process(
             FeaturesTracking2DInputs(

@@ -155,28 +155,28 @@ def consistent_signs(normals: FloatArray, index: IntArray) -> FloatArray:  # pra
     n, k = index.shape
     sign, best, parent = np.zeros(n), np.full(n, -1.0), np.full(n, -1, np.int64)
     for _ in range(n):
-        chosen = -1
+        next_point = -1
         for i in range(n):
-            if sign[i] == 0.0 and (chosen < 0 or best[i] > best[chosen]):
-                chosen = i
-        sign[chosen] = 1.0
-        if parent[chosen] >= 0:
-            p = parent[chosen]
+            if sign[i] == 0.0 and (next_point < 0 or best[i] > best[next_point]):
+                next_point = i
+        sign[next_point] = 1.0
+        if parent[next_point] >= 0:
+            p = parent[next_point]
             dot = (
-                normals[p, 0] * normals[chosen, 0]
-                + normals[p, 1] * normals[chosen, 1]
-                + normals[p, 2] * normals[chosen, 2]
+                normals[p, 0] * normals[next_point, 0]
+                + normals[p, 1] * normals[next_point, 1]
+                + normals[p, 2] * normals[next_point, 2]
             )
-            sign[chosen] = sign[p] if dot >= 0.0 else -sign[p]
+            sign[next_point] = sign[p] if dot >= 0.0 else -sign[p]
         for j in range(k):
-            q = index[chosen, j]
+            q = index[next_point, j]
             if q < 0 or q >= n or sign[q] != 0.0:
                 continue
             dot = abs(
-                normals[q, 0] * normals[chosen, 0]
-                + normals[q, 1] * normals[chosen, 1]
-                + normals[q, 2] * normals[chosen, 2]
+                normals[q, 0] * normals[next_point, 0]
+                + normals[q, 1] * normals[next_point, 1]
+                + normals[q, 2] * normals[next_point, 2]
             )
             if dot > best[q]:
-                best[q], parent[q] = dot, chosen
+                best[q], parent[q] = dot, next_point
     return sign

@@ -157,11 +157,11 @@ class ViewSearch:
     def candidates(self) -> list[ViewCandidate]:
         """Return distinct candidates, best first."""
         references, start, index = self._references()
-        found: list[ViewCandidate] = []
+        candidates: list[ViewCandidate] = []
         for side in self._model.sides:
             poses = vote(side.table, self._points, self._normals, references, start, index, self._cfg.peaks)
-            found += self._refine_poses(side, poses)
-        return sorted(found, key=lambda candidate: -candidate.score)
+            candidates += self._refine_poses(side, poses)
+        return sorted(candidates, key=lambda candidate: -candidate.score)
 
     def resolves(self, factor: float) -> bool:
         """Return whether the noise of the scene is below ``factor`` times the tolerance."""

@@ -81,15 +81,15 @@ class ViewComparison:
         scores = counts @ _WEIGHTS / np.maximum(visible, 1)
         return np.where(visible >= _MIN_VISIBLE * len(self.surface.points_m), scores, -1.0)
 
-    def refine(self, T: FloatArray, by: Perturbations, seed: int) -> tuple[FloatArray, float]:
+    def refine(self, T: FloatArray, perturbations: Perturbations, seed: int) -> tuple[FloatArray, float]:
         """Return the best pose (4, 4) near ``T`` and its score.
 
         Each round tries random perturbations, smaller from round to round, since the score is a count and has
         no derivative.
         """
         score = -1.0
-        for rotations, translations_m in _draws(by, seed):
-            poses = np.repeat(T[None], by.trials, axis=0)
+        for rotations, translations_m in _draws(perturbations, seed):
+            poses = np.repeat(T[None], perturbations.trials, axis=0)
             poses[1:, :3, :3] = rotations @ T[:3, :3]
             poses[1:, :3, 3] += translations_m
             scores = self.scores(poses)
@@ -99,17 +99,19 @@ class ViewComparison:
 
 
 @lru_cache(maxsize=16)
-def _draws(by: Perturbations, seed: int) -> list[tuple[FloatArray, FloatArray]]:
+def _draws(perturbations: Perturbations, seed: int) -> list[tuple[FloatArray, FloatArray]]:
     """Return random rotations (trials - 1, 3, 3) and translations (trials - 1, 3) for each round.
 
     They are the same for all poses and drawn only once.
     """
     rng = np.random.default_rng(seed)
     draws = []
-    for i in range(by.rounds):
-        sigma_m, sigma_rad = (_CONTRACTION**i * sigma for sigma in (by.sigma_m, by.sigma_rad))
-        R = se3.exp_so3(rng.normal(0.0, sigma_rad, (by.trials, 3)))[1:]
-        draws.append((R, rng.normal(0.0, sigma_m, (by.trials - 1, 3))))
+    for i in range(perturbations.rounds):
+        sigma_m, sigma_rad = (
+            _CONTRACTION**i * sigma for sigma in (perturbations.sigma_m, perturbations.sigma_rad)
+        )
+        R = se3.exp_so3(rng.normal(0.0, sigma_rad, (perturbations.trials, 3)))[1:]
+        draws.append((R, rng.normal(0.0, sigma_m, (perturbations.trials - 1, 3))))
     return draws
 
 

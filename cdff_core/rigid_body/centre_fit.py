@@ -78,20 +78,20 @@ class CentreFit:
         by_offset = -(pick @ fit.state_derivatives) - orientations
         rate_by_offset = -fit.state_derivatives[3:] - spin @ orientations
         walk = fit.intensity * dt[:, :, None] * eye
-        turned = se3.skew(arms)
+        arm_matrices = se3.skew(arms)
         position_covariances = (
             pick @ fit.state_covariance @ np.swapaxes(pick, 1, 2)
             + walk * dt[:, :, None] ** 2 / 3.0
             + by_offset @ fit.covariance @ np.swapaxes(by_offset, 1, 2)
-            + turned @ angle_covariances @ np.swapaxes(turned, 1, 2)
+            + arm_matrices @ angle_covariances @ np.swapaxes(arm_matrices, 1, 2)
         )
-        swept = spin @ turned
+        swept = spin @ arm_matrices
         velocity_covariances = (
             fit.state_covariance[3:, 3:]
             + walk
             + rate_by_offset @ fit.covariance @ np.swapaxes(rate_by_offset, 1, 2)
             + swept @ angle_covariances @ np.swapaxes(swept, 1, 2)
-            + turned @ rate_covariances @ np.swapaxes(turned, 1, 2)
+            + arm_matrices @ rate_covariances @ np.swapaxes(arm_matrices, 1, 2)
         )
         return positions, position_covariances, velocities, velocity_covariances
 

@@ -120,8 +120,8 @@ class DriftingProblem:
         information = rows.T @ rows + self.prior
         inverse = np.linalg.pinv(information, hermitian=True)
         step = inverse @ (rows.T @ values)
-        rest = values - rows @ step
-        squared = float(rest @ rest + step @ self.prior @ step)
+        residuals = values - rows @ step
+        squared = float(residuals @ residuals + step @ self.prior @ step)
         freedom = max(3 * n - p - (d if self.order == 2 else 0), 1)
         factor = squared / freedom
         likelihood = -0.5 * (logarithms + (squared if self.is_noise_known else freedom * np.log(factor)))
@@ -136,7 +136,7 @@ class DriftingProblem:
             intensity=factor * intensity,
             likelihood=float(likelihood),
             noise_factor=factor,
-            normalised=rest.reshape(n, 3) / np.sqrt(factor),
+            normalised=residuals.reshape(n, 3) / np.sqrt(factor),
         )
 
     def _initial_covariance(self) -> FloatArray:

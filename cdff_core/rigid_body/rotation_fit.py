@@ -225,8 +225,8 @@ class _Orientations:
         """
         searched = replace(self, **{name: getattr(self, name)[:_SEARCH_PART] for name in _COLUMNS})
         best: RotationFit | None = None
-        for tried, start in enumerate(starts):
-            if best is not None and tried >= _MIN_STARTS and searched.is_explained(best):
+        for start_count, start in enumerate(starts):
+            if best is not None and start_count >= _MIN_STARTS and searched.is_explained(best):
                 break
             try:
                 fit = searched.fit(start)
@@ -290,9 +290,13 @@ class _Orientations:
     def _weights(self, model: RotationModel, part: slice) -> FloatArray:
         """Return the factors (n,) of the residuals of a model, 1 outside the part."""
         problem = self._problem(model, part, np.ones(len(self.t_s)), with_derivatives=False)
-        solved = np.linalg.solve(problem.covariances, problem.residuals[:, :, None])[:, :, 0]
+        inverse_covariance_residuals = np.linalg.solve(problem.covariances, problem.residuals[:, :, None])[
+            :, :, 0
+        ]
         weights = np.ones(len(self.t_s))
-        weights[part] = _student_weights(np.einsum("ni,ni->n", problem.residuals, solved))
+        weights[part] = _student_weights(
+            np.einsum("ni,ni->n", problem.residuals, inverse_covariance_residuals)
+        )
         return weights
 
     def _objective(self, model: RotationModel, part: slice, weights: FloatArray, ratio: float) -> float:
@@ -311,12 +315,12 @@ class _Orientations:
         covariances.
         """
         t_s = self.t_s[part] - self.epoch_s
-        turned = self.orientations[part] @ np.swapaxes(model.orientations(t_s), 1, 2)
+        rotation_errors = self.orientations[part] @ np.swapaxes(model.orientations(t_s), 1, 2)
         by_angle = orientation_derivatives(model, t_s) if with_derivatives else np.empty((len(t_s), 3, 0))
         prior = np.zeros((by_angle.shape[2],) * 2)
         prior[6:, 6:] = np.eye(len(prior[6:]))  # moments of inertia differ by factors below about ten
         return DriftingProblem(
-            residuals=np.asarray(se3.log_so3(turned)),
+            residuals=np.asarray(se3.log_so3(rotation_errors)),
             derivatives=by_angle,
             covariances=self.covariances[part] * weights[part, None, None],
             t_s=t_s,

@@ -145,10 +145,12 @@ def measured_by_pair(
     """
     camera = RectifiedCamera.from_matrix(pair.left.camera_matrix, pair.baseline)
     left, right = grey_image(pair.left), grey_image(pair.right)
-    matched = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
-    least = camera.fx / _MAX_BASELINES
-    usable = matched.valid & (np.where(matched.valid, matched.disparities, 0.0) > least)
-    disparities, stereo = matched.disparities[usable], None
+    stereo_matches = match.process(StereoMatching2DInputs(left=left, right=right, features=features.pixels))
+    min_disparity_px = camera.fx / _MAX_BASELINES
+    usable = stereo_matches.valid & (
+        np.where(stereo_matches.valid, stereo_matches.disparities, 0.0) > min_disparity_px
+    )
+    disparities, stereo = stereo_matches.disparities[usable], None
     if refine is not None:
         K = np.array(pair.left.camera_matrix, np.float64)
         pixels = features.pixels[usable]
@@ -157,10 +159,10 @@ def measured_by_pair(
                 features=pixels,
                 disparities=disparities,
                 camera_matrix=K,
-                row_offsets=matched.row_offsets[usable],
+                row_offsets=stereo_matches.row_offsets[usable],
             )
         )
-        disparities = np.maximum(disparities + field.corrections, least)
+        disparities = np.maximum(disparities + field.corrections, min_disparity_px)
         stereo = StereoMeasurement(
             np.column_stack([pixels, disparities]), field.basis, K, camera.baseline_m, field.open_covariance
         )

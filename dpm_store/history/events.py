@@ -207,8 +207,8 @@ class EventTable:
         if kind is None and scope is None:
             with self._database.read() as connection:
                 values = {"after": ordinal, "limit": limit}
-                found = dialect_of(connection).fetch(connection, _SINCE, values)
-            return tuple(Event(o, stamp, s, k, msgpack.unpackb(body)) for o, stamp, s, k, body in found)
+                event_rows = dialect_of(connection).fetch(connection, _SINCE, values)
+            return tuple(Event(o, stamp, s, k, msgpack.unpackb(body)) for o, stamp, s, k, body in event_rows)
         statement = select(schema.events).where(e.ordinal > ordinal)
         if kind is not None:
             statement = statement.where(e.kind.in_([kind] if isinstance(kind, str) else list(kind)))

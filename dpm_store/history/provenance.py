@@ -64,15 +64,15 @@ def lineage(
         )
     with database.read() as connection:
         row_of(connection, product_id)
-        seen, links = {product_id}, []
+        visited, links = {product_id}, []
         generations: list[tuple[str, ...]] = []
         frontier: tuple[str, ...] = (product_id,)
-        while frontier and len(generations) < depth and len(seen) <= MAX_NODES:
+        while frontier and len(generations) < depth and len(visited) <= MAX_NODES:
             steps = _steps(connection, frontier, direction)
             links += steps
-            neighbours = (used if direction == "up" else derived for derived, used in steps)
-            frontier = tuple(i for i in dict.fromkeys(neighbours) if i not in seen)
-            seen.update(frontier)
+            neighbours = (used_id if direction == "up" else derived_id for derived_id, used_id in steps)
+            frontier = tuple(i for i in dict.fromkeys(neighbours) if i not in visited)
+            visited.update(frontier)
             if frontier:
                 generations.append(frontier)
         is_truncated = bool(frontier) and bool(_steps(connection, frontier, direction))
@@ -86,11 +86,11 @@ def _steps(connection: Connection, ids: Sequence[str], direction: str) -> list[t
     end = v.product_id if direction == "up" else v.input_id
     steps = select(v.product_id, v.input_id).where(end.in_(dialect.elements("ids")))
     pairs = connection.execute(steps.order_by(v.product_id, v.input_id), {"ids": dialect.list_value(ids)})
-    return [(derived, used) for derived, used in pairs]
+    return [(derived_id, used_id) for derived_id, used_id in pairs]
 
 
 def _records(connection: Connection, ids: Sequence[str]) -> dict[str, ProductRecord]:
     dialect = dialect_of(connection)
     rows = select(schema.products).where(schema.products.c.id.in_(dialect.elements("ids")))
-    found = connection.execute(rows, {"ids": dialect.list_value(ids)})
-    return {row.id: record_of(row) for row in found}
+    record_rows = connection.execute(rows, {"ids": dialect.list_value(ids)})
+    return {row.id: record_of(row) for row in record_rows}

@@ -210,10 +210,12 @@ class _Budget:
         self, rows: NDArray[np.float64], selected: NDArray[np.int64], step: int
     ) -> NDArray[np.float64]:
         """Return the selected points and evenly distributed others up to the limit."""
-        rest = np.setdiff1d(np.arange(len(rows)), selected, assume_unique=True)
-        hashes = _keys(rows[rest], step).astype(np.uint64) * _SPREAD
-        extra = rest[np.argsort(hashes, kind="stable")[: max(0, self._max_points - len(selected))]]
-        filled: NDArray[np.float64] = rows[np.sort(np.concatenate([selected, extra]))[: self._max_points]]
+        unselected = np.setdiff1d(np.arange(len(rows)), selected, assume_unique=True)
+        hashes = _keys(rows[unselected], step).astype(np.uint64) * _SPREAD
+        extra_rows = unselected[np.argsort(hashes, kind="stable")[: max(0, self._max_points - len(selected))]]
+        filled: NDArray[np.float64] = rows[
+            np.sort(np.concatenate([selected, extra_rows]))[: self._max_points]
+        ]
         return filled
 
 

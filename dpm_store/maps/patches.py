@@ -232,14 +232,14 @@ class Patches:
         The checksums of each payload are verified when it is read. Raises OverloadedError when the time of
         the request is over.
         """
-        done, total = 0, len(records)
+        read_count, total = 0, len(records)
         batches = list(_batches(records))
         # While one batch is pooled, the next is read, checked and decoded.
         pending = [self._readers.submit(self._load, batch) for batch in batches[:1]]
         try:
             for number, batch in enumerate(batches):
-                check_time(done, total, "patches")
-                done += len(batch)
+                check_time(read_count, total, "patches")
+                read_count += len(batch)
                 loaded = pending.pop().result()
                 pending = [
                     self._readers.submit(self._load, next_batch)

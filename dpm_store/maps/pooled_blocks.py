@@ -155,9 +155,9 @@ class PooledBlocks:
         if sum(key.nbytes for key in keys) > WINDOW_BYTES or len(selection.records) > MAX_PATCHES:
             return None
         with self._locked(keys) as blocks:
-            found = self._patches.find(query.search(_region_of(blocks)))
-            usage = self._update(blocks, found)
-            return self._assemble(query, geometry, blocks, usage, selection, found)
+            patches_of_blocks = self._patches.find(query.search(_region_of(blocks)))
+            usage = self._update(blocks, patches_of_blocks)
+            return self._assemble(query, geometry, blocks, usage, selection, patches_of_blocks)
 
     def drop_idle(self) -> bool:
         """Drop the blocks that were not used for ``IDLE_S``; return whether there were any."""
@@ -201,37 +201,37 @@ class PooledBlocks:
         key, _ = self._blocks.popitem(last=False)
         self._bytes -= key.nbytes
 
-    def _update(self, blocks: Sequence[Block], found: PatchSelection) -> PatchUsage:
+    def _update(self, blocks: Sequence[Block], patches_of_blocks: PatchSelection) -> PatchUsage:
         """Add the missing patches to blocks; return the frames and patches that cannot be pooled."""
         from cdff_common.raster.mosaic import fitting_factor, is_level
 
         first = blocks[0].key
-        tilted = {frame for frame, T in found.transforms.items() if not is_level(T)}
+        tilted = {frame for frame, T in patches_of_blocks.transforms.items() if not is_level(T)}
         finest_m = first.resolution_m * (1.0 + 1e-9)
         is_usable = np.array(
             [
                 r.header.frame not in tilted and self._patches.resolution_m(r) <= finest_m
-                for r in found.records
+                for r in patches_of_blocks.records
             ],
             dtype=np.bool_,
         )
-        boxes = bounds_each(found, first.frame)
+        boxes = bounds_each(patches_of_blocks, first.frame)
         missing: dict[str, list[Block]] = {}
         for block in blocks:
             b = block.mosaic.geometry.bounds
             near = (boxes[:, 0] <= b.xmax) & (boxes[:, 2] >= b.xmin)
             near &= (boxes[:, 1] <= b.ymax) & (boxes[:, 3] >= b.ymin) & is_usable
-            ids = {found.records[i].id for i in np.flatnonzero(near)}
-            if not block.is_valid_for(found, ids):
+            ids = {patches_of_blocks.records[i].id for i in np.flatnonzero(near)}
+            if not block.is_valid_for(patches_of_blocks, ids):
                 block.clear()
             for product_id in ids - block.patches.keys():
                 missing.setdefault(product_id, []).append(block)
         purged = set()
-        for record, patch in self._patches.read([r for r in found.records if r.id in missing]):
+        for record, patch in self._patches.read([r for r in patches_of_blocks.records if r.id in missing]):
             if patch is None:
                 purged.add(record.id)
                 continue
-            T = found.transforms.get(record.header.frame)
+            T = patches_of_blocks.transforms.get(record.header.frame)
             for block in missing[record.id]:
                 if T is not None:
                     block.transforms[record.header.frame] = T
@@ -247,7 +247,7 @@ class PooledBlocks:
         blocks: Sequence[Block],
         usage: PatchUsage,
         selection: PatchSelection,
-        found: PatchSelection,
+        patches_of_blocks: PatchSelection,
     ) -> tuple[AssembledWindow, PatchUsage]:
         """Return the window assembled from blocks, and the patches that contribute to it."""
         from cdff_common.raster.mosaic import Mosaic
@@ -259,7 +259,7 @@ class PooledBlocks:
             for product_id, patch in block.patches.items():
                 if patch.cells is not None and patch.cells.intersection(geometry) is not None:
                     pooled[product_id] = patch.is_resampled
-        records = [r for r in _in_region(found, selection) if r.id in pooled]
+        records = [r for r in _in_region(patches_of_blocks, selection) if r.id in pooled]
         assembled = mosaic.assembled()
         return assembled, replace(
             usage,
@@ -291,8 +291,8 @@ def _region_of(blocks: Sequence[Block]) -> Region:
     return Region("bbox", (*bounds[:, :2].min(axis=0).tolist(), *bounds[:, 2:].max(axis=0).tolist()))
 
 
-def _in_region(found: PatchSelection, selection: PatchSelection) -> Iterator[ProductRecord]:
+def _in_region(patches_of_blocks: PatchSelection, selection: PatchSelection) -> Iterator[ProductRecord]:
     """Yield the found patches that are in the region of a selection or were inserted after its search."""
     ids = {record.id for record in selection.records}
     last = max(record.ordinal for record in selection.records)
-    return (r for r in found.records if r.id in ids or r.ordinal > last)
+    return (r for r in patches_of_blocks.records if r.id in ids or r.ordinal > last)

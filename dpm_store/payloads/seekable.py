@@ -59,12 +59,12 @@ def read_frames(file: BinaryIO, file_bytes: int, content_bytes: int, first: int,
     for i in range(first, last):
         frame = data[starts[i] - starts[first] : starts[i + 1] - starts[first]]
         try:
-            stated = zstandard.get_frame_parameters(frame).content_size
-            content = decompressor.decompress(frame) if stated == sizes[i] else b""
+            stated_size = zstandard.get_frame_parameters(frame).content_size
+            content = decompressor.decompress(frame) if stated_size == sizes[i] else b""
         except zstandard.ZstdError as error:
             raise CodecError(f"compressed frame {i}: {error}") from error
         if len(content) != sizes[i]:
-            raise CodecError(f"compressed frame {i}: {stated} bytes of content, expected {sizes[i]}")
+            raise CodecError(f"compressed frame {i}: {stated_size} bytes of content, expected {sizes[i]}")
         contents.append(content)
     return contents[0] if len(contents) == 1 else b"".join(contents)
 

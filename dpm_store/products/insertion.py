@@ -272,8 +272,8 @@ def _buckets(connection: Connection, keys: set[tuple[int, str]]) -> dict[tuple[i
     rows = [{"frame": frame, "product": product} for frame, product in sorted(keys)]
     dialect.upsert_rows(connection, schema.index_buckets, rows)
     values = {"frames": dialect.list_value(sorted({frame for frame, _ in keys}))}
-    found = dialect.fetch(connection, _bucket_rows(connection.dialect.name), values)
-    return {(frame, product): ordinal for frame, product, ordinal in found}
+    bucket_rows = dialect.fetch(connection, _bucket_rows(connection.dialect.name), values)
+    return {(frame, product): ordinal for frame, product, ordinal in bucket_rows}
 
 
 def _extend_heights(

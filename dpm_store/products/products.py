@@ -111,8 +111,8 @@ class ProductTable:
         p = schema.products.c
         with self._database.read() as connection:
             dialect = dialect_of(connection)
-            found = select(p.id).where(p.id.in_(dialect.elements("ids")), p.deleted_ns.is_(None))
-            rows = connection.execute(found, {"ids": dialect.list_value(ids)})
+            statement = select(p.id).where(p.id.in_(dialect.elements("ids")), p.deleted_ns.is_(None))
+            rows = connection.execute(statement, {"ids": dialect.list_value(ids)})
             return frozenset(rows.scalars())
 
     def payload(self, product_id: str, offset: int = 0, length: int | None = None) -> bytes:

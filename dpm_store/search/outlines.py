@@ -156,9 +156,9 @@ def _polygons(rings: Sequence[FloatArray], heights_m: FloatArray, T: FloatArray)
     ]
     if level:
         return shapely.polygons(shapely.linearrings(layers[0][:, :2], indices=indices))
-    both = np.concatenate(layers)[:, :2]
+    corners = np.concatenate(layers)[:, :2]
     order = np.argsort(np.tile(indices, 2), kind="stable")
-    return shapely.convex_hull(shapely.multipoints(both[order], indices=np.repeat(indices, 2)))
+    return shapely.convex_hull(shapely.multipoints(corners[order], indices=np.repeat(indices, 2)))
 
 
 def _touching(region: Region, outlines: Any) -> NDArray[np.bool_]:

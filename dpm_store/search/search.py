@@ -114,7 +114,7 @@ class Search:
         """
         query = replace(query, cursor=None, sort=(), limit=MAX_PAGE)
         assert query.region is not None
-        found: set[int] = set()
+        ordinals: set[int] = set()
         with self._database.read() as connection, self._limited(connection, query):
             tree = self._frames.tree(_view(query), connection=connection)
             resolved, _ = resolve_frames(connection, tree, query.frame)
@@ -122,12 +122,12 @@ class Search:
             for candidates in self._slices(connection, query, boxes):
                 rows = self._rows_of(connection, query, candidates, _PLACED)
                 inside_flags = self.inside(connection, rows, query.region, resolved)
-                found.update(
+                ordinals.update(
                     row[0] for row, inside in zip(rows, inside_flags.tolist(), strict=True) if inside
                 )
-                if len(found) > most:
+                if len(ordinals) > most:
                     return None
-        return found
+        return ordinals
 
     def resolved_region(self, query: Query, *, connection: Connection | None = None) -> Region:
         """Return the region of a query with ``near`` replaced by a circle.
@@ -224,8 +224,10 @@ class Search:
             source, values = self._listed.c, {"ordinals": self._dialect.list_value(few)}
         where = conditions(query, source)
         if query.where is not None:  # the order of many products is found without their headers
-            found = select(source.ordinal).where(*where).order_by(*ordering(query.order, source)).limit(limit)
-            ordinals = list(connection.execute(found, values).scalars())
+            ordinal_query = (
+                select(source.ordinal).where(*where).order_by(*ordering(query.order, source)).limit(limit)
+            )
+            ordinals = list(connection.execute(ordinal_query, values).scalars())
             source, values, where = self._listed.c, {"ordinals": self._dialect.list_value(ordinals)}, []
         statement = select(*(source[name] for name in RECORD_COLUMNS)).where(*where)
         return connection.execute(

@@ -95,14 +95,20 @@ def portions(
     after, until = candidates.after_ns, candidates.until_ns
     while len(remaining) > count:
         bounds_ns = [_bounds_ns(key, epoch_ns, dialect) for _, key in remaining[count // 2 : count + 1]]
-        cut = bounds_ns[-1][1] if newest_first else bounds_ns[-1][0] - 1
-        cut = min(max(cut, after), until)
-        certain_count = sum(first > cut if newest_first else last <= cut for first, last in bounds_ns[:-1])
+        boundary_ns = bounds_ns[-1][1] if newest_first else bounds_ns[-1][0] - 1
+        boundary_ns = min(max(boundary_ns, after), until)
+        certain_count = sum(
+            first > boundary_ns if newest_first else last <= boundary_ns for first, last in bounds_ns[:-1]
+        )
         if not certain_count:  # too many ended at nearly the same time
             break
-        yield Slice(cut, until, remaining[:count]) if newest_first else Slice(after, cut, remaining[:count])
+        yield (
+            Slice(boundary_ns, until, remaining[:count])
+            if newest_first
+            else Slice(after, boundary_ns, remaining[:count])
+        )
         remaining = remaining[count // 2 + certain_count :]
-        after, until = (after, cut) if newest_first else (cut, until)
+        after, until = (after, boundary_ns) if newest_first else (boundary_ns, until)
     yield Slice(after, until, remaining)
 
 

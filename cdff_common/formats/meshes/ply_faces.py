@@ -70,10 +70,10 @@ def _binary(s: Source, offset: int, face: PlyElement, order: str) -> IntArray:
     """Return the triangles; files with triangles only are read in one piece."""
     _, count_type, index_type = face.lists[0]
     count, index = np.dtype(order + count_type), np.dtype(order + index_type)
-    rest = sum(np.dtype(kind).itemsize for _, kind in face.properties)
-    if len(face.lists) > 1 and rest:
+    property_bytes = sum(np.dtype(kind).itemsize for _, kind in face.properties)
+    if len(face.lists) > 1 and property_bytes:
         raise s.error("faces with several lists and other properties")
-    row = np.dtype([("n", count), ("corners", index, (3,)), ("rest", "u1", (rest,))])
+    row = np.dtype([("n", count), ("corners", index, (3,)), ("rest", "u1", (property_bytes,))])
     if len(face.lists) == 1 and offset + face.count * row.itemsize <= len(s.data):
         table = np.frombuffer(s.data, row, face.count, offset)
         if (table["n"] == 3).all():
@@ -90,5 +90,5 @@ def _binary(s: Source, offset: int, face: PlyElement, order: str) -> IntArray:
             offset += count.itemsize + n * index.itemsize
             if i == 0:
                 polygons.append(values.tolist())
-        offset += rest
+        offset += property_bytes
     return fan(polygons)

@@ -76,12 +76,12 @@ def check_profile(path: str | Path, *, complete: bool = True) -> CheckedProfile:
         If there is no such file, or it is no YAML mapping.
     """
     path = resolve("profiles", path)
-    located = read_located_mapping(path)
-    reading = read(located.data)
-    findings = [*_repetitions(located), *reading.findings]
+    mapping = read_located_mapping(path)
+    reading = read(mapping.data)
+    findings = [*_repetitions(mapping), *reading.findings]
     if reading.profile is not None:
         findings += _cross_findings(reading, path.parent, complete=complete)
-    faults = {_fault(path, located, finding) for finding in findings}
+    faults = {_fault(path, mapping, finding) for finding in findings}
     return CheckedProfile(
         path, reading.profile, tuple(sorted(faults, key=lambda f: (f.line, f.key, f.problem)))
     )

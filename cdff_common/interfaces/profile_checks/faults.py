@@ -96,8 +96,8 @@ def nearest_frame(frame: str, known: Iterable[str]) -> str:
 def one_of(known: Iterable[str]) -> str:
     """Return ``one of a, b, c`` for a message, at most twelve of the names."""
     names = list(known)
-    rest = f", … ({len(names)} in all)" if len(names) > _MOST_NAMES else ""
-    return f"one of {', '.join(names[:_MOST_NAMES]) or 'none'}{rest}"
+    remainder = f", … ({len(names)} in all)" if len(names) > _MOST_NAMES else ""
+    return f"one of {', '.join(names[:_MOST_NAMES]) or 'none'}{remainder}"
 
 
 def unknown_name(location: Location, name: object, what: str, known: Iterable[str]) -> Finding:

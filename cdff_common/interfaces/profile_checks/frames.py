@@ -82,11 +82,13 @@ def owner_of(frame: str) -> str:
 def used_sensors(reading: Reading, robot: Robot) -> set[str]:
     """Return the sensors that are inputs of the DFPCs of a robot or are archived."""
     assert reading.profile is not None
-    used = {policy.sensor for policy in reading.profile.history if policy.robot in (None, robot.id)}
+    sensor_names = {policy.sensor for policy in reading.profile.history if policy.robot in (None, robot.id)}
     for entry in robot.dfpcs:
         for wiring in entry.inputs.values():
-            used |= {source.owner for source in Wiring.parse(wiring).sources if source.kind == "sensor"}
-    return used
+            sensor_names |= {
+                source.owner for source in Wiring.parse(wiring).sources if source.kind == "sensor"
+            }
+    return sensor_names
 
 
 def _edge_findings(robot: Robot, i: int, frames: FrameParents, robot_ids: set[str]) -> Iterator[Finding]:
@@ -135,8 +137,8 @@ def _foreign_frames(
     for key, frame in (("parent", parent), ("child", child)):
         if owners[key] not in ("", robot.id):
             problem = f"is a frame of {owners[key]}, expected one of {robot.id}"
-            rest = frame.partition("/")[2]
-            yield Finding((*place, key), problem, frame, f"{robot.id}/{rest}")
+            local_name = frame.partition("/")[2]
+            yield Finding((*place, key), problem, frame, f"{robot.id}/{local_name}")
 
 
 def _root_findings(robot: Robot, i: int, frames: FrameParents) -> Iterator[Finding]:
@@ -157,7 +159,7 @@ def _root_findings(robot: Robot, i: int, frames: FrameParents) -> Iterator[Findi
 
 def _sensor_findings(reading: Reading, robot: Robot, i: int, frames: FrameParents) -> Iterator[Finding]:
     """Yield the findings about frames of sensors that do not exist or belong to another robot."""
-    used = used_sensors(reading, robot)
+    used_names = used_sensors(reading, robot)
     base = f"{robot.id}/base"
     known = {base, *frames.names}
     for name, sensor in robot.sensors.items():
@@ -167,12 +169,12 @@ def _sensor_findings(reading: Reading, robot: Robot, i: int, frames: FrameParent
             yield Finding(place, problem, sensor.frame, nearest_frame(sensor.frame, known))
         elif sensor.frame not in known:
             problem = f"no such frame; expected one with an edge in frames, below {base}"
-            severity = _severity(name in used)
+            severity = _severity(name in used_names)
             yield Finding(place, problem, sensor.frame, nearest_frame(sensor.frame, known), severity)
         elif frames.root(sensor.frame) in _roots_of_motion(robot) - {frames.root(base)}:
             chain = " ← ".join(reversed(frames.chain(sensor.frame)))
             problem = f"is not below {base} ({chain}); expected a chain of frames from the base to the sensor"
-            yield Finding(place, problem, sensor.frame, "", _severity(name in used))
+            yield Finding(place, problem, sensor.frame, "", _severity(name in used_names))
 
 
 def _severity(is_used: bool) -> Severity:

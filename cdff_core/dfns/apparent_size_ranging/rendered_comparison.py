@@ -134,12 +134,12 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
         blurs: tuple[float, ...] = (max(0.06 * extent_px, 1.0), max(0.02 * extent_px, 0.6), 0.0)
         for _ in range(_RENDERINGS):
             template = self._render_at(inputs, range_m, origin, image.shape, extent_px)
-            found: Similarity = register_similarity(target, template, origin, blurs)
-            range_m, origin = range_m / found.scale, origin + found.shift_px
+            similarity: Similarity = register_similarity(target, template, origin, blurs)
+            range_m, origin = range_m / similarity.scale, origin + similarity.shift_px
             blurs = blurs[-1:]
-        if not found.agreement >= self.config.min_agreement:
-            raise _disagreement(found.agreement, self.config.min_agreement)
-        formal = found.scale_sigma * np.sqrt(_CORRELATED * max(inputs.point_spread**2, 0.1))
+        if not similarity.agreement >= self.config.min_agreement:
+            raise _disagreement(similarity.agreement, self.config.min_agreement)
+        formal = similarity.scale_sigma * np.sqrt(_CORRELATED * max(inputs.point_spread**2, 0.1))
         edge = np.sqrt(2.0) * self.config.edge_error_px / extent_px
         sigma = range_m * float(np.sqrt(formal**2 + edge**2 + self.config.model_error**2))
         return Outputs(
@@ -147,7 +147,7 @@ class RenderedComparison(Interface[RenderedComparisonConfig]):
             range_sigma=sigma,
             interval=interval,
             origin=origin,
-            agreement=found.agreement,
+            agreement=similarity.agreement,
             extent=extent_px,
         )
 

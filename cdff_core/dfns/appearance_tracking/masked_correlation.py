@@ -56,10 +56,10 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
             place=np.full(2, np.nan), covariance=np.full((2, 2), np.nan), scale=1.0, score=-1.0, second=-1.0
         )
         for k, scale in enumerate(inputs.scales):
-            found = self._at_scale(inputs, float(scale))
+            match = self._at_scale(inputs, float(scale))
             least = best.score + (self.config.scale_gain if k == 1 else 0.0)
-            if found is not None and found.score > least:
-                best = found
+            if match is not None and match.score > least:
+                best = match
         return best
 
     def _at_scale(self, inputs: Inputs, scale: float) -> Outputs | None:

@@ -43,11 +43,13 @@ class ConstantAngularVelocity(Interface[ConstantAngularVelocityConfig]):
         if inputs.measured is not None:
             if inputs.measured_covariances is None:
                 raise InputError("measuredCovariances: None, expected one matrix for each measured direction")
-            seen = np.flatnonzero(is_observed(inputs.measured))
-            corrected, nis[seen], _ = update_states(
-                states.selected(seen), inputs.measured[seen], inputs.measured_covariances[seen]
+            observed_rows = np.flatnonzero(is_observed(inputs.measured))
+            corrected, nis[observed_rows], _ = update_states(
+                states.selected(observed_rows),
+                inputs.measured[observed_rows],
+                inputs.measured_covariances[observed_rows],
             )
-            states = _replace_rows(states, seen, corrected)
+            states = _replace_rows(states, observed_rows, corrected)
         return Outputs(
             directions=states.directions, rates=states.rates, covariances=states.covariances, nis=nis
         )

@@ -39,8 +39,8 @@ def compute_step(
     is_point_adjusted = (np.diff(system.start) > 0) & (system.point_fixed == 0)
     is_adjusted = np.concatenate([np.ones(lens_unknowns, bool), np.repeat(is_point_adjusted, 3)])
     try:
-        solved = np.linalg.solve(B, np.dstack([C, pose_gradient])).reshape(pose_unknowns, -1)
-        B_inverse_C, B_inverse_g = solved[:, :-1], solved[:, -1]
+        B_inverse_C_and_g = np.linalg.solve(B, np.dstack([C, pose_gradient])).reshape(pose_unknowns, -1)
+        B_inverse_C, B_inverse_g = B_inverse_C_and_g[:, :-1], B_inverse_C_and_g[:, -1]
         C_rows = C.reshape(pose_unknowns, -1)
         S, b = D - C_rows.T @ B_inverse_C, other_gradient - C_rows.T @ B_inverse_g
         other_step = np.zeros(len(D))

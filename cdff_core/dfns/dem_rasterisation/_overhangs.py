@@ -53,9 +53,9 @@ def find_overhangs(cell: IntArray, points_m: FloatArray, gap_m: float, edge_m: f
         low, high = np.full((2, len(undecided)), [[-np.inf], [np.inf]])
         np.maximum.at(low, cells[below], z_m[below])
         np.minimum.at(high, cells[above], z_m[above])
-        found = undecided & (high - low > _STEEPEST_GROUND * distance_m)
-        is_overhang[order] |= above & found[cells]
-        undecided &= ~found
+        has_overhang = undecided & (high - low > _STEEPEST_GROUND * distance_m)
+        is_overhang[order] |= above & has_overhang[cells]
+        undecided &= ~has_overhang
     return is_overhang
 
 

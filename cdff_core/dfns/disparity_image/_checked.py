@@ -116,8 +116,8 @@ class CheckedMatcher(Interface[MatcherConfigT]):
         NaN if one is missing or they differ by more than ``left_right_px``.
         """
         cols = left_disparity.shape[1]
-        matched = np.arange(cols, dtype=np.float32)[None, :] - left_disparity
-        column = np.rint(np.nan_to_num(matched, nan=-1.0)).astype(np.int32)
+        right_columns = np.arange(cols, dtype=np.float32)[None, :] - left_disparity
+        column = np.rint(np.nan_to_num(right_columns, nan=-1.0)).astype(np.int32)
         is_inside = (column >= 0) & (column < cols)
         right_at_match = np.take_along_axis(right_disparity, np.where(is_inside, column, 0), axis=1)
         agree = is_inside & (np.abs(right_at_match - left_disparity) <= self.config.left_right_px)

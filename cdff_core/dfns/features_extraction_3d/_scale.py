@@ -45,9 +45,11 @@ class SalienceConfig(ScaleConfig):
     )
 
 
-def scale_m(points: FloatArray, given: float | None, cfg: ScaleConfig) -> float:
+def scale_m(points: FloatArray, stated_m: float | None, cfg: ScaleConfig) -> float:
     """Return the edge or radius in metres: the given or configured one, or from the spacing of the points."""
-    radius_m = cfg.radius_m or cfg.radius_spacings * spacing(kd_tree(points)) if given is None else given
+    radius_m = (
+        cfg.radius_m or cfg.radius_spacings * spacing(kd_tree(points)) if stated_m is None else stated_m
+    )
     if not (np.isfinite(radius_m) and radius_m > 0.0):
         raise InputError(f"radius_m={radius_m}: expected metres above 0")
     return radius_m

@@ -128,7 +128,7 @@ def _greedy_clique(bits: Bits, core: IntArray, v: int) -> IntArray:  # pragma: n
     clique = np.empty(n, np.int64)
     clique[0], size = v, 1
     while True:
-        chosen, most_common = -1, -1
+        next_vertex, most_common = -1, -1
         for w in range(words):
             unvisited = candidates[w]
             while unvisited:
@@ -138,12 +138,12 @@ def _greedy_clique(bits: Bits, core: IntArray, v: int) -> IntArray:  # pragma: n
                 for x in range(words):
                     common += _bit_count(candidates[x] & bits[u, x])
                 if common > most_common:
-                    chosen, most_common = u, common
-        if chosen < 0:
+                    next_vertex, most_common = u, common
+        if next_vertex < 0:
             return clique[:size].copy()
-        clique[size] = chosen
+        clique[size] = next_vertex
         size += 1
-        candidates &= bits[chosen]
+        candidates &= bits[next_vertex]
 
 
 @njit(cache=True)

@@ -37,10 +37,10 @@ def inpaint(heights_m: FloatArray) -> FloatArray:
     matrix, right_side = _laplace_system(is_unknown, filled - mean_m)
     diagonal = matrix.diagonal()
     preconditioner = LinearOperator(matrix.shape, matvec=lambda v: v / diagonal, dtype=np.float64)
-    solved, _ = cg(
+    heights_above_mean_m, _ = cg(
         matrix, right_side, x0=filled[is_unknown] - mean_m, rtol=_TOLERANCE, maxiter=2000, M=preconditioner
     )
-    filled[is_unknown] = solved + mean_m
+    filled[is_unknown] = heights_above_mean_m + mean_m
     return np.asarray(filled)
 
 

@@ -38,8 +38,8 @@ class JosephForm(Interface[JosephFormConfig]):
         m = len(r)
         PH = P @ H.T
         S = H @ PH + N
-        solved = np.linalg.solve(S, np.concatenate([r[:, None], PH.T], axis=1))
-        innovation = float(r @ solved[:, 0])
+        S_inverse_r_and_HP = np.linalg.solve(S, np.concatenate([r[:, None], PH.T], axis=1))
+        innovation = float(r @ S_inverse_r_and_HP[:, 0])
         if m not in self._limits:
             self._limits[m] = chi_squared_quantile(self.config.gate_probability, m)
         limit = self._limits[m]
@@ -48,7 +48,7 @@ class JosephForm(Interface[JosephFormConfig]):
                 f"innovation {innovation:.3g} of {m} measurements, expected below {limit:.3g}",
                 [f"innovation:{innovation:.3g}>{limit:.3g}"],
             )
-        K = solved[:, 1:].T
+        K = S_inverse_r_and_HP[:, 1:].T
         if inputs.considered is not None:
             K[inputs.considered] = 0.0
         # The terms of the class docstring multiplied out, with S = H P H^T + N.

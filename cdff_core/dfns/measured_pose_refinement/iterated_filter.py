@@ -87,13 +87,13 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
             R = se3.normalise_rotation(se3.exp_so3(delta[3:6]) @ T[:3, :3])
             T = se3.transform(R, T[:3, 3] + delta[:3])
         r, _ = residuals_and_jacobian(inputs, T, scale)
-        used = np.abs(r) < last_px
+        is_inlier = np.abs(r) < last_px
         return Outputs(
             correction=correction,
             covariance=symmetrised(np.linalg.solve(np.eye(k) + P @ H, P)),
             information=symmetrised(information),
             agreement=float(np.mean(np.abs(r) < _SIGMAS * cfg.sigma_px)),
-            sigma_px=median_sigma(r[used]) if used.any() else float("nan"),
+            sigma_px=median_sigma(r[is_inlier]) if is_inlier.any() else float("nan"),
         )
 
 

@@ -105,7 +105,7 @@ def search(
     for i in range(len(pixels)):
         nu, nv = normals[i, 0], normals[i, 1]
         for k in range(count):
-            total, used = 0.0, 0
+            total, pixels_used = 0.0, 0
             for along in range(-1, 2):
                 u = pixels[i, 0] + (k - half) * nu - along * nv
                 v = pixels[i, 1] + (k - half) * nv + along * nu
@@ -116,8 +116,8 @@ def search(
                 upper = (1.0 - a) * image[r, c] + a * image[r, c + 1]
                 lower = (1.0 - a) * image[r + 1, c] + a * image[r + 1, c + 1]
                 total += (1.0 - b) * upper + b * lower
-                used += 1
-            profile[k] = total / used if used else np.nan
+                pixels_used += 1
+            profile[k] = total / pixels_used if pixels_used else np.nan
         for k in range(2, count - 2):
             # Derivative of a quadratic smoother of five samples; NaN outside the image.
             slope[k] = 0.25 * (profile[k + 1] - profile[k - 1]) + 0.125 * (profile[k + 2] - profile[k - 2])

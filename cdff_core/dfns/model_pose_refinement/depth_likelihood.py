@@ -60,19 +60,19 @@ class DepthLikelihood(Interface[DepthLikelihoodConfig]):
         poses = T_view_sensor @ inputs.poses
         if inputs.sigma_is_upper_bound:
             sigma_m = refiner.estimate_noise(poses, max(cfg.model_sigma, _LEAST_SIGMA) * inputs.diameter_m)
-        found = refiner.ranked(poses, cfg.refined)
-        found[0] = refiner.with_covariance(found[0])
+        refined_poses = refiner.ranked(poses, cfg.refined)
+        refined_poses[0] = refiner.with_covariance(refined_poses[0])
         T_sensor_view = T_view_sensor.T
         to_origin = se3.transform(np.eye(3), -inputs.centre_m)
         covariances = []
-        for refined in found:
+        for refined in refined_poses:
             at_centre = refined.T @ se3.transform(np.eye(3), inputs.centre_m)
             in_view = compose_covariance(at_centre, refined.covariance, to_origin, np.zeros((6, 6)))
             covariances.append(rotate_covariance(in_view, T_sensor_view[:3, :3]))
         return Outputs(
-            poses=np.stack([T_sensor_view @ refined.T for refined in found]),
+            poses=np.stack([T_sensor_view @ refined.T for refined in refined_poses]),
             covariances=np.stack(covariances),
-            costs=np.array([refined.cost for refined in found]),
-            rays=np.stack([refined.rays for refined in found]),
+            costs=np.array([refined.cost for refined in refined_poses]),
+            rays=np.stack([refined.rays for refined in refined_poses]),
             sigma_m=sigma_m,
         )

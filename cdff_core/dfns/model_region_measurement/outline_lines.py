@@ -70,7 +70,7 @@ class OutlineLines(Interface[OutlineLinesConfig]):
         edges = self._edges.of(inputs.vertices, inputs.triangles)
         camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], *inputs.image.shape[:2])
         scale = max(1, math.ceil(inputs.range_px / _OFFSETS))
-        found = outline(
+        lines = outline(
             edges,
             inputs.vertices,
             inputs.triangles,
@@ -80,24 +80,24 @@ class OutlineLines(Interface[OutlineLinesConfig]):
             reach_px=float(scale * (_OFFSETS + _BEYOND)),
         )
         clear_px = cfg.clear_segments * scale
-        rows = np.flatnonzero((found.inside_px >= clear_px) & (found.outside_px >= clear_px))
+        rows = np.flatnonzero((lines.inside_px >= clear_px) & (lines.outside_px >= clear_px))
         rows = rows[:: max(1, -(-len(rows) // cfg.max_lines))]
-        found = Outline(*(array[rows] for array in found))
+        lines = Outline(*(array[rows] for array in lines))
         if not (inputs.body_colours.any() and inputs.background_colours.any()):
-            found = Outline(*(array[:0] for array in found))  # colours of no pixel separate nothing
+            lines = Outline(*(array[:0] for array in lines))  # colours of no pixel separate nothing
         floor = _FLOOR / len(inputs.body_colours)
         body, background = inputs.body_colours + floor, inputs.background_colours + floor
-        share = body / (body + background)
+        body_share = body / (body + background)
         image = np.ascontiguousarray(inputs.image)
-        offsets = _offsets(found, image, bins, share, scale, cfg.slope, cfg.amplitude)
-        even = scale * math.sqrt(_OFFSETS * (_OFFSETS + 1) / 3.0)
-        used = offsets[:, 1] < cfg.max_spread * even
+        offsets = _offsets(lines, image, bins, body_share, scale, cfg.slope, cfg.amplitude)
+        uniform_sigma_px = scale * math.sqrt(_OFFSETS * (_OFFSETS + 1) / 3.0)
+        is_precise = offsets[:, 1] < cfg.max_spread * uniform_sigma_px
         return Outputs(
-            points=found.points[used],
-            pixels=found.pixels[used],
-            normals=found.normals[used],
-            offsets=offsets[used, :1],
-            sigmas=offsets[used, 1],
+            points=lines.points[is_precise],
+            pixels=lines.pixels[is_precise],
+            normals=lines.normals[is_precise],
+            offsets=offsets[is_precise, :1],
+            sigmas=offsets[is_precise, 1],
         )
 
 
@@ -128,7 +128,7 @@ def _offsets(
     for i in range(len(lines.pixels)):
         count = 0
         for k in range(2 * half + 1):
-            total_body, total_background, seen = 0.0, 0.0, 0
+            total_body, total_background, pixels_inside = 0.0, 0.0, 0
             for j in range(scale):
                 s = (k - half) * scale + j - 0.5 * (scale - 1)
                 c = int(np.rint(lines.pixels[i, 0] + s * lines.normals[i, 0]))
@@ -137,10 +137,10 @@ def _offsets(
                     colour = colour_bin(image, r, c, bins)
                     total_body += log_body[colour]
                     total_background += log_background[colour]
-                    seen += 1
-            count += seen
+                    pixels_inside += 1
+            count += pixels_inside
             difference = total_background - total_body
-            of_body[k] = 0.5 if not seen else 1.0 / (1.0 + np.exp(min(max(difference, -50.0), 50.0)))
+            of_body[k] = 0.5 if not pixels_inside else 1.0 / (1.0 + np.exp(min(max(difference, -50.0), 50.0)))
         if not count:
             continue
         best, logs = -np.inf, np.empty(2 * _OFFSETS + 1)

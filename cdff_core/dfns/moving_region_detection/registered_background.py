@@ -135,7 +135,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         single = self._noise_model[0] + self._noise_model[1] * mean
         variance = single * (1.0 + 1.0 / np.maximum(count, 1.0)) + (gradient * shift) ** 2
         z = np.where(usable, difference / np.sqrt(variance), 0.0).astype(np.float32)
-        found, vacated = self._regions(z, difference, image / np.float32(gain), mean)
+        regions, vacated = self._regions(z, difference, image / np.float32(gain), mean)
         learn = np.ones(image.shape, bool) if inputs.excluded is None else ~inputs.excluded
         fresh = count <= 0.0
         if inputs.replaced is not None:
@@ -143,9 +143,9 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         fresh |= vacated
         # A region of a known background is learnt slowly.
         region_gain = np.where(count >= _KNOWN, np.float32(_REGION_GAIN), np.float32(0.0))
-        gain_of_pixel = np.asarray(np.where(found.labels > 0, region_gain, 1.0) * learn, np.float32)
+        gain_of_pixel = np.asarray(np.where(regions.labels > 0, region_gain, 1.0) * learn, np.float32)
         self._learn(mean + difference, mean, count, gain_of_pixel, fresh, inputs.is_at_rest)
-        return found
+        return regions
 
     def _move_background(
         self, mean: Float32Array, count: Float32Array, inputs: Inputs
@@ -177,11 +177,11 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         edges = np.quantile(m, np.linspace(0.0, 1.0, 7))
         part = np.clip(np.searchsorted(edges, m, side="right") - 1, 0, 5)
         scaled = np.abs(d) / np.sqrt(1.0 + 1.0 / n)
-        used = [k for k in range(6) if (part == k).sum() >= 30]
-        brightness = np.array([m[part == k].mean() for k in used])
-        variance = np.array([(1.4826 * np.median(scaled[part == k])) ** 2 for k in used])
+        populated_parts = [k for k in range(6) if (part == k).sum() >= 30]
+        brightness = np.array([m[part == k].mean() for k in populated_parts])
+        variance = np.array([(1.4826 * np.median(scaled[part == k])) ** 2 for k in populated_parts])
         slope = 0.0
-        if len(used) >= 2 and np.ptp(brightness) > 10.0:
+        if len(populated_parts) >= 2 and np.ptp(brightness) > 10.0:
             slope = max(float(np.polyfit(brightness, variance, 1)[0]), 0.0)
         constant = max(float(np.median(variance - slope * brightness)), 0.1)
         before = float(np.sqrt(self._noise_model @ np.array([1.0, brightness.mean()])))
@@ -224,12 +224,14 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             np.asarray(labels, np.int64)[low > 0],
             np.maximum(strength, np.abs(z) * np.float32(_SINGLE_FACTOR))[low > 0],
         )
-        chosen = np.flatnonzero((peak > c.threshold) & (stats[:, cv2.CC_STAT_AREA] >= c.min_area_px))
-        chosen = chosen[chosen > 0]
+        labels_above_threshold = np.flatnonzero(
+            (peak > c.threshold) & (stats[:, cv2.CC_STAT_AREA] >= c.min_area_px)
+        )
+        labels_above_threshold = labels_above_threshold[labels_above_threshold > 0]
         vacated = _vacated_pixels(low > 0, image, mean, self._noise_at(mean))
         part_labels = np.zeros(image.shape, np.int64)
         peaks: list[float] = []
-        for k in chosen:
+        for k in labels_above_threshold:
             u, v, w, h, _ = stats[k]
             # Morphology at the border of a window would extend the region to it.
             window = (slice(max(v - 3, 0), v + h + 3), slice(max(u - 3, 0), u + w + 3))
@@ -262,7 +264,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             sharp.append(_sharpness(mask, difference[window]))
             significances.append(max(peaks[m] for m in members))
             region_labels[window][mask] = len(shapes)
-        found = Outputs(
+        regions = Outputs(
             boxes=np.array([s.box for s in shapes]).reshape(-1, 4),
             centroids=np.array([s.centroid for s in shapes]).reshape(-1, 2),
             covariances=np.array([s.covariance for s in shapes]).reshape(-1, 2, 2),
@@ -272,7 +274,7 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             labels=region_labels,
             noise=self._noise_at(mean),
         )
-        return found, vacated
+        return regions, vacated
 
     def _learn(
         self,

@@ -165,7 +165,7 @@ def extend_with_sources(
     max_false : ndarray (h,)
         Largest expected number of false sources in a gate; a hypothesis with more takes no source.
     """
-    missed = replace(
+    without_source = replace(
         hypotheses,
         scores=hypotheses.scores + log_missed,
         sources=np.full(len(hypotheses), -1, np.int64),
@@ -173,7 +173,7 @@ def extend_with_sources(
         history=_shift_history(hypotheses.history, hypotheses.sources),
     )
     if len(hypotheses) == 0 or len(sources) == 0:
-        return missed
+        return without_source
     position, _ = across(hypotheses.states)
     area = np.pi * gate * np.sqrt(np.linalg.det(position))
     is_open = np.exp(log_density) * area < max_false
@@ -181,29 +181,29 @@ def extend_with_sources(
     noise = np.trace(sources.covariances, axis1=1, axis2=2)
     distance2 = 2.0 - 2.0 * np.clip(hypotheses.states.directions @ sources.directions.T, -1.0, 1.0)
     near = (distance2 < gate * (variance[:, None] + noise)) & is_open[:, None]
-    parents, chosen = np.nonzero(near)
+    parents, source_rows = np.nonzero(near)
     if len(parents) == 0:
-        return missed
+        return without_source
     states, nis, log_det = update_states(
-        hypotheses.states.selected(parents), sources.directions[chosen], sources.covariances[chosen]
+        hypotheses.states.selected(parents), sources.directions[source_rows], sources.covariances[source_rows]
     )
     inside = nis < gate
-    parents, chosen, states = parents[inside], chosen[inside], states.selected(inside)
+    parents, source_rows, states = parents[inside], source_rows[inside], states.selected(inside)
     gain = log_detected - log_density - np.log(2.0 * np.pi) - 0.5 * (log_det + nis)[inside]
     old = hypotheses.selected(parents)
-    taken = replace(
+    extended = replace(
         old,
         states=states,
         scores=old.scores + gain,
-        sources=sources.indices[chosen],
+        sources=sources.indices[source_rows],
         hits=old.hits + 1,
         misses=np.zeros(len(parents), np.int64),
-        evidence=old.evidence + sources.evidence[chosen],
-        low_px=np.minimum(old.low_px, sources.pixels[chosen]),
-        high_px=np.maximum(old.high_px, sources.pixels[chosen]),
+        evidence=old.evidence + sources.evidence[source_rows],
+        low_px=np.minimum(old.low_px, sources.pixels[source_rows]),
+        high_px=np.maximum(old.high_px, sources.pixels[source_rows]),
         history=_shift_history(old.history, old.sources),
     )
-    return joined_hypotheses([missed, taken])
+    return joined_hypotheses([without_source, extended])
 
 
 def best_assignment(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray:
@@ -213,8 +213,8 @@ def best_assignment(hypotheses: Hypotheses, is_confirmed: BoolArray) -> IntArray
     """
     first = np.flatnonzero(is_confirmed)
     best = first[_assign_sources(hypotheses.selected(first))]
-    taken = hypotheses.sources[best]
-    is_free = ~np.isin(hypotheses.sources, taken[taken >= 0])
+    used_sources = hypotheses.sources[best]
+    is_free = ~np.isin(hypotheses.sources, used_sources[used_sources >= 0])
     others = np.flatnonzero(~is_confirmed & is_free)
     return np.concatenate([best, others[_assign_sources(hypotheses.selected(others))]])
 
@@ -224,11 +224,11 @@ def _assign_sources(hypotheses: Hypotheses) -> IntArray:
     if len(hypotheses) == 0:
         return np.zeros(0, np.int64)
     objects, row_of_object = np.unique(hypotheses.objects, return_inverse=True)
-    used, column = np.unique(hypotheses.sources, return_inverse=True)
+    sources, column = np.unique(hypotheses.sources, return_inverse=True)
     # The best hypothesis of each object and source; each object may also have no source.
-    value = np.full((len(objects), len(used) + len(objects)), -np.inf)
+    value = np.full((len(objects), len(sources) + len(objects)), -np.inf)
     row = np.full(value.shape, -1, np.int64)
-    target = np.where(hypotheses.sources < 0, len(used) + row_of_object, column)
+    target = np.where(hypotheses.sources < 0, len(sources) + row_of_object, column)
     order = np.argsort(hypotheses.scores, kind="stable")  # ascending: the best one is written last
     value[row_of_object[order], target[order]] = hypotheses.scores[order]
     row[row_of_object[order], target[order]] = order
@@ -248,11 +248,11 @@ def prune(hypotheses: Hypotheses, best: IntArray, count: int, width: float) -> t
         return hypotheses, best
     row_of = dict(zip(hypotheses.objects[best].tolist(), best.tolist(), strict=True))
     leader = np.array([row_of.get(o, -1) for o in hypotheses.objects.tolist()])
-    kept = leader >= 0
-    kept &= hypotheses.scores > hypotheses.scores[leader] - width
-    kept &= hypotheses.history[:, 0] == hypotheses.history[leader, 0]
+    is_kept = leader >= 0
+    is_kept &= hypotheses.scores > hypotheses.scores[leader] - width
+    is_kept &= hypotheses.history[:, 0] == hypotheses.history[leader, 0]
     order = np.lexsort((-hypotheses.scores, hypotheses.objects))
-    order = order[kept[order]]
+    order = order[is_kept[order]]
     objects = hypotheses.objects[order]
     starts = np.flatnonzero(np.r_[True, objects[1:] != objects[:-1]]) if len(objects) else np.zeros(0, int)
     rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.r_[starts, len(order)]))
@@ -269,13 +269,13 @@ def _shift_history(history: IntArray, sources: IntArray) -> IntArray:
 
 def is_repeated(hypotheses: Hypotheses, best: IntArray) -> BoolArray:
     """Return which of the best hypotheses share their last sources with a better one of another object."""
-    seen: set[tuple[int, ...]] = set()
+    earlier_histories: set[tuple[int, ...]] = set()
     repeated = np.zeros(len(best), bool)
     for k in np.argsort(-hypotheses.scores[best], kind="stable"):
         row = best[k]
         recent = (*hypotheses.history[row, -2:].tolist(), int(hypotheses.sources[row]))
         if min(recent) < 0:
             continue
-        repeated[k] = recent in seen
-        seen.add(recent)
+        repeated[k] = recent in earlier_histories
+        earlier_histories.add(recent)
     return repeated

@@ -182,12 +182,12 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
 
     def _candidates(self, inputs: Inputs, is_known: BoolArray) -> Sources:
         """Return the sources that are neither at rest nor near a star."""
-        chosen = ~is_known
+        is_candidate = ~is_known
         obstacles = np.concatenate([inputs.stars, inputs.directions[is_known]])
-        if len(obstacles) and chosen.any():
+        if len(obstacles) and is_candidate.any():
             distances, _ = cKDTree(obstacles).query(inputs.directions)
-            chosen &= distances > inputs.blend_angle
-        indices = np.flatnonzero(chosen)
+            is_candidate &= distances > inputs.blend_angle
+        indices = np.flatnonzero(is_candidate)
         return Sources(
             inputs.directions[indices],
             inputs.covariances[indices],
@@ -298,9 +298,9 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
                 self._objects[key] = _Object(self._next_number, stamp_ns)
                 self._next_number += 1
         for i in np.flatnonzero(h.sources >= 0):
-            if (found := self._objects.get(int(h.objects[i]))) is not None:
-                found.seen_ns = stamp_ns
-                found.score = float(h.scores[i])
+            if (confirmed_object := self._objects.get(int(h.objects[i]))) is not None:
+                confirmed_object.seen_ns = stamp_ns
+                confirmed_object.score = float(h.scores[i])
 
     def _used_sources(self, best: IntArray) -> IntArray:
         """Return the sources of confirmed objects."""
@@ -339,13 +339,19 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         """Let new confirmed objects continue coasting ones with the same motion, the nearest first."""
         h = self._hypotheses.selected(best)
         confirmed = [
-            (i, found)
+            (i, confirmed_object)
             for i, key in enumerate(h.objects.tolist())
-            if (found := self._objects.get(key)) is not None
+            if (confirmed_object := self._objects.get(key)) is not None
         ]
-        fresh = [i for i, found in confirmed if found.seen_ns == stamp_ns and h.hits[i] <= _FRESH]
+        fresh = [
+            i
+            for i, confirmed_object in confirmed
+            if confirmed_object.seen_ns == stamp_ns and h.hits[i] <= _FRESH
+        ]
         coasting = [
-            i for i, found in confirmed if found.seen_ns < stamp_ns and h.misses[i] > self.config.max_misses
+            i
+            for i, confirmed_object in confirmed
+            if confirmed_object.seen_ns < stamp_ns and h.misses[i] > self.config.max_misses
         ]
         pairs = sorted(
             (distance, i, j)
@@ -375,19 +381,19 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
     def _start(self, best: IntArray, candidates: Sources, is_new: BoolArray, used: IntArray) -> IntArray:
         """Start an object at each source that may start one and that no established object has taken."""
         h = self._hypotheses.selected(best)
-        taken = np.concatenate([used, h.sources[(h.sources >= 0) & (h.hits >= 3)]])
-        free = is_new & ~np.isin(candidates.indices, taken)
-        if not free.any():
+        used_sources = np.concatenate([used, h.sources[(h.sources >= 0) & (h.hits >= 3)]])
+        is_free = is_new & ~np.isin(candidates.indices, used_sources)
+        if not is_free.any():
             return best
         states = states_at_rest(
-            candidates.directions[free], candidates.covariances[free], 0.5 * self.config.max_rate_rad_s
+            candidates.directions[is_free], candidates.covariances[is_free], 0.5 * self.config.max_rate_rad_s
         )
         rows = new_hypotheses(
-            self._new_objects(int(free.sum())),
+            self._new_objects(int(is_free.sum())),
             states,
-            candidates.indices[free],
-            candidates.pixels[free],
-            candidates.evidence[free],
+            candidates.indices[is_free],
+            candidates.pixels[is_free],
+            candidates.evidence[is_free],
         )
         return self._append(best, rows)
 
@@ -404,16 +410,16 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         states, classes = np.zeros(len(h), np.int64), np.zeros(len(h), np.int64)
         counts = np.array([(self._hypotheses.objects == k).sum() for k in h.objects], np.int64)
         for i, key in enumerate(h.objects.tolist()):
-            found = self._objects.get(key)
-            if found is None:
+            confirmed_object = self._objects.get(key)
+            if confirmed_object is None:
                 continue
-            ids[i], classes[i] = found.number, MOVING
-            states[i] = CONFIRMED if found.seen_ns == stamp_ns else COASTING
+            ids[i], classes[i] = confirmed_object.number, MOVING
+            states[i] = CONFIRMED if confirmed_object.seen_ns == stamp_ns else COASTING
             is_brief = h.hits[i] < _ESTABLISHED and h.misses[i] > 2 * h.hits[i]
             if (
                 is_brief
                 or sigma[i] > self.config.lost_rad
-                or (stamp_ns - found.seen_ns) * 1e-9 > self.config.lost_s
+                or (stamp_ns - confirmed_object.seen_ns) * 1e-9 > self.config.lost_s
             ):
                 states[i] = LOST
                 del self._objects[key]

@@ -65,8 +65,8 @@ class RestingSources:
         inside = np.flatnonzero(distances < gate)
         order = inside[np.argsort(distances[inside], kind="stable")]
         _, first = np.unique(nearest[order], return_index=True)
-        chosen = order[first]
-        result[chosen] = nearest[chosen]
+        rows = order[first]
+        result[rows] = nearest[rows]
         return result
 
     def sightings(self, indices: IntArray) -> IntArray:
@@ -85,24 +85,26 @@ class RestingSources:
         time_s: float,
     ) -> None:
         """Add sightings (n,) of matched sources, new sources where the index is -1; remove unseen ones."""
-        seen = indices >= 0
-        entries = indices[seen]
-        offset = np.einsum("nij,nj->ni", self._tangents[entries], directions[seen] - self._origin[entries])
+        is_matched = indices >= 0
+        entries = indices[is_matched]
+        offset = np.einsum(
+            "nij,nj->ni", self._tangents[entries], directions[is_matched] - self._origin[entries]
+        )
         t = time_s - self._first_s[entries]
-        self._sums[entries] += _sums(t, offset, evidence[seen])
+        self._sums[entries] += _sums(t, offset, evidence[is_matched])
         self._unseen += 1
         self._unseen[entries] = 0
         limit = np.where(self._sums[:, 0] > REPEATED, _FORGET_KNOWN, _FORGET_NEW)
-        kept = self._unseen <= limit
-        new = ~seen
-        count = int(new.sum())
-        self._origin = np.concatenate([self._origin[kept], directions[new]])
-        self._tangents = np.concatenate([self._tangents[kept], tangents(directions[new])])
-        sums = _sums(np.zeros(count), np.zeros((count, 2)), evidence[new])
-        self._sums = np.concatenate([self._sums[kept], sums])
-        self._first_s = np.concatenate([self._first_s[kept], np.full(count, time_s)])
-        self._variance = np.concatenate([self._variance[kept], variances[new]])
-        self._unseen = np.concatenate([self._unseen[kept], np.zeros(count, np.int64)])
+        is_kept = self._unseen <= limit
+        is_new = ~is_matched
+        count = int(is_new.sum())
+        self._origin = np.concatenate([self._origin[is_kept], directions[is_new]])
+        self._tangents = np.concatenate([self._tangents[is_kept], tangents(directions[is_new])])
+        sums = _sums(np.zeros(count), np.zeros((count, 2)), evidence[is_new])
+        self._sums = np.concatenate([self._sums[is_kept], sums])
+        self._first_s = np.concatenate([self._first_s[is_kept], np.full(count, time_s)])
+        self._variance = np.concatenate([self._variance[is_kept], variances[is_new]])
+        self._unseen = np.concatenate([self._unseen[is_kept], np.zeros(count, np.int64)])
         if len(self) > _MAX_SOURCES:
             self._remove(np.argsort(self._unseen, kind="stable")[_MAX_SOURCES:])
 
@@ -132,24 +134,29 @@ class RestingSources:
             & (length > np.maximum(6.0 * np.sqrt(variance), min_path_rad))
             & (evidence < 0.0)
         )
-        chosen = candidates[moving]
-        now = time_s - self._first_s[chosen]
-        states = self._states(chosen, slope[moving], variance[moving], spread[moving], now)
+        moving_rows = candidates[moving]
+        now = time_s - self._first_s[moving_rows]
+        states = self._states(moving_rows, slope[moving], variance[moving], spread[moving], now)
         found_evidence = evidence[moving]
-        self._remove(chosen)
+        self._remove(moving_rows)
         return states, found_evidence
 
     def _states(
-        self, chosen: IntArray, slope: FloatArray, variance: FloatArray, spread: FloatArray, now: FloatArray
+        self,
+        moving_rows: IntArray,
+        slope: FloatArray,
+        variance: FloatArray,
+        spread: FloatArray,
+        now: FloatArray,
     ) -> BearingStates:
         """Return the states of sources at a time, from their lines."""
-        n, t = self._sums[chosen, 0], self._sums[chosen, 1]
+        n, t = self._sums[moving_rows, 0], self._sums[moving_rows, 1]
         mean_t = t / n
-        place = self._sums[chosen, 3:5] / n[:, None] + slope * (now - mean_t)[:, None]
-        u = self._origin[chosen] + np.einsum("ni,nij->nj", place, self._tangents[chosen])
+        place = self._sums[moving_rows, 3:5] / n[:, None] + slope * (now - mean_t)[:, None]
+        u = self._origin[moving_rows] + np.einsum("ni,nij->nj", place, self._tangents[moving_rows])
         u /= np.linalg.norm(u, axis=1, keepdims=True)
-        velocity = np.einsum("ni,nij->nj", slope, self._tangents[chosen])
-        P = np.zeros((len(chosen), 6, 6))
+        velocity = np.einsum("ni,nij->nj", slope, self._tangents[moving_rows])
+        P = np.zeros((len(moving_rows), 6, 6))
         across = np.eye(3) - u[:, :, None] * u[:, None, :]
         lag = now - mean_t
         P[:, :3, :3] = across * (variance * (1.0 / n + lag**2 / spread))[:, None, None]
@@ -160,10 +167,10 @@ class RestingSources:
         return BearingStates(u, np.cross(u, velocity), P)
 
     def _remove(self, indices: IntArray) -> None:
-        kept = np.ones(len(self), bool)
-        kept[indices] = False
+        is_kept = np.ones(len(self), bool)
+        is_kept[indices] = False
         for name in ("_origin", "_tangents", "_sums", "_first_s", "_variance", "_unseen"):
-            setattr(self, name, getattr(self, name)[kept])
+            setattr(self, name, getattr(self, name)[is_kept])
 
 
 def _sums(t: FloatArray, offset: FloatArray, evidence: FloatArray) -> FloatArray:

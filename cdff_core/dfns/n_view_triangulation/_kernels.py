@@ -117,8 +117,8 @@ def _refine(
     damping = 0.0
     for _ in range(iterations):
         factor = 1.0 + damping
-        solved, inverse = _inverse((A[0] * factor, A[1], A[2], A[3] * factor, A[4], A[5] * factor))
-        if not solved:
+        is_solved, inverse = _inverse((A[0] * factor, A[1], A[2], A[3] * factor, A[4], A[5] * factor))
+        if not is_solved:
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e3:
                 break
@@ -190,10 +190,10 @@ def triangulate(
         if hi - lo < 2:
             status[i] = FEW_VIEWS
             continue
-        solved, X = _linear(lo, hi, cam, xy, P, (0.0, 0.0, 0.0), False)
-        if solved:
-            solved, X = _linear(lo, hi, cam, xy, P, X, True)
-        if not solved:
+        is_solved, X = _linear(lo, hi, cam, xy, P, (0.0, 0.0, 0.0), False)
+        if is_solved:
+            is_solved, X = _linear(lo, hi, cam, xy, P, X, True)
+        if not is_solved:
             status[i] = DEGENERATE
             continue
         X, cost, depth, A = _refine(lo, hi, cam, xy, P, f, iterations, X)
@@ -201,10 +201,10 @@ def triangulate(
         costs[i] = cost
         cosine = _angle_cosine(lo, hi, cam, C, X)
         angles[i] = np.arccos(min(max(cosine, -1.0), 1.0))
-        solved, S = _inverse(A)
+        is_solved, S = _inverse(A)
         if not depth > min_depth:
             status[i] = BEHIND
-        elif not solved:
+        elif not is_solved:
             status[i] = DEGENERATE
         elif cosine > max_cosine:
             status[i] = SMALL_ANGLE

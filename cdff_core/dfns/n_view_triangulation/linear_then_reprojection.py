@@ -99,16 +99,16 @@ def _undistort(tracks: BundleProblem) -> FloatArray:
     """Return undistorted observations ``(m, 2)`` on the plane z = 1; raises InputError."""
     values, pixels = tracks.lenses.values, tracks.observations.pixels[:, :2]
     lens = tracks.cameras.lenses[tracks.observations.cameras]
-    used = np.unique(lens)
-    invalid = used[~(values[used, :2] > 0.0).all(axis=1)]
+    lens_rows = np.unique(lens)
+    invalid = lens_rows[~(values[lens_rows, :2] > 0.0).all(axis=1)]
     if len(invalid):
         raise InputError(f"lens {invalid[0]}: focal lengths {values[invalid[0], :2]} px, expected above 0")
-    if len(used) == 1:
-        undistorted = pixels - values[used[0], 2:4]
-        undistorted /= values[used[0], :2]
+    if len(lens_rows) == 1:
+        undistorted = pixels - values[lens_rows[0], 2:4]
+        undistorted /= values[lens_rows[0], :2]
     else:
         undistorted = (pixels - values[lens, 2:4]) / values[lens, :2]
-    for row in used:
+    for row in lens_rows:
         if values[row, 4:9].any():
             fx, fy, cx, cy, *distortion = values[row, :9]
             camera = CameraModel.from_matrix([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], distortion)

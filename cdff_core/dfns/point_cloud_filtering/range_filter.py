@@ -57,11 +57,11 @@ class RangeFilter(Interface[RangeFilterConfig]):
             if self.config.self_mask_m is not None:
                 low, high = np.array(self.config.self_mask_m[:3]), np.array(self.config.self_mask_m[3:])
                 is_valid &= ~np.all((p >= low) & (p <= high), axis=1)
-        kept = np.flatnonzero(is_valid)
-        if not len(kept):
+        kept_rows = np.flatnonzero(is_valid)
+        if not len(kept_rows):
             raise InputError(f"points: none of {len(p)} is finite and within the limits {self.config}")
-        points = p if len(kept) == len(p) else p[kept]
-        return Outputs(filtered_points=points, kept=kept.astype(np.int64, copy=False))
+        points = p if len(kept_rows) == len(p) else p[kept_rows]
+        return Outputs(filtered_points=points, kept=kept_rows.astype(np.int64, copy=False))
 
     def _is_near(self, points_m: FloatArray, range_m: FloatArray) -> BoolArray:
         """Return which points are within the largest range, without one within the extent of a real cloud.

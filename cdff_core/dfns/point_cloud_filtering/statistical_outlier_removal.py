@@ -51,5 +51,5 @@ class StatisticalOutlierRemoval(Interface[StatisticalOutlierRemovalConfig]):
         log_distance[tree.order] = np.log(np.maximum(distance_m[:, 1:].mean(axis=1), 1e-12))
         median = np.median(log_distance)
         limit = median + self.config.deviations * max(median_sigma(log_distance - median), 1e-3)
-        kept = finite[log_distance <= limit]
-        return Outputs(filtered_points=p[kept], kept=kept.astype(np.int64))
+        kept_rows = finite[log_distance <= limit]
+        return Outputs(filtered_points=p[kept_rows], kept=kept_rows.astype(np.int64))

@@ -46,8 +46,8 @@ def local_maxima(
                     pixels[count, 0], pixels[count, 1] = r, c
                     snr[count] = value / (gain * noise[r, c])
                 count += 1
-    kept = min(count, limit)
-    return pixels[:kept], snr[:kept], count
+    returned_count = min(count, limit)
+    return pixels[:returned_count], snr[:returned_count], count
 
 
 @njit(cache=True)

@@ -99,17 +99,17 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
         is_extended = self._is_extended(regions, snr, inputs.point_spread)
         # A second source in the region of a point-like one is a source of its own, in that of an extended
         # one not.
-        kept = (owner == np.arange(len(owner))) | ~is_extended[owner]
+        is_kept = (owner == np.arange(len(owner))) | ~is_extended[owner]
         points[is_extended] = regions[is_extended][:, [MEAN_U, MEAN_V]]
         is_trail = inputs.mask[pixels[:, 0], pixels[:, 1]] == _TRAIL
         return Outputs(
-            points=points[kept],
-            snr=snr[kept],
-            areas=regions[kept, AREA].astype(np.int64),
-            boxes=regions[kept, FIRST_U : LAST_V + 1],
-            moments=regions[kept, UU : VV + 1],
-            is_extended=is_extended[kept],
-            is_trail=is_trail[kept],
+            points=points[is_kept],
+            snr=snr[is_kept],
+            areas=regions[is_kept, AREA].astype(np.int64),
+            boxes=regions[is_kept, FIRST_U : LAST_V + 1],
+            moments=regions[is_kept, UU : VV + 1],
+            is_extended=is_extended[is_kept],
+            is_trail=is_trail[is_kept],
         )
 
     def _is_extended(self, regions: FloatArray, snr: FloatArray, point_spread: FloatArray) -> np.ndarray:

@@ -81,17 +81,17 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
         """Return the optimised graph; raises InputError and DegenerateGeometryError."""
         cfg = self.config
         problem = make_problem(inputs.graph)
-        given = inputs.graph.vertices.matrices
+        initial_poses = inputs.graph.vertices.matrices
         wanted_rows = _wanted_rows(inputs)
         weights = np.ones(len(problem.vertex_a))
         if cfg.robust == "gnc" and problem.is_loop.any():
-            solution, weights = self._solve_robust(problem, given)
+            solution, weights = self._solve_robust(problem, initial_poses)
         else:
-            solution = self._minimise(problem, self._initial_poses(problem, given, np.inf), weights)
+            solution = self._minimise(problem, self._initial_poses(problem, initial_poses, np.inf), weights)
         self.reasons = _reasons(problem, solution, weights)
         self.metrics = {
             f"chi2_{name}": float(weights @ problem.squared_errors(poses))
-            for name, poses in (("initial", given), ("final", solution.poses))
+            for name, poses in (("initial", initial_poses), ("final", solution.poses))
         }
         return Outputs(
             graph=_with_poses(inputs.graph, solution.poses, problem.fixed),
@@ -109,27 +109,27 @@ class ChordalGaussNewton(Interface[ChordalGaussNewtonConfig]):
             problem, poses, weights, max_iterations or self.config.max_iterations, self.config.tolerance
         )
 
-    def _initial_poses(self, problem: Problem, given: FloatArray, limit: float) -> FloatArray:
+    def _initial_poses(self, problem: Problem, poses_of_graph: FloatArray, limit: float) -> FloatArray:
         """Return the configured initial poses with the smallest cost; errors of edges are truncated at
         ``limit``.
         """
         ones = np.ones(len(problem.vertex_a))
-        candidates = [] if self.config.initialise == "chordal" else [given]
+        candidates = [] if self.config.initialise == "chordal" else [poses_of_graph]
         if self.config.initialise != "given":
-            candidates.append(chordal_poses(problem, given, ones))
+            candidates.append(chordal_poses(problem, poses_of_graph, ones))
             if np.isfinite(limit):
-                candidates.append(chordal_poses(problem, given, np.where(problem.is_loop, 0.0, 1.0)))
+                candidates.append(chordal_poses(problem, poses_of_graph, np.where(problem.is_loop, 0.0, 1.0)))
         costs = [np.minimum(problem.squared_errors(poses), limit).sum() for poses in candidates]
         return candidates[int(np.argmin(costs))]
 
-    def _solve_robust(self, problem: Problem, given: FloatArray) -> tuple[Solution, FloatArray]:
+    def _solve_robust(self, problem: Problem, poses_of_graph: FloatArray) -> tuple[Solution, FloatArray]:
         """Return the solution and the weights of the edges; those of loop closures change from 1 to either 0
         or 1.
         """
         limit = chi_squared_quantile(self.config.inlier_probability, len(problem.rows))
         weights = np.ones(len(problem.vertex_a))
         solution = self._minimise(
-            problem, self._initial_poses(problem, given, limit), weights, 2 * _GNC_ITERATIONS
+            problem, self._initial_poses(problem, poses_of_graph, limit), weights, 2 * _GNC_ITERATIONS
         )
         iterations = solution.iterations
         r2 = problem.squared_errors(solution.poses)[problem.is_loop]

@@ -49,7 +49,7 @@ class LineHistograms(Interface[LineHistogramsConfig]):
                 raise InputError(f"{name}_colours: {len(colours)}, expected {size}")
         edges = self._edges.of(inputs.vertices, inputs.triangles)
         camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], *inputs.image.shape[:2])
-        found = outline(
+        lines = outline(
             edges,
             inputs.vertices,
             inputs.triangles,
@@ -58,7 +58,7 @@ class LineHistograms(Interface[LineHistogramsConfig]):
             spacing_px=cfg.spacing_px,
             reach_px=cfg.reach_px,
         )
-        counts = _counts(found, np.ascontiguousarray(inputs.image), cfg.bins, size, cfg.margin_px)
+        counts = _counts(lines, np.ascontiguousarray(inputs.image), cfg.bins, size, cfg.margin_px)
         body, background = (
             _mixed(new, old, cfg.rate)
             for new, old in zip(counts, (inputs.body_colours, inputs.background_colours), strict=True)

@@ -62,11 +62,11 @@ def prepare_clouds(
     return source, target, T_guess
 
 
-def tree_normals(tree: KdTree, neighbours: int, given: FloatArray | None) -> FloatArray:
+def tree_normals(tree: KdTree, neighbours: int, normals_of_input: FloatArray | None) -> FloatArray:
     """Return unit normals (n, 3) in the order of the tree: given, or of planes through neighbours."""
-    if given is None:
+    if normals_of_input is None:
         return np.ascontiguousarray(plane_fits(tree, neighbours)[0][tree.order])
-    return np.ascontiguousarray(given[tree.order], np.float64)
+    return np.ascontiguousarray(normals_of_input[tree.order], np.float64)
 
 
 def initial_gate_m(tree: KdTree, moved: FloatArray, radii: float) -> float:

@@ -17,7 +17,7 @@ def observability(
     local_map: VoxelMap,
     points: FloatArray,
     point_times: FloatArray,
-    found: Estimate,
+    pose_estimate: Estimate,
     kernel_m: float,
     min_plane_points: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -30,21 +30,21 @@ def observability(
     """
     selected = _voxel_table.first_in_voxels(points, local_map.voxel_m)
     points, point_times = points[selected], point_times[selected]
-    R = se3.exp_so3(point_times[:, None] * found.motion[None, 3:])
-    deskewed = np.einsum("nij,nj->ni", R, points) + point_times[:, None] * found.motion[:3]
+    R = se3.exp_so3(point_times[:, None] * pose_estimate.motion[None, 3:])
+    deskewed = np.einsum("nij,nj->ni", R, points) + point_times[:, None] * pose_estimate.motion[:3]
     H, cross_information, total_weight = _kernels.common_information(
         local_map.tables,
         local_map.voxel_m,
         deskewed,
-        np.ascontiguousarray(found.T[:3, :3]),
-        found.T[:3, 3].copy(),
+        np.ascontiguousarray(pose_estimate.T[:3, :3]),
+        pose_estimate.T[:3, 3].copy(),
         kernel_m,
-        found.noise_m,
-        found.radius_m,
+        pose_estimate.noise_m,
+        pose_estimate.radius_m,
         min_plane_points,
     )
     values, vectors = np.linalg.eigh(H)
     common = np.einsum("ij,ik,kj->j", vectors, cross_information, vectors)
     agreement = common / np.maximum(values, 1e-12)
-    sigma_m = np.sqrt(found.variance / np.maximum(common * total_weight, 1e-12))
+    sigma_m = np.sqrt(pose_estimate.variance / np.maximum(common * total_weight, 1e-12))
     return np.ascontiguousarray(vectors.T, np.float64), agreement, sigma_m

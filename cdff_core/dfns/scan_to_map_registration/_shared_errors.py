@@ -41,7 +41,7 @@ def shared_error_covariances(
     local_map: VoxelMap,
     points: FloatArray,
     point_times: FloatArray,
-    found: Estimate,
+    pose_estimate: Estimate,
     kernel_m: float,
     errors: CalibrationErrors,
 ) -> tuple[FloatArray, FloatArray]:
@@ -58,14 +58,14 @@ def shared_error_covariances(
         local_map.voxel_m,
         points,
         point_times,
-        np.ascontiguousarray(found.T[:3, :3]),
-        found.T[:3, 3].copy(),
-        found.motion[3:].copy(),
-        found.motion[:3].copy(),
+        np.ascontiguousarray(pose_estimate.T[:3, :3]),
+        pose_estimate.T[:3, 3].copy(),
+        pose_estimate.motion[3:].copy(),
+        pose_estimate.motion[:3].copy(),
         kernel_m,
-        found.noise_m,
+        pose_estimate.noise_m,
     )
-    to_pose = np.linalg.inv(found.information)[:, :6] / found.variance  # from gradients
+    to_pose = np.linalg.inv(pose_estimate.information)[:, :6] / pose_estimate.variance  # from gradients
     by_plane, by_range, by_elevation = planes @ to_pose, rings[:, 0] @ to_pose, rings[:, 1] @ to_pose
     common = by_range.sum(axis=0)
     calibration = (

@@ -165,20 +165,26 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             ]
         )
         step = 1 + len(points) // _SEARCH_POINTS
-        some, some_times = points[::step], point_times[::step]
+        sampled_points, sampled_times = points[::step], point_times[::step]
         schedule, results = self._schedule(inputs.guess_covariance), []
         for i in best_guesses(self._map, points, point_times, poses, motions):
             prior_of_guess = replace(prior, T_guess=poses[i], motion_guess=motions[i])
             try:
-                found = estimate(self._map, some, some_times, prior_of_guess, schedule)
+                pose_estimate = estimate(self._map, sampled_points, sampled_times, prior_of_guess, schedule)
             except RefusedError as error:
                 refusal = error
             else:
-                results.append((self._support(some, some_times, found), prior_of_guess, found))
+                results.append(
+                    (
+                        self._support(sampled_points, sampled_times, pose_estimate),
+                        prior_of_guess,
+                        pose_estimate,
+                    )
+                )
         if not results:
             raise refusal
-        _, prior_of_guess, found = max(results, key=lambda result: result[0])
-        return self._register(points, point_times, prior_of_guess, None, found)
+        _, prior_of_guess, pose_estimate = max(results, key=lambda result: result[0])
+        return self._register(points, point_times, prior_of_guess, None, pose_estimate)
 
     def _register(
         self,
@@ -190,18 +196,20 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
     ) -> Outputs:
         """Register the points; ``guess_covariance`` sets the width of the first kernel."""
         cfg = self.config
-        found = estimate(self._map, points, point_times, prior, self._schedule(guess_covariance), start)
-        T, motion = found.T, found.motion
-        covariance = np.asarray(np.linalg.inv(found.information)[:6, :6], np.float64)
-        directions, agreement, sigma_m = observability(
-            self._map, points, point_times, found, cfg.last_kernel_m, cfg.known_count
+        pose_estimate = estimate(
+            self._map, points, point_times, prior, self._schedule(guess_covariance), start
         )
-        by_residuals, by_calibration = self._shared_error_covariances(points, point_times, found)
-        support_ratio = self._support(points, point_times, found)
+        T, motion = pose_estimate.T, pose_estimate.motion
+        covariance = np.asarray(np.linalg.inv(pose_estimate.information)[:6, :6], np.float64)
+        directions, agreement, sigma_m = observability(
+            self._map, points, point_times, pose_estimate, cfg.last_kernel_m, cfg.known_count
+        )
+        by_residuals, by_calibration = self._shared_error_covariances(points, point_times, pose_estimate)
+        support_ratio = self._support(points, point_times, pose_estimate)
         is_weak, gains = sigma_m > cfg.max_constrained_sigma_m, np.ones(6)
         if np.any(is_weak):
             fusion = fuse_with_guess(
-                prior, T, covariance, directions[is_weak], sigma_m[is_weak], found.radius_m
+                prior, T, covariance, directions[is_weak], sigma_m[is_weak], pose_estimate.radius_m
             )
             T, covariance, gains[is_weak] = fusion.T, fusion.covariance, fusion.gains
             motion = prior.motion_guess
@@ -215,12 +223,12 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             agreement=agreement,
             sigma_m=sigma_m,
             gains=gains,
-            radius_m=found.radius_m,
-            inlier_ratio=found.matched_points / len(points),
+            radius_m=pose_estimate.radius_m,
+            inlier_ratio=pose_estimate.matched_points / len(points),
             support_ratio=support_ratio,
-            rms_m=found.rms_m,
-            iterations=found.iterations,
-            converged=found.converged,
+            rms_m=pose_estimate.rms_m,
+            iterations=pose_estimate.iterations,
+            converged=pose_estimate.converged,
         )
 
     def _schedule(self, guess_covariance: FloatArray | None) -> Schedule:
@@ -236,16 +244,18 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         return Schedule(first_kernel_m, cfg.last_kernel_m, cfg.noise_m, cfg.max_iterations, cfg.tolerance_m)
 
     def _shared_error_covariances(
-        self, points: FloatArray, point_times: FloatArray, found: Estimate
+        self, points: FloatArray, point_times: FloatArray, pose_estimate: Estimate
     ) -> tuple[FloatArray, FloatArray]:
         """Return the covariances (6, 6) due to errors shared on planes, and due to the calibration."""
         cfg = self.config
         errors = CalibrationErrors(
             cfg.range_sigma_m, cfg.ring_range_sigma_m, np.radians(cfg.ring_elevation_sigma_deg)
         )
-        return shared_error_covariances(self._map, points, point_times, found, cfg.last_kernel_m, errors)
+        return shared_error_covariances(
+            self._map, points, point_times, pose_estimate, cfg.last_kernel_m, errors
+        )
 
-    def _support(self, points: FloatArray, point_times: FloatArray, found: Estimate) -> float:
+    def _support(self, points: FloatArray, point_times: FloatArray, pose_estimate: Estimate) -> float:
         """Return the mean weight of the last kernel over all points at the estimated pose.
 
         The kernel is the same for every registration, so that results of all guesses are comparable, also if
@@ -258,8 +268,8 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             0,
             points,
             point_times,
-            found.T[None],
-            found.motion[None],
+            pose_estimate.T[None],
+            pose_estimate.motion[None],
             cfg.last_kernel_m,
         )
         return float(support)

@@ -104,9 +104,9 @@ class SparseFlow(Interface[SparseFlowConfig]):
                 reasons=["no_texture"],
             )
         expected = start if guess is None else _apply_homography(guess, start).astype(np.float32)
-        end, found = _flow(previous, current, start, expected)
-        back, returned = _flow(current, previous, end, start)
-        good = found & returned
+        end, has_flow = _flow(previous, current, start, expected)
+        back, returns_to_start = _flow(current, previous, end, start)
+        good = has_flow & returns_to_start
         good &= np.linalg.norm(back - start, axis=1) < _MAX_RETURN_PX
         good &= np.linalg.norm(end - expected, axis=1) < self.config.max_motion_px
         if good.sum() < self.config.min_points:

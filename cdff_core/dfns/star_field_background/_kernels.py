@@ -30,16 +30,16 @@ def ordered_statistics(ordered: Float32Array) -> FloatArray:
         sigma = max(centre - values[int(0.1587 * n)], 1e-6)
         # Twice: the quantile has the resolution of the digitisation only.
         for _ in range(2):
-            total, squares, used = 0.0, 0.0, 0
+            total, squares, retained_count = 0.0, 0.0, 0
             for k in range(n):
                 d = values[k] - centre
                 if abs(d) <= 3.0 * sigma:
                     total += d
                     squares += d * d
-                    used += 1
-            if used > 2:
-                mean = total / used
-                sigma = max(np.sqrt(max(squares / used - mean * mean, 0.0)) * _CLIPPED, 1e-6)
+                    retained_count += 1
+            if retained_count > 2:
+                mean = total / retained_count
+                sigma = max(np.sqrt(max(squares / retained_count - mean * mean, 0.0)) * _CLIPPED, 1e-6)
         result[0, i], result[1, i] = centre, sigma
     return result
 

@@ -111,15 +111,17 @@ class PairVerification(Interface[PairVerificationConfig]):
                 f"{len(inputs.directions)} sources, expected at least {self.config.min_matches} stars",
                 reasons=[f"few_stars:{len(inputs.directions)}<{self.config.min_matches}"],
             )
-        used = inputs.directions[: self.config.max_stars]
+        directions = inputs.directions[: self.config.max_stars]
         match: _Match | None = None
         is_ambiguous = False
         if inputs.attitude is not None:
-            match = self._from_guess(used, inputs.attitude, inputs.attitude_sigma)
-            is_ambiguous = match is not None and self._chance(used, match, 1) > self.config.max_chance
+            match = self._from_guess(directions, inputs.attitude, inputs.attitude_sigma)
+            is_ambiguous = match is not None and self._chance(directions, match, 1) > self.config.max_chance
         if match is None or is_ambiguous:
-            found = self._from_pairs(used)
-            match, is_ambiguous = (found, False) if found is not None else (match, is_ambiguous)
+            match_from_pairs = self._from_pairs(directions)
+            match, is_ambiguous = (
+                (match_from_pairs, False) if match_from_pairs is not None else (match, is_ambiguous)
+            )
         if match is None:
             raise RefusedError(
                 f"{len(inputs.directions)} sources: no attitude explains them by stars; the camera's focal"
@@ -172,7 +174,7 @@ class PairVerification(Interface[PairVerificationConfig]):
             return None
         angles, pairs = self._pair_table(field)
         best: tuple[int, FloatArray] | None = None
-        tried = 0
+        trials = 0
         for i, j in sorted(combinations(range(len(bright)), 2), key=sum):
             angle = float(np.arccos(np.clip(bright[i] @ bright[j], -1.0, 1.0)))
             error = 2.0 * self.config.tolerance_rad + self.config.scale_error * angle
@@ -180,7 +182,7 @@ class PairVerification(Interface[PairVerificationConfig]):
             candidates = np.concatenate([pairs[low:high], pairs[low:high, ::-1]])
             if angle < 10.0 * self.config.tolerance_rad or len(candidates) == 0:
                 continue
-            tried += len(candidates)
+            trials += len(candidates)
             R = self._pair_rotations(bright[[i, j]], candidates)
             # Most candidates fail at the next brightest sources already.
             others = [k for k in range(len(directions)) if k not in (i, j)][:_FIRST_SOURCES]
@@ -195,7 +197,7 @@ class PairVerification(Interface[PairVerificationConfig]):
                 match = self._refine_rotation(directions, R[k])
                 if match is None:
                     continue
-                if self._chance(directions, match, tried) < self.config.max_chance:
+                if self._chance(directions, match, trials) < self.config.max_chance:
                     return match
                 best = (int(counts[k]), R[k])
         return None
@@ -245,8 +247,10 @@ class PairVerification(Interface[PairVerificationConfig]):
         sources = np.flatnonzero(np.isfinite(distances))
         order = sources[np.argsort(distances[sources], kind="stable")]
         _, first = np.unique(stars[order], return_index=True)
-        kept = np.sort(order[first])
-        return _Match(kept, stars[kept].astype(np.intp), match.rotation, match.scale, match.radial)
+        source_rows = np.sort(order[first])
+        return _Match(
+            source_rows, stars[source_rows].astype(np.intp), match.rotation, match.scale, match.radial
+        )
 
     def _adjust_camera(self, directions: FloatArray, match: _Match) -> _Match:
         """Return the match of all sources, after rotation, focal length and distortion are adjusted again."""
@@ -255,7 +259,7 @@ class PairVerification(Interface[PairVerificationConfig]):
             match = _adjust(directions, match, self._catalogue)
         return self._match_sources(directions, match, self.config.match_rad)
 
-    def _chance(self, directions: FloatArray, match: _Match, tried: int) -> float:
+    def _chance(self, directions: FloatArray, match: _Match, trials: int) -> float:
         """Return an upper bound of the probability that sources match as many stars by chance.
 
         Only stars down to the faintest matched one count: a star that the camera sees must be in the
@@ -266,8 +270,8 @@ class PairVerification(Interface[PairVerificationConfig]):
         solid = 4.0 * np.pi / stars
         density = np.pi * self.config.match_rad**2 / solid
         others = len(directions) - 2
-        matched = len(match.sources) - 2
-        return float(tried * binom.sf(matched - 1, max(others, 1), min(density * 3.0, 1.0)))
+        additional_matches = len(match.sources) - 2
+        return float(trials * binom.sf(additional_matches - 1, max(others, 1), min(density * 3.0, 1.0)))
 
     def _near(self, directions: FloatArray, reach: float) -> list[list[int]]:
         return list(self._tree.query_ball_point(directions, reach))  # type: ignore[union-attr]

@@ -234,14 +234,14 @@ def surface_vertices(
             vertices[n, 1] = (coordinates[b, 1] * 8 + j + y / crossings) * voxel_m
             vertices[n, 2] = (coordinates[b, 2] * 8 + k + z / crossings) * voxel_m
             variance = color_weight = 0.0
-            seen = 65535
+            fewest_views = 65535
             for corner in range(8):
                 slot, at = _at(around, b, i + (corner >> 2), j + ((corner >> 1) & 1), k + (corner & 1))
                 weight, m = weights[slot, at], views[slot, at]
-                stated = 1.0 / weight
+                stated_variance = 1.0 / weight
                 scatter = scatters[slot, at] / (weight * (m - 1)) if m > 1 else 0.0
-                variance += max(stated, scatter) / 8.0
-                seen = min(seen, m)
+                variance += max(stated_variance, scatter) / 8.0
+                fewest_views = min(fewest_views, m)
                 for channel in range(3):
                     vertices[n, 3 + channel] += voxel_colors[slot, at, 3] * voxel_colors[slot, at, channel]
                 color_weight += voxel_colors[slot, at, 3]
@@ -249,7 +249,7 @@ def surface_vertices(
                 for channel in range(3):
                     vertices[n, 3 + channel] /= color_weight
             vertices[n, 6] = math.sqrt(variance)
-            vertices[n, 7] = seen
+            vertices[n, 7] = fewest_views
     return vertices
 
 

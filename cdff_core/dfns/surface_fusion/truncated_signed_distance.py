@@ -207,9 +207,9 @@ def _large_parts(vertices: FloatArray, triangles: IntArray, min_part: float) -> 
     graph = coo_array((np.ones(len(ends[0]), bool), ends), shape=(n, n))
     _, labels = connected_components(graph, directed=False)
     sizes = np.bincount(labels)
-    kept = sizes[labels] >= max(3.0, min_part * n)
-    triangles = triangles[kept[triangles[:, 0]]]
-    return vertices[kept], (np.cumsum(kept) - 1)[triangles]
+    is_kept = sizes[labels] >= max(3.0, min_part * n)
+    triangles = triangles[is_kept[triangles[:, 0]]]
+    return vertices[is_kept], (np.cumsum(is_kept) - 1)[triangles]
 
 
 def _normals(vertices: FloatArray, triangles: IntArray) -> FloatArray:

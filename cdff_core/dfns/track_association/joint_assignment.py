@@ -40,10 +40,10 @@ class JointAssignment(Interface[JointAssignmentConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the region of each object."""
         m, n = len(inputs.places), len(inputs.regions)
-        chosen, costs = np.full(m, -1, np.int64), np.full(m, np.nan)
+        region_rows, costs = np.full(m, -1, np.int64), np.full(m, np.nan)
         ambiguous = np.zeros(m, bool)
         if m == 0 or n == 0:
-            return Outputs(chosen=chosen, costs=costs, is_ambiguous=ambiguous)
+            return Outputs(chosen=region_rows, costs=costs, is_ambiguous=ambiguous)
         cost = self._costs(inputs)
         allowed = np.where(cost <= self.config.gate, cost, _NEVER)
         # An object without a region costs as much as the gate: a pair outside it is never chosen.
@@ -52,11 +52,11 @@ class JointAssignment(Interface[JointAssignmentConfig]):
         for i, j in zip(rows, columns, strict=True):
             if j >= n or allowed[i, j] >= _NEVER:
                 continue
-            chosen[i], costs[i] = j, cost[i, j]
+            region_rows[i], costs[i] = j, cost[i, j]
             others = np.concatenate([np.delete(cost[i], j), np.delete(cost[:, j], i)])
             rival = float(others.min(initial=np.inf))
             ambiguous[i] = rival <= self.config.gate and rival - cost[i, j] < self.config.ambiguity
-        return Outputs(chosen=chosen, costs=costs, is_ambiguous=ambiguous)
+        return Outputs(chosen=region_rows, costs=costs, is_ambiguous=ambiguous)
 
     def _costs(self, inputs: Inputs) -> FloatArray:
         """Return the squared normalised differences (m, n)."""

@@ -166,10 +166,10 @@ class CaptureProjector:
             if sample.port == "scan":
                 raise
             source = value.left if sample.port == "stereo" else value
-            stated: UncertainTransform | None = source.T_robot_sensor
-            if stated is None:
+            T_robot_sensor: UncertainTransform | None = source.T_robot_sensor
+            if T_robot_sensor is None:
                 raise
-            return stated
+            return T_robot_sensor
 
     def _sensor_points(self, sample: Sample) -> SensorPoints:
         """Return the points of a capture; raises RefusedError if the images

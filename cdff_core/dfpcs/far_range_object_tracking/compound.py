@@ -153,8 +153,8 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         if frame is None:
             return self._coast(sample, camera, reasons)
         sources = self._with_weak(sources, attitude, camera, sample.stamp_ns)
-        found, chosen = self._associate(sample.stamp_ns, camera, attitude, sources)
-        outputs = self._outputs(sample, camera, attitude, sources.selected(chosen), found, reasons)
+        association, source_rows = self._associate(sample.stamp_ns, camera, attitude, sources)
+        outputs = self._outputs(sample, camera, attitude, sources.selected(source_rows), association, reasons)
         if attitude.is_from_stars:
             outputs.append(self._attitude_output(sample, attitude))
         return outputs
@@ -169,13 +169,13 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         InputError
             If the time is before the last image.
         """
-        tracked = self._tracked
-        if tracked is None or id not in tracked.ids:
-            known = [] if tracked is None else tracked.ids.tolist()
+        last_tracks = self._tracked
+        if last_tracks is None or id not in last_tracks.ids:
+            known = [] if last_tracks is None else last_tracks.ids.tolist()
             raise ProductNotFoundError(f"object {id}: expected one of {known}")
-        t_ns = tracked.stamp_ns if t_ns < 0 else t_ns
-        states = self._predict_states(tracked, t_ns)
-        i = int(np.flatnonzero(tracked.ids == id)[0])
+        t_ns = last_tracks.stamp_ns if t_ns < 0 else t_ns
+        states = self._predict_states(last_tracks, t_ns)
+        i = int(np.flatnonzero(last_tracks.ids == id)[0])
         nothing = np.full(2, np.nan)
         state = TrackState(
             id,
@@ -230,35 +230,35 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         self, stamp_ns: int, camera: CameraModel, attitude: CameraAttitude, sources: ImageSources
     ) -> tuple[MultiTargetAssociationOutputs, IntArray]:
         """Associate the sources that are no defects; return the objects and these sources."""
-        chosen = np.flatnonzero(~sources.is_defect)
-        used = sources.selected(chosen)
-        directions = attitude.directions(camera, used.pixels)
-        covariances = attitude.covariances(camera, used.covariances, directions)
+        source_rows = np.flatnonzero(~sources.is_defect)
+        selected_sources = sources.selected(source_rows)
+        directions = attitude.directions(camera, selected_sources.pixels)
+        covariances = attitude.covariances(camera, selected_sources.covariances, directions)
         # The stars of the catalogue that are no sources of their own.
         stars = attitude.directions(camera, self._stars_px)
         spread_px = float(np.sqrt(np.linalg.eigvalsh(self._extractor.point_spread)[-1]))
-        found = self._association.process(
+        association = self._association.process(
             MultiTargetAssociationInputs(
                 stamp=stamp_ns,
                 directions=directions,
                 covariances=covariances,
-                snr=used.snr,
-                pixels=used.pixels,
-                can_start=~used.is_weak,
-                defect_evidence=used.evidence,
+                snr=selected_sources.snr,
+                pixels=selected_sources.pixels,
+                can_start=~selected_sources.is_weak,
+                defect_evidence=selected_sources.evidence,
                 stars=stars[np.isfinite(stars).all(axis=1)],
                 blend_angle=max(_BLEND_SIGMAS * spread_px, 1.5) / camera.fx,
                 solid_angle=camera.rows * camera.cols / (camera.fx * camera.fy),
                 is_dark=False,
             )
         )
-        self._keep(stamp_ns, found)
-        return found, chosen
+        self._keep(stamp_ns, association)
+        return association, source_rows
 
     def _coast(self, sample: Sample, camera: CameraModel, reasons: tuple[str, ...]) -> list[Output]:
         """Publish the predicted objects of an image that cannot be used."""
         none = np.zeros(0)
-        found = self._association.process(
+        association = self._association.process(
             MultiTargetAssociationInputs(
                 stamp=sample.stamp_ns,
                 directions=np.zeros((0, 3)),
@@ -273,23 +273,25 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
                 is_dark=True,
             )
         )
-        self._keep(sample.stamp_ns, found)
+        self._keep(sample.stamp_ns, association)
         unknown = CameraAttitude(None, np.zeros((3, 3)), none.astype(bool))
-        return self._outputs(sample, camera, unknown, None, found, reasons)
+        return self._outputs(sample, camera, unknown, None, association, reasons)
 
-    def _keep(self, stamp_ns: int, found: MultiTargetAssociationOutputs) -> None:
-        alive = (found.states == 1) | (found.states == 2)
-        states = BearingStates(found.object_directions, found.rates, found.object_covariances)
-        self._tracked = _Tracked(stamp_ns, found.ids[alive], states.selected(alive))
+    def _keep(self, stamp_ns: int, association: MultiTargetAssociationOutputs) -> None:
+        alive = (association.states == 1) | (association.states == 2)
+        states = BearingStates(
+            association.object_directions, association.rates, association.object_covariances
+        )
+        self._tracked = _Tracked(stamp_ns, association.ids[alive], states.selected(alive))
 
-    def _predict_states(self, tracked: _Tracked, stamp_ns: int) -> BearingStates:
+    def _predict_states(self, tracks: _Tracked, stamp_ns: int) -> BearingStates:
         """Return the states of the objects that the filter predicts for a time."""
         result = self._filter.process(
             BearingFilteringInputs(
-                directions=tracked.states.directions,
-                rates=tracked.states.rates,
-                covariances=tracked.states.covariances,
-                interval=(stamp_ns - tracked.stamp_ns) * 1e-9,
+                directions=tracks.states.directions,
+                rates=tracks.states.rates,
+                covariances=tracks.states.covariances,
+                interval=(stamp_ns - tracks.stamp_ns) * 1e-9,
             )
         )
         return BearingStates(result.directions, result.rates, result.covariances)
@@ -300,7 +302,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         camera: CameraModel,
         attitude: CameraAttitude,
         sources: ImageSources | None,
-        found: MultiTargetAssociationOutputs,
+        association: MultiTargetAssociationOutputs,
         reasons: tuple[str, ...],
     ) -> list[Output]:
         """Return a track for each confirmed object, and the detections of the image."""
@@ -308,39 +310,43 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         outputs = []
         detections = []
         known = attitude.rotation is not None or frame != INERTIAL
-        positions_px = np.full((len(found.ids), 2), np.nan)
+        positions_px = np.full((len(association.ids), 2), np.nan)
         if known:
-            positions_px = attitude.pixels(camera, found.object_directions)
-        position, _ = across(BearingStates(found.object_directions, found.rates, found.object_covariances))
+            positions_px = attitude.pixels(camera, association.object_directions)
+        position, _ = across(
+            BearingStates(association.object_directions, association.rates, association.object_covariances)
+        )
         axes = self._attitudes.orbital_axes(sample.stamp_ns) if frame == INERTIAL else None
-        target, measured = self._target_range(sample.stamp_ns, camera, attitude, sources, found)
+        target, range_measurement = self._target_range(
+            sample.stamp_ns, camera, attitude, sources, association
+        )
         # The last output is the newest product: lost objects come first, the ranged target at the end.
-        rows = np.flatnonzero(found.states > 0)
-        for i in sorted(rows, key=lambda i: (i == target, -found.states[i], -found.ids[i])):
-            source = int(found.sources[i])
-            status = _STATUS[int(found.states[i])]
+        rows = np.flatnonzero(association.states > 0)
+        for i in sorted(rows, key=lambda i: (i == target, -association.states[i], -association.ids[i])):
+            source = int(association.sources[i])
+            status = _STATUS[int(association.states[i])]
             pixel, sigma_px = positions_px[i], np.full(2, np.sqrt(0.5 * np.trace(position[i])) * camera.fx)
             if sources is not None and source >= 0 and status is ObjectTrackStatusT.TRACK_CONFIRMED:
                 pixel = sources.pixels[source]
                 sigma_px = np.sqrt(np.diag(sources.covariances[source]))
-                detections.append(source_detection(sources, source, int(found.ids[i])))
+                detections.append(source_detection(sources, source, int(association.ids[i])))
             inside = np.all((pixel >= -0.5) & (pixel <= np.array([camera.cols, camera.rows]) - 0.5))
             if not inside:
                 pixel, sigma_px = np.full(2, np.nan), np.full(2, np.nan)
-            score = 1.0 - np.exp(-max(float(found.scores[i]), 0.0))
+            score = 1.0 - np.exp(-max(float(association.scores[i]), 0.0))
             # Errors of lens and catalogue are the same in all images: the filter does not average them.
-            covariance = found.object_covariances[i].copy()
+            covariance = association.object_covariances[i].copy()
             covariance[:3, :3] += np.eye(3) * (attitude.lens_rad**2 + attitude.bias_rad**2)
             if sources is not None and source >= 0 and sources.is_extended[source]:
                 # The centroid of the light of a partly shadowed body differs from the centre of the body.
                 box = sources.boxes[source]
                 extent_rad = max(box[1] - box[0], box[3] - box[2]) / camera.fx
                 covariance[:3, :3] += np.eye(3) * (_LIGHT_OFFSET * extent_rad) ** 2
-            ranging = measured if i == target else None
+            ranging = range_measurement if i == target else None
             state = TrackState(
-                int(found.ids[i]),
-                found.object_directions[i],
-                found.rates[i],
+                int(association.ids[i]),
+                association.object_directions[i],
+                association.rates[i],
                 covariance,
                 pixel,
                 sigma_px,
@@ -358,7 +364,7 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
                 outputs.append(self._position_output(sample, ranging))
             track = object_track(state, sample.stamp_ns, frame, self.name)
             output = self._track_output(
-                sample, track, frame, attitude, reasons, int(found.hypotheses[i]), ranging
+                sample, track, frame, attitude, reasons, int(association.hypotheses[i]), ranging
             )
             if axes is not None:
                 outputs.append(self._lvlh_output(output, state, axes))
@@ -427,25 +433,25 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         camera: CameraModel,
         attitude: CameraAttitude,
         sources: ImageSources | None,
-        found: MultiTargetAssociationOutputs,
+        association: MultiTargetAssociationOutputs,
     ) -> tuple[int, TargetRange | None]:
         """Return the row of the largest resolved object and its range; (-1, None) without one."""
         image = self._extractor.image
         if sources is None or image is None or not self._ranging.has_size:
             return -1, None
-        rows = np.flatnonzero((found.states == 1) & (found.sources >= 0))
-        rows = rows[sources.is_extended[found.sources[rows]]]
+        rows = np.flatnonzero((association.states == 1) & (association.sources >= 0))
+        rows = rows[sources.is_extended[association.sources[rows]]]
         if len(rows) == 0:
             return -1, None
-        boxes = sources.boxes[found.sources[rows]]
+        boxes = sources.boxes[association.sources[rows]]
         largest = int(np.argmax((boxes[:, 1] - boxes[:, 0] + 1) * (boxes[:, 3] - boxes[:, 2] + 1)))
         try:
-            measured = self._ranging.measure(
+            target_range = self._ranging.measure(
                 stamp_ns, camera, attitude, image, boxes[largest], self._extractor.point_spread
             )
         except RefusedError:  # not resolved: the track has the reason range_unobservable
             return -1, None
-        return int(rows[largest]), measured
+        return int(rows[largest]), target_range
 
     def _position_output(self, sample: Sample, ranging: TargetRange) -> Output:
         """Return T_camera_body for the compounds of close range."""

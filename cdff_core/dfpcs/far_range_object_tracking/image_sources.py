@@ -122,7 +122,7 @@ class SourceExtractor:
         self.image = self._background.process(
             StarFieldBackgroundInputs(image=image, saturation=self._saturation_dn or saturation)
         )
-        found = self._detect.process(
+        detections = self._detect.process(
             PointSourceDetectionInputs(
                 residual=self.image.residual,
                 noise=self.image.noise,
@@ -131,9 +131,13 @@ class SourceExtractor:
             )
         )
         sources = self._fit_sources(
-            found.points, found.snr, found.is_extended, found.boxes, np.zeros((2,), np.int64)
+            detections.points,
+            detections.snr,
+            detections.is_extended,
+            detections.boxes,
+            np.zeros((2,), np.int64),
         )
-        usable = ~found.is_trail & np.isfinite(sources.pixels).all(axis=1)
+        usable = ~detections.is_trail & np.isfinite(sources.pixels).all(axis=1)
         return sources.selected(np.asarray(usable))
 
     def weak_sources(self, position_px: FloatArray, reach_px: float, known: FloatArray) -> ImageSources:
@@ -149,7 +153,7 @@ class SourceExtractor:
         if np.any(last - first < 6):
             return _no_sources()
         window = (slice(first[1], last[1] + 1), slice(first[0], last[0] + 1))
-        found = self._detect_weak.process(
+        detections = self._detect_weak.process(
             PointSourceDetectionInputs(
                 residual=image.residual[window],
                 noise=image.noise[window],
@@ -157,14 +161,19 @@ class SourceExtractor:
                 point_spread=self.point_spread,
             )
         )
-        points = found.points + first
+        points = detections.points + first
         near = np.linalg.norm(points - position_px, axis=1) < reach_px
-        near &= ~found.is_trail & ~found.is_extended
+        near &= ~detections.is_trail & ~detections.is_extended
         if len(known) and near.any():
             distances = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
             near &= distances > _SAME_PX
         sources = self._fit_sources(
-            points[near], found.snr[near], found.is_extended[near], found.boxes[near], first, is_weak=True
+            points[near],
+            detections.snr[near],
+            detections.is_extended[near],
+            detections.boxes[near],
+            first,
+            is_weak=True,
         )
         return sources.selected(np.asarray(np.isfinite(sources.pixels).all(axis=1)))
 
@@ -212,12 +221,12 @@ class SourceExtractor:
         """Move the point spread towards the median point spread of bright stars; it is round unless the
         image is smeared.
         """
-        chosen = (
+        is_star = (
             (snr > _SPREAD_SNR[0]) & (snr < _SPREAD_SNR[1]) & ~excluded & np.isfinite(spreads).all(axis=1)
         )
-        if chosen.sum() < _SPREAD_STARS:
+        if is_star.sum() < _SPREAD_STARS:
             return
-        uu, uv, vv = np.median(spreads[chosen], axis=0)
+        uu, uv, vv = np.median(spreads[is_star], axis=0)
         measured = np.array([[uu, uv], [uv, vv]])
         low, high = np.linalg.eigvalsh(measured)
         if low < 0.04:

@@ -84,12 +84,12 @@ class AttitudeEstimator:
 
     def orbital_axes(self, stamp_ns: int) -> LocalOrbitalAxes | None:
         """Return the LVLH axes of the carrier at a time; None without a state that is new enough."""
-        given = self._navigation
-        if given is None or abs(stamp_ns - given.stamp_ns) >= _NAVIGATION_NS:
+        navigation = self._navigation
+        if navigation is None or abs(stamp_ns - navigation.stamp_ns) >= _NAVIGATION_NS:
             return None
-        state = given.value
+        state = navigation.value
         variances = [np.trace(c) / 3.0 for c in (state.cov_position, state.cov_velocity)]
-        interval_s = (stamp_ns - given.stamp_ns) * 1e-9
+        interval_s = (stamp_ns - navigation.stamp_ns) * 1e-9
         try:
             return LocalOrbitalAxes.of_state(state.pos, state.velocity, interval_s, *np.sqrt(variances))
         except DegenerateGeometryError:
@@ -126,30 +126,30 @@ class AttitudeEstimator:
         none = np.zeros(len(pixels), bool)
         reasons: list[str] = []
         try:
-            given, sigma_rad, inputs = self._given_at(stamp_ns, camera_frame)
+            R_stated, sigma_rad, inputs = self._given_at(stamp_ns, camera_frame)
         except FrameNotFoundError:
-            given, sigma_rad, inputs = None, 0.0, ()
+            R_stated, sigma_rad, inputs = None, 0.0, ()
             reasons.append("mount_of_attitude_unknown")
         if self._config.use_stars:
-            guess, guess_sigma = given, sigma_rad
+            guess, guess_sigma = R_stated, sigma_rad
             if guess is None and self._last is not None:
                 age_s = (stamp_ns - self._last[0]) * 1e-9
                 guess, guess_sigma = self._last[1], 1e-3 + _TURN_RAD_S * age_s
                 guess = guess if guess_sigma < 0.05 else None
             try:
                 return self._from_stars(
-                    stamp_ns, camera, pixels, sigmas_px, snr, guess, guess_sigma, given, inputs
+                    stamp_ns, camera, pixels, sigmas_px, snr, guess, guess_sigma, R_stated, inputs
                 )
             except (RefusedError, DegenerateGeometryError) as error:
                 reasons += list(getattr(error, "reasons", ())) or ["stars_degenerate"]
-        if given is not None:
-            if self._config.use_stars and self._is_contradicted(camera, given, snr):
+        if R_stated is not None:
+            if self._config.use_stars and self._is_contradicted(camera, R_stated, snr):
                 reasons.append("attitude_or_camera_wrong")
                 return CameraAttitude(None, np.zeros((3, 3)), none, reasons=tuple(reasons), inputs=inputs)
             reasons = [reason for reason in reasons if not reason.startswith("few_stars")]
             covariance = np.eye(3) * self._config.attitude_noise_rad**2
             return CameraAttitude(
-                given,
+                R_stated,
                 covariance,
                 none,
                 reasons=tuple(reasons),
@@ -168,26 +168,31 @@ class AttitudeEstimator:
         FrameNotFoundError
             If the attitude is that of another frame, whose mount is not known.
         """
-        given = self._given
-        if given is None or abs(stamp_ns - given.stamp_ns) > self._config.attitude_age_s * 1e9:
+        attitude_sample = self._given
+        if (
+            attitude_sample is None
+            or abs(stamp_ns - attitude_sample.stamp_ns) > self._config.attitude_age_s * 1e9
+        ):
             return None, 0.0, ()
-        transform = given.value.transform
+        transform = attitude_sample.value.transform
         sigma = np.radians(self._config.attitude_sigma_deg)
         covariance = transform.covariance
         if covariance is not None and np.isfinite(covariance[3:, 3:]).all() and covariance[3:, 3:].any():
             sigma = max(float(np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])), 1e-7)
         R = transform.matrix[:3, :3]
-        if given.stamp_ns != stamp_ns and self._before is not None:
+        if attitude_sample.stamp_ns != stamp_ns and self._before is not None:
             # The rate of the camera is that between the last two attitudes.
             previous = self._before.value.transform.matrix[:3, :3]
-            fraction = (stamp_ns - given.stamp_ns) / (given.stamp_ns - self._before.stamp_ns)
+            fraction = (stamp_ns - attitude_sample.stamp_ns) / (
+                attitude_sample.stamp_ns - self._before.stamp_ns
+            )
             turn = se3.log_so3(R @ previous.T) * fraction
             R = se3.exp_so3(turn) @ R
             sigma = float(np.hypot(sigma, 0.1 * np.linalg.norm(turn)))
-        child = given.value.child_frame
+        child = attitude_sample.value.child_frame
         if child and child != camera_frame:
             R = R @ self._frames.lookup(child, camera_frame, stamp_ns).matrix[:3, :3]
-        return R, float(sigma), (given.id,)
+        return R, float(sigma), (attitude_sample.id,)
 
     def _from_stars(
         self,
@@ -198,7 +203,7 @@ class AttitudeEstimator:
         snr: FloatArray,
         guess: FloatArray | None,
         guess_sigma: float,
-        given: FloatArray | None,
+        R_stated: FloatArray | None,
         inputs: tuple[str, ...],
     ) -> CameraAttitude:
         """Return the attitude from identified stars; raises RefusedError if they are not identified."""
@@ -212,7 +217,7 @@ class AttitudeEstimator:
                 "no attitude is known; the next search follows later", reasons=["not_identified"]
             )
         try:
-            found = self._identify.process(
+            identification = self._identify.process(
                 StarIdentificationInputs(
                     directions=rays[usable],
                     sigmas=sigmas,
@@ -226,34 +231,34 @@ class AttitudeEstimator:
             self._last, self._wait = None, self._pause
             self._pause = min(2 * self._pause, _LAST_PAUSE)
             raise
-        matched = found.stars >= 0
+        is_identified = identification.stars >= 0
         solution = self._solve.process(
             AttitudeFromDirectionsInputs(
-                directions=found.corrected[matched],
-                references=found.star_directions[matched],
-                sigmas=sigmas[matched],
+                directions=identification.corrected[is_identified],
+                references=identification.star_directions[is_identified],
+                sigmas=sigmas[is_identified],
             )
         )
         self._last, self._pause, self._wait = (stamp_ns, solution.rotation), _FIRST_PAUSE, 0
-        self._measure_lens(solution.residual, sigmas_px[usable[matched]] / camera.fx)
+        self._measure_lens(solution.residual, sigmas_px[usable[is_identified]] / camera.fx)
         stars = np.zeros(len(pixels), bool)
-        stars[usable[matched]] = True
+        stars[usable[is_identified]] = True
         reasons = []
-        if found.is_ambiguous:
+        if identification.is_ambiguous:
             reasons.append("few_stars")
-        if given is not None:
-            difference = float(se3.rotation_angle(solution.rotation @ given.T))
+        if R_stated is not None:
+            difference = float(se3.rotation_angle(solution.rotation @ R_stated.T))
             if difference > 5.0 * guess_sigma + 1e-3:
                 reasons.append(f"attitude_differs_from_stars:{np.degrees(difference):.2f}deg")
-        if abs(found.scale - 1.0) > 0.005:
-            reasons.append(f"focal_length_wrong:{100.0 * (found.scale - 1.0):+.2f}%")
+        if abs(identification.scale - 1.0) > 0.005:
+            reasons.append(f"focal_length_wrong:{100.0 * (identification.scale - 1.0):+.2f}%")
         return CameraAttitude(
             solution.rotation,
             solution.covariance,
             stars,
             is_from_stars=True,
-            scale=found.scale,
-            radial=found.radial,
+            scale=identification.scale,
+            radial=identification.radial,
             residual_rad=solution.residual,
             reasons=tuple(reasons),
             inputs=inputs,
@@ -273,7 +278,7 @@ class AttitudeEstimator:
         self._lens_rad2 += _LENS_GAIN * (excess - self._lens_rad2)
         self._lens_rad2 = max(self._lens_rad2, _LENS_LEAST**2)
 
-    def _is_contradicted(self, camera: CameraModel, given: FloatArray, snr: FloatArray) -> bool:
+    def _is_contradicted(self, camera: CameraModel, R_stated: FloatArray, snr: FloatArray) -> bool:
         """Return whether the given attitude predicts bright stars, and bright sources are elsewhere."""
-        stars, _ = visible_stars(load_catalogue().brighter_than(_BRIGHT_MAGNITUDE), camera, given)
+        stars, _ = visible_stars(load_catalogue().brighter_than(_BRIGHT_MAGNITUDE), camera, R_stated)
         return len(stars) >= _EXPECTED_STARS and int((snr > _BRIGHT_SNR).sum()) >= _BRIGHT_SOURCES

@@ -166,7 +166,7 @@ class TargetRanging:
         try:
             if model is None or R is None:
                 raise RefusedError("attitude of the target unknown", reasons=["range_interval"])
-            found = self._measure.process(
+            size_range = self._measure.process(
                 ApparentSizeRangingInputs(
                     **values, vertices=model.vertices_m, triangles=model.triangles, attitude=R
                 )
@@ -175,17 +175,17 @@ class TargetRanging:
             if any(reason.startswith("unresolved") for reason in refusal.reasons):
                 raise
             R, reasons = None, tuple(dict.fromkeys([*refusal.reasons, "range_interval"]))
-            found = self._measure.process(ApparentSizeRangingInputs(**values))
+            size_range = self._measure.process(ApparentSizeRangingInputs(**values))
         size_m = float(values["sizes"][1])
-        relative, limit = found.range_sigma / found.range, self._config.informative_range
+        relative, limit = size_range.range_sigma / size_range.range, self._config.informative_range
         if relative > limit:
             reasons += (f"range_uninformative:{relative:.2f}>{limit:g}",)
-        T = window.transform(found, R)
+        T = window.transform(size_range, R)
         name = "target" if model is None else model.name
         return TargetRange(
-            found.range,
-            found.range_sigma,
-            found.interval,
+            size_range.range,
+            size_range.range_sigma,
+            size_range.interval,
             T,
             name,
             reasons,
@@ -195,10 +195,13 @@ class TargetRanging:
 
     def _attitude_and_sun(self, stamp_ns: int) -> tuple[FloatArray | None, FloatArray, tuple[str, ...]]:
         """Return R_inertial_body at a time or None, the direction of the Sun, and the ids of the samples."""
-        given, R = self._attitude, None
+        attitude_sample, R = self._attitude, None
         inputs: tuple[str, ...] = ()
-        if given is not None and abs(stamp_ns - given.stamp_ns) <= self._config.body_attitude_age_s * 1e9:
-            R, inputs = given.value.transform.matrix[:3, :3], (given.id,)
+        if (
+            attitude_sample is not None
+            and abs(stamp_ns - attitude_sample.stamp_ns) <= self._config.body_attitude_age_s * 1e9
+        ):
+            R, inputs = attitude_sample.value.transform.matrix[:3, :3], (attitude_sample.id,)
         sun = sun_position_m(stamp_ns) if self._sun is None else np.asarray(self._sun.value.values, float)
         return R, sun / np.linalg.norm(sun), inputs
 
@@ -258,22 +261,22 @@ class _Window:
         )
 
     def transform(
-        self, found: ApparentSizeRangingOutputs, R_window_body: FloatArray | None
+        self, size_range: ApparentSizeRangingOutputs, R_window_body: FloatArray | None
     ) -> UncertainTransform:
         """Return T_camera_body with covariance."""
         middle = 0.5 * (np.array(self.image.shape[::-1]) - 1.0)
-        place = middle if R_window_body is None else found.origin
+        place = middle if R_window_body is None else size_range.origin
         ray = np.append((place - middle) / self.focal_px, 1.0)
         ray = self.R_window_camera.T @ (ray / np.linalg.norm(ray))
         # Across the line of sight: the error of an edge; without attitude a part of the extent.
-        across_px = 0.25 * found.extent if R_window_body is None else 0.5
+        across_px = 0.25 * size_range.extent if R_window_body is None else 0.5
         covariance = np.zeros((6, 6))
         along = np.outer(ray, ray)
-        covariance[:3, :3] = found.range_sigma**2 * along
-        covariance[:3, :3] += (found.range * across_px / self.focal_px) ** 2 * (np.eye(3) - along)
+        covariance[:3, :3] = size_range.range_sigma**2 * along
+        covariance[:3, :3] += (size_range.range * across_px / self.focal_px) ** 2 * (np.eye(3) - along)
         covariance[3:, 3:] = np.eye(3) * (_UNKNOWN_RAD2 if R_window_body is None else 1e-4)
         R = np.eye(3) if R_window_body is None else self.R_window_camera.T @ R_window_body
-        return UncertainTransform(se3.transform(R, found.range * ray), covariance)
+        return UncertainTransform(se3.transform(R, size_range.range * ray), covariance)
 
 
 def target_model(mesh: Mesh, scale: float) -> TargetModel:
@@ -312,5 +315,5 @@ def apparent_sizes_m(vertices_m: FloatArray) -> FloatArray:
     difference = hull[:, None] - hull
     square = (difference**2).sum(axis=-1)
     # The largest distance of two projected points, for each direction of view.
-    seen = [float((square - (difference @ view) ** 2).max()) for view in views]
-    return np.sqrt([min(seen), float(square.max())])
+    largest_squares = [float((square - (difference @ view) ** 2).max()) for view in views]
+    return np.sqrt([min(largest_squares), float(square.max())])

@@ -120,15 +120,15 @@ class FarRangeTracking(FarRangeTrackingInterface):
         InputError
             If the time is before the last image.
         """
-        found = [o for o in self._tracks.confirmed if o.number == id]
-        if not found or self._observer is None or self._stamp_ns is None:
+        matching_objects = [o for o in self._tracks.confirmed if o.number == id]
+        if not matching_objects or self._observer is None or self._stamp_ns is None:
             raise ProductNotFoundError(
                 f"object {id}: expected one of {[o.number for o in self._tracks.confirmed]}"
             )
         t_ns = self._stamp_ns if t_ns < 0 else t_ns
         if t_ns < self._stamp_ns:
             raise InputError(f"t_ns={t_ns}: expected {self._stamp_ns} or later")
-        states = self._tracks.predicted(found[0], t_ns)
+        states = self._tracks.predicted(matching_objects[0], t_ns)
         nothing = np.full(2, np.nan)
         direction, rate, covariance = states.directions[0], states.rates[0], states.covariances[0]
         if self._observer.is_camera:
@@ -146,9 +146,9 @@ class FarRangeTracking(FarRangeTrackingInterface):
         image = grey_image(frame)
         self._check(sample, image)
         camera_frame = sample.frame or frame.frame or f"{self.context.robot}/camera"
-        given = self._observers.at(sample.stamp_ns, camera_frame)
-        registration, reasons = self._register_image(image, given, camera)
-        observer = self._current_observer(given, registration, camera, camera_frame)
+        stated_observer = self._observers.at(sample.stamp_ns, camera_frame)
+        registration, reasons = self._register_image(image, stated_observer, camera)
+        observer = self._current_observer(stated_observer, registration, camera, camera_frame)
         regions, refused = self._detect_regions(image, registration)
         reasons = (*reasons, *refused, *self._observers.reasons)
         scene = Scene(
@@ -181,14 +181,18 @@ class FarRangeTracking(FarRangeTrackingInterface):
             )
 
     def _register_image(
-        self, image: np.ndarray, given: Observer | None, camera: CameraModel
+        self, image: np.ndarray, stated_observer: Observer | None, camera: CameraModel
     ) -> tuple[SceneRegistrationOutputs | None, tuple[str, ...]]:
         """Return the registration with the previous image, None without one, and the reasons of a refusal."""
         if self._previous is None:
             return None, ()
         guess = None
-        if given is not None and self._observer is not None and self._observer.frame == given.frame:
-            guess = rotation_homography(self._observer, given, camera)
+        if (
+            stated_observer is not None
+            and self._observer is not None
+            and self._observer.frame == stated_observer.frame
+        ):
+            guess = rotation_homography(self._observer, stated_observer, camera)
         try:
             return self._register.process(
                 SceneRegistrationInputs(previous=self._previous, current=image, guess=guess)
@@ -198,7 +202,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
 
     def _current_observer(
         self,
-        given: Observer | None,
+        stated_observer: Observer | None,
         registration: SceneRegistrationOutputs | None,
         camera: CameraModel,
         camera_frame: str,
@@ -206,14 +210,14 @@ class FarRangeTracking(FarRangeTrackingInterface):
         """Return the observer at this image; if its frame is new, express all objects in that frame."""
         previous = self._observer
         if previous is None:
-            return given or self._observers.start(camera_frame)
+            return stated_observer or self._observers.start(camera_frame)
         H = None if registration is None else registration.homography
-        by_images = continue_attitude(previous, H, camera)
-        if given is None:
-            return by_images
-        if given.frame != previous.frame:
-            self._tracks.rotate(given.rotation @ by_images.rotation.T)
-        return given
+        observer_by_images = continue_attitude(previous, H, camera)
+        if stated_observer is None:
+            return observer_by_images
+        if stated_observer.frame != previous.frame:
+            self._tracks.rotate(stated_observer.rotation @ observer_by_images.rotation.T)
+        return stated_observer
 
     def _detect_regions(
         self, image: np.ndarray, registration: SceneRegistrationOutputs | None
@@ -222,7 +226,7 @@ class FarRangeTracking(FarRangeTrackingInterface):
         if registration is None and self._previous is not None:
             return None, ()
         try:
-            found = self._detect.process(
+            detected_regions = self._detect.process(
                 MovingRegionDetectionInputs(
                     image=image,
                     places=None if registration is None else registration.places,
@@ -234,8 +238,8 @@ class FarRangeTracking(FarRangeTrackingInterface):
             )
         except RefusedError as refusal:
             return None, tuple(refusal.reasons)
-        self._noise = found.noise
-        return found, ()
+        self._noise = detected_regions.noise
+        return detected_regions, ()
 
     def _designate(self, scene: Scene) -> None:
         """Start the objects of stored boxes."""
@@ -377,5 +381,5 @@ def _rotate_state(
     R: FloatArray, direction: FloatArray, rate: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return direction, rate and covariance, rotated by ``R`` (3, 3) into other axes."""
-    both = np.kron(np.eye(2), R)
-    return R @ direction, R @ rate, both @ covariance @ both.T
+    block_rotation = np.kron(np.eye(2), R)
+    return R @ direction, R @ rate, block_rotation @ covariance @ block_rotation.T

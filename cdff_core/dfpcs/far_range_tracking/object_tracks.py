@@ -119,10 +119,10 @@ class ObjectTracks:
         """Express all states in another frame; ``R`` (3, 3) rotates vectors of the old frame into the new
         one.
         """
-        both = np.kron(np.eye(2), R)
+        R6 = np.kron(np.eye(2), R)  # of direction and rate
         for o in self.objects:
             s = o.states
-            o.states = BearingStates(s.directions @ R.T, s.rates @ R.T, both @ s.covariances @ both.T)
+            o.states = BearingStates(s.directions @ R.T, s.rates @ R.T, R6 @ s.covariances @ R6.T)
             o.start = R @ o.start
 
     def step(self, scene: Scene) -> list[TrackedObject]:
@@ -134,14 +134,14 @@ class ObjectTracks:
             self._match_appearance(o, p, s, scene)
             for o, p, s in zip(self.objects, positions_px, sigmas_px, strict=True)
         ]
-        chosen, ambiguous = self._assign_regions(positions_px, sigmas_px, matches, scene)
+        region_rows, is_ambiguous = self._assign_regions(positions_px, sigmas_px, matches, scene)
         for i, o in enumerate(self.objects):
-            self._correct(o, positions_px[i], matches[i], int(chosen[i]), bool(ambiguous[i]), scene)
+            self._correct(o, positions_px[i], matches[i], int(region_rows[i]), bool(is_ambiguous[i]), scene)
         self._confirm(scene)
         self._remove_repeated(scene)
         lost = self._end(scene)
-        taken = {o.region for o in self.objects if o.region >= 0}
-        self._start(scene, taken)
+        used_regions = {o.region for o in self.objects if o.region >= 0}
+        self._start(scene, used_regions)
         self._stamp_ns, self._observer = scene.stamp_ns, scene.observer
         return lost
 
@@ -150,12 +150,12 @@ class ObjectTracks:
         dfn = self._filter if o.misses == 0 else self._coast
         interval = (stamp_ns - (self._stamp_ns or stamp_ns)) * 1e-9
         s = o.states
-        found = dfn.process(
+        prediction = dfn.process(
             BearingFilteringInputs(
                 directions=s.directions, rates=s.rates, covariances=s.covariances, interval=interval
             )
         )
-        return BearingStates(found.directions, found.rates, found.covariances)
+        return BearingStates(prediction.directions, prediction.rates, prediction.covariances)
 
     def designate(self, box: FloatArray, label: str, scene: Scene) -> TrackedObject | None:
         """Track the object in a box (4,): first and last column, first and last row; None at the border."""
@@ -225,7 +225,7 @@ class ObjectTracks:
         ratio = float(np.sqrt(np.prod(o.size_px / a.size_px)))
         # Without regions the size is that of the best correlation.
         scales = ratio * (np.array([1.0, 0.95, 1.05]) if o.is_designated else np.ones(1))
-        found: AppearanceTrackingOutputs = self._match.process(
+        match: AppearanceTrackingOutputs = self._match.process(
             AppearanceTrackingInputs(
                 image=scene.image,
                 template=a.template,
@@ -236,14 +236,14 @@ class ObjectTracks:
                 noise=scene.noise,
             )
         )
-        if not np.isfinite(found.place).all():
+        if not np.isfinite(match.place).all():
             return None
         return AppearanceTrackingOutputs(
-            place=found.place + found.scale * a.offset,
-            covariance=found.covariance,
-            scale=found.scale,
-            score=found.score,
-            second=found.second,
+            place=match.place + match.scale * a.offset,
+            covariance=match.covariance,
+            scale=match.scale,
+            score=match.score,
+            second=match.second,
         )
 
     def _assign_regions(
@@ -258,10 +258,10 @@ class ObjectTracks:
         """
         regions = scene.regions
         m = len(self.objects)
-        chosen, ambiguous = np.full(m, -1), np.zeros(m, bool)
+        region_rows, is_ambiguous = np.full(m, -1), np.zeros(m, bool)
         visible = np.flatnonzero(np.isfinite(positions_px).all(axis=1))
         if regions is None or len(regions.centroids) == 0 or len(visible) == 0:
-            return chosen, ambiguous
+            return region_rows, is_ambiguous
         objects = [self.objects[i] for i in visible]
         sizes = np.array([o.size_px for o in objects])
         slack = (0.1 * sizes) ** 2 + 0.25
@@ -276,9 +276,9 @@ class ObjectTracks:
         for i, o in enumerate(objects):
             if near[i].sum() > 1 or near[:, near[i]].sum() > 1 or o.misses > 0:
                 for j in np.flatnonzero(near[i]):
-                    found = self._compare(o, regions.centroids[j], 2.0 + 0.1 * float(sizes[i].max()), scene)
-                    similar[i, j] = -1.0 if found is None else found.score
-        found = self._associate.process(
+                    match = self._compare(o, regions.centroids[j], 2.0 + 0.1 * float(sizes[i].max()), scene)
+                    similar[i, j] = -1.0 if match is None else match.score
+        association = self._associate.process(
             TrackAssociationInputs(
                 places=positions_px[visible],
                 covariances=covariances,
@@ -290,8 +290,8 @@ class ObjectTracks:
                 similarities=similar,
             )
         )
-        chosen[visible], ambiguous[visible] = found.chosen, found.is_ambiguous
-        return chosen, ambiguous
+        region_rows[visible], is_ambiguous[visible] = association.chosen, association.is_ambiguous
+        return region_rows, is_ambiguous
 
     def _correct(
         self,
@@ -426,14 +426,14 @@ class ObjectTracks:
         )
         return TrackedObject(0, states, size.copy(), direction[0], appearance, scene.stamp_ns, scene.stamp_ns)
 
-    def _start(self, scene: Scene, taken: set[int]) -> None:
+    def _start(self, scene: Scene, used_regions: set[int]) -> None:
         """Start an object at each region that belongs to no object and is not next to one."""
         regions = scene.regions
         if regions is None:
             return
         for j in range(len(regions.centroids)):
             size, position_px, box = scene.sizes[j], regions.centroids[j], regions.boxes[j]
-            if j in taken or size.min() < self._config.min_size_px:
+            if j in used_regions or size.min() < self._config.min_size_px:
                 continue
             if regions.sharpness[j] < _SHARP:
                 continue
@@ -503,8 +503,8 @@ class ObjectTracks:
                 continue
             ratio = float(np.abs(np.log(new.size_px / old.size_px)).max())
             distance = _motion_distance(new.states, old.states)
-            found = self._compare(old, new.pixel, 3.0, scene)
-            score = -1.0 if found is None else found.score
+            match = self._compare(old, new.pixel, 3.0, scene)
+            score = -1.0 if match is None else match.score
             if distance > _CONTINUES or ratio > np.log(_CONTINUES_SIZE) or score < _CONTINUES_SCORE:
                 continue
             cost = distance + (ratio / 0.2) ** 2 + ((1.0 - score) / 0.25) ** 2
@@ -520,17 +520,17 @@ class ObjectTracks:
             for old in self.confirmed:
                 if old.number >= new.number or (old.misses and new.misses):
                     continue
-                apart = float(np.linalg.norm(new.direction - old.direction)) * scene.camera.fx
+                distance_px = float(np.linalg.norm(new.direction - old.direction)) * scene.camera.fx
                 ratio = float(np.abs(np.log(new.size_px / old.size_px)).max())
-                if apart > _SAME * float(old.size_px.max()) or ratio > np.log(_CONTINUES_SIZE):
+                if distance_px > _SAME * float(old.size_px.max()) or ratio > np.log(_CONTINUES_SIZE):
                     continue
                 if _motion_distance(new.states, old.states) > _CONTINUES:
                     continue
-                seen, other = (new, old) if old.misses else (old, new)
-                seen.number, seen.label = old.number, old.label or new.label
+                kept_object, removed_object = (new, old) if old.misses else (old, new)
+                kept_object.number, kept_object.label = old.number, old.label or new.label
                 if old.misses:
-                    seen.range = old.range
-                self.objects.remove(other)
+                    kept_object.range = old.range
+                self.objects.remove(removed_object)
                 break
 
     def _came_to_rest(self, o: TrackedObject, scene: Scene) -> bool:
@@ -546,11 +546,11 @@ class ObjectTracks:
 
     def _end(self, scene: Scene) -> list[TrackedObject]:
         """Remove unconfirmed objects that are missed or at rest, and lost ones; return the lost ones."""
-        lost, kept = [], []
+        lost, remaining = [], []
         for o in self.objects:
             if not o.is_confirmed:
                 if o.misses <= _MAX_MISSES and o.hits <= _MAX_AGE:
-                    kept.append(o)
+                    remaining.append(o)
                 elif np.isfinite(o.box).all():
                     self._resting.append(o.box)
                 continue
@@ -565,8 +565,8 @@ class ObjectTracks:
                 o.status = ObjectTrackStatusT.TRACK_LOST
                 lost.append(o)
             else:
-                kept.append(o)
-        self.objects = kept
+                remaining.append(o)
+        self.objects = remaining
         return lost
 
 

@@ -142,19 +142,22 @@ class ObserverTrack:
 
     def _by_attitude(self, stamp_ns: int, camera_frame: str) -> Observer | None:
         """Return the observer from the newest attitude; None if it is too old or its mount unknown."""
-        given = self._attitude
-        if given is None or abs(stamp_ns - given.stamp_ns) > self._config.attitude_age_s * 1e9:
+        attitude_sample = self._attitude
+        if (
+            attitude_sample is None
+            or abs(stamp_ns - attitude_sample.stamp_ns) > self._config.attitude_age_s * 1e9
+        ):
             return None
-        frame = given.value.parent_frame or given.frame or "inertial"
-        child = given.value.child_frame or given.child or camera_frame
-        pose = given.value.transform
+        frame = attitude_sample.value.parent_frame or attitude_sample.frame or "inertial"
+        child = attitude_sample.value.child_frame or attitude_sample.child or camera_frame
+        pose = attitude_sample.value.transform
         try:
             if child != camera_frame:
                 pose = pose @ self._frames.lookup(child, camera_frame, stamp_ns)
         except FrameNotFoundError:
             self.reasons += ("mount_of_attitude_unknown",)
             return None
-        return self._observer(pose, frame, has_position=False, inputs=(given.id,))
+        return self._observer(pose, frame, has_position=False, inputs=(attitude_sample.id,))
 
     def _observer(
         self, pose: UncertainTransform, frame: str, *, has_position: bool, inputs: tuple[str, ...]

@@ -158,7 +158,7 @@ class TargetRange:
         template = left[first[1] : first[1] + h, first[0] : first[0] + w].astype(np.float32)
         middle = first + 0.5 * (np.array([w, h]) - 1.0)
         reach = 0.5 * self._config.max_disparity_px
-        found = self._match.process(
+        match = self._match.process(
             AppearanceTrackingInputs(
                 image=right,
                 template=template,
@@ -169,10 +169,10 @@ class TargetRange:
                 noise=noise,
             )
         )
-        if found.score < _STEREO_SCORE:
+        if match.score < _STEREO_SCORE:
             return None
-        disparity = float(middle[0] - found.place[0])
-        sigma = float(np.sqrt(found.covariance[0, 0]))
+        disparity = float(middle[0] - match.place[0])
+        sigma = float(np.sqrt(match.covariance[0, 0]))
         if disparity < 2.0 * sigma:
             return None
         depth = camera.fx * pair.baseline / disparity
@@ -196,7 +196,7 @@ class TargetRange:
         direction = observer.attitude.directions(camera, contact)
         sigma = float(np.hypot(_EDGE_PX / camera.fy, observer.attitude.bias_rad))
         sigma = float(np.hypot(sigma, self._config.attitude_noise_rad))
-        found = self._terrain.process(
+        terrain_ranges = self._terrain.process(
             TerrainRayIntersectionInputs(
                 heights=grid.heights,
                 variances=grid.variances,
@@ -207,7 +207,7 @@ class TargetRange:
                 elevation_sigmas=np.array([max(sigma, 1e-5)]),
             )
         )
-        range_m, sigma_m = float(found.ranges[0]), float(found.sigmas[0])
+        range_m, sigma_m = float(terrain_ranges.ranges[0]), float(terrain_ranges.sigmas[0])
         if not np.isfinite(range_m):
             return None
         half = 0.5 * self._config.target_length_m

@@ -69,10 +69,10 @@ class Appearance:
         M = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         moved = cv2.warpAffine(newer.template, M, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        seen = cv2.warpAffine(newer.weights, M, (w, h), flags=flags)
-        part = np.float32(_APPEARANCE_GAIN) * np.minimum(seen, 1.0)
+        warped_weights = cv2.warpAffine(newer.weights, M, (w, h), flags=flags)
+        part = np.float32(_APPEARANCE_GAIN) * np.minimum(warped_weights, 1.0)
         template = self.template + part * (moved - self.template)
-        weights = self.weights + np.float32(_APPEARANCE_GAIN) * (seen - self.weights)
+        weights = self.weights + np.float32(_APPEARANCE_GAIN) * (warped_weights - self.weights)
         return Appearance(
             np.asarray(template, np.float32), np.asarray(weights, np.float32), self.offset, self.size_px
         )
@@ -167,7 +167,7 @@ class TrackedObject:
 
     def anchored(
         self,
-        matched: FloatArray,
+        match_px: FloatArray,
         match_covariance: FloatArray,
         position_px: FloatArray,
         covariance: FloatArray,
@@ -180,11 +180,11 @@ class TrackedObject:
         variance = self.anchor_variance + _ANCHOR_DRIFT_PX**2
         gain = variance / (variance + 0.5 * float(np.trace(covariance)))
         self.anchor_variance = (1.0 - gain) * variance
-        shift = gain * (position_px - matched)
+        shift = gain * (position_px - match_px)
         if self.appearance is not None:
             a = self.appearance
             self.appearance = Appearance(a.template, a.weights, a.offset + shift, a.size_px)
-        return matched + shift, match_covariance + self.anchor_variance * np.eye(2)
+        return match_px + shift, match_covariance + self.anchor_variance * np.eye(2)
 
     def resize(self, size_px: FloatArray) -> None:
         """Move the stored size towards a new one; it decreases slowly, as a hidden part makes it smaller."""

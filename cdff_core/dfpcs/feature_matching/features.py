@@ -108,14 +108,14 @@ class FeatureMatcher:
         or the tracked points.
         """
         if "track" in self._slots:
-            tracked = self._slots["track"].process(
+            tracking = self._slots["track"].process(
                 FeaturesTracking2DInputs(reference=left.image, image=right.image, features=left.points)
             )
-            return PointPairs(left.points, tracked.matches)[tracked.valid]
-        matched = self._slots["match"].process(
+            return PointPairs(left.points, tracking.matches)[tracking.valid]
+        matching = self._slots["match"].process(
             FeaturesMatching2DInputs(source=left.descriptors[:limit], sink=right.descriptors[:limit])
         )
-        return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])
+        return PointPairs(left.points[matching.matches[:, 0]], right.points[matching.matches[:, 1]])
 
     def match_along_lines(self, left: FeatureView, right: FeatureView, F: FloatArray) -> PointPairs | None:
         """Return the pairs with similar descriptors near epipolar lines; None without the slot guide."""
@@ -128,5 +128,5 @@ class FeatureMatcher:
             sink_features=right.points,
             fundamental_matrix=F,
         )
-        matched = self._slots["guide"].process(inputs)
-        return PointPairs(left.points[matched.matches[:, 0]], right.points[matched.matches[:, 1]])
+        matching = self._slots["guide"].process(inputs)
+        return PointPairs(left.points[matching.matches[:, 0]], right.points[matching.matches[:, 1]])

@@ -202,7 +202,7 @@ class ScanTracker:
             support = 0.0 if best is None else best.support_ratio
             if not self._support.is_low(support):
                 break
-            found = self._register(
+            registration = self._register(
                 points_m,
                 point_times,
                 replace(prediction, sweep_fraction=sweep_fraction),
@@ -210,8 +210,8 @@ class ScanTracker:
                 _SEARCH_SWEEP_SIGMA,
                 alternative_guesses=alternative_guesses,
             )
-            if found is not None and self._support.is_better(found.support_ratio, support):
-                best = found
+            if registration is not None and self._support.is_better(registration.support_ratio, support):
+                best = registration
         return best
 
     def _register(

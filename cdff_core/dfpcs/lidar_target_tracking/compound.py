@@ -168,14 +168,14 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
     ) -> Iterable[Output]:
         """Detect the body in a scan: correct the track, or start one."""
         try:
-            found = self._detect(model, points_m)
+            hypotheses = self._detect(model, points_m)
         except RefusedError as error:
             if self._state is None:
                 return self._outputs(sample, None, Quality.failed("not_found", *error.reasons))
             return self._published(sample, ["coasting", *reasons, *error.reasons], self._metrics(None))
         # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
         stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
-        names = [*self._use_detection(model, found, stamp_ns), *reasons]
+        names = [*self._use_detection(model, hypotheses, stamp_ns), *reasons]
         assert self._state is not None
         predicted = self._filter.predicted(self._state, sample.stamp_ns)
         fit, fault = self._fit(model, predicted, points_m, times_s)

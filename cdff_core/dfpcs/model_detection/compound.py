@@ -42,15 +42,15 @@ class ModelDetection(BodyDetection, ModelDetectionInterface):
         why the other parts are refused.
         """
         reasons: list[str] = []
-        found: list[tuple[DepthDetection, float]] = []
+        detections_with_diameters: list[tuple[DepthDetection, float]] = []
         for name, model in self._models.by_name.items():
             try:
                 detections = self._detector.detect(name, model, sample.value)
             except RefusedError as error:
                 reasons += error.reasons
                 continue
-            found += [(detection, model.diameter_m) for detection in detections]
-        return [h for detection in separate(found) for h in detection.hypotheses], reasons
+            detections_with_diameters += [(detection, model.diameter_m) for detection in detections]
+        return [h for detection in separate(detections_with_diameters) for h in detection.hypotheses], reasons
 
     def _frame(self, sample: Sample) -> str:
         """Return the frame of the camera; depth images have none of their own."""

@@ -75,7 +75,7 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
     ) -> Iterable[Output]:
         """Detect the object in the depth image: correct the track, or start one."""
         try:
-            found = self._detect(view, model)
+            hypotheses = self._detect(view, model)
         except (InputError, RefusedError) as error:
             self._images_to_detection = self.config.detect_after
             if self._used == 0:
@@ -84,7 +84,7 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
                 return self._outputs(view.newest, None, quality)
             return self._published(view.newest, ["coasting", *faults, "not_found"], {})
         stamp_ns = view.newest.stamp_ns
-        reasons = [*self._use_detection(model, found, stamp_ns), *faults]
+        reasons = [*self._use_detection(model, hypotheses, stamp_ns), *faults]
         assert self._state is not None
         predicted, transition = self._filter.prediction(self._state, stamp_ns)
         fit = self._fit(view, model, predicted, transition)
@@ -98,4 +98,4 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         assert view.depth is not None
         best, *_ = self._detector.detect(self._name, model, view.depth.value)
         offset_m = np.array(self.config.depth_offset_m)
-        return [replace(found, T=moved(found.T, offset_m)) for found in best.hypotheses]
+        return [replace(hypothesis, T=moved(hypothesis.T, offset_m)) for hypothesis in best.hypotheses]

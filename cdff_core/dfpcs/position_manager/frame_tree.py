@@ -98,8 +98,8 @@ class RobotFrames:
 
     def mount_covariance(self, frame: str, stamp_ns: int) -> FloatArray | None:
         """Return the covariance (6, 6) of ``T_base_frame`` in base axes; None if no edge has a covariance."""
-        stated = self.on_robot(self.base, frame, stamp_ns).covariance
-        return stated if stated is not None and stated.any() else None
+        covariance = self.on_robot(self.base, frame, stamp_ns).covariance
+        return covariance if covariance is not None and covariance.any() else None
 
     def site_pose(self, frame: str) -> FloatArray | None:
         """Return ``T_site_frame`` (4, 4); None if the frame is unknown or in the tree of the base."""

@@ -104,7 +104,11 @@ class MeasurementHistory:
         return results[0] if results else MeasurementResult(False)
 
     def _remove_before(self, stamp_ns: int) -> None:
-        cut = bisect_left(self._stamps, stamp_ns)
-        if cut > 64:  # in blocks, since removal from the front moves all others
-            self._base = self._estimates[cut - 1]
-            del self._stamps[:cut], self._measurements[:cut], self._estimates[:cut]
+        first_retained = bisect_left(self._stamps, stamp_ns)
+        if first_retained > 64:  # in blocks, since removal from the front moves all others
+            self._base = self._estimates[first_retained - 1]
+            del (
+                self._stamps[:first_retained],
+                self._measurements[:first_retained],
+                self._estimates[:first_retained],
+            )

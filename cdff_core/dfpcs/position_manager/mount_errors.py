@@ -39,13 +39,13 @@ class MountErrors:
         """Return the covariance (6, 6) of the mount of a sensor in base axes; zero for the base itself."""
         if frame == self._frames.base:
             return np.zeros((6, 6))
-        stated = self._frames.mount_covariance(frame, stamp_ns)
-        return self._sensor if stated is None else stated
+        stated_covariance = self._frames.mount_covariance(frame, stamp_ns)
+        return self._sensor if stated_covariance is None else stated_covariance
 
     def imu_covariance(self, stamp_ns: int) -> FloatArray:
         """Return the covariance (3, 3) of the rotation of the IMU in base axes."""
-        stated = self._frames.mount_covariance(self._frames.imu, stamp_ns)
-        return self._imu_variance * np.eye(3) if stated is None else stated[3:, 3:]
+        stated_covariance = self._frames.mount_covariance(self._frames.imu, stamp_ns)
+        return self._imu_variance * np.eye(3) if stated_covariance is None else stated_covariance[3:, 3:]
 
     def attached(self, estimate: Estimate, source: str, frame: str) -> Estimate:
         """Return the estimate with the covariance of the mount of a source, if this is its first pose."""

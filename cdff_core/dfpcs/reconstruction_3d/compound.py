@@ -266,21 +266,25 @@ class Reconstruction3D(Reconstruction3DInterface):
 
     def _publish(self) -> Iterable[Output]:
         """Return the surface of all captures, or why there is none."""
-        refused, used = self._drops["contradicts_surface"], len(self._used)
-        if not used and not self._drops and not self._newest_ns:
+        refused_captures, used_captures = self._drops["contradicts_surface"], len(self._used)
+        if not used_captures and not self._drops and not self._newest_ns:
             return []
         drops = [f"{reason}:{count}" for reason, count in sorted(self._drops.items())]
         failed = []
-        if used < self.config.min_captures:
-            failed.append(f"few_captures:{used}<{self.config.min_captures}")
-        elif refused > self.config.max_refused * (used + refused):
-            failed.append(f"poses_contradict:{refused}/{used + refused}")
+        if used_captures < self.config.min_captures:
+            failed.append(f"few_captures:{used_captures}<{self.config.min_captures}")
+        elif refused_captures > self.config.max_refused * (used_captures + refused_captures):
+            failed.append(f"poses_contradict:{refused_captures}/{used_captures + refused_captures}")
         surface = None if failed or self._fusion is None else self._extract(self._fusion)
         if surface is not None and not len(surface.triangles):
             failed, surface = ["no_surface"], None
         if self._rejected_blocks:
             drops.append(f"memory_limit:{self._rejected_blocks}")
-        metrics = {"captures": float(used), "refused": float(refused), "voxel_m": self._voxel_m}
+        metrics = {
+            "captures": float(used_captures),
+            "refused": float(refused_captures),
+            "voxel_m": self._voxel_m,
+        }
         if surface is not None:
             metrics |= {
                 "vertices": float(len(surface.vertices)),

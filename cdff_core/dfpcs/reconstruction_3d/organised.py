@@ -117,12 +117,12 @@ def of_cloud(points: FloatArray, normals: FloatArray, sigma_m: float) -> Organis
     _, nearest = tree.query(grid.reshape(-1, 2), distance_upper_bound=_REACH_PX * spacing)
     padded = np.concatenate([camera_points[in_view], np.full((1, 3), np.nan)])
     padded_normals = np.concatenate([(normals @ R)[in_view], np.full((1, 3), np.nan)])
-    arranged, turned = padded[nearest], padded_normals[nearest]
+    points_of_pixels, normals_of_pixels = padded[nearest], padded_normals[nearest]
     T = np.eye(4)
     T[:3, :3] = R
     return OrganisedCloud(
-        arranged.reshape(rows, columns, 3).astype(np.float32),
-        turned.reshape(rows, columns, 3).astype(np.float32),
+        points_of_pixels.reshape(rows, columns, 3).astype(np.float32),
+        normals_of_pixels.reshape(rows, columns, 3).astype(np.float32),
         np.full((rows, columns), sigma_m, np.float32),
         K,
         T,
@@ -134,11 +134,11 @@ def colors_of(cloud: OrganisedCloud, image: Frame, T_image_sensor: FloatArray) -
     pixels, K = rgb_image(image), image.camera_matrix
     T = T_image_sensor @ cloud.T_sensor_camera
     with np.errstate(invalid="ignore", divide="ignore"):
-        seen = cloud.points @ T[:3, :3].T + T[:3, 3]
-        u = np.rint(K[0, 0] * seen[:, :, 0] / seen[:, :, 2] + K[0, 2])
-        v = np.rint(K[1, 1] * seen[:, :, 1] / seen[:, :, 2] + K[1, 2])
+        points_in_camera = cloud.points @ T[:3, :3].T + T[:3, 3]
+        u = np.rint(K[0, 0] * points_in_camera[:, :, 0] / points_in_camera[:, :, 2] + K[0, 2])
+        v = np.rint(K[1, 1] * points_in_camera[:, :, 1] / points_in_camera[:, :, 2] + K[1, 2])
         rows, columns = pixels.shape[:2]
-        is_inside = (seen[:, :, 2] > 0) & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
+        is_inside = (points_in_camera[:, :, 2] > 0) & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
     colors = np.zeros((*is_inside.shape, 3), np.uint8)
     colors[is_inside] = pixels[v[is_inside].astype(int), u[is_inside].astype(int)]
     return colors

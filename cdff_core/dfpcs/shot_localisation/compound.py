@@ -81,14 +81,14 @@ class ShotLocalisation(ModelLocalisation[Cloud], ShotLocalisationInterface):
                 if quality.status is not Status.FAILED:
                     return registration.transform, quality
         try:
-            found, quality = self._search(model, scene)
+            candidate, quality = self._search(model, scene)
         except FewPointsError as error:  # of a small model, with the voxel size of a large scene
-            found, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
+            candidate, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
         if "not_found" in quality.reasons and self.config.view_search.enabled:
-            found, by_view = self._search_views(sample)
-            reasons = by_view.reasons if found else (*quality.reasons, *by_view.reasons[1:])
-            quality = dataclasses.replace(by_view, reasons=reasons)
-        return (found.transform if found else None), quality
+            candidate, view_quality = self._search_views(sample)
+            reasons = view_quality.reasons if candidate else (*quality.reasons, *view_quality.reasons[1:])
+            quality = dataclasses.replace(view_quality, reasons=reasons)
+        return (candidate.transform if candidate else None), quality
 
     def _search_views(self, scene: Sample) -> tuple[Registration | None, Quality]:
         """Return the registration by the single-view search; a refusal becomes FAILED ``not_found``."""

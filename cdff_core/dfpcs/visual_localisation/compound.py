@@ -107,10 +107,10 @@ class VisualLocalisation(VisualLocalisationInterface):
         matches = self._map.match(features, cfg.candidates)
         metrics |= {"features": float(len(features)), "matches": float(len(matches))}
         focal_px = float(np.sqrt(camera.fx * camera.fy))
-        located = self._pose_solver.solve(features, matches, focal_px)
-        fit, inliers, ratio = located.fit, located.inliers, located.inlier_ratio
+        camera_pose = self._pose_solver.solve(features, matches, focal_px)
+        fit, inliers, ratio = camera_pose.fit, camera_pose.inliers, camera_pose.inlier_ratio
         metrics |= {"inliers": float(inliers), "inlier_ratio": ratio, "variance_factor": fit.variance_factor}
-        pose = self._with_map_covariance(located, matches)
+        pose = self._with_map_covariance(camera_pose, matches)
         assert pose.covariance is not None
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3])[-1]))
         reasons = []
@@ -150,13 +150,13 @@ class VisualLocalisation(VisualLocalisationInterface):
         estimate_px = self._focal_monitor.estimate_px(focal_px, FocalRatio(ratio.value, sigma))
         return [] if estimate_px is None else [f"focal_length:{estimate_px:.4g}!={focal_px:.4g}"]
 
-    def _with_map_covariance(self, located: CameraPose, matches: MapMatches) -> UncertainTransform:
+    def _with_map_covariance(self, camera_pose: CameraPose, matches: MapMatches) -> UncertainTransform:
         """Return T_map_camera with the covariance of the fit and of the poses of the matched keyframes."""
         assert self._map is not None
-        pose = located.transform(self.config.correlation)
+        pose = camera_pose.transform(self.config.correlation)
         T, covariance = pose.matrix, pose.covariance
         assert covariance is not None
-        vertices, counts = np.unique(matches.vertices[located.fit.inliers], return_counts=True)
+        vertices, counts = np.unique(matches.vertices[camera_pose.fit.inliers], return_counts=True)
         for vertex, weight in zip(vertices, counts / max(int(counts.sum()), 1), strict=True):
             covariance = covariance + weight * self._covariance_from_keyframe(int(vertex), T)
         return UncertainTransform(T, covariance)

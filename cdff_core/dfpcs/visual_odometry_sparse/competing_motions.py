@@ -65,7 +65,7 @@ class CompetingMotions:
                 ambiguity=max(motion.ambiguity, self._ambiguity),
             )
         self._ambiguity = motion.ambiguity if motion.is_ambiguous else 0.0
-        found = [se3.log_se3(other.pose) / elapsed_s for other in motion.others if other.is_distinct]
-        if found or not self._ambiguity:
-            self._twists = found
+        twists = [se3.log_se3(other.pose) / elapsed_s for other in motion.others if other.is_distinct]
+        if twists or not self._ambiguity:
+            self._twists = twists
         return motion

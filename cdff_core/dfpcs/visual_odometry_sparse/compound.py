@@ -154,19 +154,19 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         reasons += ["gap"] if self._gaps.is_open else []
         motion = ConsiderState.from_motion(refined)
         change = refined.calibration - self._calibration.mean_px
-        located = keyframe.pose.with_calibration_change(change) @ motion
+        state = keyframe.pose.with_calibration_change(change) @ motion
         scene_points = metrics["features"] - metrics["other_motion_points"]
         is_renewed = metrics["inliers"] < self.config.keyframe_survival * scene_points
         is_renewed |= is_scene_uncertain(metrics)
         if is_renewed:
-            located = self._keyframes.locate(motion, change, partial(self._locate, view)) or located
-        pose = located.to_transform(refined.calibration_covariance)
+            state = self._keyframes.locate(motion, change, partial(self._locate, view)) or state
+        pose = state.to_transform(refined.calibration_covariance)
         self._calibration.store(refined.calibration, refined.calibration_covariance)
         self._path.add(view.stamp_ns, pose, after_gap=self._gaps.is_open)
         self._gaps.close()
         if is_renewed:
             try:
-                self._keyframes.advance(self._builder.build(view, located, sharpness)[0], motion)
+                self._keyframes.advance(self._builder.build(view, state, sharpness)[0], motion)
             except RefusedError as refusal:
                 reasons += refusal.reasons
         metrics |= {"sharpness": sharpness, "gaps": self._gaps.count, "motion_prior": bounds is not None}

@@ -49,19 +49,19 @@ class KeyframeBuilder:
         detected = self._extraction.process(
             FeaturesExtraction2DInputs(image=view.left, mask=view.left_mask)
         ).features
-        matched = self._stereo_matching.process(
+        stereo_matches = self._stereo_matching.process(
             StereoMatching2DInputs(left=view.left, right=view.right, features=detected)
         )
-        on_scene = view.is_on_scene(detected, matched.disparities)
-        valid = matched.valid & on_scene
-        features, disparities = detected[valid], matched.disparities[valid]
+        on_scene = view.is_on_scene(detected, stereo_matches.disparities)
+        valid = stereo_matches.valid & on_scene
+        features, disparities = detected[valid], stereo_matches.disparities[valid]
         reasons = quality.stereo_reasons(disparities, len(detected))
         field = self._refinement.process(
             RectificationRefinementInputs(
                 features=features,
                 disparities=disparities,
                 camera_matrix=view.camera_matrix,
-                row_offsets=matched.row_offsets[valid],
+                row_offsets=stereo_matches.row_offsets[valid],
             )
         )
         self._calibration.update(field.open_covariance)
@@ -81,7 +81,7 @@ class KeyframeBuilder:
             pose=pose,
             features=features[usable],
             disparities=disparities[usable],
-            slopes=matched.slopes[valid][usable],
+            slopes=stereo_matches.slopes[valid][usable],
             basis=field.basis[usable],
             points=triangulated.points,
             sharpness=sharpness,

@@ -95,11 +95,11 @@ class KeyframeTracker:
             )
             motion = select(tracked)
         if not motion.others and tracked.count < 0.5 * tracked.visible:
-            retracked = self._track(view, keyframe, motion.scene.pose)
+            points_of_second_search = self._track(view, keyframe, motion.scene.pose)
             with suppress(RefusedError):
-                reselected = select(retracked)
-                if retracked.count_scene(reselected) > tracked.count:
-                    tracked, motion = retracked, reselected
+                motion_of_second_selection = select(points_of_second_search)
+                if points_of_second_search.count_scene(motion_of_second_selection) > tracked.count:
+                    tracked, motion = points_of_second_search, motion_of_second_selection
         elapsed_s = 1e-9 * (view.stamp_ns - keyframe.view.stamp_ns)
         continued = self._competing.predict(elapsed_s)
         competing = [other.pose for other in motion.others] or continued
@@ -108,9 +108,9 @@ class KeyframeTracker:
             poses = [motion.scene.pose, *others]
             merged = TrackedPoints.merged([self._track(view, keyframe, pose) for pose in poses])
             with suppress(RefusedError):
-                reselected = select(merged, competing=continued)
-                if competing or any(other.is_distinct for other in reselected.others):
-                    tracked, motion = merged, reselected
+                motion_of_second_selection = select(merged, competing=continued)
+                if competing or any(other.is_distinct for other in motion_of_second_selection.others):
+                    tracked, motion = merged, motion_of_second_selection
         predicted = self._predict(view, keyframe, motion.scene.pose)
         agreeing = np.isin(np.arange(len(keyframe.points)), tracked.points[motion.scene.inliers])
         motion = self._competing.update(motion, keyframe.features, predicted.visible, agreeing, elapsed_s)
@@ -250,7 +250,7 @@ class KeyframeTracker:
             )
         )
         offsets = field.corrections + field.basis @ self._calibration.mean_px
-        matched = self._stereo_matching.process(
+        stereo_matches = self._stereo_matching.process(
             StereoMatching2DInputs(
                 left=view.left,
                 right=view.right,
@@ -259,7 +259,7 @@ class KeyframeTracker:
                 slopes=predicted.slopes[candidates],
             )
         )
-        valid = matched.valid & view.is_on_scene(matches, matched.disparities)
+        valid = stereo_matches.valid & view.is_on_scene(matches, stereo_matches.disparities)
         min_matched = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
         quality.require(int(valid.sum()), min_matched, "stereo_mismatch")
         points = candidates[valid]
@@ -267,7 +267,7 @@ class KeyframeTracker:
             StereoMotionEstimationInputs(
                 reference=np.column_stack([keyframe.features[points], keyframe.disparities[points]]),
                 current=np.column_stack(
-                    [matches[valid], matched.disparities[valid] + field.corrections[valid]]
+                    [matches[valid], stereo_matches.disparities[valid] + field.corrections[valid]]
                 ),
                 camera_matrix=view.camera_matrix,
                 baseline=view.baseline,

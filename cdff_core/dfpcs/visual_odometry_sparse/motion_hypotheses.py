@@ -106,8 +106,12 @@ class SelectedMotion:
     @property
     def other_inliers(self) -> BoolArray:
         """Tracked points (n,) that agree with a competing motion and not with the selected one."""
-        found = [other.inliers for other in self.others]
-        return np.any(found, axis=0) & ~self.scene.inliers if found else np.zeros_like(self.scene.inliers)
+        inliers_of_others = [other.inliers for other in self.others]
+        return (
+            np.any(inliers_of_others, axis=0) & ~self.scene.inliers
+            if inliers_of_others
+            else np.zeros_like(self.scene.inliers)
+        )
 
 
 class MotionHypotheses:
@@ -160,20 +164,20 @@ class MotionHypotheses:
         competing : sequence of array, shape (4, 4)
             ``T_current_keyframe`` of motions that competed at the last view, predicted to this one.
         """
-        found = self._find(inputs, shape, bounds, competing)
-        ratios = [_ratio(bounds, hypothesis.pose) for hypothesis in found]
+        hypotheses = self._find(inputs, shape, bounds, competing)
+        ratios = [_ratio(bounds, hypothesis.pose) for hypothesis in hypotheses]
         likelihoods = _likelihoods(ratios)
-        scores = likelihoods * [max(hypothesis.coverage, 1e-9) for hypothesis in found]
+        scores = likelihoods * [max(hypothesis.coverage, 1e-9) for hypothesis in hypotheses]
         best = int(np.argmax(scores))
-        plausibility = _relative_plausibility(found, likelihoods, best)
+        plausibility = _relative_plausibility(hypotheses, likelihoods, best)
         similar = np.flatnonzero(plausibility > MAX_AMBIGUITY)
         if is_continued and len(similar) > 1:
-            best = min(similar.tolist(), key=lambda i: _distance_m(found[i].pose, inputs))
-            plausibility = _relative_plausibility(found, likelihoods, best)
+            best = min(similar.tolist(), key=lambda i: _distance_m(hypotheses[i].pose, inputs))
+            plausibility = _relative_plausibility(hypotheses, likelihoods, best)
         others = [i for i in np.argsort(-plausibility, kind="stable").tolist() if i != best]
         return SelectedMotion(
-            scene=found[best],
-            others=tuple(found[i] for i in others),
+            scene=hypotheses[best],
+            others=tuple(hypotheses[i] for i in others),
             ambiguity=float(plausibility[others].max(initial=0.0)),
             prior_ratio=ratios[best],
         )
@@ -262,14 +266,16 @@ def _likelihoods(ratios: list[float]) -> FloatArray:
     return np.ones(len(ratios)) if sigmas.min() > GATE else np.asarray(np.exp(-0.5 * sigmas**2))
 
 
-def _relative_plausibility(found: list[Hypothesis], likelihoods: FloatArray, selected: int) -> FloatArray:
+def _relative_plausibility(
+    hypotheses: list[Hypothesis], likelihoods: FloatArray, selected: int
+) -> FloatArray:
     """Return the ratio (k,) of the plausibility of motions to that of the selected motion, at most 1.
 
     Errors of points can split one motion into two with mostly the same points: those do not compete.
     """
-    extents = np.array([max(hypothesis.extent, 1e-9) for hypothesis in found])
+    extents = np.array([max(hypothesis.extent, 1e-9) for hypothesis in hypotheses])
     by_extent = np.minimum(extents / extents[selected], 1.0)
-    by_extent *= [i == selected or hypothesis.is_distinct for i, hypothesis in enumerate(found)]
+    by_extent *= [i == selected or hypothesis.is_distinct for i, hypothesis in enumerate(hypotheses)]
     return np.asarray(np.minimum(by_extent * likelihoods / max(likelihoods[selected], 1e-300), 1.0))
 
 

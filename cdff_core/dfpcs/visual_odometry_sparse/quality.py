@@ -53,14 +53,14 @@ def blur_reasons(sharpness: float, reference: float = 0.0) -> list[str]:
 
 def stereo_reasons(disparities: FloatArray, detected: int) -> list[str]:
     """Return the deficiencies of a keyframe; raises RefusedError if left and right image do not match."""
-    matched, near = len(disparities), int((disparities >= NEAR_DISPARITY_PX).sum())
-    fraction = matched / max(detected, 1)
-    require(matched, MIN_STEREO, "few_stereo_points")
+    matched_count, near_count = len(disparities), int((disparities >= NEAR_DISPARITY_PX).sum())
+    fraction = matched_count / max(detected, 1)
+    require(matched_count, MIN_STEREO, "few_stereo_points")
     require(fraction, MIN_STEREO_FRACTION, "stereo_mismatch")
     return [
-        *below(matched, GOOD_STEREO, "few_stereo_points"),
+        *below(matched_count, GOOD_STEREO, "few_stereo_points"),
         *below(fraction, GOOD_STEREO_FRACTION, "stereo_mismatch"),
-        *below(near, GOOD_NEAR, "few_near_points"),
+        *below(near_count, GOOD_NEAR, "few_near_points"),
     ]
 
 

@@ -90,7 +90,13 @@ class LostPoints:
         With ``only_still``, only of the points that hardly move: they are lost only if they are hidden, or if
         the motion is wrong. 0 if there are too few of them.
         """
-        used = self.is_still if only_still else np.ones_like(self.is_still)
-        found = cells_of(self.pixels[self.is_found & used], shape)
-        lost = np.setdiff1d(cells_of(self.pixels[self.is_lost & used], shape), found)
-        return len(lost) / len(found) if len(found) >= _MIN_CELLS else 0.0
+        is_counted = self.is_still if only_still else np.ones_like(self.is_still)
+        cells_with_matches = cells_of(self.pixels[self.is_found & is_counted], shape)
+        cells_with_losses_only = np.setdiff1d(
+            cells_of(self.pixels[self.is_lost & is_counted], shape), cells_with_matches
+        )
+        return (
+            len(cells_with_losses_only) / len(cells_with_matches)
+            if len(cells_with_matches) >= _MIN_CELLS
+            else 0.0
+        )

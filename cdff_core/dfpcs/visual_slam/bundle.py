@@ -41,26 +41,26 @@ def adjust(
     usable = counts >= _MIN_OBSERVATIONS
     if not usable[: len(free)].any() or not fixed:
         return False
-    kept = usable[camera]
-    camera, rows = camera[kept], rows[kept]
-    _, point, seen = np.unique(point[kept], return_inverse=True, return_counts=True)
-    repeated = seen[point] > 1
+    is_kept = usable[camera]
+    camera, rows = camera[is_kept], rows[is_kept]
+    _, point, observation_counts = np.unique(point[is_kept], return_inverse=True, return_counts=True)
+    repeated = observation_counts[point] > 1
     camera, rows, point = camera[repeated], rows[repeated], np.unique(point[repeated], return_inverse=True)[1]
     cameras, camera = np.unique(camera, return_inverse=True)
-    used = [keys[c] for c in cameras]
+    adjusted_keys = [keys[c] for c in cameras]
     is_fixed = cameras >= len(free)
     if is_fixed.all() or not is_fixed.any():
         return False
     positions = np.concatenate(
-        [keyframes.keyframes[k].points.positions_m[rows[camera == i]] for i, k in enumerate(used)]
+        [keyframes.keyframes[k].points.positions_m[rows[camera == i]] for i, k in enumerate(adjusted_keys)]
     )
     sigmas = np.concatenate(
-        [keyframes.keyframes[k].points.depth_sigmas_m[rows[camera == i]] for i, k in enumerate(used)]
+        [keyframes.keyframes[k].points.depth_sigmas_m[rows[camera == i]] for i, k in enumerate(adjusted_keys)]
     )
-    order = np.concatenate([np.flatnonzero(camera == i) for i in range(len(used))])
+    order = np.concatenate([np.flatnonzero(camera == i) for i in range(len(adjusted_keys))])
     camera, point = camera[order], point[order]
-    T = np.array([keyframes.poses[k] for k in used])
-    lenses = np.array([_lens(keyframes.keyframes[k], sigma_px) for k in used])
+    T = np.array([keyframes.poses[k] for k in adjusted_keys])
+    lenses = np.array([_lens(keyframes.keyframes[k], sigma_px) for k in adjusted_keys])
     problem = BundleProblem.from_arrays(
         T,
         lenses,
@@ -68,12 +68,12 @@ def adjust(
         (camera, point),
         _pixels(positions, lenses[camera]),
         frame="map",
-        lens_of_camera=np.arange(len(used)),
+        lens_of_camera=np.arange(len(adjusted_keys)),
         fixed=np.where(is_fixed, 1, 0),
     )
     adjusted = optimise.process(BundleOptimizationInputs(problem=problem)).problem.cameras.matrices
-    poses = {k: T for k, T, constant in zip(used, adjusted, is_fixed, strict=True) if not constant}
-    keyframes.adjust(poses, [k for k, constant in zip(used, is_fixed, strict=True) if constant])
+    poses = {k: T for k, T, constant in zip(adjusted_keys, adjusted, is_fixed, strict=True) if not constant}
+    keyframes.adjust(poses, [k for k, constant in zip(adjusted_keys, is_fixed, strict=True) if constant])
     return True
 
 

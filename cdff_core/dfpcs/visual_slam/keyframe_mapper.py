@@ -114,19 +114,21 @@ class KeyframeMapper:
 
     def add_view(self, view: CameraView) -> Tracking:
         """Locate an image; make a keyframe of it and close its loops if it shows enough that is new."""
-        tracked = self._track(view)
+        tracked_view = self._track(view)
         try:
-            is_due = tracked is None or self._is_keyframe_due(tracked)
-            located = self._locate(view, tracked) if tracked is None or is_due else tracked
+            is_due = tracked_view is None or self._is_keyframe_due(tracked_view)
+            located_view = (
+                self._locate(view, tracked_view) if tracked_view is None or is_due else tracked_view
+            )
         except RefusedError as error:
             return self._start_part(view, tuple(error.reasons))
-        increment = self._move_to(view, located)
+        increment = self._move_to(view, located_view)
         is_changed = False
-        if located is not tracked and self._is_keyframe_due(located):
-            is_changed = self._make_keyframe(view, located)
+        if located_view is not tracked_view and self._is_keyframe_due(located_view):
+            is_changed = self._make_keyframe(view, located_view)
         assert self.current is not None  # the image is located
         self.trajectory.append(view.stamp_ns, self.current, self.T_keyframe_camera)
-        return Tracking(located, increment, is_map_changed=is_changed)
+        return Tracking(located_view, increment, is_map_changed=is_changed)
 
     def import_map(self, message: VisualMap) -> dict[int, int]:
         """Add a map; it stays a separate part until a loop closure connects it. Return the new ids."""
@@ -178,14 +180,14 @@ class KeyframeMapper:
         keyframe = self.keyframes.keyframes[self.current]
         return self._tracker.locate(view, self.current, keyframe, se3.normalise_transform(T))
 
-    def _locate(self, view: CameraView, tracked: LocatedView | None) -> LocatedView:
+    def _locate(self, view: CameraView, tracked_view: LocatedView | None) -> LocatedView:
         """Return the pose of the camera relative to the current keyframe or, if that fails, to a similar
         keyframe.
         """
         reasons: list[str] = []
         if self.current is not None:
             keys = [self.current, *self.keyframes.neighbours(self.current, _NEIGHBOURS)]
-            T_guess = self.T_keyframe_camera if tracked is None else tracked.T_reference_camera
+            T_guess = self.T_keyframe_camera if tracked_view is None else tracked_view.T_reference_camera
             guess = None if self._is_lost else T_guess.matrix
             try:
                 return self._locator.locate(view.features, view.focal_px, self.keyframes, keys, guess)
@@ -200,15 +202,17 @@ class KeyframeMapper:
                 )
         raise RefusedError("the image fits no keyframe", reasons)
 
-    def _move_to(self, view: CameraView, located: LocatedView) -> UncertainTransform | None:
+    def _move_to(self, view: CameraView, located_view: LocatedView) -> UncertainTransform | None:
         """Set the pose of the camera; return the motion since the previous image if it is known."""
         keyframes, previous = self.keyframes, self.current
         increment = UncertainTransform.identity() if previous is None else None
-        if previous is not None and located.reference in keyframes.component(previous):
-            T_reference_previous = se3.inverse(keyframes.poses[located.reference]) @ keyframes.poses[previous]
+        if previous is not None and located_view.reference in keyframes.component(previous):
+            T_reference_previous = (
+                se3.inverse(keyframes.poses[located_view.reference]) @ keyframes.poses[previous]
+            )
             T_previous = se3.normalise_transform(T_reference_previous @ self.T_keyframe_camera.matrix)
-            T = se3.normalise_transform(se3.inverse(T_previous) @ located.T_reference_camera.matrix)
-            covariance = located.T_reference_camera.covariance
+            T = se3.normalise_transform(se3.inverse(T_previous) @ located_view.T_reference_camera.matrix)
+            covariance = located_view.T_reference_camera.covariance
             assert covariance is not None  # a located view has one
             R = T_previous[:3, :3].T
             rotation = np.block([[R, np.zeros((3, 3))], [np.zeros((3, 3)), R]])
@@ -216,22 +220,22 @@ class KeyframeMapper:
             self.path_length_m += float(np.linalg.norm(T[:3, 3]))
             self._velocity = se3.log_se3(T) / max(1e-9 * (view.stamp_ns - self._last_ns), 1e-3)
         self._last_ns = view.stamp_ns
-        best = max(located.shared, key=lambda k: (len(located.shared[k][0]), -k))
+        best = max(located_view.shared, key=lambda k: (len(located_view.shared[k][0]), -k))
         T_best_reference = se3.normalise_transform(
-            se3.inverse(keyframes.poses[best]) @ keyframes.poses[located.reference]
+            se3.inverse(keyframes.poses[best]) @ keyframes.poses[located_view.reference]
         )
         self.current = best
-        self.T_keyframe_camera = UncertainTransform.exact(T_best_reference) @ located.T_reference_camera
+        self.T_keyframe_camera = UncertainTransform.exact(T_best_reference) @ located_view.T_reference_camera
         self._is_lost = False
         return increment
 
-    def _is_keyframe_due(self, located: LocatedView) -> bool:
+    def _is_keyframe_due(self, located_view: LocatedView) -> bool:
         """Return whether overlap, translation or rotation since the current keyframe require a new one."""
         assert self.current is not None  # the image is located
         keyframe, limits = self.keyframes.keyframes[self.current], self._config.keyframes
         T = self.T_keyframe_camera.matrix
         return (
-            located.overlap(len(keyframe.points)) < limits.overlap
+            located_view.overlap(len(keyframe.points)) < limits.overlap
             or float(np.linalg.norm(T[:3, 3])) > limits.translation_ratio * keyframe.median_depth_m
             or float(se3.rotation_angle(T[:3, :3])) > np.radians(limits.rotation_deg)
         )
@@ -266,7 +270,7 @@ class KeyframeMapper:
         self.trajectory.append(view.stamp_ns, self.current, self.T_keyframe_camera)
         return Tracking(None, None, is_lost=not is_first, reasons=reasons)
 
-    def _make_keyframe(self, view: CameraView, located: LocatedView) -> bool:
+    def _make_keyframe(self, view: CameraView, located_view: LocatedView) -> bool:
         """Make a keyframe of a located image, adjust it and close its loops; return whether a loop was
         found.
         """
@@ -278,7 +282,7 @@ class KeyframeMapper:
         key = self.keyframes.insert_successor(self.current, keyframe, self.T_keyframe_camera)
         row_of_feature = np.full(len(view.features), -1)
         row_of_feature[measured.features] = np.arange(len(measured.features))
-        for other, (features, rows) in located.shared.items():
+        for other, (features, rows) in located_view.shared.items():
             mine = row_of_feature[features]
             self.keyframes.link(other, key, rows[mine >= 0], mine[mine >= 0])
         self._refine_motion(self.current, key)

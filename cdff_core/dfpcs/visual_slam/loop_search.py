@@ -67,19 +67,19 @@ class LoopSearch:
         """
         new = keyframes.keyframes[key]
         try:
-            located = self._locator.locate(
+            located_view = self._locator.locate(
                 new.features(), new.focal_px, keyframes, [old], None, self._gates.min_inliers
             )
         except RefusedError as error:
             self.refusals[next(iter(error.reasons), "not_located").split(":")[0]] += 1
             return None
-        T_old_key = located.T_reference_camera
+        T_old_key = located_view.T_reference_camera
         if old in lengths_m and not self._drift.explain(
             keyframes, old, key, T_old_key.matrix, lengths_m[old]
         ):
             self.refusals["contradicts_graph"] += 1
             return None
-        rows_new, rows_old = located.shared[old]
+        rows_new, rows_old = located_view.shared[old]
         return VerifiedLoop(old, key, T_old_key, rows_old, rows_new)
 
     def _near(

@@ -81,7 +81,7 @@ class PointTracker:
         in_camera = se3.transform_points(se3.inverse(T_keyframe_camera), points)
         guess = view.camera.project(in_camera)
         guess = np.where(np.isfinite(guess), guess, reference.pixels[reference.rows])
-        tracked = self._track.process(
+        tracking = self._track.process(
             FeaturesTracking2DInputs(
                 reference=reference.image,
                 image=view.image,
@@ -90,12 +90,12 @@ class PointTracker:
                 warps=_warps(points, in_camera),
             )
         )
-        valid = np.flatnonzero(tracked.valid)
+        valid = np.flatnonzero(tracking.valid)
         if len(valid) < _MIN_INLIERS:
             return None
-        rays = view.camera.rays(tracked.matches[valid])
+        rays = view.camera.rays(tracking.matches[valid])
         features = ImageFeatures(
-            tracked.matches[valid], rays[:, :2] / rays[:, 2:], np.zeros((len(valid), 0), np.uint8)
+            tracking.matches[valid], rays[:, :2] / rays[:, 2:], np.zeros((len(valid), 0), np.uint8)
         )
         rows = reference.rows[valid]
         matches = MapMatches(
@@ -111,20 +111,20 @@ class PointTracker:
             rows,
         )
         try:
-            located = self._solver.solve(features, matches, view.focal_px, T_keyframe_camera)
+            camera_pose = self._solver.solve(features, matches, view.focal_px, T_keyframe_camera)
         except RefusedError:
             return None
-        if located.inliers < _MIN_INLIERS or located.inliers < _MIN_RATIO * len(reference.rows):
+        if camera_pose.inliers < _MIN_INLIERS or camera_pose.inliers < _MIN_RATIO * len(reference.rows):
             return None
         self._failures = 0
-        inliers = np.flatnonzero(located.fit.inliers)
+        inliers = np.flatnonzero(camera_pose.fit.inliers)
         return LocatedView(
             key,
-            located.transform(self._gates.correlation),
+            camera_pose.transform(self._gates.correlation),
             {key: (inliers, rows[inliers])},
-            located.inliers,
-            located.inliers / len(reference.rows),
-            located.fit.variance_factor,
+            camera_pose.inliers,
+            camera_pose.inliers / len(reference.rows),
+            camera_pose.fit.variance_factor,
             len(reference.rows),
         )
 

@@ -112,24 +112,24 @@ class ViewLocator:
             raise RefusedError(
                 f"{len(matches)} matches, expected at least {limit}", [f"few_matches:{len(matches)}<{limit}"]
             )
-        located = self._solver.solve(features, matches, focal_px, guess)
+        camera_pose = self._solver.solve(features, matches, focal_px, guess)
         reasons = []
-        if located.inliers < limit:
-            reasons.append(f"few_inliers:{located.inliers}<{limit}")
-        if located.inlier_ratio < self._gates.min_inlier_ratio:
-            reasons.append(f"low_inlier_ratio:{located.inlier_ratio:.2f}<{self._gates.min_inlier_ratio}")
+        if camera_pose.inliers < limit:
+            reasons.append(f"few_inliers:{camera_pose.inliers}<{limit}")
+        if camera_pose.inlier_ratio < self._gates.min_inlier_ratio:
+            reasons.append(f"low_inlier_ratio:{camera_pose.inlier_ratio:.2f}<{self._gates.min_inlier_ratio}")
         if reasons:
             raise RefusedError("the image does not fit the keyframes", reasons)
-        inliers = located.fit.inliers
+        inliers = camera_pose.fit.inliers
         shared = {}
         for key in np.unique(matches.vertices[inliers]).tolist():
             rows = np.flatnonzero(inliers & (matches.vertices == key))
             shared[key] = (matches.features[rows], matches.rows[rows])
         return LocatedView(
             keys[0],
-            located.transform(self._gates.correlation),
+            camera_pose.transform(self._gates.correlation),
             shared,
-            located.inliers,
-            located.inlier_ratio,
-            located.fit.variance_factor,
+            camera_pose.inliers,
+            camera_pose.inlier_ratio,
+            camera_pose.fit.variance_factor,
         )

@@ -50,22 +50,24 @@ class VisualTargetTracking(ImageTracking, VisualTargetTrackingInterface):
         if self._sun is None or fit.grey is None:
             return
         try:
-            found = self._shading.fit(model, fit.state, fit.grey, sample.value.camera_matrix, self._sun)
+            shading_fit = self._shading.fit(model, fit.state, fit.grey, sample.value.camera_matrix, self._sun)
         except RefusedError as error:
             fit.faults.append(f"shading_{error.reasons[0]}")
             return
         fit.metrics |= {
-            "shading_points": float(found.points),
-            "shading_agreement": found.agreement,
-            "shading_innovation": found.distance,
-            "correlation": found.correlation,
+            "shading_points": float(shading_fit.points),
+            "shading_agreement": shading_fit.agreement,
+            "shading_innovation": shading_fit.distance,
+            "correlation": shading_fit.correlation,
         }
-        if found.agreement < cfg.min_shading_agreement:
-            fit.faults.append(f"shading_low_agreement:{found.agreement:.2f}<{cfg.min_shading_agreement:g}")
-        elif not found.correlation >= cfg.min_correlation:
-            fit.faults.append(f"low_correlation:{found.correlation:.2f}<{cfg.min_correlation:g}")
-        elif found.distance > self._gate:
-            fit.faults.append(f"shading_innovation:{found.distance:.3g}>{self._gate:.3g}")
+        if shading_fit.agreement < cfg.min_shading_agreement:
+            fit.faults.append(
+                f"shading_low_agreement:{shading_fit.agreement:.2f}<{cfg.min_shading_agreement:g}"
+            )
+        elif not shading_fit.correlation >= cfg.min_correlation:
+            fit.faults.append(f"low_correlation:{shading_fit.correlation:.2f}<{cfg.min_correlation:g}")
+        elif shading_fit.distance > self._gate:
+            fit.faults.append(f"shading_innovation:{shading_fit.distance:.3g}>{self._gate:.3g}")
             fit.is_contradiction = True
         else:
-            fit.state, fit.has_shading = found.state, True
+            fit.state, fit.has_shading = shading_fit.state, True
