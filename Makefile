@@ -30,7 +30,9 @@ demo: setup  ## the whole system with its demonstration mission, at http://127.0
 test: setup  ## the tests, at most 8 minutes
 	@$(PY) scripts/run_tests.py $(ARGS)
 
-ci: setup peers lint warm site  ## lint, then all tests with the slow ones, at most 25 minutes
+ci: setup  ## lint, then all tests with the slow ones, at most 25 minutes
+	@$(MAKE) --no-print-directory -j2 -O peers warm
+	@$(MAKE) --no-print-directory -j2 -O lint site
 	@$(PY) scripts/run_tests.py --slow $(ARGS)
 	@.venv/bin/cdff check --verified
 

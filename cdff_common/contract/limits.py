@@ -8,6 +8,8 @@ from __future__ import annotations
 INLINE_BYTES = 1_000_000
 #: Products on one page of a search.
 DEFAULT_PAGE, MAX_PAGE = 100, 1000
+#: Default and largest number of jobs in a list; each has its request and its plan.
+DEFAULT_JOBS, MAX_JOBS = 50, 200
 #: Points of an assembled cloud.
 DEFAULT_POINTS, MAX_POINTS = 500_000, 5_000_000
 #: Corners of the path of an elevation profile.

@@ -13,9 +13,11 @@ from cdff_common.contract.acquisition import AcquisitionParameters
 from cdff_common.contract.limits import (
     DEADLINE_BOUNDS_MS,
     DEFAULT_DEADLINE_MS,
+    DEFAULT_JOBS,
     DEFAULT_PAGE,
     DEFAULT_POINTS,
     MAX_GENERATIONS,
+    MAX_JOBS,
     MAX_PAGE,
     MAX_POINTS,
 )
@@ -434,7 +436,9 @@ class JobsParameters(RobotParameters):
     """Jobs of the orchestrator: one by its id, or the newest."""
 
     job: str | None = None
-    limit: Annotated[Whole, Field(ge=1, le=200)] = Field(50, description="Largest number of jobs")
+    limit: Annotated[Whole, Field(ge=1, le=MAX_JOBS)] = Field(
+        DEFAULT_JOBS, description="Largest number of jobs"
+    )
 
 
 class JobParameters(RobotParameters):

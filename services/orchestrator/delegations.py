@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 
 from cdff_common.bus import Bus, Reply, keys
 from cdff_common.clock import Clock
-from cdff_common.contract.limits import DEADLINE_BOUNDS_MS, MAX_PAGE
+from cdff_common.contract.limits import DEADLINE_BOUNDS_MS, MAX_JOBS
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, ProductNotFoundError, UnavailableError
 from cdff_common.loops import Loops
 from cdff_core.orchestration.lifecycle import FINAL_STATES
@@ -102,6 +102,7 @@ class Delegations:
         self._delegations: dict[Hashable, _Delegation] = {}
         #: Robots that may have requests without a job here, with the time of the next check.
         self._unchecked: dict[str, float] = {}
+        self._faults: dict[str, str] = {}  # last reported failure of each robot
 
     def start(self) -> None:
         """Start the thread."""
@@ -269,16 +270,19 @@ class Delegations:
             try:
                 self._call_cancel_unneeded(robot)
             except CdffError as error:
-                logger.info("requests of %s are not cancelled yet: %s", robot, error)
+                if self._faults.get(robot) != str(error):
+                    self._faults[robot] = str(error)
+                    logger.warning("requests of %s are not cancelled yet: %s", robot, error)
                 with self._changed:
                     self._unchecked[robot] = self._timing.now_s() + _REPEAT_S
                 self._wait_s = min(self._wait_s, _REPEAT_S)
                 return
         with self._changed:
             self._unchecked.pop(robot, None)
+        self._faults.pop(robot, None)
 
     def _call_cancel_unneeded(self, robot: str) -> None:
-        key, query = keys.orchestrator_rpc(robot, "jobs"), {"limit": MAX_PAGE}
+        key, query = keys.orchestrator_rpc(robot, "jobs"), {"limit": MAX_JOBS}
         jobs = self._bus.call(key, query, timeout_s=_CALL_S, elsewhere=True).body()["jobs"]
         needed = {delegation.sent_id for delegation in self._delegations.values()}
         for job in jobs:

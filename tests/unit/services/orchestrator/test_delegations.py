@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from cdff_common.clock import ManualClock
+from cdff_common.contract.queries import JobsParameters
 from cdff_common.errors import (
     CdffError,
     DeadlineError,
@@ -55,6 +56,7 @@ class Ground:
 
     def answer(self, call: Call) -> dict[str, Any] | CdffError | None:
         if call.verb == "jobs":
+            JobsParameters.parse({name: str(value) for name, value in call.parameters.items()})
             return {"jobs": self.jobs_elsewhere}
         if call.verb == "cancel":
             return self.cancel_fault or {"job": call.parameters["job"]}
