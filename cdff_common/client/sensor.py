@@ -329,8 +329,8 @@ class Sensor:
         for name, frame_of_value, frame_of_sensor in frames:
             if frame_of_value and frame_of_value != frame_of_sensor:
                 raise InputError(
-                    f"{self.name}/{self.stream}: {name} {frame_of_value!r} in the value, expected {frame_of_sensor!r} of "
-                    "this sensor"
+                    f"{self.name}/{self.stream}: {name} {frame_of_value!r} in the value, expected "
+                    f"{frame_of_sensor!r} of this sensor"
                 )
 
     def _stamp_fault(self, stamp_ns: int) -> StampFault | None:

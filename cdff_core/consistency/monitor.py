@@ -282,9 +282,9 @@ class SensorMonitor:
         known_deg = ", ".join(f"{s:.1f}" for s in sigma_deg)
         what = (
             f"{' or '.join(suspects.sensors)} disagrees with the other sensors by a rotation of "
-            f"{angle_deg:.0f} deg: expected rpy_deg {roll_pitch_yaw_deg(R_base_sensor)} of {sensor} in the base, "
-            f"observed {roll_pitch_yaw_deg(suspects.rotation @ R_base_sensor)}, sigma about x, y, z of the base "
-            f"[{known_deg}] deg"
+            f"{angle_deg:.0f} deg: expected rpy_deg {roll_pitch_yaw_deg(R_base_sensor)} of {sensor} in the "
+            f"base, observed {roll_pitch_yaw_deg(suspects.rotation @ R_base_sensor)}, sigma about x, y, z of "
+            f"the base [{known_deg}] deg"
         )
         if unknown:
             what += f"; not observable about {', '.join(unknown)} with this motion"

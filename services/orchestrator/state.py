@@ -424,7 +424,7 @@ class SystemState:
             return self._leases.describe()
 
     def actions(self) -> tuple[list[Action], float | None]:
-        """Return all due actions, and the next time at which they change by themselves (monotonic seconds)."""
+        """Return all due actions, and the next time at which they change (monotonic seconds)."""
         with self._changed:
             now_s = self._timing.now_s()
             return self._actions(self._by_robot, now_s), self._next_s(now_s)

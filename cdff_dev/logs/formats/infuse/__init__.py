@@ -30,7 +30,7 @@ def _is_map(location: LogLocation) -> bool:
     if location.files[0].suffix == ".msg":
         return True
     first, *next_bytes = location.head(6) or b"\0"
-    # MessagePack: 0x80 to 0x8F are short maps; 0xDE and 0xDF have a count of 2 or 4 bytes before the first key.
+    # MessagePack: 0x80 to 0x8F are short maps; 0xDE and 0xDF have a count of 2 or 4 bytes.
     key = next_bytes[{0xDE: 2, 0xDF: 4}.get(first, 0) :][:1]
     is_map = first in (0xDE, 0xDF) or 0x80 <= first < 0x90
     # 0xA0 to 0xBF are short texts, 0xD9 and 0xDA longer ones.
