@@ -137,7 +137,9 @@ def window(url: str, trials: int) -> dict[str, Any]:
 
 
 def repeated_window(url: str, side: int, auxiliary: bool, trials: int) -> dict[str, Any]:
-    """Return the times of a window in the middle: the first, repeated ones, and after an insertion."""
+    """Return the durations of a request for a window in the middle: of the first request, of repeated ones,
+    and of one after an insertion.
+    """
     edge_m = np.array([0.3, 0.7]) * SIDE_CELLS * CELL_M
     query = WindowQuery(parse_region(f"bbox:{edge_m[0]},{edge_m[0]},{edge_m[1]},{edge_m[1]}"))
     rng = np.random.default_rng(2)

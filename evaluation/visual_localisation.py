@@ -247,7 +247,7 @@ def _run(
 
 
 def _focal_figures(focal: list[tuple[float, bool]]) -> dict[str, Any]:
-    """Return the distribution of the ratio of the focal lengths, and the number of reported ones."""
+    """Return the distribution of the ratio of the focal lengths, and the number of reported differences."""
     low, median, high = np.percentile([ratio for ratio, _ in focal], [10, 50, 90])
     return {
         "focal_ratio": [round(float(v), 4) for v in (low, median, high)],

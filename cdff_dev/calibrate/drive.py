@@ -44,7 +44,7 @@ class Inertial:
 
 
 def wheel_stream(log: LogSource, robot: str, chosen: str | None = None) -> str:
-    """Return the stream of wheel odometry: the chosen one, or the only one with poses but true ones.
+    """Return the stream of wheel odometry: ``chosen``, or else the only stream of estimated poses.
 
     Raises
     ------

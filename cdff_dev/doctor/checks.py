@@ -67,7 +67,7 @@ class Finding:
 
 
 def examine(connect: str, http: str, data_dir: Path) -> Iterator[Finding]:
-    """Run all checks; those on which others depend are first.
+    """Run all checks; a check runs before the checks that depend on it.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ def file_stamps(files: Sequence[Path], times: Path | None = None) -> NDArray[np.
 
 
 def _from_file(path: Path, count: int) -> NDArray[np.int64]:
-    """Return the stamps (n,) of a file with one time in seconds a line."""
+    """Return the stamps (n,) in a file with one time in seconds on each line."""
     words = path.read_text(encoding="utf-8", errors="replace").split()
     try:
         seconds = np.array([float(word) for word in words[:count]])

@@ -150,7 +150,7 @@ class IndexedLog(LogSource):
 def headers(
     name: str, stamps_ns: NDArray[np.int64], *, frame: str = "", child: str | None = None, producer: str = ""
 ) -> Callable[[int], Header]:
-    """Return the headers of a stream whose samples were recorded without, by number."""
+    """Return headers for a stream whose samples were recorded without headers, by number of the sample."""
 
     def header(number: int) -> Header:
         stamp_ns = int(stamps_ns[number])

@@ -53,7 +53,9 @@ def matched_stamps(left_ns: NDArray[np.int64], right_ns: NDArray[np.int64]) -> N
 
 
 def _nearest(stamps_ns: NDArray[np.int64], others_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the number of the nearest other stamp of each stamp; the first of equal ones."""
+    """Return, for each stamp, the index of the nearest of the other stamps; of equally near ones the
+    first.
+    """
     order = np.argsort(others_ns, kind="stable")
     ascending = others_ns[order]
     after = np.searchsorted(ascending, stamps_ns).clip(0, len(ascending) - 1)

@@ -237,7 +237,9 @@ def _score(
 
 
 def _windows(bus: Bus, truth: Truth, robot: str) -> list[ElevationMap | None]:
-    """Return the elevation maps of ``robot`` in the DPM around poses of a path; None where there is none."""
+    """Return the elevation maps of ``robot`` in the DPM around poses of a path; None for a pose without a
+    map.
+    """
     s = path_lengths_m(truth.positions_m[:, :2])
     windows: list[ElevationMap | None] = []
     for row in np.searchsorted(s, np.arange(0.0, s[-1], _MAP_EVERY_M)):

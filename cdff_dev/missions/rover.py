@@ -107,7 +107,7 @@ class Rover:
         self._leg = self._rest(world.motions[robot].poses(np.zeros(1))[0], 0)
 
     def drive(self, path_m: FloatArray, tick: int) -> tuple[int, int]:
-        """Drive a path from a tick on; return first and last tick of the motion.
+        """Drive a path that starts at a tick; return the first and the last tick of the motion.
 
         Parameters
         ----------

@@ -196,7 +196,7 @@ def _frame(log: LogSource, stream: str) -> str:
 
 
 def _child(log: LogSource, stream: str) -> str:
-    """Return the frame whose poses a stream contains, if it is not the base of the robot."""
+    """Return the frame whose poses a stream contains; empty for the base of the robot."""
     sample = next(iter(log.samples([stream])))
     robot, _, _ = split_stream(stream)
     child = sample.to_sample("", robot).child

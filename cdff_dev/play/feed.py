@@ -43,7 +43,7 @@ class Feed:
         self._is_filling = False
 
     def items_from(self, stamp_ns: int) -> Iterator[Item]:
-        """Return the items from a stamp on, when the first of them are encoded."""
+        """Return the items at or after a stamp, once the first of them are encoded."""
         self._is_filling = True
         try:
             self.close()
@@ -72,7 +72,7 @@ class Feed:
             return self._requested_ns is None and not self._is_filling
 
     def take_request(self) -> int | None:
-        """Return the requested position, if any, and clear it; it is being read from now on."""
+        """Return the position that a seek requested, or None, and clear the request."""
         with self._lock:
             requested_ns, self._requested_ns = self._requested_ns, None
             self._is_filling = requested_ns is not None

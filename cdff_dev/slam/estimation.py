@@ -185,7 +185,9 @@ def estimate(
 
 
 def sensor_stream(method: Method, log: LogSource, stream: str | None = None) -> str:
-    """Return the stream of the sensor; of several images the only ones that have depth images in time."""
+    """Return the stream of the sensor; of several streams of images, the only one with simultaneous depth
+    images.
+    """
     if stream is None and method is RGBD_SLAM:
         images = [name for name, info in log.streams.items() if info.type_name == method.type_name]
         with_depth = [name for name in images if _has_depths(log, name)]
@@ -329,7 +331,7 @@ def _range_note(dfpc: Dfpc, log: LogSource, sensor: str) -> str:
 
 
 def _track(outputs: _Outputs) -> Track:
-    """Return the poses in the frame of the first one; after loop closures the corrected ones."""
+    """Return the poses relative to the first pose, as corrected by the last loop closure."""
     trajectory = outputs.values.get("trajectory")
     if trajectory is not None and len(trajectory.stamps_ns):
         return Track("estimate", trajectory.stamps_ns, trajectory.matrices, trajectory.covariances)

@@ -119,7 +119,7 @@ class Timeline:
         self._waiting: dict[str, Layer] = {}
 
     def placed(self, updates: Iterable[LogSample | Layer], now_ns: int | None) -> Iterator[Update]:
-        """Yield samples, and layers with their time; of those that wait, the last ones of each name."""
+        """Yield samples, and layers with their time; of the waiting layers of a name, only the last."""
         for update in updates:
             if isinstance(update, LogSample):
                 self._newest_ns = max(update.stamp_ns, self._newest_ns or update.stamp_ns)

@@ -51,7 +51,7 @@ class Overlays:
             yield stamp_ns, layer
 
     def end(self) -> Iterator[tuple[int, Layer]]:
-        """Yield the layers whose image did not come; they have a view of their own."""
+        """Yield the layers for which no image arrived; each is shown in a view of its own."""
         yield from self._waiting.values()
         self._waiting.clear()
 

@@ -106,7 +106,7 @@ def _space(contents: Contents, root: str) -> Space:
 
 
 def _images(contents: Contents, prefix: str) -> list[str]:
-    """Return the layers with a panel: images, marks without one, then the images over others."""
+    """Return the layers with a panel of their own: images, marks without an image, then overlaid images."""
     on_images = {n for n, picture in contents.overlays.items() if picture and n not in contents.pictures}
     names = {name for name in (*contents.pictures, *contents.overlays) if name.startswith(prefix)}
     return sorted(names - on_images, key=lambda name: (name in contents.overlays, name))

@@ -101,7 +101,9 @@ class MutationTests:
                 raise InputError(f"{answer['test']}: {answer['outcome']} without a change, expected to pass")
 
     def _run_longer(self, mutant: Mutant, group: tuple[str, ...]) -> dict[str, Any]:
-        """Repeat a run beyond the limit with one that the tests keep without the change."""
+        """Repeat a run that exceeded its limit, with a limit that the tests do not exceed on unchanged
+        code.
+        """
         if group not in self._limit_s:
             unchanged = self._run(group, cpu_s=LIMIT_FACTOR * LIMIT_S)
             passed = unchanged["outcome"] == "passed"

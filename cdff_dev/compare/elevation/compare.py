@@ -200,7 +200,7 @@ def true_heights(
 
 
 def _mean_over_cells(geometry: GridGeometry, truth: ElevationMap) -> Grid:
-    """Return the mean of the true heights in each cell; NaN where there is none."""
+    """Return the mean of the true heights in each cell; NaN in cells without a true height."""
     heights = truth.layer("mean").astype(np.float64).ravel()
     x, y = truth.geometry.centres_m()
     row, col, inside = geometry.cells_of(x.ravel(), y.ravel())

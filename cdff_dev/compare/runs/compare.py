@@ -116,7 +116,7 @@ def _files(folder: Path) -> set[str]:
 def _each(
     a: Path, b: Path, names: list[str], compare: Callable[[Path, Path], dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
-    """Return the comparison of each file, or the reason why there is none."""
+    """Return the comparison of each file, or the reason why the file cannot be compared."""
     results: dict[str, dict[str, Any]] = {}
     for name in names:
         try:

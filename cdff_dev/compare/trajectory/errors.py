@@ -109,7 +109,7 @@ def _all_pairs(distances_m: Float, delta_m: float) -> NDArray[np.int64]:
 
 
 def default_segments_m(reference: Track) -> tuple[float, ...]:
-    """Return the segment lengths of KITTI if the path is longer than 100 m, otherwise shorter ones."""
+    """Return the segment lengths of KITTI if the path is longer than 100 m, otherwise shorter lengths."""
     return _KITTI_SEGMENTS_M if reference.distances_m[-1] > _KITTI_SEGMENTS_M[0] else _ROVER_SEGMENTS_M
 
 

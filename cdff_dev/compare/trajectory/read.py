@@ -106,5 +106,5 @@ def _from_poses(name: str, samples: list[LogSample]) -> Track:
 
 
 def _stamp_ns(sample: LogSample) -> int:
-    """Return the time of a pose; of a state without one that of the sample."""
+    """Return the time of a pose, or the time of its sample if the pose states none."""
     return int(getattr(sample.value, "stamp_ns", sample.stamp_ns))

@@ -163,7 +163,8 @@ def walk(model: RangeWalk, range_m: FloatArray, power: FloatArray) -> FloatArray
 def dust_ranges(
     model: DustPlume, azimuth_rad: FloatArray, shape: tuple[int, ...], rng: np.random.Generator
 ) -> FloatArray:
-    """Return the range of the return from dust of each beam, shape ``shape``; infinite without one.
+    """Return the range at which dust returns each beam, array of ``shape``; infinite for beams without such a
+    return.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ class Shape:
         return Shape(self.vertices @ np.asarray(R).T + np.asarray(to_m), self.triangles, self.material)
 
     def without_slivers(self, double_area_m2: float) -> Shape:
-        """Return the shape without triangles whose double area is not larger."""
+        """Return the shape without the triangles whose double area is at most the limit."""
         corners = self.vertices[self.triangles]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
         return Shape(self.vertices, self.triangles[area > double_area_m2], self.material)

@@ -81,7 +81,7 @@ class ProductOutlines:
         return [outlines.get(record.id) for record in records]
 
     def live(self, product_ids: Iterable[str]) -> frozenset[str]:
-        """Return those of some ids whose products are stored and not deleted."""
+        """Return the ids among ``product_ids`` whose products are stored and not deleted."""
         return self._store.live(product_ids)
 
     def body_of(self, frame: str) -> Body | None:
@@ -288,7 +288,8 @@ def rounded(outlines: Sequence[BaseGeometry | None], decimals: int) -> list[Base
 
 
 def enclosing(outlines: Sequence[BaseGeometry | None]) -> list[BaseGeometry | None]:
-    """Return each outline, or instead of one with more than ``MAX_CORNERS`` a polygon around it.
+    """Return each outline; one with more than ``MAX_CORNERS`` corners is replaced by a polygon that encloses
+    it.
 
     Its sides are tangents of the outline in ``MAX_CORNERS`` directions (a discrete oriented polytope,
     Klosowski et al. 1998, doi:10.1109/2945.675649): it exceeds a circle by 4 % of its radius.

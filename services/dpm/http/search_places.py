@@ -131,12 +131,14 @@ def _outline_of(touching: Touching) -> BaseGeometry:
 
 
 def both(first: Any, second: Any) -> Any:
-    """Return the expression that two hold, of which the first may be None."""
+    """Return the conjunction of two expressions; the first may be None."""
     return second if first is None else Call("and", (first, second))
 
 
 def geometry_of(data: Any, name: str = "intersects") -> BaseGeometry:
-    """Return a GeoJSON geometry; raises InputError if it is none, too large, or intersects itself."""
+    """Return a GeoJSON geometry; raises InputError if the value is no geometry, has too many corners, or
+    intersects itself.
+    """
     if not isinstance(data, dict):
         raise InputError(f"{name}: a {type(data).__name__}, expected a GeoJSON geometry")
     if (numbers := _numbers_in(data.get("coordinates", data.get("geometries")))) > 3 * MAX_CORNERS:

@@ -45,7 +45,9 @@ class ClockGuard:
         self._written_s = -_WRITE_PERIOD_S
 
     def update(self) -> str:
-        """Compare the clock; return the reason why nothing may be retired, empty if there is none."""
+        """Compare the clock with its last value; return the reason why nothing may be retired, or an empty
+        text.
+        """
         clock = self._store.clock
         if not isinstance(clock, MissionClock):
             return ""

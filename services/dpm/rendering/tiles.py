@@ -174,8 +174,8 @@ class Tiles:
         return RenderedTile(data, MEDIA_TYPES[request.form], etag)
 
     def _frame_raster(self, request: TileRequest, z: int, geometry: GridGeometry) -> Raster:
-        """Return the raster of a rectangle of cells of a level, or of the finest cells in it if these are
-        larger.
+        """Return the raster of a rectangle, with the cells of a level or with the finest stored cells if
+        these are larger.
         """
         cells = TileCells(self._store, PRODUCTS[request.layer], request.state, self._viewsheds)
 

@@ -28,7 +28,8 @@ def stereo_sequences(sequences: list[ImageSequence]) -> tuple[ImageSequence, Ima
 def read_stereo_calibration(
     candidates: list[Path], named: Path | None
 ) -> tuple[Path, StereoCalibration] | None:
-    """Return the only file with two cameras, or that which the user names; None if there is none, or several.
+    """Return the file that the user names, or else the only one with two cameras; None unless there is
+    exactly one.
 
     A file of one camera that the user names is none of a stereo camera either.
     """

@@ -14,7 +14,8 @@ from cdff_common.types.schema_table import LARGE, MESSAGES
 
 
 def type_by_fields(sample: Any) -> str:
-    """Return the type all of whose fields a sample in dictionary form has, under names that InFuse logs use.
+    """Return the type of a sample in dictionary form: the one whose fields, by their names in InFuse logs, it
+    has.
 
     Raises
     ------

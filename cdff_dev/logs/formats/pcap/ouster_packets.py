@@ -33,7 +33,7 @@ class _Bits(NamedTuple):
     factor: int = 1
 
     def of(self, words: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """Return the values of channels, whose words are the last axis."""
+        """Return the values of channels (...,) from their words (..., n)."""
         values = (words[..., self.word] >> np.uint32(self.first)) & np.uint32((1 << self.size) - 1)
         return np.asarray(values * np.uint32(self.factor), np.uint32)
 

@@ -35,7 +35,7 @@ class Choice:
 
 
 def choose(type_name: str, kinds: Sequence[Type]) -> Choice:
-    """Return the conversions of a type, of which the files of a log have the definitions ``kinds``."""
+    """Return the conversions of a type; ``kinds`` are its definitions in the files of a log."""
     reason = NO_CONVERSION.get(_base_name(type_name), "no CDFF type has its content")
     known = CONVERSIONS.get(_base_name(type_name)) or CONVERSIONS.get(_base_name(kinds[0].name))
     if known:
@@ -47,12 +47,14 @@ def choose(type_name: str, kinds: Sequence[Type]) -> Choice:
 
 
 def _base_name(type_name: str) -> str:
-    """Return a type name without the suffix ``_m`` of types that represent opaque ones in files."""
+    """Return a type name without the suffix ``_m``, which marks the types that represent opaque types in
+    files.
+    """
     return type_name.removesuffix("_m")
 
 
 def _fitting(known: Sequence[Conversion], kinds: Sequence[Type], *, is_split: bool) -> Choice:
-    """Return the first conversion of each suffix whose fields all definitions have."""
+    """Return, for each suffix, the first conversion whose fields are in all definitions."""
     names = set.intersection(*(set(field_names(kind)) for kind in kinds))
     chosen: dict[str, Conversion] = {}
     for conversion in known:

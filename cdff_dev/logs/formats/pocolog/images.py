@@ -126,7 +126,7 @@ def _compressed_frame(value: Any, source: Source) -> Converted:
 
 
 def _pair(value: Any, source: Source) -> Converted:
-    """Return both images, whose baseline is not part of the log and therefore 0."""
+    """Return both images as a pair with baseline 0, because the log does not contain the baseline."""
     left, right = f"{source.sensor_frame}_left", f"{source.sensor_frame}_right"
     pair = FramePair(left=_frame(value["first"], source, left), right=_frame(value["second"], source, right))
     return pair, left, None

@@ -89,7 +89,9 @@ def names_of(value: Any) -> tuple[str, ...]:
 
 
 def microseconds(time: Any) -> int:
-    """Return microseconds of ``base::Time``, of which old versions have seconds and microseconds."""
+    """Return the microseconds of a ``base::Time``; old versions of the type store seconds and
+    microseconds.
+    """
     seconds = int(time["seconds"]) if "seconds" in names_of(time) else 0
     return seconds * 1_000_000 + int(time["microseconds"])
 
@@ -106,7 +108,7 @@ def vector(value: Any) -> FloatArray:
 
 
 def matrix(value: Any) -> FloatArray:
-    """Return a square matrix, of which Eigen stores column after column."""
+    """Return a square matrix; Eigen stores its elements column by column."""
     numbers = vector(value)
     side = round(float(np.sqrt(numbers.size)))
     return numbers.reshape(side, side).T

@@ -61,7 +61,9 @@ def text(value: bytes) -> str:
 
 
 def next_chunk(file: BinaryIO, at: int, size: int) -> int:
-    """Return the offset of the first chunk from an offset on; that of the end of the file without one."""
+    """Return the offset of the first chunk at or after an offset, or the size of the file if there is
+    none.
+    """
     while at < size:
         file.seek(at)
         block = file.read(_BLOCK_BYTES)

@@ -66,7 +66,7 @@ def decoder(
 
 
 def ros_type(name: str) -> str:
-    """Return the name of a type as in ROS 2; raises InputError if it is none."""
+    """Return the name of a type in the form of ROS 2; raises InputError if the text is no type name."""
     if not _TYPE_NAME.fullmatch(name):
         raise InputError(
             f"type {name[:80]!r}, expected the name of a type of ROS such as std_msgs/msg/String"
@@ -76,7 +76,7 @@ def ros_type(name: str) -> str:
 
 
 def decoder_or_fault(create: Callable[[], Decoder]) -> Decoder | str:
-    """Return the decoder that a function returns, or the reason why there is none."""
+    """Return the decoder that ``create`` returns, or the text of the error that it raises."""
     try:
         return create()
     except DECODER_ERRORS as error:

@@ -131,7 +131,7 @@ SCHEMAS: dict[str, tuple[str, Callable[[Any], Fields]]] = {
 
 
 class FoxgloveTypes(RosTypes):
-    """Types of ROS 2 whose messages are serialised as those of Foxglove where it has a schema.
+    """Types of ROS 2; messages for which Foxglove has a schema are serialised in it.
 
     Parameters
     ----------

@@ -345,12 +345,12 @@ class RosLog(LogSource):
         self._list(name, "damaged message", f"the first: {error}")
 
     def _list(self, name: str, type_name: str, reason: str) -> None:
-        """Add a message to those of which something has no stream; the first reason is listed."""
+        """Count a message with content that has no stream; the reason of the first such message is listed."""
         known = self._unconverted.get(name, Unconverted(type_name, 0, reason))
         self._unconverted[name] = replace(known, count=known.count + 1)
 
     def _has_streams(self, channel: Channel, streams: Collection[str] | None) -> bool:
-        """Return whether a channel can have samples of the streams, of which None are all."""
+        """Return whether a channel can have samples of ``streams``; None means all streams."""
         topic = self._topics.get(id(channel))
         if topic is None or streams is None:
             return topic is not None

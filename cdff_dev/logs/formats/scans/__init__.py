@@ -29,7 +29,7 @@ def _files(location: LogLocation) -> list[Path]:
 
 
 def _is_text_cloud(path: Path) -> bool:
-    """Return whether a text file is a list of points; a short file that contains a matrix is none."""
+    """Return whether a text file is a list of points, and not the matrix of a transform."""
     if path.suffix.lower() not in _TEXT_SUFFIXES:
         return False
     from cdff_common.formats.xyz import looks_like_xyz

@@ -98,7 +98,7 @@ class FeatureWriter:
         return product.record.id, self._on_body(product), self.properties(product) | {"outline_m": outline}
 
     def properties(self, product: OutlinedProduct) -> dict[str, Any]:
-        """Return the properties of a product, of which ``outline_m`` is not one."""
+        """Return the properties of a product, without ``outline_m``."""
         record, f = product.record, product.record.fields
         box_m = f.get("box_m")
         return {

@@ -45,7 +45,8 @@ class MatrixSet:
 
 
 def matrix_sets(wkt: str, grid: BodyGrid | None) -> tuple[MatrixSet, ...]:
-    """Return the grid of a body, if there is one, and that of a frame, whose CRS has no name.
+    """Return the tile matrix sets: the grid of the body, if any, and the grid of the frame, whose CRS has no
+    name.
 
     QGIS accepts CRSs by their names only; it shows the second grid in the CRS of the project.
     """

@@ -292,7 +292,9 @@ def selected_collections(
     datetime: str | None,
     words: str | None,
 ) -> list[Collection]:
-    """Return the collections whose extent touches a box and an interval, with one of some words."""
+    """Return the collections whose extent touches a box and an interval and whose text contains one of the
+    words.
+    """
     t0_ns, t1_ns = span_of(datetime)
     box = None if bbox is None else box_outline(bbox)
     search_words = [word.strip().lower() for word in (words or "").split(",") if word.strip()]

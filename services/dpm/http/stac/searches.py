@@ -168,7 +168,7 @@ def filter_of(data: Any, language: str | None, crs: str | None, names: dict[str,
 
 
 def order_of(properties: list[tuple[str, bool]], names: Any) -> Json:
-    """Return the fields of a store query for an order by properties, of which each may descend."""
+    """Return the fields of a store query for an order by properties, each ascending or descending."""
     columns = []
     for name, descending in properties:
         known = queryable(names, name)
