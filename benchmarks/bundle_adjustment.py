@@ -124,14 +124,14 @@ def adjustment(rounds: int, python: str | None) -> dict[str, Any]:
 def python_factors_s(python: str) -> float:
     """Return CPU seconds of an iteration of Ceres with residuals in Python; positions and points are free."""
     problem = ring()[0]
-    T, lens, o = problem.cameras.matrices, problem.lenses.values[0], problem.observations
+    T, lens, observations = problem.cameras.matrices, problem.lenses.values[0], problem.observations
     inputs = {
         "R": T[:, :3, :3].transpose(0, 2, 1).copy(),
         "c": T[:, :3, 3].copy(),
         "X": problem.points.positions.copy(),
-        "uv": o.pixels[:, :2] - lens[2:4],
-        "cam": o.cameras.astype(np.int64),
-        "pt": o.points.astype(np.int64),
+        "uv": observations.pixels[:, :2] - lens[2:4],
+        "cam": observations.cameras.astype(np.int64),
+        "pt": observations.points.astype(np.int64),
         "focal": np.array(lens[0]),
     }
     return round(float(colmap.run(python, _PYCERES, inputs)["cpu"]), 3)

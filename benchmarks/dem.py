@@ -230,12 +230,12 @@ def navigation(rounds: int) -> dict[str, Any]:
     rng = np.random.default_rng(SEED)
 
     def rough_ground(size_m: float, resolution_m: float) -> ElevationMap:
-        g = GridGeometry.aligned("site", resolution_m, (0.0, 0.0, size_m, size_m))
+        geometry = GridGeometry.aligned("site", resolution_m, (0.0, 0.0, size_m, size_m))
         points = np.column_stack(
-            [*(c.ravel() for c in g.centres_m()), rng.normal(0.0, 0.01, g.rows * g.cols)]
+            [*(c.ravel() for c in geometry.centres_m()), rng.normal(0.0, 0.01, geometry.rows * geometry.cols)]
         )
-        layers = CellStatistics.from_points(g, points, stamps_ns=0).to_layers(0)
-        return ElevationMap.from_layers(g, layers, t0_ns=0, t1_ns=0)
+        layers = CellStatistics.from_points(geometry, points, stamps_ns=0).to_layers(0)
+        return ElevationMap.from_layers(geometry, layers, t0_ns=0, t1_ns=0)
 
     node, large_map, patch = make_node("traversability"), rough_ground(50.0, 0.05), rough_ground(24.0, 0.05)
     dfpc = Registry.default().make_dfpc("navigation_mapping")

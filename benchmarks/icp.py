@@ -91,8 +91,13 @@ def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
 
     _, scene, model, T = next(pairs(data))
     downsample, estimate_normals = node("point_cloud_downsampling"), node("normals_estimation")
-    s, m = (downsample.process(PointCloudDownsamplingInputs(points=cloud)).points for cloud in (scene, model))
-    ns, nm = (estimate_normals.process(NormalsEstimationInputs(points=cloud)).normals for cloud in (s, m))
+    scene_points, model_points = (
+        downsample.process(PointCloudDownsamplingInputs(points=cloud)).points for cloud in (scene, model)
+    )
+    ns, nm = (
+        estimate_normals.process(NormalsEstimationInputs(points=cloud)).normals
+        for cloud in (scene_points, model_points)
+    )
     calls: dict[str, tuple[Any, Any, str]] = {
         "PointCloudFiltering/RangeFilter": (
             node("point_cloud_filtering", "RangeFilter"),
@@ -101,13 +106,13 @@ def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
         ),
         "PointCloudFiltering/StatisticalOutlierRemoval": (
             node("point_cloud_filtering", "StatisticalOutlierRemoval"),
-            PointCloudFilteringInputs(points=s),
-            f"{len(s)} points",
+            PointCloudFilteringInputs(points=scene_points),
+            f"{len(scene_points)} points",
         ),
         "PointCloudDownsampling/VoxelGrid": (
             downsample,
             PointCloudDownsamplingInputs(points=scene),
-            f"{len(scene)} points to {len(s)}",
+            f"{len(scene)} points to {len(scene_points)}",
         ),
         **{
             f"PointCloudAssembly/{i}": (
@@ -124,8 +129,8 @@ def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
         ),
         "NormalsEstimation/PrincipalAxis": (
             estimate_normals,
-            NormalsEstimationInputs(points=s),
-            f"{len(s)} points",
+            NormalsEstimationInputs(points=scene_points),
+            f"{len(scene_points)} points",
         ),
         "PointCloudTransformation/CartesianSystemTransform": (
             node("point_cloud_transformation"),
@@ -135,17 +140,19 @@ def dfn_costs(data: Path, rounds: int) -> dict[str, Any]:
         "RegistrationAssessment/CrossInformation": (
             node("registration_assessment"),
             RegistrationAssessmentInputs(
-                source=m, source_normals=nm, target=s, target_normals=ns, transform=T
+                source=model_points, source_normals=nm, target=scene_points, target_normals=ns, transform=T
             ),
-            f"{len(m)} and {len(s)}",
+            f"{len(model_points)} and {len(scene_points)}",
         ),
     }
     for implementation in ("PointToPlaneIcp", "Gicp", "Ndt"):
         registration = node("registration_3d", implementation)
         calls[f"Registration3D/{implementation}"] = (
             registration,
-            Registration3DInputs(source=m, target=s, target_normals=ns, guess=np.eye(4)),
-            f"{len(m)} to {len(s)} points, 1.1 m apart",
+            Registration3DInputs(
+                source=model_points, target=scene_points, target_normals=ns, guess=np.eye(4)
+            ),
+            f"{len(model_points)} to {len(scene_points)} points, 1.1 m apart",
         )
     report = {}
     for name, (dfn, inputs, size) in calls.items():

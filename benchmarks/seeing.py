@@ -67,10 +67,10 @@ def dfn_costs(left: np.ndarray, rounds: int) -> dict[str, Any]:
             FeaturesDescription2DInputs(image=left, features=points)
         )
     rng = np.random.default_rng(0)
-    a, b = (rng.integers(0, 256, (2000, 128), np.uint8) for _ in range(2))
+    left_descriptors, right_descriptors = (rng.integers(0, 256, (2000, 128), np.uint8) for _ in range(2))
     match = node("features_matching_2d")
     calls["FeaturesMatching2D/MutualRatio"] = lambda: match.process(
-        FeaturesMatching2DInputs(source=a, sink=b)
+        FeaturesMatching2DInputs(source=left_descriptors, sink=right_descriptors)
     )
     views = feature_matching_models.two_views(0, 1000)
     source, sink, K = views["source"], views["sink"], views["K"]

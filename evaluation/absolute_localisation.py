@@ -162,14 +162,14 @@ def score_output(output: Output, truth: np.ndarray, cpu_s: float) -> dict[str, A
         return {"reasons": [r.split(":")[0] for r in output.quality.reasons], "cpu_s": cpu_s}
     T = output.value.transform
     T_error = T.matrix @ np.linalg.inv(truth)
-    e = np.append(T.matrix[:3, 3] - truth[:3, 3], np.arctan2(T_error[1, 0], T_error[0, 0]))
+    error = np.append(T.matrix[:3, 3] - truth[:3, 3], np.arctan2(T_error[1, 0], T_error[0, 0]))
     P = T.covariance[np.ix_(LEVEL, LEVEL)]
     return {
         "cpu_s": cpu_s,
-        "error_m": float(np.hypot(e[0], e[1])),
-        "height_m": abs(float(e[2])),
-        "yaw_deg": abs(float(np.degrees(e[3]))),
-        "nees": float(e @ np.linalg.solve(P, e)),
+        "error_m": float(np.hypot(error[0], error[1])),
+        "height_m": abs(float(error[2])),
+        "yaw_deg": abs(float(np.degrees(error[3]))),
+        "nees": float(error @ np.linalg.solve(P, error)),
         "sigma_m": float(np.sqrt(P[0, 0] + P[1, 1])),
     }
 
@@ -257,12 +257,16 @@ def mola_covariance(
             samples = Sample("orbital", 0, 0, orbital), Sample("dem", 0, 0, rover)
             (output,) = [output for sample in samples for output in dfpc.step(sample)]
             if output.value is not None:
-                e = output.value.transform.matrix[:2, 3] - shift
-                errors.append(float(np.hypot(*e)))
-                squared.append(float(e @ np.linalg.solve(output.value.transform.covariance[:2, :2], e)))
+                shift_error = output.value.transform.matrix[:2, 3] - shift
+                errors.append(float(np.hypot(*shift_error)))
+                squared.append(
+                    float(
+                        shift_error @ np.linalg.solve(output.value.transform.covariance[:2, :2], shift_error)
+                    )
+                )
         figures[name] = {
             "answered": interval(len(errors), shifts),
-            "false": interval(sum(e > 3.0 for e in errors), shifts),
+            "false": interval(sum(shift_error > 3.0 for shift_error in errors), shifts),
             "error_cells": error_summary(errors, 5),
             "squared_error": {**error_summary(squared, 3), "mean": round(float(np.mean(squared)), 3)},
         }

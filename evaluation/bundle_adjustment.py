@@ -155,9 +155,9 @@ def table(figures: dict[str, Any]) -> str:
         ]
     lines.append("")
     for quantity in ("poses", "points"):
-        r = figures["covariances"][quantity]
+        ratios = figures["covariances"][quantity]
         lines.append(
-            f"NEES of the {quantity} divided by its expected value: {r['mean']} (95 %: {r['low']} to "
-            f"{r['high']}), from {figures['covariances']['trials']} simulated rings of 8 cameras."
+            f"NEES of the {quantity} divided by its expected value: {ratios['mean']} (95 %: {ratios['low']} "
+            f"to {ratios['high']}), from {figures['covariances']['trials']} simulated rings of 8 cameras."
         )
     return "\n".join(lines)

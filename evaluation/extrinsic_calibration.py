@@ -112,12 +112,12 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for sensor, directions in figures["sensors"].items():
-        for name, f in directions.items():
-            cells = f"{f['determined']} of {figures['drives'][sensor]}"
+        for name, row in directions.items():
+            cells = f"{row['determined']} of {figures['drives'][sensor]}"
             unit, digits = ("m", 3) if name in "xyz" else ("°", 2)
-            if f["determined"]:
-                cells += f" | {f['rms']:.{digits}f} {unit} | {f['sigma']:.{digits}f} {unit}"
-                cells += f" | {f['squared_error']:.2f} | {f['largest']:.1f} σ"
+            if row["determined"]:
+                cells += f" | {row['rms']:.{digits}f} {unit} | {row['sigma']:.{digits}f} {unit}"
+                cells += f" | {row['squared_error']:.2f} | {row['largest']:.1f} σ"
             else:
                 cells += " | – | – | – | –"
             lines.append(f"| {sensor} | {name} | {cells} |")

@@ -262,9 +262,9 @@ class _Series:
         east = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
         north = np.cross(u, east)
         error = truth - u
-        e, n = float(east @ error), float(north @ error)
-        self.errors.append(0.5 * (e * e + n * n))
-        self.squares.append((e / sigma_e) ** 2 + (n / sigma_n) ** 2)
+        east_error, north_error = float(east @ error), float(north @ error)
+        self.errors.append(0.5 * (east_error * east_error + north_error * north_error))
+        self.squares.append((east_error / sigma_e) ** 2 + (north_error / sigma_n) ** 2)
 
 
 def _free_places(field: StarField, rng: np.random.Generator, count: int) -> FloatArray:

@@ -221,9 +221,9 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
                 hidden_objects += 1
                 resumed += number in {t.metadata.track_id for rows in p.rows[-30:] for t in rows}
             if len(errors) > 5:
-                e = np.array(errors)
-                absolute.append(e)
-                about_mean.append(e - e.mean(axis=0))
+                error_array = np.array(errors)
+                absolute.append(error_array)
+                about_mean.append(error_array - error_array.mean(axis=0))
         confirmed = {t.metadata.track_id for rows in p.rows for t in rows if t.metadata.status is _CONFIRMED}
         false += len(confirmed - matched_ids)
     summary: dict[str, Any] = {
@@ -243,11 +243,11 @@ def _summary(passes: list[_Pass]) -> dict[str, Any]:
         "cpu_ms_per_image": round(1e3 * sum(p.cpu_s for p in passes) / sum(len(p.images) for p in passes), 1),
     }
     if ranges:
-        r = 100.0 * np.abs(ranges)
+        range_errors = 100.0 * np.abs(ranges)
         summary["range_per_cent"] = {
             "images": len(ranges),
-            "median": round(float(np.median(r)), 2),
-            "p95": round(float(np.percentile(r, 95)), 2),
+            "median": round(float(np.median(range_errors)), 2),
+            "p95": round(float(np.percentile(range_errors, 95)), 2),
             "mean": round(100.0 * float(np.mean(ranges)), 2),
             "squared_error": round(float(np.mean(squares)), 2),
         }
@@ -276,12 +276,12 @@ def table(figures: dict[str, Any]) -> str:
                 continue
             v = values[run]
             rms = v["rms_about_mean_px"]
-            r = v.get("range_per_cent")
+            ranges = v.get("range_per_cent")
             lines.append(
                 f"| {kind} ({values['scenes']}) | {run} | {v['objects']} |"
                 f" {v['confirmed_after_s']['median']} |"
                 f" {100.0 * v['continuity']:.1f} % | {v['changes_of_number']} | {v['false_tracks']} |"
                 f" {'–' if rms is None else f'{rms[0]:.2f}, {rms[1]:.2f}'} |"
-                f" {'–' if r is None else '{} / {}'.format(r['median'], r['p95'])} |"
+                f" {'–' if ranges is None else '{} / {}'.format(ranges['median'], ranges['p95'])} |"
             )
     return "\n".join(lines)

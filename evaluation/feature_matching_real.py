@@ -56,13 +56,18 @@ def evaluate(data: Path, progress: Callable[[str], None], stride: int = STRIDE) 
         rows[pair.set_name]["opencv"].append(_compare_with_reference(pair, *match_opencv(pair)))
     results: dict[str, Any] = {}
     for name, methods in rows.items():
-        results[name] = {"pairs": len(methods["cdff"]), **{m: _combine(v) for m, v in methods.items()}}
+        results[name] = {
+            "pairs": len(methods["cdff"]),
+            **{method: _combine(v) for method, v in methods.items()},
+        }
         if name in _ROTATED_SETS:
-            errors = {m: np.array([row["direction_error"] for row in v]) for m, v in methods.items()}
+            errors = {
+                method: np.array([row["direction_error"] for row in v]) for method, v in methods.items()
+            }
             mean = np.nanmean(np.concatenate(list(errors.values())), axis=0)
-            for m, values in errors.items():
+            for method, values in errors.items():
                 from_mean_deg = np.degrees(np.linalg.norm(values - mean, axis=1))
-                results[name][m]["about_common_mean_deg"] = round(float(np.nanmedian(from_mean_deg)), 3)
+                results[name][method]["about_common_mean_deg"] = round(float(np.nanmedian(from_mean_deg)), 3)
     return results
 
 
@@ -172,18 +177,18 @@ def table(figures: dict[str, Any]) -> str:
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, methods in figures.items():
         for method in ("cdff", "opencv"):
-            r = methods[method]
-            about_mean = f"{r['about_common_mean_deg']}°" if "about_common_mean_deg" in r else "–"
+            row = methods[method]
+            about_mean = f"{row['about_common_mean_deg']}°" if "about_common_mean_deg" in row else "–"
             squared = (
-                f"{r['squared_error_median']} ({r['squared_error_mean']})"
-                if "squared_error_mean" in r
+                f"{row['squared_error_median']} ({row['squared_error_mean']})"
+                if "squared_error_mean" in row
                 else "–"
             )
             lines.append(
-                f"| {name} | {method} | {r['poses']} of {methods['pairs']} ({r['ok']}) | {r['matches']} | "
-                f"{r['correct_percent']} % | {r['rotation_median_deg']}° | "
-                f"{r['direction_median_deg']}° ({r['direction_max_deg']}°) | {about_mean} | {squared} | "
-                f"{r['cpu_s']} |"
+                f"| {name} | {method} | {row['poses']} of {methods['pairs']} ({row['ok']}) | "
+                f"{row['matches']} | {row['correct_percent']} % | {row['rotation_median_deg']}° | "
+                f"{row['direction_median_deg']}° ({row['direction_max_deg']}°) | {about_mean} | {squared} | "
+                f"{row['cpu_s']} |"
             )
     return "\n".join(lines)
 

@@ -130,10 +130,10 @@ def _run(dfpc: Any, trial: Trial) -> tuple[float, float, float, str] | None:
     if output.value is None:
         return None
     T = output.value.transform
-    e, C = pose_error(T_true, T.matrix), T.covariance
+    error, C = pose_error(T_true, T.matrix), T.covariance
     sigma_m = float(np.sqrt(np.trace(C[:3, :3])))
     kind = str(output.quality.covariance_kind)
-    return float(np.linalg.norm(e[:3])), sigma_m, float(e @ np.linalg.solve(C, e)), kind
+    return float(np.linalg.norm(error[:3])), sigma_m, float(error @ np.linalg.solve(C, error)), kind
 
 
 def _summary(rows: list[tuple[float, float, float, str] | None]) -> dict[str, Any]:

@@ -246,13 +246,13 @@ def table(figures: dict[str, Any]) -> str:
     other = figures["other ground"]
     wrong = _rate(other["accepted"], other["trials"], other["accepted_95"])
     lines.append(f"| other ground | – | – | – | – | {other['trials'] - other['accepted']} | {wrong} |")
-    c = figures["covariance"]
-    low, high = c["band_95"]
+    stated = figures["covariance"]
+    low, high = stated["band_95"]
     lines += [
         "",
-        f"Covariance over {c['seeds']} held-out maps: mean NEES {c['mean_nees']:.2f} "
+        f"Covariance over {stated['seeds']} held-out maps: mean NEES {stated['mean_nees']:.2f} "
         f"(6 expected, 95 % band {low:.2f} to {high:.2f}), mean sigma of an axis "
-        f"{1e3 * c['mean_sigma_m']:.1f} mm and {c['mean_sigma_deg']:.3f}°.",
+        f"{1e3 * stated['mean_sigma_m']:.1f} mm and {stated['mean_sigma_deg']:.3f}°.",
     ]
     return "\n".join(lines)
 

@@ -41,17 +41,19 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         if output.quality.status is not Status.FAILED:
             errors.append(pose_error(T, output.value.transform.matrix))
             stated.append(output.value.transform.covariance)
-    e, C = np.stack(errors), np.stack(stated)
+    error_array, C = np.stack(errors), np.stack(stated)
     halves = (slice(0, None, 2), slice(1, None, 2))
-    nees_of_halves = [_mean_nees(e[b], C[b], sigmas(e[a])) for a, b in (halves, halves[::-1])]
+    nees_of_halves = [
+        _mean_nees(error_array[b], C[b], sigmas(error_array[a])) for a, b in (halves, halves[::-1])
+    ]
     shipped = LidarLocalisationConfig()
     return {
         "seeds": [TRAINING_SEEDS[0], TRAINING_SEEDS[-1]],
-        "answered": len(e),
-        "rms": dict(zip(_NAMES, np.round(sigmas(e), 5).tolist(), strict=True)),
+        "answered": len(error_array),
+        "rms": dict(zip(_NAMES, np.round(sigmas(error_array), 5).tolist(), strict=True)),
         "shipped": {name: getattr(shipped, name) for name in _NAMES},
         "mean_nees_of_one_half_by_the_other": [round(v, 2) for v in nees_of_halves],
-        "band_95": [round(v, 2) for v in nees_band(len(e) // 2)],
+        "band_95": [round(v, 2) for v in nees_band(len(error_array) // 2)],
     }
 
 

@@ -148,9 +148,9 @@ def _localise_from_guess(street: Street, seed: int) -> tuple[float, float, float
     if output.value is None:
         return None
     T = output.value.transform
-    e = pose_error(T_true, T.matrix)
-    squared = float(e @ np.linalg.solve(T.covariance, e))
-    return float(np.linalg.norm(e[:3])), float(np.degrees(np.linalg.norm(e[3:]))), squared
+    error = pose_error(T_true, T.matrix)
+    squared = float(error @ np.linalg.solve(T.covariance, error))
+    return float(np.linalg.norm(error[:3])), float(np.degrees(np.linalg.norm(error[3:]))), squared
 
 
 def _summary(rows: list[tuple[float, float, float] | None]) -> dict[str, Any]:

@@ -117,8 +117,8 @@ def loops(run: Run, progress: Callable[[str], None]) -> dict[str, Any]:
             (others[int(i)], k): T for i, T in zip(outputs.candidates, outputs.transforms, strict=True)
         }
 
-    def distance_m(a: int, b: int) -> float:
-        return float(np.linalg.norm(poses[a][:3, 3] - poses[b][:3, 3]))
+    def distance_m(first: int, second: int) -> float:
+        return float(np.linalg.norm(poses[first][:3, 3] - poses[second][:3, 3]))
 
     near = [(a, b) for a in keys for b in keys if a != b and distance_m(a, b) < 5.0]
     near_proposals = sum(pair in proposals for pair in near)

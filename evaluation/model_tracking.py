@@ -127,14 +127,14 @@ def _row(
         output_by_frame.get(k, {"T": None, "reasons": ("no_output",), "cpu_s": 0.0})
         for k in (previous, frame)
     )
-    m, deg = float("nan"), float("nan")
+    metres, deg = float("nan"), float("nan")
     if before["T"] is not None and now["T"] is not None:
         estimate = now["T"] @ se3.inverse(before["T"])
-        m, deg = _difference(estimate, _board_motion(objects, previous, frame), before["T"][:, 3])
+        metres, deg = _difference(estimate, _board_motion(objects, previous, frame), before["T"][:, 3])
     return {
         "frame": frame,
         "T": now["T"],
-        "mm": 1e3 * m,
+        "mm": 1e3 * metres,
         "deg": deg,
         "cpu_s": now["cpu_s"],
         "reasons": list(now["reasons"]),
@@ -280,11 +280,11 @@ def m3t(folder: Path) -> dict[str, Any]:
         outputs = [output for sample in samples for output in dfpc.step(sample)]
         last = [output for output in outputs if output.port == "pose"][-1]
         T = last.value.transform.matrix
-        m, deg = _difference(T, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
+        metres, deg = _difference(T, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
         sigma_mm = 1e3 * float(np.sqrt(last.value.transform.covariance[2, 2]))
-        result[name] = [_rounded(1e3 * m), _rounded(deg), list(last.quality.reasons), _rounded(sigma_mm)]
-    m, deg = _difference(T_start, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
-    return result | {"start": [_rounded(1e3 * m), _rounded(deg), [], None]}
+        result[name] = [_rounded(1e3 * metres), _rounded(deg), list(last.quality.reasons), _rounded(sigma_mm)]
+    metres, deg = _difference(T_start, T_m3t, np.array([0.0, 0.0, 0.0, 1.0]))
+    return result | {"start": [_rounded(1e3 * metres), _rounded(deg), [], None]}
 
 
 def table(figures: dict[str, Any]) -> str:

@@ -102,11 +102,11 @@ def true_heights(seed: int) -> FloatArray:
     z += fractal_tile(rng, n, FINE_M, (0.15, 4.0), 0.8, np.tan(np.radians(3.5)))
     axis = (np.arange(n) + 0.5) * FINE_M
     for diameter in power_law_sizes(rng, 12, 1.5, 8.0, 1.5):
-        i, j, r = _crater_window(axis, rng.uniform(0.0, EDGE_M, 2), 1.5 * diameter)
-        z[i, j] += crater_profile(r, diameter, diameter * rng.uniform(0.1, 0.25), 0.04 * diameter)
+        i, j, distance_m = _crater_window(axis, rng.uniform(0.0, EDGE_M, 2), 1.5 * diameter)
+        z[i, j] += crater_profile(distance_m, diameter, diameter * rng.uniform(0.1, 0.25), 0.04 * diameter)
     for diameter in power_law_sizes(rng, 500, 0.1, 1.2, 2.0):
-        i, j, r = _crater_window(axis, rng.uniform(0.0, EDGE_M, 2), diameter)
-        z[i, j] += rng.uniform(0.6, 1.2) * np.sqrt(np.maximum(0.25 * diameter**2 - r**2, 0.0))
+        i, j, distance_m = _crater_window(axis, rng.uniform(0.0, EDGE_M, 2), diameter)
+        z[i, j] += rng.uniform(0.6, 1.2) * np.sqrt(np.maximum(0.25 * diameter**2 - distance_m**2, 0.0))
     k = round(CELL_M / FINE_M)
     return np.asarray(z.reshape(n // k, k, n // k, k).mean(axis=(1, 3)))
 
@@ -159,15 +159,15 @@ def summarise(maps: list[ClassifiedMaps], limits: dict[str, float]) -> dict[str,
     safe = wrong = 0
     cells = _agreement(maps, "exact")
     slope_deg = step_m = -np.inf
-    for m in maps:
-        a, b = m.estimated.layer("class"), m.truth.layer("class")
+    for classified in maps:
+        a, b = classified.estimated.layer("class"), classified.truth.layer("class")
         rated_safe = (a == SAFE) & (b != UNKNOWN)
         safe += int(rated_safe.sum())
         wrong += int((rated_safe & (b == HAZARD)).sum())
         if rated_safe.any():
-            largest_slope_deg = float(np.nanmax(m.truth.layer("slope_deg")[rated_safe]))
+            largest_slope_deg = float(np.nanmax(classified.truth.layer("slope_deg")[rated_safe]))
             slope_deg = max(slope_deg, largest_slope_deg - limits["max_slope_deg"])
-            step_m = max(step_m, _highest_step(m.truth, rated_safe, limits) - limits["max_step_m"])
+            step_m = max(step_m, _highest_step(classified.truth, rated_safe, limits) - limits["max_step_m"])
     return {
         "hazards_rated_safe": interval(wrong, safe),
         "slope_beyond_deg": round(slope_deg, 3),
@@ -182,9 +182,9 @@ def summarise(maps: list[ClassifiedMaps], limits: dict[str, float]) -> dict[str,
 def _agreement(maps: list[ClassifiedMaps], other: str) -> dict[str, list[int]]:
     """Return for each kind the number of cells of this kind in both maps, and in at least one map."""
     cells = {kind: [0, 0] for kind in KINDS}
-    for m in maps:
-        a, b = m.estimated.layer("class"), getattr(m, other).layer("class")
-        compared_cells = (m.sigma_m <= 0.03 + 1e-6) & (a != UNKNOWN) & (b != UNKNOWN)
+    for classified in maps:
+        a, b = classified.estimated.layer("class"), getattr(classified, other).layer("class")
+        compared_cells = (classified.sigma_m <= 0.03 + 1e-6) & (a != UNKNOWN) & (b != UNKNOWN)
         for kind, classes in KINDS.items():
             in_a, in_b = compared_cells & np.isin(a, classes), compared_cells & np.isin(b, classes)
             cells[kind][0] += int((in_a & in_b).sum())
@@ -195,13 +195,13 @@ def _agreement(maps: list[ClassifiedMaps], other: str) -> dict[str, list[int]]:
 def _hazards_alone(maps: list[ClassifiedMaps]) -> dict[str, float]:
     """Return the IoU of exact hazards with those of a limit raised by a sigma, and enlarged by a cell."""
     cells = {"limit_higher_by_a_sigma": [0, 0], "grown_by_a_cell": [0, 0]}
-    for m in maps:
-        exact = m.exact.layer("class")
+    for classified in maps:
+        exact = classified.exact.layer("class")
         known, hazard = exact != UNKNOWN, exact == HAZARD
         cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
         grown = known & (cv2.dilate(hazard.astype(np.uint8), cross) > 0)
         for name, other in (
-            ("limit_higher_by_a_sigma", m.lenient.layer("class") == HAZARD),
+            ("limit_higher_by_a_sigma", classified.lenient.layer("class") == HAZARD),
             ("grown_by_a_cell", grown),
         ):
             cells[name][0] += int((hazard & other).sum())
@@ -249,15 +249,17 @@ def _compare_with_terrain(
     """Return the maps of an elevation map and of the terrain, both averaged to cells of ``CELL_M``."""
     layers = {name: dem.layer(name) for name in dem.layer_names}
     coarse = aggregate_to(CellStatistics.from_layers(dem.geometry, layers, dem.t1_ns), CELL_M)
-    g = coarse.geometry
+    geometry = coarse.geometry
     heights = np.where(coarse.observed, coarse.mean, np.nan)
     fine = terrain.geometry
     factor = max(1, round(CELL_M / fine.resolution_m))
-    x_m = (np.arange(g.cols * factor) + 0.5) * CELL_M / factor + g.xmin_m
-    y_m = g.ymax_m - (np.arange(g.rows * factor) + 0.5) * CELL_M / factor
+    x_m = (np.arange(geometry.cols * factor) + 0.5) * CELL_M / factor + geometry.xmin_m
+    y_m = geometry.ymax_m - (np.arange(geometry.rows * factor) + 0.5) * CELL_M / factor
     x, y = np.meshgrid(x_m, y_m)
     r, c, inside = fine.cells_of(x.ravel(), y.ravel())
-    terrain_m = np.where(inside, terrain.layer("mean")[r, c], np.nan).reshape(g.rows, factor, g.cols, factor)
+    terrain_m = np.where(inside, terrain.layer("mean")[r, c], np.nan).reshape(
+        geometry.rows, factor, geometry.cols, factor
+    )
     return classify_heights(heights, coarse.variance, terrain_m.mean(axis=(1, 3)), limits)
 
 

@@ -77,8 +77,8 @@ def wrong_loops(graph: PoseGraph, seed: int) -> tuple[PoseGraph, int]:
     count = max(1, round(WRONG_RATIO * int(np.count_nonzero(edges.kinds == LOOP_CLOSURE))))
     rng = np.random.default_rng(seed)
     n = len(vertices.ids)
-    a = rng.integers(0, n, count)
-    b = (a + rng.integers(2, n - 1, count)) % n
+    first = rng.integers(0, n, count)
+    second = (first + rng.integers(2, n - 1, count)) % n
     is_plane = not np.any(vertices.poses[:, 2:5])
     twist = rng.normal(size=(count, 6)) * [2.0, 2.0, 2.0, 1.0, 1.0, 1.0]
     twist[:, 2:5] *= 0.0 if is_plane else 1.0
@@ -86,7 +86,7 @@ def wrong_loops(graph: PoseGraph, seed: int) -> tuple[PoseGraph, int]:
         vertices.ids,
         vertices.stamps_ns,
         vertices.matrices,
-        np.vstack([edges.ends, np.column_stack([vertices.ids[a], vertices.ids[b]])]),
+        np.vstack([edges.ends, np.column_stack([vertices.ids[first], vertices.ids[second]])]),
         np.concatenate([edges.matrices, se3.exp_se3(twist)]),
         np.concatenate([edges.information_matrices, edges.information_matrices[:count]]),
         np.concatenate([edges.kinds, np.full(count, LOOP_CLOSURE)]),

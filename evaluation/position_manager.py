@@ -155,8 +155,8 @@ def table(figures: dict[str, Any]) -> str:
     ]
     for name in figures[robots[0]]["position_manager"]:
         cells = [
-            f"{f['end_error_percent']['median']:.2f} %, {f['nees']['median']:.1f}"
-            for f in (figures[r]["position_manager"][name] for r in robots)
+            f"{row['end_error_percent']['median']:.2f} %, {row['nees']['median']:.1f}"
+            for row in (figures[r]["position_manager"][name] for r in robots)
         ]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     low, high = level["band"]
@@ -169,10 +169,10 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|---|---|",
     ]
     for method in ("position_manager", "gtsam"):
-        for name, f in level[method].items():
-            errors = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
-            drive_count = "" if f["drives"] == level["drives"] else f" ({f['drives']} drives)"
-            lines.append(f"| {method}: {name}{drive_count} | {errors} | {f['mean_nees']:.2f} |")
+        for name, row in level[method].items():
+            errors = " | ".join(f"{row['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
+            drive_count = "" if row["drives"] == level["drives"] else f" ({row['drives']} drives)"
+            lines.append(f"| {method}: {name}{drive_count} | {errors} | {row['mean_nees']:.2f} |")
     return "\n".join(lines)
 
 

@@ -107,7 +107,7 @@ def table(figures: dict[str, Any]) -> str:
         f"{low:.2f} to {high:.2f}) |",
         "|---|---|---|---|---|",
     ]
-    for name, f in figures["sets"].items():
-        errors = " | ".join(f"{f['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
-        lines.append(f"| {name} | {errors} | {f['mean_nees']:.2f} |")
+    for name, row in figures["sets"].items():
+        errors = " | ".join(f"{row['end_error_percent'][key]:.2f} %" for key in ("median", "p95", "max"))
+        lines.append(f"| {name} | {errors} | {row['mean_nees']:.2f} |")
     return "\n".join(lines)

@@ -246,9 +246,9 @@ def table(figures: dict[str, Any]) -> str:
         "| fault | drives | found | sensor named | after driving, median | longest |",
         "|---|---|---|---|---|---|",
     ]
-    for name, f in figures["faults"].items():
-        after = " | ".join("–" if f[k] is None else f"{f[k]:.1f} s" for k in ("median_s", "largest_s"))
-        lines.append(f"| {name} | {f['drives']} | {f['found']} | {f['named']} | {after} |")
+    for name, row in figures["faults"].items():
+        after = " | ".join("–" if row[k] is None else f"{row[k]:.1f} s" for k in ("median_s", "largest_s"))
+        lines.append(f"| {name} | {row['drives']} | {row['found']} | {row['named']} | {after} |")
     lines += [
         "",
         "| sensors compared by | good drives | false alarms | CPU time of one core, mean | largest |",

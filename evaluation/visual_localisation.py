@@ -74,23 +74,24 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
             "| refused | false fixes | NEES / 6 (1 expected) | CPU s |",
             "|---" * (7 + len(limits)) + "|",
         ]
-        for method, f in figures.get(part, {}).items():
-            within = " | ".join(f"{100 * f['within'][limit]:.0f} %" for limit in limits)
+        for method, row in figures.get(part, {}).items():
+            within = " | ".join(f"{100 * row['within'][limit]:.0f} %" for limit in limits)
             lines.append(
-                f"| {method} | {f['queries']} | {f['median_mm']} mm, {f['median_deg']}° | {within} "
-                f"| {f['refused']} | {f['false_fixes']} | {f.get('nees_per_freedom', '–')} | {f['cpu_s']} |"
+                f"| {method} | {row['queries']} | {row['median_mm']} mm, {row['median_deg']}° | {within} "
+                f"| {row['refused']} | {row['false_fixes']} | {row.get('nees_per_freedom', '–')} "
+                f"| {row['cpu_s']} |"
             )
         lines.append("")
     lines += [
-        f"{name}: ratio of the estimated focal length to the stated one {f['focal_ratio'][1]} "
-        f"(10 % to 90 %: {f['focal_ratio'][0]} to {f['focal_ratio'][2]}), reported for "
-        f"{f['focal_reported']} of {f['queries']} queries.\n"
+        f"{name}: ratio of the estimated focal length to the stated one {row['focal_ratio'][1]} "
+        f"(10 % to 90 %: {row['focal_ratio'][0]} to {row['focal_ratio'][2]}), reported for "
+        f"{row['focal_reported']} of {row['queries']} queries.\n"
         for part, name in (("euroc", "EuRoC"), ("kitchen", "7-Scenes"))
-        if "focal_ratio" in (f := figures.get(part, {}).get("cdff", {}))
+        if "focal_ratio" in (row := figures.get(part, {}).get("cdff", {}))
     ]
     lines += ["| another scene | images | refused |", "|---|---|---|"]
     other = figures.get("other_scene", {})
-    lines += [f"| {name} | {f['images']} | {f['refused']} |" for name, f in other.items()]
+    lines += [f"| {name} | {row['images']} | {row['refused']} |" for name, row in other.items()]
     return "\n".join(lines)
 
 
@@ -267,10 +268,10 @@ def _figures(
         if T is None:
             errors.append((np.inf, np.inf))
             continue
-        e = pose_error(T_true, T)
-        errors.append((float(np.linalg.norm(e[:3])), float(np.degrees(np.linalg.norm(e[3:])))))
+        error = pose_error(T_true, T)
+        errors.append((float(np.linalg.norm(error[:3])), float(np.degrees(np.linalg.norm(error[3:])))))
         if covariance is not None:
-            squares.append(float(e @ np.linalg.solve(covariance + noise, e)))
+            squares.append(float(error @ np.linalg.solve(covariance + noise, error)))
     E = np.array(errors)
     refused = int(np.isinf(E[:, 0]).sum())
     wrong = np.isfinite(E[:, 0]) & ((E[:, 0] > _FALSE_M) | (E[:, 1] > _FALSE_DEG))

@@ -57,19 +57,19 @@ def _true_motion(a: euroc.StereoView, b: euroc.StereoView) -> FloatArray:
 
 
 def _squared_errors(
-    a: euroc.StereoView, b: euroc.StereoView, parameters: dict[str, Any] | None
+    first: euroc.StereoView, second: euroc.StereoView, parameters: dict[str, Any] | None
 ) -> dict[str, Any]:
     """Return the status, and the NEES of the pose, its translation and its rotation."""
     dfpc = Registry.default().make_dfpc("visual_odometry_sparse")
     dfpc.configure(parameters, DfpcContext(robot="euroc"))
     outputs: list[Output] = []
-    for i, view in enumerate((a, b)):
+    for i, view in enumerate((first, second)):
         outputs += dfpc.step(Sample("stereo", view.pair.stamp_ns, i, view.pair, id=str(i)))
     output = outputs[-1]
     row: dict[str, Any] = {"status": output.quality.status.value}
     if output.value is None:
         return row
-    T, truth = output.value.transform, _true_motion(a, b)
+    T, truth = output.value.transform, _true_motion(first, second)
     error = cov.pose_error(truth, T.matrix)
     total = T.covariance + _covariance_of_reference(truth)
     parts = {"pose": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)}

@@ -56,8 +56,8 @@ def table(figures: dict[str, Any]) -> str:
         "",
         f"The first {real['measured_from']} steps of the reference are interpolated. Over the remaining "
         f"{real['measured_m']} m, where the reference is measured, the end error is "
-        f"{measured_end['median']:.2f} % in the median, {measured_end['max']:.2f} % at most. With exact motion after the "
-        f"interpolated start, the end error would be {start['median']:.2f} %.",
+        f"{measured_end['median']:.2f} % in the median, {measured_end['max']:.2f} % at most. With exact "
+        f"motion after the interpolated start, the end error would be {start['median']:.2f} %.",
         "",
         "| segments | " + " | ".join(real["segments_percent"]) + " |",
         "|---" * (1 + len(real["segments_percent"])) + "|",
@@ -85,10 +85,10 @@ def table(figures: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for name, row in [*simulated["scenarios"].items(), ("all", simulated["all"])]:
-        e = row["end_error_percent"]
+        end_error = row["end_error_percent"]
         lines.append(
-            f"| {name} | {row['drives']}, {row['path_length_m']:.0f} m | {e['median']:.3f} / "
-            f"{e['max']:.3f} % | {row['failed']}, {row['degraded']} of {row['pairs']} | "
+            f"| {name} | {row['drives']}, {row['path_length_m']:.0f} m | {end_error['median']:.3f} / "
+            f"{end_error['max']:.3f} % | {row['failed']}, {row['degraded']} of {row['pairs']} | "
             f"{row['mean_nees']:.2f} | {row['mean_half_nees']:.2f} |"
         )
     (low, high), (half_low, half_high) = simulated["nees_band"], simulated["half_nees_band"]

@@ -115,12 +115,12 @@ def table(figures: dict[str, dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _row(method: str, f: dict[str, Any]) -> str:
-    online = f"{f['online_mm']} mm" if "online_mm" in f else "–"
-    size = f"{f['keyframes']}, {f['loops']}" if "keyframes" in f else "–"
+def _row(method: str, row: dict[str, Any]) -> str:
+    online = f"{row['online_mm']} mm" if "online_mm" in row else "–"
+    size = f"{row['keyframes']}, {row['loops']}" if "keyframes" in row else "–"
     return (
-        f"| {method} | {f['images']} | {f['located']} | {online} | {f['final_mm']} mm | {f['scale']} "
-        f"| {f['rotation_deg']}° | {size} | {f.get('nees_per_freedom', '–')} | {f['cpu_s']} |"
+        f"| {method} | {row['images']} | {row['located']} | {online} | {row['final_mm']} mm | {row['scale']} "
+        f"| {row['rotation_deg']}° | {size} | {row.get('nees_per_freedom', '–')} | {row['cpu_s']} |"
     )
 
 
@@ -401,12 +401,12 @@ def _accuracy(poses: dict[int, FloatArray], truth: dict[int, FloatArray]) -> dic
     """Return the errors after alignment by rotation and translation, and the scale of the true path."""
     stamps = sorted(set(poses) & set(truth))
     estimated, true = (np.array([source[stamp] for stamp in stamps]) for source in (poses, truth))
-    a = estimated[:, :3, 3] - estimated[:, :3, 3].mean(axis=0)
-    b = true[:, :3, 3] - true[:, :3, 3].mean(axis=0)
-    U, S, V = np.linalg.svd(b.T @ a)
+    centred_estimate = estimated[:, :3, 3] - estimated[:, :3, 3].mean(axis=0)
+    centred_truth = true[:, :3, 3] - true[:, :3, 3].mean(axis=0)
+    U, S, V = np.linalg.svd(centred_truth.T @ centred_estimate)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ V))])
     R = U * signs @ V
-    errors = np.linalg.norm(b - a @ R.T, axis=1)
+    errors = np.linalg.norm(centred_truth - centred_estimate @ R.T, axis=1)
     # The positions of a straight path leave a rotation open: orientations are aligned by their mean.
     to_true = true[:, :3, :3] @ np.swapaxes(estimated[:, :3, :3], 1, 2)
     R_mean = se3.normalise_rotation(to_true.mean(axis=0))
@@ -414,7 +414,7 @@ def _accuracy(poses: dict[int, FloatArray], truth: dict[int, FloatArray]) -> dic
     return {
         "final_mm": round(1e3 * float(np.sqrt(np.mean(errors**2))), 1),
         "max_mm": round(1e3 * float(errors.max()), 1),
-        "scale": round(float((S * signs).sum() / (a**2).sum()), 4),
+        "scale": round(float((S * signs).sum() / (centred_estimate**2).sum()), 4),
         "rotation_deg": round(
             float(np.degrees(np.sqrt(np.mean(se3.rotation_angle(rotation_errors) ** 2)))), 3
         ),

@@ -173,10 +173,14 @@ def _metadata_base(fields: tuple[Field, ...]) -> str:
 
 def _stamp(fields: tuple[Field, ...]) -> str:
     """Return the attribute path of the time of a message, which may be in its metadata; empty if none."""
-    for f in fields:
-        if f.attribute in _STAMPS and annotation(f.node) == "Time":
-            return f.attribute
-        if f.attribute == "metadata" and isinstance(f.node, Struct) and (inner := _stamp(f.node.fields)):
+    for field in fields:
+        if field.attribute in _STAMPS and annotation(field.node) == "Time":
+            return field.attribute
+        if (
+            field.attribute == "metadata"
+            and isinstance(field.node, Struct)
+            and (inner := _stamp(field.node.fields))
+        ):
             return f"metadata.{inner}"
     return ""
 

@@ -75,11 +75,11 @@ class Guidance:
         self, ground: NavigationMap, costs: NDArray[np.float64], goal_m: FloatArray
     ) -> FloatArray:
         """Return the reachable position (2,) from which the rest of the way to the goal costs least."""
-        g = ground.geometry
-        row, col, inside = g.cells_of([goal_m[0]], [goal_m[1]])
+        geometry = ground.geometry
+        row, col, inside = geometry.cells_of([goal_m[0]], [goal_m[1]])
         if inside[0] and np.isfinite(costs[row[0], col[0]]):
-            return np.array([g.x_centres_m()[col[0]], g.y_centres_m()[row[0]]])
-        x, y = g.centres_m()
+            return np.array([geometry.x_centres_m()[col[0]], geometry.y_centres_m()[row[0]]])
+        x, y = geometry.centres_m()
         # unobserved terrain counts as the most difficult
         max_cost_per_m = 1.0 + self._route.config.cost_weight
         total = costs + max_cost_per_m * np.hypot(x - goal_m[0], y - goal_m[1])
@@ -110,9 +110,9 @@ def _nearest_free(ground: NavigationMap, position_m: FloatArray, within_m: float
 
 def _straighten(ground: NavigationMap, path: FloatArray) -> FloatArray:
     """Return the path with fewer corners: straight segments whose highest cost does not exceed the path's."""
-    g, classes = ground.geometry, ground.layer("class")
+    geometry, classes = ground.geometry, ground.layer("class")
     cost = np.where(np.isin(classes, _FREE), np.nan_to_num(ground.layer("cost"), nan=1.0), np.inf)
-    row, col, _ = g.cells_of(path[:, 0], path[:, 1])
+    row, col, _ = geometry.cells_of(path[:, 0], path[:, 1])
     path_cost = cost[row, col]
     corners, start = [0], 0
     while start < len(path) - 1:
@@ -121,7 +121,7 @@ def _straighten(ground: NavigationMap, path: FloatArray) -> FloatArray:
         while step >= 1:
             candidate = min(start + step, len(path) - 1)
             allowed_cost = path_cost[start : candidate + 1].max() + 1e-6
-            if candidate > end and _max_cost(g, cost, path[start], path[candidate]) <= allowed_cost:
+            if candidate > end and _max_cost(geometry, cost, path[start], path[candidate]) <= allowed_cost:
                 end = candidate
                 break
             step //= 2
@@ -130,16 +130,16 @@ def _straighten(ground: NavigationMap, path: FloatArray) -> FloatArray:
     return path[corners]
 
 
-def _max_cost(geometry: GridGeometry, cost: NDArray[np.float64], a: FloatArray, b: FloatArray) -> float:
+def _max_cost(geometry: GridGeometry, cost: NDArray[np.float64], start: FloatArray, end: FloatArray) -> float:
     """Return the highest cost on the straight line between two points."""
-    cell_m, offset_m = geometry.resolution_m, b - a
+    cell_m, offset_m = geometry.resolution_m, end - start
     crossings = [np.array([0.0, 1.0])]  # of the line with cell edges, as fractions of its length
     for axis in np.flatnonzero(offset_m):
-        low, high = sorted((a[axis], b[axis]))
+        low, high = sorted((start[axis], end[axis]))
         edges = np.arange(np.ceil(low / cell_m), np.floor(high / cell_m) + 1.0) * cell_m
-        crossings.append((edges - a[axis]) / offset_m[axis])
+        crossings.append((edges - start[axis]) / offset_m[axis])
     u = np.sort(np.concatenate(crossings))
-    points = a + 0.5 * (u[1:] + u[:-1])[:, None] * offset_m  # one in each crossed cell
+    points = start + 0.5 * (u[1:] + u[:-1])[:, None] * offset_m  # one in each crossed cell
     row, col, _ = geometry.cells_of(points[:, 0], points[:, 1])
     return float(cost[row, col].max())
 
@@ -154,8 +154,8 @@ def _up_to_sharp_turn(path: FloatArray) -> FloatArray:
 
 def _shorten(path: FloatArray, length_m: float) -> FloatArray:
     """Return the first ``length_m`` of a path."""
-    s = path_lengths_m(path)
-    if s[-1] <= length_m:
+    lengths_m = path_lengths_m(path)
+    if lengths_m[-1] <= length_m:
         return path
-    end = [np.interp(length_m, s, path[:, 0]), np.interp(length_m, s, path[:, 1])]
-    return np.vstack([path[s < length_m], end])
+    end = [np.interp(length_m, lengths_m, path[:, 0]), np.interp(length_m, lengths_m, path[:, 1])]
+    return np.vstack([path[lengths_m < length_m], end])

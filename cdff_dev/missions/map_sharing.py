@@ -137,10 +137,10 @@ def _errors(limits: SharedMapLimits, profile: Profile, log: Path, bus: Bus, http
 def elevation_errors(window: ElevationMap, true: ElevationMap) -> ElevationErrors:
     """Compare the height of each observed cell with that of the true cell that contains its centre."""
     x, y = window.geometry.centres_m()
-    g = true.geometry
-    row = np.floor((g.ymax_m - y) / g.resolution_m).astype(int)
-    col = np.floor((x - g.xmin_m) / g.resolution_m).astype(int)
-    inside = (row >= 0) & (row < g.rows) & (col >= 0) & (col < g.cols)
+    geometry = true.geometry
+    row = np.floor((geometry.ymax_m - y) / geometry.resolution_m).astype(int)
+    col = np.floor((x - geometry.xmin_m) / geometry.resolution_m).astype(int)
+    inside = (row >= 0) & (row < geometry.rows) & (col >= 0) & (col < geometry.cols)
     true_height = np.full(window.geometry.shape, np.nan)
     true_height[inside] = true.layer("mean")[row[inside], col[inside]]
     observed = np.isfinite(window.layer("mean"))

@@ -240,9 +240,9 @@ def _windows(bus: Bus, truth: Truth, robot: str) -> list[ElevationMap | None]:
     """Return the elevation maps of ``robot`` in the DPM around poses of a path; None for a pose without a
     map.
     """
-    s = path_lengths_m(truth.positions_m[:, :2])
+    lengths_m = path_lengths_m(truth.positions_m[:, :2])
     windows: list[ElevationMap | None] = []
-    for row in np.searchsorted(s, np.arange(0.0, s[-1], _MAP_EVERY_M)):
+    for row in np.searchsorted(lengths_m, np.arange(0.0, lengths_m[-1], _MAP_EVERY_M)):
         x, y = truth.positions_m[row, :2]
         region = f"circle:{x:.2f},{y:.2f},{_MAP_AROUND_M:g}"
         try:

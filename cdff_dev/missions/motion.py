@@ -64,12 +64,16 @@ def motion_along_path(
         Terrain smoothed over the footprint of a wheel.
     """
     xy, path_heading_rad = _round_corners(path_m)
-    s = path_lengths_m(xy)
+    lengths_m = path_lengths_m(xy)
     # Each metre is weighted by the factor by which the speed on it is reduced.
-    slowdown = np.clip(speed_m_s / _BEND_RAD_S * np.abs(np.gradient(path_heading_rad, s)), 1.0, _MAX_SLOWDOWN)
+    slowdown = np.clip(
+        speed_m_s / _BEND_RAD_S * np.abs(np.gradient(path_heading_rad, lengths_m)), 1.0, _MAX_SLOWDOWN
+    )
     slowdown = maximum_filter1d(slowdown, round(_BRAKE_M / _STEP_M) | 1, mode="nearest")
     slowdown = gaussian_filter1d(slowdown, _BRAKE_M / _STEP_M / 2.0, mode="nearest")
-    weighted_length_m = np.concatenate([[0.0], np.cumsum(0.5 * (slowdown[1:] + slowdown[:-1]) * np.diff(s))])
+    weighted_length_m = np.concatenate(
+        [[0.0], np.cumsum(0.5 * (slowdown[1:] + slowdown[:-1]) * np.diff(lengths_m))]
+    )
     turn_rad = math.remainder(path_heading_rad[0] - heading_rad, 2.0 * math.pi)
     turn_s = 1.875 * abs(turn_rad) / _TURN_RAD_S  # 1.875: largest slope of _ramp
     drive_s = max(weighted_length_m[-1] / speed_m_s, ramp_s) + ramp_s
@@ -79,10 +83,12 @@ def motion_along_path(
     relative_speed = _ramp((t_s - start_s) / ramp_s) - _ramp((t_s - start_s - drive_s + ramp_s) / ramp_s)
     cumulative_speed = np.concatenate([[0.0], np.cumsum(0.5 * (relative_speed[1:] + relative_speed[:-1]))])
     weighted_m = weighted_length_m[-1] * cumulative_speed / cumulative_speed[-1]
-    distance_m = np.interp(weighted_m, weighted_length_m, s)
-    position_xy = np.stack([np.interp(distance_m, s, xy[:, 0]), np.interp(distance_m, s, xy[:, 1])], axis=1)
+    distance_m = np.interp(weighted_m, weighted_length_m, lengths_m)
+    position_xy = np.stack(
+        [np.interp(distance_m, lengths_m, xy[:, 0]), np.interp(distance_m, lengths_m, xy[:, 1])], axis=1
+    )
     turn_in_place = heading_rad + turn_rad * _ramp((t_s - _PAUSE_S) / max(turn_s, 1e-9))
-    heading = turn_in_place + np.interp(distance_m, s, path_heading_rad) - path_heading_rad[0]
+    heading = turn_in_place + np.interp(distance_m, lengths_m, path_heading_rad) - path_heading_rad[0]
     poses = settle(wheel_relief, chassis, position_xy, heading)
     attitude = RotationSpline(t_s, Rotation.from_matrix(poses[:, :3, :3]))
     return Motion(CubicSpline(t_s, poses[:, :3, 3]), attitude, CubicSpline(t_s, distance_m)), end_s
@@ -101,9 +107,9 @@ def _round_corners(path_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return positions about every ``_STEP_M`` along the path with rounded corners, and their headings."""
     is_distinct = np.concatenate([[True], np.linalg.norm(np.diff(path_m, axis=0), axis=1) > 1e-6])
     corners = path_m[is_distinct]
-    s = path_lengths_m(corners)
-    even_s = np.linspace(0.0, s[-1], max(2, round(s[-1] / _STEP_M) + 1))
-    straight = np.stack([np.interp(even_s, s, corners[:, axis]) for axis in range(2)], axis=1)
+    lengths_m = path_lengths_m(corners)
+    even_s = np.linspace(0.0, lengths_m[-1], max(2, round(lengths_m[-1] / _STEP_M) + 1))
+    straight = np.stack([np.interp(even_s, lengths_m, corners[:, axis]) for axis in range(2)], axis=1)
     padding = math.ceil(4.0 * _ROUNDING_M / _STEP_M)
     # An odd reflection keeps both ends of the path in place.
     extended = np.pad(straight, ((padding, padding), (0, 0)), mode="reflect", reflect_type="odd")

@@ -173,11 +173,12 @@ def _drawing(tracks: Sequence[Track], ground: ElevationMap | None) -> Iterator[s
     width, height = high - low
     yield f'<svg viewBox="{low[0]:.2f} {-high[1]:.2f} {width:.2f} {height:.2f}">'
     if ground is not None:
-        g = ground.geometry
+        geometry = ground.geometry
         shading_png = base64.b64encode(hillshade_png(ground)).decode()
         yield (
-            f'<image x="{g.xmin_m:.2f}" y="{-g.ymax_m:.2f}" width="{g.xmax_m - g.xmin_m:.2f}" '
-            f'height="{g.ymax_m - g.ymin_m:.2f}" preserveAspectRatio="none" '
+            f'<image x="{geometry.xmin_m:.2f}" y="{-geometry.ymax_m:.2f}" '
+            f'width="{geometry.xmax_m - geometry.xmin_m:.2f}" '
+            f'height="{geometry.ymax_m - geometry.ymin_m:.2f}" preserveAspectRatio="none" '
             f'href="data:image/png;base64,{shading_png}"/>'
         )
     for track, colour in zip(tracks, _COLOURS * len(tracks), strict=False):

@@ -69,36 +69,36 @@ def read_array(port: Port, text: str) -> Any:
     return np.ascontiguousarray(converted) if sizes else converted.item()
 
 
-def _content(port: Port, shape: tuple[str, ...], s: Source) -> Any:
+def _content(port: Port, shape: tuple[str, ...], source: Source) -> Any:
     """Return the array in a file that corresponds to a port with a shape such as ``("n", "3")``."""
-    fmt = detect(s)
+    fmt = detect(source)
     if fmt in CLOUD_FORMATS and not (fmt == "npz" and shape[-1:] != ("3",)):
-        cloud = read_cloud(s, fmt)
+        cloud = read_cloud(source, fmt)
         if "normal" in port.attribute:
             if cloud.normals is None:
-                raise InputError(f"{port.attribute}={s.name}: the cloud has no normals")
+                raise InputError(f"{port.attribute}={source.name}: the cloud has no normals")
             return cloud.normals
         if "intensity" in port.attribute and cloud.intensity is not None:
             return cloud.intensity
         return cloud.points_m
     if shape == ("4", "4") and fmt in ("json", "pose_txt", "tum"):
-        return read_pose(s).T.matrix
+        return read_pose(source).T.matrix
     if fmt == "tum" and (shape[1:] == ("4", "4") or "stamps_ns" in port.attribute):
-        stamps_ns, T = read_tum(s)
+        stamps_ns, T = read_tum(source)
         return stamps_ns if "stamps_ns" in port.attribute else T
     if fmt in ("png", "jpg", "pgm", "ppm"):
-        return grey(read_image(s)) if len(shape) == 2 else read_image(s)
+        return grey(read_image(source)) if len(shape) == 2 else read_image(source)
     if fmt == "tif":
-        bands = list(read_bands(s)[0].values())
+        bands = list(read_bands(source)[0].values())
         return bands[0] if len(shape) == 2 else np.stack(bands, axis=-1)
     if fmt == "npz":
-        return _from_npz(port, s)
+        return _from_npz(port, source)
     if fmt == "json":
-        data = json.loads(s.data)
+        data = json.loads(source.data)
         return data.get("value", data.get(port.attribute)) if isinstance(data, dict) else data
     if fmt in ("csv", "tum", "pose_txt"):
-        return _from_text(s)
-    raise InputError(f"{port.attribute}={s.name}: a {fmt} file, expected {port.type}")
+        return _from_text(source)
+    raise InputError(f"{port.attribute}={source.name}: a {fmt} file, expected {port.type}")
 
 
 def grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -110,21 +110,21 @@ def grey(image: NDArray[Any]) -> NDArray[Any]:
     return rounded
 
 
-def _from_npz(port: Port, s: Source) -> NDArray[Any]:
+def _from_npz(port: Port, source: Source) -> NDArray[Any]:
     """Return the array of a port in an NPZ file, or its only array; raises InputError."""
-    arrays = read_npz(s)
+    arrays = read_npz(source)
     if port.attribute in arrays:
         return arrays[port.attribute]
     if len(arrays) == 1:
         return next(iter(arrays.values()))
     raise InputError(
-        f"{port.attribute}={s.name}: holds {', '.join(arrays)}, expected an array {port.attribute}"
+        f"{port.attribute}={source.name}: holds {', '.join(arrays)}, expected an array {port.attribute}"
     )
 
 
-def _from_text(s: Source) -> NDArray[np.float64]:
+def _from_text(source: Source) -> NDArray[np.float64]:
     """Return rows of numbers that are separated by commas or blanks; a first row of names is skipped."""
-    lines = [line.split("#")[0] for line in s.data.decode("utf-8", "replace").splitlines()]
+    lines = [line.split("#")[0] for line in source.data.decode("utf-8", "replace").splitlines()]
     rows = [line.replace(",", " ").split() for line in lines if line.strip()]
     try:
         float(rows[0][0])
@@ -133,4 +133,4 @@ def _from_text(s: Source) -> NDArray[np.float64]:
     try:
         return np.array(rows, dtype=np.float64)
     except ValueError as error:
-        raise InputError(f"{s.name}: {error}; expected rows with equal numbers of values") from error
+        raise InputError(f"{source.name}: {error}; expected rows with equal numbers of values") from error

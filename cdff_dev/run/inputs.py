@@ -196,10 +196,10 @@ def _is_pose_file(text: str) -> bool:
     """Return whether a file has a pose: a matrix ``T`` in JSON, or a table of poses."""
     if Path(text).is_dir():
         return False
-    s = load(text)
-    fmt = detect(s)
+    source = load(text)
+    fmt = detect(source)
     if fmt == "json":
-        data = json.loads(s.data)
+        data = json.loads(source.data)
         value = data.get("value") if isinstance(data, dict) else None
         return isinstance(data, dict) and ("T" in data or (isinstance(value, dict) and "T" in value))
     return fmt in ("pose_txt", "tum")
@@ -220,36 +220,36 @@ def _read_message(port: Port, text: str, metadata: _Metadata) -> Any:
         return _with_calibration(port, text.split(","), metadata)
     if Path(text).is_dir():
         return _from_log(name, Path(text))
-    s = load(text)
-    fmt = (detect_mesh(s) if name == "Mesh" else None) or detect(s)
+    source = load(text)
+    fmt = (detect_mesh(source) if name == "Mesh" else None) or detect(source)
     if fmt == "json":
         try:
-            return from_json(name, json.loads(s.data))
+            return from_json(name, json.loads(source.data))
         except (CodecError, ValueError) as error:
-            raise InputError(f"{port.attribute}={s.name}: {error}; expected a {name} as JSON") from error
+            raise InputError(f"{port.attribute}={source.name}: {error}; expected a {name} as JSON") from error
     if fmt == "msg":
         return _from_log(name, Path(text))
     try:
-        return _from_file(name, s, fmt, metadata)
+        return _from_file(name, source, fmt, metadata)
     except InputError as error:
         raise InputError(f"{port.attribute}={error}") from error
 
 
-def _from_file(type_name: str, s: Source, fmt: str, metadata: _Metadata) -> Any:
+def _from_file(type_name: str, source: Source, fmt: str, metadata: _Metadata) -> Any:
     formats, read = _READERS.get(type_name, ((), None))
     if read is None or fmt not in formats:
         expected = ", ".join((*formats, "json"))
-        raise InputError(f"{s.name}: a {fmt} file, expected a {type_name} as {expected} or msg")
-    return read(s, fmt, metadata)
+        raise InputError(f"{source.name}: a {fmt} file, expected a {type_name} as {expected} or msg")
+    return read(source, fmt, metadata)
 
 
-def _pointcloud(s: Source, fmt: str, metadata: _Metadata) -> Any:
+def _pointcloud(source: Source, fmt: str, metadata: _Metadata) -> Any:
     """Return the cloud of a file; raises InputError if it has too many points."""
-    cloud = read_cloud(s, fmt)
+    cloud = read_cloud(source, fmt)
     if len(cloud.points_m) > _MAX_POINTS:
         raise InputError(
-            f"{s.name}: {len(cloud.points_m)} points, a Pointcloud has at most {_MAX_POINTS}; downsample "
-            f"it first: cdff run point_cloud_downsampling points={s.name} --set "
+            f"{source.name}: {len(cloud.points_m)} points, a Pointcloud has at most {_MAX_POINTS}; "
+            f"downsample it first: cdff run point_cloud_downsampling points={source.name} --set "
             f"max_points={_MAX_POINTS // 2} --out DIR"
         )
     intensity = cloud.intensity
@@ -267,10 +267,10 @@ def _pointcloud(s: Source, fmt: str, metadata: _Metadata) -> Any:
     )
 
 
-def _mesh(s: Source, _fmt: str, metadata: _Metadata) -> Any:
-    mesh = read_mesh(s)
+def _mesh(source: Source, _fmt: str, metadata: _Metadata) -> Any:
+    mesh = read_mesh(source)
     return Mesh.from_arrays(
-        mesh.vertices, mesh.triangles, frame=mesh_frame(s.name), stamp_ns=metadata.stamp_ns
+        mesh.vertices, mesh.triangles, frame=mesh_frame(source.name), stamp_ns=metadata.stamp_ns
     )
 
 
@@ -288,19 +288,19 @@ def _lidar_scan(s: Source, fmt: str, metadata: _Metadata) -> Any:
     )
 
 
-def _frame(s: Source, fmt: str, metadata: _Metadata) -> Any:
+def _frame(source: Source, fmt: str, metadata: _Metadata) -> Any:
     """Return the image of a file."""
     camera_matrix = None
     if fmt == "tif":
-        bands = list(read_bands(s)[0].values())
+        bands = list(read_bands(source)[0].values())
         image: NDArray[Any] = bands[0] if len(bands) == 1 else np.stack(bands, axis=-1)
     elif fmt == "npz":
-        arrays = read_npz(s)
+        arrays = read_npz(source)
         if "image" not in arrays:
-            raise InputError(f"{s.name}: holds {', '.join(arrays)}, expected an array image")
+            raise InputError(f"{source.name}: holds {', '.join(arrays)}, expected an array image")
         image, camera_matrix = arrays["image"], arrays.get("camera_matrix")
     else:
-        image = read_image(s)
+        image = read_image(source)
     mode = {3: "RGB", 4: "RGBA"}.get(image.shape[2] if image.ndim == 3 else 1, "GRAY")
     return Frame.from_image(
         image, stamp_ns=metadata.stamp_ns, mode=mode, sensor=metadata.frame, camera_matrix=camera_matrix

@@ -95,18 +95,18 @@ class StereoCamera:
 
     def exposures(self, rng: np.random.Generator) -> FloatArray:
         """Return the relative exposures of left and right image of a pair."""
-        m = self._model
-        exposure = 1.0 + m.exposure_sigma * rng.standard_normal()
-        return np.asarray(exposure * (1.0 + m.balance_sigma * rng.standard_normal(2)))
+        model = self._model
+        exposure = 1.0 + model.exposure_sigma * rng.standard_normal()
+        return np.asarray(exposure * (1.0 + model.balance_sigma * rng.standard_normal(2)))
 
     def pair(
         self, T_site_base: FloatArray, rng: np.random.Generator
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return left and right image ``(rows, columns)`` of a rover at the pose ``T_site_base``."""
-        m = self._model
+        model = self._model
         exposures = self.exposures(rng)
-        left = self.expose(self.radiance(T_site_base @ m.T_base_left), exposures[0], rng)
-        right = self.expose(self.radiance(T_site_base @ m.T_base_right), exposures[1], rng)
+        left = self.expose(self.radiance(T_site_base @ model.T_base_left), exposures[0], rng)
+        right = self.expose(self.radiance(T_site_base @ model.T_base_right), exposures[1], rng)
         return left, right
 
     def depth(self, T_site_camera: FloatArray) -> Float32Array:
@@ -197,10 +197,10 @@ class StereoCamera:
 
     def expose(self, radiance: Float32Array, exposure: float, rng: np.random.Generator) -> NDArray[np.uint8]:
         """Return the image of a radiance: blur, vignetting, noise and quantisation."""
-        m = self._model
-        blurred = gaussian_filter(radiance, m.psf_sigma_px, mode="nearest", truncate=3.0)
-        signal = blurred * self._vignette * np.float32(m.gain_dn * exposure)
-        sigma = np.sqrt(m.read_noise_dn**2 + m.shot_noise_dn2_per_dn * np.maximum(signal, 0.0))
+        model = self._model
+        blurred = gaussian_filter(radiance, model.psf_sigma_px, mode="nearest", truncate=3.0)
+        signal = blurred * self._vignette * np.float32(model.gain_dn * exposure)
+        sigma = np.sqrt(model.read_noise_dn**2 + model.shot_noise_dn2_per_dn * np.maximum(signal, 0.0))
         noisy = signal + sigma * rng.standard_normal(signal.shape, dtype=np.float32)
         image: NDArray[np.uint8] = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
         return image

@@ -59,13 +59,13 @@ def power_law_sizes(
     return np.asarray(np.sort(sizes)[::-1], dtype=np.float64)
 
 
-def crater_profile(r: FloatArray, diameter_m: float, depth_m: float, rim_m: float) -> FloatArray:
+def crater_profile(distance_m: FloatArray, diameter_m: float, depth_m: float, rim_m: float) -> FloatArray:
     """Return the height of a fresh simple crater at distance ``r`` from its centre, metres.
 
     The bowl is a parabola from ``-depth_m`` at the centre to ``rim_m`` at the radius R. Outside, the height
     of the ejecta decreases with ``(r/R)^-3`` (Pike 1977; McGetchin et al. 1973), smoothly to zero at 3 R.
     """
-    x = r / (0.5 * diameter_m)
+    x = distance_m / (0.5 * diameter_m)
     bowl = (depth_m + rim_m) * x**2 - depth_m
     ejecta = rim_m * np.maximum(x, 1.0) ** -3.0
     fade = np.clip((3.0 - x) / 1.0, 0.0, 1.0)

@@ -74,9 +74,9 @@ def _distance_travelled(drive: RoverPath, duration_s: float, t_s: FloatArray) ->
 def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return points ``(n, 2)`` and headings ``(n,)`` in site, metres and radians, at distances on a path."""
     knots = np.array(drive.curvature_1pm)
-    s = np.arange(0.0, max(float(np.max(distance_m)), 0.01) + 0.01, 0.005)
+    lengths_m = np.arange(0.0, max(float(np.max(distance_m)), 0.01) + 0.01, 0.005)
     curvature = PchipInterpolator(knots[:, 0], knots[:, 1], extrapolate=True)(
-        np.clip(s, knots[0, 0], knots[-1, 0])
+        np.clip(lengths_m, knots[0, 0], knots[-1, 0])
     )
 
     def integral(values: FloatArray) -> FloatArray:
@@ -85,8 +85,8 @@ def track(drive: RoverPath, distance_m: FloatArray) -> tuple[FloatArray, FloatAr
     heading = math.radians(drive.heading_deg) + integral(curvature)
     x = drive.start_xy_m[0] + integral(np.cos(heading))
     y = drive.start_xy_m[1] + integral(np.sin(heading))
-    xy = np.stack([np.interp(distance_m, s, x), np.interp(distance_m, s, y)], axis=1)
-    return xy, np.interp(distance_m, s, heading)
+    xy = np.stack([np.interp(distance_m, lengths_m, x), np.interp(distance_m, lengths_m, y)], axis=1)
+    return xy, np.interp(distance_m, lengths_m, heading)
 
 
 def settle(relief: Relief, chassis: Chassis, xy_m: FloatArray, heading_rad: FloatArray) -> FloatArray:

@@ -79,11 +79,11 @@ class RoverView:
         self, T_site_base: FloatArray, robot: str, t_s: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Return left and right image ``(rows, columns)`` of a robot at ``t_s``, seconds since the epoch."""
-        m = self._camera.model
+        model = self._camera.model
         exposures = self._camera.exposures(rng)
         left, right = (
             self._camera.expose(self.radiance(T_site_base @ T, robot, t_s)[0], float(exposure), rng)
-            for T, exposure in zip((m.T_base_left, m.T_base_right), exposures, strict=True)
+            for T, exposure in zip((model.T_base_left, model.T_base_right), exposures, strict=True)
         )
         return left, right
 
@@ -94,10 +94,10 @@ class RoverView:
 
         The image is the relative radiance ``(rows, columns)``; a sunlit plain has about 0.7.
         """
-        m = self._camera.model
+        model = self._camera.model
         view = self._camera.view(T_site_camera, self._camera.rays)
-        image = view.radiance.reshape(m.rows, m.columns).copy()
-        depth = view.depth_m.reshape(m.rows, m.columns).copy()
+        image = view.radiance.reshape(model.rows, model.columns).copy()
+        depth = view.depth_m.reshape(model.rows, model.columns).copy()
         poses = {
             name: motion.poses(np.array([t_s]))[0] for name, motion in self._motions.items() if name != robot
         }
@@ -117,23 +117,25 @@ class RoverView:
 
     def _window(self, points_m: FloatArray, T_site_camera: FloatArray) -> tuple[slice, slice] | None:
         """Return rows and columns around points in site; None outside the image."""
-        m = self._camera.model
+        model = self._camera.model
         p = se3.transform_points(se3.inverse(T_site_camera), points_m)
         if not (p[:, 2] > 0.3).all():
             return None
-        pixels = p[:, :2] / p[:, 2:] * m.focal_px + m.camera_matrix[:2, 2]
-        low = np.clip(np.floor(pixels.min(axis=0)) - _MARGIN_PX, 0, [m.columns, m.rows]).astype(int)
-        high = np.clip(np.ceil(pixels.max(axis=0)) + _MARGIN_PX + 1, 0, [m.columns, m.rows]).astype(int)
+        pixels = p[:, :2] / p[:, 2:] * model.focal_px + model.camera_matrix[:2, 2]
+        low = np.clip(np.floor(pixels.min(axis=0)) - _MARGIN_PX, 0, [model.columns, model.rows]).astype(int)
+        high = np.clip(np.ceil(pixels.max(axis=0)) + _MARGIN_PX + 1, 0, [model.columns, model.rows]).astype(
+            int
+        )
         if (high <= low).any():
             return None
         return slice(low[1], high[1]), slice(low[0], high[0])
 
     def _rays(self, window: tuple[slice, slice], n: int) -> FloatArray:
         """Return directions ``(rows * n, columns * n, 3)`` in the camera, depth 1."""
-        m = self._camera.model
+        model = self._camera.model
         v, u = (np.arange(s.start * n, s.stop * n) / n + 0.5 / n - 0.5 for s in window)
-        cx, cy = m.camera_matrix[:2, 2]
-        uu, vv = np.meshgrid((u - cx) / m.focal_px, (v - cy) / m.focal_px)
+        cx, cy = model.camera_matrix[:2, 2]
+        uu, vv = np.meshgrid((u - cx) / model.focal_px, (v - cy) / model.focal_px)
         return np.stack([uu, vv, np.ones_like(uu)], axis=-1)
 
     def _draw(
@@ -270,9 +272,9 @@ class RoverView:
             return
         rays = self._rays(window, 1)
         unit = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-        c = T_site_camera[:3, :3].T @ (centre_m - T_site_camera[:3, 3])
-        along = unit @ c
-        off = (c @ c) - along**2
+        centre_in_camera = T_site_camera[:3, :3].T @ (centre_m - T_site_camera[:3, 3])
+        along = unit @ centre_in_camera
+        off = (centre_in_camera @ centre_in_camera) - along**2
         range_m = depth[window] * np.linalg.norm(rays, axis=2)
         in_front = ndtr((range_m - along) / radius_m)
         thickness = optical_depth * np.exp(-0.5 * np.maximum(off, 0.0) / radius_m**2) * in_front

@@ -102,8 +102,8 @@ def _edges(drive: SimulatedRun, ports: tuple[str, ...]) -> list[tuple[int, int, 
         mount = np.eye(4)
         if port != "odometry":
             mount = drive.context.frames.lookup("mana/base", samples[0].value.child_frame, 0).matrix
-        for a, b in itertools.pairwise(samples):
-            A, B = a.value.transform, b.value.transform
+        for previous, current in itertools.pairwise(samples):
+            A, B = previous.value.transform, current.value.transform
             dfn, scale = (wheel, 1.0) if port == "odometry" else (visual, _VISUAL_SCALE)
             step = dfn.process(
                 OdometryIncrementInputs(
@@ -115,7 +115,7 @@ def _edges(drive: SimulatedRun, ports: tuple[str, ...]) -> list[tuple[int, int, 
                 )
             )
             covariance = scale * step.covariance + (np.diag([1e-6] * 6) if port == "odometry" else 0.0)
-            increments.append((a.stamp_ns, b.stamp_ns, step.increment, covariance))
+            increments.append((previous.stamp_ns, current.stamp_ns, step.increment, covariance))
     return increments
 
 

@@ -129,12 +129,12 @@ class PostgresProducts:
 
 
 def _row(product: NewProduct) -> tuple[Any, ...]:
-    h = product.header
-    box = h.box_m or (0.0,) * 6
+    header = product.header
+    box = header.box_m or (0.0,) * 6
     extent = f"(({box[0]},{box[1]}),({box[3]},{box[4]}))"
-    times = h.seq, h.t0_ns, h.t1_ns, h.frame, extent
+    times = header.seq, header.t0_ns, header.t1_ns, header.frame, extent
     names = product.robot, product.dfpc, product.port, product.product, product.type_name
-    return (h.id, *names, *times, h.to_attachment(), product.payload)
+    return (header.id, *names, *times, header.to_attachment(), product.payload)
 
 
 def seconds_until_first_answer(server: PostgreSQL, product: str) -> float:

@@ -36,7 +36,7 @@ def _integral(t_s: FloatArray, values: FloatArray) -> FloatArray:
 
 def aligned_error_m(positions: FloatArray, truth: FloatArray) -> float:
     """Return the RMS distance of positions (n, 2) from true ones after the best rotation and translation."""
-    a, b = positions - positions.mean(axis=0), truth - truth.mean(axis=0)
-    z = np.sum((b[:, 0] + 1j * b[:, 1]) * (a[:, 0] - 1j * a[:, 1]))
-    rotated = (a[:, 0] + 1j * a[:, 1]) * (z / abs(z))
-    return float(np.sqrt(np.mean(np.abs(b[:, 0] + 1j * b[:, 1] - rotated) ** 2)))
+    centred, centred_truth = positions - positions.mean(axis=0), truth - truth.mean(axis=0)
+    z = np.sum((centred_truth[:, 0] + 1j * centred_truth[:, 1]) * (centred[:, 0] - 1j * centred[:, 1]))
+    rotated = (centred[:, 0] + 1j * centred[:, 1]) * (z / abs(z))
+    return float(np.sqrt(np.mean(np.abs(centred_truth[:, 0] + 1j * centred_truth[:, 1] - rotated) ** 2)))

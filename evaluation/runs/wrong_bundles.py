@@ -85,18 +85,18 @@ def _case(
     fixed = np.zeros(len(poses), int)
     if fixed_poses is not None:
         poses[: len(fixed_poses)], fixed[: len(fixed_poses)] = fixed_poses, 1
-    o = problem.observations
+    observations = problem.observations
     parts = {
         "poses": poses,
         "lens": np.array(problem.lenses.values)[0, :4],
         "positions": np.array(problem.points.positions),
-        "pixels": np.array(o.pixels[:, :2]),
+        "pixels": np.array(observations.pixels[:, :2]),
     }
 
     def samples() -> list[Sample]:
         p = change(parts)
         count = len(p["pixels"])
-        rows = (o.cameras[:count], o.points[:count])
+        rows = (observations.cameras[:count], observations.points[:count])
         value = BundleProblem.from_arrays(
             p["poses"], p["lens"], p["positions"], rows, p["pixels"], frame="site", fixed=fixed.tolist()
         )

@@ -212,10 +212,15 @@ def _elevation(fault: str, stereo: Stereo, truth: ElevationMap) -> Case:
 def _on_common_cells(a: ElevationMap, b: ElevationMap) -> list[tuple[FloatArray, FloatArray]]:
     """Return mean and standard deviation of two maps of one grid, with the cells of the first one."""
     rows, columns = np.indices(a.geometry.shape)
-    g, h = a.geometry, b.geometry
-    rows_of_b = rows + round((h.ymax_m - g.ymax_m) / g.resolution_m)
-    columns_of_b = columns + round((g.xmin_m - h.xmin_m) / g.resolution_m)
-    inside = (rows_of_b >= 0) & (rows_of_b < h.rows) & (columns_of_b >= 0) & (columns_of_b < h.cols)
+    geometry_a, geometry_b = a.geometry, b.geometry
+    rows_of_b = rows + round((geometry_b.ymax_m - geometry_a.ymax_m) / geometry_a.resolution_m)
+    columns_of_b = columns + round((geometry_a.xmin_m - geometry_b.xmin_m) / geometry_a.resolution_m)
+    inside = (
+        (rows_of_b >= 0)
+        & (rows_of_b < geometry_b.rows)
+        & (columns_of_b >= 0)
+        & (columns_of_b < geometry_b.cols)
+    )
     cells = [(a, rows[inside], columns[inside]), (b, rows_of_b[inside], columns_of_b[inside])]
     return [
         (m.layer("mean")[i, j].astype(np.float64), np.sqrt(m.layer("variance")[i, j].astype(np.float64)))

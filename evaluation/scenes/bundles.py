@@ -87,11 +87,11 @@ def ring(
     X = rng.uniform([-10, -10, -3], [10, 10, 3], (points, 3))
     T = []
     for angle in np.linspace(0, 2 * np.pi, cameras, endpoint=False):
-        c = np.array([25 * np.cos(angle), 25 * np.sin(angle), 2.0])
-        z = -c / np.linalg.norm(c)
+        centre = np.array([25 * np.cos(angle), 25 * np.sin(angle), 2.0])
+        z = -centre / np.linalg.norm(centre)
         x = np.cross(z, [0.0, 0.0, 1.0])
         x /= np.linalg.norm(x)
-        T.append(se3.transform(np.stack([x, np.cross(z, x), z], axis=1), c))
+        T.append(se3.transform(np.stack([x, np.cross(z, x), z], axis=1), centre))
     poses = np.array(T)
     cam = np.concatenate([rng.choice(cameras, views, replace=False) for _ in range(points)])
     pt = np.repeat(np.arange(points), views)
@@ -196,9 +196,9 @@ def gtsam_graph(problem: BundleProblem, *, is_fixed: bool = True) -> Any:
     import gtsam
 
     noise, graph = gtsam.noiseModel.Unit.Create(2), gtsam.NonlinearFactorGraph()
-    o, cameras = problem.observations, problem.cameras
-    for k in range(len(o.cameras)):
-        i, p, uv = int(o.cameras[k]), int(o.points[k]), o.pixels[k, :2]
+    observations, cameras = problem.observations, problem.cameras
+    for k in range(len(observations.cameras)):
+        i, p, uv = int(observations.cameras[k]), int(observations.points[k]), observations.pixels[k, :2]
         lens = int(cameras.lenses[i])
         graph.add(gtsam.GeneralSFMFactor2Cal3Bundler(uv, noise, _key("x", i), _key("p", p), _key("k", lens)))
     if not problem.lenses.free.any():
@@ -245,14 +245,16 @@ def _key(kind: str, row: int) -> Any:
 
 
 def _with_values(problem: BundleProblem, matrices: Float, lenses: Float, points: Float) -> BundleProblem:
-    c, p = problem.cameras, problem.points
+    cameras, p = problem.cameras, problem.points
     values = problem.lenses.values.copy()
     values[:, 0] = values[:, 1] = lenses[:, 0]
     values[:, 2:6] = lenses[:, 1:5]
     T = se3.transform(se3.normalise_rotation(matrices[:, :3, :3]), matrices[:, :3, 3])
     return replace(
         problem,
-        cameras=BundleCameras(c.ids, c.stamps, pack_poses(T, "camera"), c.lenses, c.fixed),
+        cameras=BundleCameras(
+            cameras.ids, cameras.stamps, pack_poses(T, "camera"), cameras.lenses, cameras.fixed
+        ),
         lenses=BundleLenses(values, problem.lenses.free),
         points=BundlePoints(p.ids, points, p.fixed),
     )

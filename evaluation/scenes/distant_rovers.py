@@ -133,17 +133,17 @@ class Renderer:
 
     def images(self) -> Iterator[TrueImage]:
         """Yield the pairs in the order of time."""
-        m = self.navcam
-        for k in range(int(self.scenario.duration_s * m.rate_hz)):
-            t = k / m.rate_hz
+        model = self.navcam
+        for k in range(int(self.scenario.duration_s * model.rate_hz)):
+            t = k / model.rate_hz
             T = self.world.motions[OBSERVER].poses(np.array([t]))[0]
             rng = np.random.default_rng([self.scenario.seed, k])
             exposures = self._camera.exposures(rng)
-            light, silhouettes = self._view.radiance(T @ m.T_base_left, OBSERVER, t)
-            other, _ = self._view.radiance(T @ m.T_base_right, OBSERVER, t)
+            light, silhouettes = self._view.radiance(T @ model.T_base_left, OBSERVER, t)
+            other, _ = self._view.radiance(T @ model.T_base_right, OBSERVER, t)
             left = self._camera.expose(light, float(exposures[0]), rng)
             right = self._camera.expose(other, float(exposures[1]), rng)
-            T_camera = T @ m.T_base_left
+            T_camera = T @ model.T_base_left
             objects = {
                 n: self._truth(n, t, T_camera, silhouettes.get(n))
                 for n in self.world.motions

@@ -118,13 +118,13 @@ class StarField:
         rows, cols = light.shape
         if not (8 <= pixel[0] < cols - 8 and 8 <= pixel[1] < rows - 8):
             return
-        c, r = np.rint(pixel).astype(int)
-        x, y = np.arange(c - 6, c + 7) - pixel[0], np.arange(r - 6, r + 7) - pixel[1]
+        column, row = np.rint(pixel).astype(int)
+        x, y = np.arange(column - 6, column + 7) - pixel[0], np.arange(row - 6, row + 7) - pixel[1]
         shape = np.outer(_pixel_light(y, SPREAD_PX), _pixel_light(x, SPREAD_PX))
-        sigma = float(self.noise[r, c])
-        light[r - 6 : r + 7, c - 6 : c + 7] += (snr * sigma / np.linalg.norm(shape) * shape).astype(
-            np.float32
-        )
+        sigma = float(self.noise[row, column])
+        light[row - 6 : row + 7, column - 6 : column + 7] += (
+            snr * sigma / np.linalg.norm(shape) * shape
+        ).astype(np.float32)
 
     def photograph(self, light: Float32Array, rng: np.random.Generator) -> np.ndarray:
         """Return an image (r, c), uint16 in steps of 16 as of the camera, of the light with new noise."""
@@ -203,10 +203,10 @@ def centroid_bound_px(snr: float, spread_px: float = SPREAD_PX) -> float:
     values = []
     for offset in np.linspace(-0.5, 0.5, 11):
         x = np.arange(-12, 13) - offset
-        h = 1e-4
+        step_px = 1e-4
         light, slope = (
             _pixel_light(x, spread_px),
-            (_pixel_light(x - h, spread_px) - _pixel_light(x, spread_px)) / h,
+            (_pixel_light(x - step_px, spread_px) - _pixel_light(x, spread_px)) / step_px,
         )
         values.append(np.linalg.norm(light) / np.linalg.norm(slope))
     return float(np.sqrt(np.mean(np.square(values)))) / snr

@@ -33,16 +33,22 @@ class Terrain:
         rng = np.random.default_rng(seed)
         self.size_m, self.step_m = size_m, step_m
         n = round(size_m / step_m)
-        f = np.hypot(*np.meshgrid(np.fft.fftfreq(n, step_m), np.fft.rfftfreq(n, step_m), indexing="ij"))
-        f[0, 0] = np.inf
-        spectrum = np.where(f < 1.0 / 32.0, 0.0, f**-2.0) * np.exp(2j * np.pi * rng.random(f.shape))
+        frequency = np.hypot(
+            *np.meshgrid(np.fft.fftfreq(n, step_m), np.fft.rfftfreq(n, step_m), indexing="ij")
+        )
+        frequency[0, 0] = np.inf
+        spectrum = np.where(frequency < 1.0 / 32.0, 0.0, frequency**-2.0) * np.exp(
+            2j * np.pi * rng.random(frequency.shape)
+        )
         z = np.fft.irfft2(spectrum, s=(n, n))
         z *= 0.35 / z.std()
         x = np.arange(n) * step_m
-        for cx, cy, r in zip(*rng.uniform(0, size_m, (2, rocks)), rng.uniform(0.1, 0.5, rocks), strict=True):
-            i = slice(*np.clip(np.searchsorted(x, [cx - r, cx + r]), 0, n))
-            j = slice(*np.clip(np.searchsorted(x, [cy - r, cy + r]), 0, n))
-            inside = np.maximum(r**2 - (x[i, None] - cx) ** 2 - (x[None, j] - cy) ** 2, 0.0)
+        for cx, cy, radius in zip(
+            *rng.uniform(0, size_m, (2, rocks)), rng.uniform(0.1, 0.5, rocks), strict=True
+        ):
+            i = slice(*np.clip(np.searchsorted(x, [cx - radius, cx + radius]), 0, n))
+            j = slice(*np.clip(np.searchsorted(x, [cy - radius, cy + radius]), 0, n))
+            inside = np.maximum(radius**2 - (x[i, None] - cx) ** 2 - (x[None, j] - cy) ** 2, 0.0)
             z[i, j] += rng.uniform(0.5, 1.0) * np.sqrt(inside)
         self.z_m = z
 
@@ -115,19 +121,19 @@ def window_pair(
     """
     rng = np.random.default_rng([seed, round(100 * overlap), other_terrain])
     distance_m = WINDOW_M * (1.0 - overlap) if overlap > 0.0 else 1.2 * WINDOW_M
-    a = terrain(seed).window(rng, 1.0, 5.0)
-    b = terrain(seed + 1 if other_terrain else seed).window(
+    source = terrain(seed).window(rng, 1.0, 5.0)
+    target = terrain(seed + 1 if other_terrain else seed).window(
         rng, 1.0 + distance_m, 25.0 if other_terrain else 5.0
     )
-    centre = a.mean(axis=0)
+    centre = source.mean(axis=0)
     R = se3.exp_so3(np.radians(rng.normal(0, 5.0, 3))) @ se3.exp_so3(
         np.array([0, 0, rng.uniform(-np.pi, np.pi)])
     )
     T_target_terrain = se3.transform(R, rng.normal(0, 10.0, 3) - R @ centre)
     # The source is centred on its origin, so that the translation error is the error at the cloud.
     return (
-        a - centre,
-        se3.transform_points(T_target_terrain, b),
+        source - centre,
+        se3.transform_points(T_target_terrain, target),
         T_target_terrain @ se3.transform(np.eye(3), centre),
     )
 

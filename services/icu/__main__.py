@@ -119,19 +119,23 @@ def _modes(unit: SimulatedIcu, request: Request) -> Reply:
 
 
 def _set_mode(unit: SimulatedIcu, request: Request) -> Reply:
-    p = ModeParameters.parse(request.parameters)
-    robot = parse_robot(p.robot, request.scope)
-    return Reply.of(unit.set_mode(robot, p.sensor, p.mode, p.holder, p.acquire.to_dict()))
+    parameters = ModeParameters.parse(request.parameters)
+    robot = parse_robot(parameters.robot, request.scope)
+    return Reply.of(
+        unit.set_mode(
+            robot, parameters.sensor, parameters.mode, parameters.holder, parameters.acquire.to_dict()
+        )
+    )
 
 
 def _fault(unit: SimulatedIcu, request: Request) -> Reply:
-    p = FaultParameters.parse(request.parameters)
-    robot = parse_robot(p.robot, request.scope)
-    if p.lost:
-        unit.lose(robot, p.sensor, p.lost)
+    parameters = FaultParameters.parse(request.parameters)
+    robot = parse_robot(parameters.robot, request.scope)
+    if parameters.lost:
+        unit.lose(robot, parameters.sensor, parameters.lost)
     else:
-        unit.recover(robot, p.sensor)
-    return Reply.of({"robot": robot, "sensor": p.sensor, "lost": p.lost})
+        unit.recover(robot, parameters.sensor)
+    return Reply.of({"robot": robot, "sensor": parameters.sensor, "lost": parameters.lost})
 
 
 if __name__ == "__main__":

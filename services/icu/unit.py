@@ -187,11 +187,11 @@ class SimulatedIcu:
         key = (robot, sensor)
         with self._changed:
             machine = self._machine(*key)
-            before, r = machine.steps, self._random[key]
-            slowness = r.lognormvariate(0.0, self.faults.spread) if self.faults.spread else 1.0
+            before, rng = machine.steps, self._random[key]
+            slowness = rng.lognormvariate(0.0, self.faults.spread) if self.faults.spread else 1.0
             is_switching = machine.demand(mode, holder, self._now_s(), slowness, parameters or {})
             if is_switching and machine.steps != before:
-                (self._will_refuse.add if r.random() < self.faults.refuses else self._will_refuse.discard)(
+                (self._will_refuse.add if rng.random() < self.faults.refuses else self._will_refuse.discard)(
                     key
                 )
             self._changed.notify_all()

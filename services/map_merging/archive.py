@@ -124,7 +124,7 @@ class MapArchive:
         value = merged.graph
         stamps = value.vertices.stamps_ns
         t0_ns, t1_ns = int(stamps.min()), int(stamps.max())
-        inputs = tuple(self._inputs[m.robot] for m in maps)
+        inputs = tuple(self._inputs[robot_map.robot] for robot_map in maps)
         payload, encoding = encode_payload(value)
         content = payload + repr((inputs, sorted(metrics.items()))).encode()
         config_hash = hashlib.sha256(content).hexdigest()[:16]  # equal content has an equal id
@@ -152,18 +152,18 @@ class MapArchive:
                 "payload": payload,
             }
         ]
-        for m in maps:
-            if m.robot in moved_robots:
-                T = merged.anchors[m.robot]
+        for robot_map in maps:
+            if robot_map.robot in moved_robots:
+                T = merged.anchors[robot_map.robot]
                 assert T.covariance is not None  # of the solver
                 changes.append(
                     {
                         "do": "reanchor",
-                        "frame": m.graph.frame,
+                        "frame": robot_map.graph.frame,
                         "parent": SITE,
                         "T": T.matrix.tolist(),
                         "covariance": np.asarray(T.covariance).tolist(),
-                        "expected_revision": self._revisions[m.graph.frame],
+                        "expected_revision": self._revisions[robot_map.graph.frame],
                     }
                 )
         self._bus.call(keys.dpm_rpc(keys.GROUND, "transact"), payload=pack(changes), timeout_s=_CALL_S)

@@ -124,20 +124,21 @@ class MergingRounds:
         logger.info("%s: %s", names, "loop closed" if closure is not None else "no loop closure")
         return closure
 
-    def _has_moved(self, m: RobotMap, merged: MergedMaps) -> bool:
+    def _has_moved(self, robot_map: RobotMap, merged: MergedMaps) -> bool:
         """Return True if the new anchor differs enough from the published one or is more precise."""
-        new, poses = merged.anchors[m.robot], np.array(list(m.keyframes.values()))
+        new, poses = merged.anchors[robot_map.robot], np.array(list(robot_map.keyframes.values()))
         displacement_m = float(
-            np.linalg.norm((new.matrix @ poses - m.anchor.matrix @ poses)[:, :3, 3], axis=1).max()
+            np.linalg.norm((new.matrix @ poses - robot_map.anchor.matrix @ poses)[:, :3, 3], axis=1).max()
         )
         if (
             displacement_m > self._config.revision_distance_m
-            or m.anchor.covariance is None
+            or robot_map.anchor.covariance is None
             or new.covariance is None
         ):
             return True
         return bool(
-            np.trace(new.covariance) < self._config.revision_sigma_ratio**2 * np.trace(m.anchor.covariance)
+            np.trace(new.covariance)
+            < self._config.revision_sigma_ratio**2 * np.trace(robot_map.anchor.covariance)
         )
 
     def _write(self, merged: MergedMaps, maps: Sequence[RobotMap], moved_robots: Sequence[str]) -> None:

@@ -93,16 +93,16 @@ def errors_of(
     row, col = np.nonzero(np.isfinite(mean))
     if not len(row):
         raise InputError("no cell of the map was observed")
-    g = dem.geometry
+    geometry = dem.geometry
     observed = GridGeometry.from_cells(
-        g.frame,
-        g.resolution_m,
-        left=g.left + int(col.min()),
-        top=g.top - int(row.min()),
+        geometry.frame,
+        geometry.resolution_m,
+        left=geometry.left + int(col.min()),
+        top=geometry.top - int(row.min()),
         rows=int(np.ptp(row)) + 1,
         cols=int(np.ptp(col)) + 1,
     )
-    window = g.slices_of(observed)
+    window = geometry.slices_of(observed)
     mean = mean[window]
     shift = _shift(observed, mean, truth)
     correction = shift if remove_shift else np.zeros(5)
@@ -136,16 +136,16 @@ def accuracy_of(errors: MapErrors) -> dict[str, Any]:
         ``tilt_mrad`` (rise to the east, to the north).
     """
     compared = np.isfinite(errors.error)
-    e, resolution_m = errors.error[compared], errors.geometry.resolution_m
+    compared_errors, resolution_m = errors.error[compared], errors.geometry.resolution_m
     mean = np.where(compared, errors.mean, np.nan)
     results: dict[str, Any] = {
-        "cells": len(e),
-        "completeness": len(e) / max(1, int(np.count_nonzero(np.isfinite(errors.true)))),
-        "bias_m": float(e.mean()),
-        "rmse_m": float(np.sqrt(np.mean(e**2))),
-        "nmad_m": _nmad(e),
-        "le90_m": float(np.percentile(np.abs(e), 90)),
-        "max_m": float(np.abs(e).max()),
+        "cells": len(compared_errors),
+        "completeness": len(compared_errors) / max(1, int(np.count_nonzero(np.isfinite(errors.true)))),
+        "bias_m": float(compared_errors.mean()),
+        "rmse_m": float(np.sqrt(np.mean(compared_errors**2))),
+        "nmad_m": _nmad(compared_errors),
+        "le90_m": float(np.percentile(np.abs(compared_errors), 90)),
+        "max_m": float(np.abs(compared_errors).max()),
         "slope_rmse_deg": _slope_rmse_deg(mean, errors.true, resolution_m),
         "shift_m": [float(v) for v in errors.shift[:3]],
         "tilt_mrad": [1e3 * float(v) for v in errors.shift[3:]],
@@ -156,10 +156,10 @@ def accuracy_of(errors: MapErrors) -> dict[str, Any]:
         has_variance = np.isfinite(variance)
         if not has_variance.all():  # a patch without variances was merged
             results["cells_without_interval"] = int(np.count_nonzero(~has_variance))
-            e, variance = e[has_variance], variance[has_variance]
+            compared_errors, variance = compared_errors[has_variance], variance[has_variance]
         results["interval_of"] = errors.interval_of
-        results["within_90_percent"] = float(np.mean(np.abs(e) <= _Z_90 * np.sqrt(variance)))
-        results["chi2_per_cell"] = float(np.median(e**2 / np.maximum(variance, 1e-12)) / 0.4549)
+        results["within_90_percent"] = float(np.mean(np.abs(compared_errors) <= _Z_90 * np.sqrt(variance)))
+        results["chi2_per_cell"] = float(np.median(compared_errors**2 / np.maximum(variance, 1e-12)) / 0.4549)
     return results
 
 
@@ -260,11 +260,13 @@ def _shift(geometry: GridGeometry, mean: Grid, truth: ElevationMap) -> NDArray[n
         use = np.isfinite(error) & np.isfinite(east) & np.isfinite(down)
         if np.count_nonzero(use) < 10:
             return correction
-        e: Grid = error[use]
-        is_inlier = np.abs(e - np.median(e)) <= _MAX_ERROR_NMAD * max(_nmad(e), 1e-9)
-        ones = np.ones(len(e))
+        used_errors: Grid = error[use]
+        is_inlier = np.abs(used_errors - np.median(used_errors)) <= _MAX_ERROR_NMAD * max(
+            _nmad(used_errors), 1e-9
+        )
+        ones = np.ones(len(used_errors))
         A = np.column_stack([east[use], -down[use], -ones, x.mean() - x[use], y.mean() - y[use]])[is_inlier]
-        step = np.linalg.lstsq(A, e[is_inlier], rcond=None)[0]
+        step = np.linalg.lstsq(A, used_errors[is_inlier], rcond=None)[0]
         correction += step
         if np.abs(step).max() < 1e-4:
             break

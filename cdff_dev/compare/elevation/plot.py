@@ -31,9 +31,9 @@ def draw(errors: MapErrors, results: Mapping[str, Any]) -> Any:
     true_axes.set_title("true terrain")
     draw_differences(figure, error_axes, errors.error, errors.geometry, "map - truth, m")
     error_axes.set_title("error" + (" after removal of the shift" if errors.is_shifted else ""))
-    e = errors.error[np.isfinite(errors.error)]
-    limit_m = float(np.quantile(np.abs(e), _SHOWN)) or 1e-6
-    histogram.hist(e, bins=_BINS, range=(-limit_m, limit_m), color="C0")
+    finite_errors = errors.error[np.isfinite(errors.error)]
+    limit_m = float(np.quantile(np.abs(finite_errors), _SHOWN)) or 1e-6
+    histogram.hist(finite_errors, bins=_BINS, range=(-limit_m, limit_m), color="C0")
     for value_m in (-results["le90_m"], results["le90_m"]):
         histogram.axvline(value_m, color="C3", lw=1.0, ls="--", label="LE90" if value_m > 0.0 else None)
     histogram.axvline(results["bias_m"], color="black", lw=1.0, label="bias")

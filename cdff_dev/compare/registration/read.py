@@ -44,12 +44,12 @@ def read_pairs(path: str | Path, stream: str | None = None, port: str | None = N
     InputError, CodecError
         If there is no such file or folder, or a file is malformed.
     """
-    p = Path(path)
-    report = p if p.name == _REPORT else p / _REPORT
+    file = Path(path)
+    report = file if file.name == _REPORT else file / _REPORT
     if report.is_file():
         return {"pair": _read_report(report, port)}
-    if p.is_dir() and stream is None:
-        entries = sorted(e for e in p.iterdir() if not e.name.startswith("."))
+    if file.is_dir() and stream is None:
+        entries = sorted(e for e in file.iterdir() if not e.name.startswith("."))
         try:
             return {
                 e.stem if e.is_file() else e.name: _read_entry(e, port)
@@ -58,16 +58,16 @@ def read_pairs(path: str | Path, stream: str | None = None, port: str | None = N
             }
         except CdffError:
             if any(e.suffix == ".msg" for e in entries):
-                return _read_track_pairs(p, stream)
+                return _read_track_pairs(file, stream)
             raise
-    if p.is_file() and stream is None:
+    if file.is_file() and stream is None:
         try:
-            return {"pair": Pair(read_pose(p).T)}
+            return {"pair": Pair(read_pose(file).T)}
         except CdffError:
-            return _read_track_pairs(p, stream)  # the file may contain a trajectory
-    if not p.exists():
+            return _read_track_pairs(file, stream)  # the file may contain a trajectory
+    if not file.exists():
         raise InputError(f"{path}: there is no such file or folder")
-    return _read_track_pairs(p, stream)
+    return _read_track_pairs(file, stream)
 
 
 def _read_entry(path: Path, port: str | None) -> Pair:

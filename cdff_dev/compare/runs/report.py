@@ -14,15 +14,18 @@ def table(results: Mapping[str, Any]) -> str:
     """Return the differences as text for a terminal; parts without a difference are one line."""
     lines = [f"A: {results['a']}", f"B: {results['b']}"]
     for part in ("configuration", "quality", "cost"):
-        rows = [(name, _text(a), _text(b)) for name, (a, b) in results[part].items()]
+        rows = [(name, _text(count_a), _text(count_b)) for name, (count_a, count_b) in results[part].items()]
         lines += ["", *columns((part, "A", "B"), rows)] if rows else ["", f"{part}: no difference"]
     for part, header in (("trajectories", "trajectory"), ("maps", "map")):
         compared = [(name, _differences(values)) for name, values in results[part].items()]
         lines += ["", *columns((header, "difference of A from B"), compared)] if compared else []
     if requests := results["requests"]:
-        a, b = requests["count"]
-        lines += ["", f"requests: {a} and {b}, {len(requests['different'])} answered differently"]
-        lines += columns(("request", "A", "B"), [(n, a, b) for n, (a, b) in requests["different"].items()])
+        count_a, count_b = requests["count"]
+        lines += ["", f"requests: {count_a} and {count_b}, {len(requests['different'])} answered differently"]
+        lines += columns(
+            ("request", "A", "B"),
+            [(n, count_a, count_b) for n, (count_a, count_b) in requests["different"].items()],
+        )
         for name, times in zip("AB", requests["after_s"], strict=True):
             lines.append(f"time to the answer in {name}: {_differences(times)} s")
     for name in "ab":

@@ -102,7 +102,7 @@ class FaultyStereoCamera:
 
     def radiance(self, eye: Eye, t_s: float) -> Float32Array:
         """Return the relative radiance ``(rows, columns)`` behind the lens of one camera."""
-        m = self._model
+        model = self._model
         row_t_s = t_s + self._row_delays_s()
         T_site_base = self._motion.poses(row_t_s)
         T_site_camera = T_site_base @ eye.T_base_camera
@@ -116,7 +116,7 @@ class FaultyStereoCamera:
         if self._faults.glare is not None and self._sees_sun(T_site_camera[0, :3, 3]):
             unit = view.directions / np.linalg.norm(view.directions, axis=1, keepdims=True)
             glow = veil(self._faults.glare, unit, T_site_camera[0, :3, 2], self._sun)
-            image = image + glow.reshape(m.rows, m.columns).astype(np.float32)
+            image = image + glow.reshape(model.rows, model.columns).astype(np.float32)
         if self._faults.dust is not None:
             sky = np.float32(self._faults.dust.scatter * self._camera.sky)
             image = image * (1 - eye.dust) + sky * eye.dust

@@ -15,25 +15,25 @@ Single = NDArray[np.float32]
 def bloom(charge: Single, full_well_e: float) -> None:  # pragma: no cover - compiled
     """Move half of the excess charge ``(rows, columns)`` of each pixel up and half down, in place."""
     rows, columns = charge.shape
-    for c in range(columns):
+    for column in range(columns):
         has_excess = False
-        for r in range(rows):
-            if charge[r, c] > full_well_e:
+        for row in range(rows):
+            if charge[row, column] > full_well_e:
                 has_excess = True
                 break
         if not has_excess:
             continue
         up = np.zeros(rows)
         carried = 0.0
-        for r in range(rows):
-            excess = max(charge[r, c] - full_well_e, 0.0)
-            up[r] = 0.5 * excess
-            level = min(charge[r, c], full_well_e) + carried
+        for row in range(rows):
+            excess = max(charge[row, column] - full_well_e, 0.0)
+            up[row] = 0.5 * excess
+            level = min(charge[row, column], full_well_e) + carried
             carried = max(level - full_well_e, 0.0) + 0.5 * excess
-            charge[r, c] = min(level, full_well_e)
+            charge[row, column] = min(level, full_well_e)
         carried = 0.0
         for i in range(rows):
-            r = rows - 1 - i
-            level = charge[r, c] + carried
-            carried = max(level - full_well_e, 0.0) + up[r]
-            charge[r, c] = min(level, full_well_e)
+            row = rows - 1 - i
+            level = charge[row, column] + carried
+            carried = max(level - full_well_e, 0.0) + up[row]
+            charge[row, column] = min(level, full_well_e)

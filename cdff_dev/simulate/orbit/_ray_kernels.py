@@ -25,12 +25,12 @@ def place_rays(
     rays = np.empty((len(chosen), 6), np.float32)
     for k in range(len(chosen)):
         i = chosen[k]
-        p = of_pose[i]
+        pose = of_pose[i]
         x, y, z = np.float64(directions[i, 0]), np.float64(directions[i, 1]), np.float64(directions[i, 2])
         for axis in range(3):
-            d = R[p, axis, 0] * x + R[p, axis, 1] * y + R[p, axis, 2] * z
+            d = R[pose, axis, 0] * x + R[pose, axis, 1] * y + R[pose, axis, 2] * z
             rays[k, 3 + axis] = np.float32(d)
-            rays[k, axis] = np.float32(origins[p, axis] + skipped[p] * d)
+            rays[k, axis] = np.float32(origins[pose, axis] + skipped[pose] * d)
     return rays
 
 

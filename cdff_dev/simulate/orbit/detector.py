@@ -46,23 +46,25 @@ class Detector:
 
         Numbers of up to 8 bits are uint8, others uint16.
         """
-        m = self._model
+        model = self._model
         mean = expected_e * self._response
         mean += self.dark_e_s * np.float32(exposure_s)
-        if m.cosmic_rays_hz > 0.0:
+        if model.cosmic_rays_hz > 0.0:
             self._add_particles(mean, exposure_s, rng)
         charge = mean + np.sqrt(mean) * rng.standard_normal(mean.shape, dtype=np.float32)
         faint = np.flatnonzero(mean < _NORMAL_E)
         charge.ravel()[faint] = rng.poisson(mean.ravel()[faint])
-        if m.blooming:
-            bloom(charge, m.full_well_e)
-        np.minimum(charge, np.float32(m.full_well_e), out=charge)
-        charge += np.float32(m.read_noise_e) * rng.standard_normal(charge.shape, dtype=np.float32)
-        charge *= np.float32(1.0 / m.electrons_per_dn)
-        charge += np.float32(m.offset_dn)
+        if model.blooming:
+            bloom(charge, model.full_well_e)
+        np.minimum(charge, np.float32(model.full_well_e), out=charge)
+        charge += np.float32(model.read_noise_e) * rng.standard_normal(charge.shape, dtype=np.float32)
+        charge *= np.float32(1.0 / model.electrons_per_dn)
+        charge += np.float32(model.offset_dn)
         np.rint(charge, out=charge)
-        np.clip(charge, 0, m.largest_dn, out=charge)
-        image: NDArray[np.uint8] | NDArray[np.uint16] = charge.astype(np.uint8 if m.bits <= 8 else np.uint16)
+        np.clip(charge, 0, model.largest_dn, out=charge)
+        image: NDArray[np.uint8] | NDArray[np.uint16] = charge.astype(
+            np.uint8 if model.bits <= 8 else np.uint16
+        )
         return image
 
     def _add_particles(self, mean: Float32Array, exposure_s: float, rng: np.random.Generator) -> None:

@@ -246,9 +246,9 @@ class CameraSimulator:
 
     def _star_rates_px_s(self, directions: FloatArray, t_s: float) -> FloatArray:
         """Return the image motion (n, 2) of stars by the rotation of the camera, pixels per second."""
-        h = 5e-3
-        ends = [self.model.model.project(directions @ self._attitude(t_s + s * h)) for s in (-1, 1)]
-        rate = (ends[1] - ends[0]) / (2.0 * h)
+        half_step_s = 5e-3
+        ends = [self.model.model.project(directions @ self._attitude(t_s + s * half_step_s)) for s in (-1, 1)]
+        rate = (ends[1] - ends[0]) / (2.0 * half_step_s)
         return np.where(np.isfinite(rate), rate, 0.0)
 
     def _behind_earth(self, directions: FloatArray, t_s: float) -> NDArray[np.bool_]:

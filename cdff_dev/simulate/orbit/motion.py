@@ -115,9 +115,9 @@ class OrbitMotion:
 
     def servicer_states(self, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return positions (n, 3), m, and velocities (n, 3), m/s, of the servicer about the central body."""
-        h = _ACCELERATION_STEP_S
-        ahead, behind = self.servicer_offsets_m(t_s + h), self.servicer_offsets_m(t_s - h)
-        velocity = (ahead - behind) / (2.0 * h)
+        half_step_s = _ACCELERATION_STEP_S
+        ahead, behind = self.servicer_offsets_m(t_s + half_step_s), self.servicer_offsets_m(t_s - half_step_s)
+        velocity = (ahead - behind) / (2.0 * half_step_s)
         position = self.servicer_offsets_m(t_s)
         if self.reference is None:
             return position, velocity
@@ -126,9 +126,13 @@ class OrbitMotion:
 
     def specific_forces(self, t_s: FloatArray) -> FloatArray:
         """Return the accelerations (n, 3) of the servicer by thrust, m/s², inertial axes."""
-        h, mu = _ACCELERATION_STEP_S, self._scenario.mu_m3_s2
+        half_step_s, mu = _ACCELERATION_STEP_S, self._scenario.mu_m3_s2
         offset = self.servicer_offsets_m(t_s)
-        total = (self.servicer_offsets_m(t_s + h) - 2.0 * offset + self.servicer_offsets_m(t_s - h)) / h**2
+        total = (
+            self.servicer_offsets_m(t_s + half_step_s)
+            - 2.0 * offset
+            + self.servicer_offsets_m(t_s - half_step_s)
+        ) / half_step_s**2
         client = self.client_positions_m(t_s)
         servicer = client + offset
         gravity = -mu * servicer / np.linalg.norm(servicer, axis=1, keepdims=True) ** 3
@@ -158,9 +162,9 @@ class OrbitMotion:
 
     def base_rates(self, t_s: FloatArray) -> FloatArray:
         """Return the angular rates (n, 3) of the servicer, base axes, rad/s."""
-        h = _RATE_STEP_S
-        behind, ahead = self.base_attitudes(t_s - h), self.base_attitudes(t_s + h)
-        return np.asarray(se3.log_so3(np.swapaxes(behind, 1, 2) @ ahead) / (2.0 * h))
+        half_step_s = _RATE_STEP_S
+        behind, ahead = self.base_attitudes(t_s - half_step_s), self.base_attitudes(t_s + half_step_s)
+        return np.asarray(se3.log_so3(np.swapaxes(behind, 1, 2) @ ahead) / (2.0 * half_step_s))
 
     def poses_in_base(self, name: str, t_s: FloatArray) -> FloatArray:
         """Return ``T_base_body`` (n, 4, 4) of the client or a companion."""

@@ -76,9 +76,11 @@ def imu_track(model: Imu, motion: OrbitMotion, t_s: FloatArray, rng: np.random.G
     """
     T_base_imu = model.mount.matrix()
     R_base_imu, lever_m = T_base_imu[:3, :3], T_base_imu[:3, 3]
-    h = 0.05
+    half_step_s = 0.05
     rate = motion.base_rates(t_s)
-    rate_dot = (motion.base_rates(t_s + h) - motion.base_rates(t_s - h)) / (2.0 * h)
+    rate_dot = (motion.base_rates(t_s + half_step_s) - motion.base_rates(t_s - half_step_s)) / (
+        2.0 * half_step_s
+    )
     lever = np.cross(rate_dot, lever_m) + np.cross(rate, np.cross(rate, lever_m))
     force = np.einsum("nji,nj->ni", motion.base_attitudes(t_s), motion.specific_forces(t_s)) + lever
     return with_sensor_errors(model, force @ R_base_imu, rate @ R_base_imu, rng)

@@ -172,12 +172,17 @@ def _truth(scenario: OrbitScenario, motion: OrbitMotion) -> Iterator[Entry]:
         R = motion.body_attitudes(body.name, t_s)
         spin = np.einsum("nij,nj->ni", R, motion.body_rates(body.name, t_s))
         at = centre + motion.body_offsets_m(body.name, t_s)
-        h = 0.05
+        half_step_s = 0.05
         ahead, behind = (
-            motion.client_positions_m(t_s + s) + motion.body_offsets_m(body.name, t_s + s) for s in (h, -h)
+            motion.client_positions_m(t_s + s) + motion.body_offsets_m(body.name, t_s + s)
+            for s in (half_step_s, -half_step_s)
         )
         yield from _true_states(
-            scenario, body.name, f"{body.name}/body", t_us, (at, (ahead - behind) / (2.0 * h), R, spin)
+            scenario,
+            body.name,
+            f"{body.name}/body",
+            t_us,
+            (at, (ahead - behind) / (2.0 * half_step_s), R, spin),
         )
 
 

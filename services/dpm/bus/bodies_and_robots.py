@@ -23,21 +23,21 @@ def bodies(dpm: Dpm, request: Request) -> Reply:
     """Return the bodies that were defined or have anchors, or any known body by ``name=``; with a payload
     define one.
     """
-    p = parse_call(BodyParameters, request)
+    parameters = parse_call(BodyParameters, request)
     if request.payload:
         return Reply.of(dpm.frames.define_body(body_map(request, "body"), f"{request.scope}/rpc"))
-    if p.name is not None:
-        return Reply.of(dpm.store.anchors.body(p.name).to_dict())
+    if parameters.name is not None:
+        return Reply.of(dpm.store.anchors.body(parameters.name).to_dict())
     return Reply.of({"bodies": [body.to_dict() for body in dpm.store.anchors.bodies().values()]})
 
 
 def place(dpm: Dpm, request: Request) -> Reply:
     """Return the anchor of ``frame=``; with a payload set it."""
-    p = parse_call(AnchoredFrameParameters, request)
+    parameters = parse_call(AnchoredFrameParameters, request)
     if request.payload:
         new = NewAnchor.parse(body_map(request, "anchor"))
-        return Reply.of(dpm.frames.anchor(p.frame, new, f"{request.scope}/rpc"))
-    return Reply.of(dpm.store.anchors.of(p.frame, history_view(p)).to_dict())
+        return Reply.of(dpm.frames.anchor(parameters.frame, new, f"{request.scope}/rpc"))
+    return Reply.of(dpm.store.anchors.of(parameters.frame, history_view(parameters)).to_dict())
 
 
 def robots_known(dpm: Dpm, request: Request) -> Reply:

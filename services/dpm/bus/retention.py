@@ -32,13 +32,15 @@ def retention(dpm: Dpm, rules: Sequence[Rule], request: Request) -> Reply | Iter
     decision is sent, a thousand in a reply, before the final reply with the sums; otherwise the final reply
     has the first thousand.
     """
-    p = parse_call(RetentionParameters, request)
-    if p.confirm_clock:
+    parameters = parse_call(RetentionParameters, request)
+    if parameters.confirm_clock:
         check_robot(GROUND)
         dpm.writer.clock_guard.confirm()
-    if not p.all:
-        return Reply.of(plan_dict(dpm.writer.retire(rules, apply=p.apply), len(rules), p.apply))
-    return _in_parts(dpm, rules, p.apply)
+    if not parameters.all:
+        return Reply.of(
+            plan_dict(dpm.writer.retire(rules, apply=parameters.apply), len(rules), parameters.apply)
+        )
+    return _in_parts(dpm, rules, parameters.apply)
 
 
 def _in_parts(dpm: Dpm, rules: Sequence[Rule], apply: bool) -> Iterator[Reply]:

@@ -185,22 +185,22 @@ def profile(dpm: Dpm, request: Request) -> Reply:
 
 def terrain(dpm: Dpm, request: Request) -> Reply:
     """Return an ``analysis`` of the heights of a region, with the parameters of ``TERRAIN_ANALYSES``."""
-    p = dict(request.parameters)
-    robot_under(request.scope, p)
-    p.pop("request", None)
-    analysis = p.pop("analysis", None)
+    parameters = dict(request.parameters)
+    robot_under(request.scope, parameters)
+    parameters.pop("request", None)
+    analysis = parameters.pop("analysis", None)
     if analysis is None:
         raise InputError("parameter 'analysis' is missing")
-    return _reply(dpm.terrain.run(analysis, p))
+    return _reply(dpm.terrain.run(analysis, parameters))
 
 
 def put(dpm: Dpm, request: Request) -> Reply:
     """Insert a product; the reply ``{id, result}`` is sent after the commit."""
-    p = parse_call(PutParameters, request)
+    parameters = parse_call(PutParameters, request)
     robot = _robot_of(request)
     if robot is None:
         raise InputError("robot is missing: under scope ground it is required")
-    names = {"robot": robot, "dfpc": p.dfpc, "port": p.port, "product": p.product}
+    names = {"robot": robot, "dfpc": parameters.dfpc, "port": parameters.port, "product": parameters.product}
     insertion, header = dpm.writer.put(names, request.payload, request.encoding, request.attachment)
     return Reply.of({"id": header.id, "result": str(insertion)})
 
@@ -216,49 +216,56 @@ def put_all(dpm: Dpm, request: Request) -> Reply:
 
 def update(dpm: Dpm, request: Request) -> Reply:
     """Change the annotation of a product at revision ``if_match``; without a body return its revisions."""
-    p = parse_call(UpdateParameters, request)
+    parameters = parse_call(UpdateParameters, request)
     if not request.payload:
-        dpm.store.get(p.id)
-        revisions = dpm.store.annotations.history(p.id)
-        return Reply.of({"id": p.id, "revisions": [a.to_dict() for a in revisions]})
+        dpm.store.get(parameters.id)
+        revisions = dpm.store.annotations.history(parameters.id)
+        return Reply.of({"id": parameters.id, "revisions": [a.to_dict() for a in revisions]})
     annotation = dpm.writer.update(
-        p.id,
+        parameters.id,
         body_map(request, "update"),
-        parse_revision(p.if_match),
-        p.author or f"{request.scope}/rpc",
+        parse_revision(parameters.if_match),
+        parameters.author or f"{request.scope}/rpc",
     )
-    return Reply.of({"id": p.id, **annotation.to_dict()})
+    return Reply.of({"id": parameters.id, **annotation.to_dict()})
 
 
 def delete(dpm: Dpm, request: Request) -> Reply:
     """Delete a product, with ``if_match`` only if it is at that revision; the reply is ``{id, deleted}``."""
-    p = parse_call(RevisionParameters, request)
-    revision = None if p.if_match is None else parse_revision(p.if_match)
-    return Reply.of({"id": p.id, "deleted": dpm.writer.delete(p.id, revision)})
+    parameters = parse_call(RevisionParameters, request)
+    revision = None if parameters.if_match is None else parse_revision(parameters.if_match)
+    return Reply.of({"id": parameters.id, "deleted": dpm.writer.delete(parameters.id, revision)})
 
 
 def pose(dpm: Dpm, request: Request) -> Reply:
     """Return ``T_parent_child`` at ``t``: ``{parent, child, stamp_ns, T, covariance}``."""
-    p = parse_call(PoseParameters, request)
+    parameters = parse_call(PoseParameters, request)
     robot = _robot_of(request)
-    child = p.child or (f"{robot}/base" if robot else "")
+    child = parameters.child or (f"{robot}/base" if robot else "")
     if not child:
         raise InputError("child is missing: name a frame, or a robot whose base is meant")
     return Reply.of(
-        dpm.frames.pose(p.parent, child, p.t, robot=robot, limit_s=p.limit_s, view=history_view(p))
+        dpm.frames.pose(
+            parameters.parent,
+            child,
+            parameters.t,
+            robot=robot,
+            limit_s=parameters.limit_s,
+            view=history_view(parameters),
+        )
     )
 
 
 def frames(dpm: Dpm, request: Request) -> Reply:
     """Return the frames, or with ``frame=`` its revisions; with a MessagePack body add a revision."""
-    p = parse_call(FrameParameters, request)
+    parameters = parse_call(FrameParameters, request)
     if request.payload:
         new = FrameRevisionBody.parse(body_map(request, "frame revision"))
         return Reply.of(dpm.frames.set_frame(new.frame, new, f"{request.scope}/rpc"))
-    if p.frame is not None:
-        return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(p.frame)]})
+    if parameters.frame is not None:
+        return Reply.of({"revisions": [r.to_dict() for r in dpm.store.frames.revisions(parameters.frame)]})
     return Reply.of(
-        {"frames": dpm.frames.current(history_view(p)), "frames_revision": dpm.store.frames.state()}
+        {"frames": dpm.frames.current(history_view(parameters)), "frames_revision": dpm.store.frames.state()}
     )
 
 
@@ -282,10 +289,12 @@ def stat(dpm: Dpm, request: Request) -> Reply:
 
 def payload(dpm: Dpm, request: Request) -> Reply:
     """Return the stored bytes of a product, ``offset=`` and ``len=`` for a part."""
-    p = parse_call(PayloadParameters, request)
+    parameters = parse_call(PayloadParameters, request)
     product_id = request.key.rsplit("/", 1)[-1]
-    record, data = dpm.retrieval.payload(product_id, p.offset, min(p.len or MAX_PART_BYTES, MAX_PART_BYTES))
-    part = {"kind": "product", "offset": p.offset, "len": len(data), "size": record.size}
+    record, data = dpm.retrieval.payload(
+        product_id, parameters.offset, min(parameters.len or MAX_PART_BYTES, MAX_PART_BYTES)
+    )
+    part = {"kind": "product", "offset": parameters.offset, "len": len(data), "size": record.size}
     return Reply(data, encoding_string(record.type_name, record.codec), record.to_dict() | part)
 
 

@@ -90,20 +90,20 @@ class HttpServer:
     """
 
     def __init__(self, context: Context) -> None:
-        s, self._end_streams = context.settings, context.end_streams
-        family = socket.AF_INET6 if ":" in s.host else socket.AF_INET
+        settings, self._end_streams = context.settings, context.end_streams
+        family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_STREAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         # connections inherit it; without it, an answer in two parts waits 40 ms for the first to be
         # acknowledged
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
-            self._socket.bind((s.host, s.port))
+            self._socket.bind((settings.host, settings.port))
             self._socket.listen(128)  # callers wait from now on instead of being refused
         except OSError as error:
             self._socket.close()
             raise UnavailableError(
-                f"HTTP on {s.host}:{s.port}: {error.strerror}; try another --http"
+                f"HTTP on {settings.host}:{settings.port}: {error.strerror}; try another --http"
             ) from error
         self.port: int = self._socket.getsockname()[1]
         sslproto.SSLProtocol.max_size = _TLS_BUFFER_BYTES
@@ -116,7 +116,7 @@ class HttpServer:
             http=cast(Any, functools.partial(BoundedConnection, IdleConnections())),
             timeout_keep_alive=15,
             lifespan="off",
-            **server_options(s.identity),
+            **server_options(settings.identity),
         )
         self._server = _Server(config)
         self._thread = threading.Thread(

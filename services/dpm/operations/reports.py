@@ -66,17 +66,17 @@ class Reports:
 
     def status(self) -> dict[str, Any]:
         """Return counts and sizes."""
-        s = self._store.statistics()
+        statistics = self._store.statistics()
         return {
-            "products": s.count,
-            "by_robot": _by_robot(s.products),
-            "payload_bytes": s.payload_bytes,
-            "payloads": s.payloads,
-            "stored_bytes": s.stored_bytes,
-            "free_bytes": s.free_bytes,
-            "bytes_by_robot": _by_robot(s.product_bytes),
-            "newest_t1_ns": s.newest_t1_ns,
-            "events": s.events,
+            "products": statistics.count,
+            "by_robot": _by_robot(statistics.products),
+            "payload_bytes": statistics.payload_bytes,
+            "payloads": statistics.payloads,
+            "stored_bytes": statistics.stored_bytes,
+            "free_bytes": statistics.free_bytes,
+            "bytes_by_robot": _by_robot(statistics.product_bytes),
+            "newest_t1_ns": statistics.newest_t1_ns,
+            "events": statistics.events,
             "now_ns": self._store.clock.now_ns(),
             "alarms": self._alarms.active(),
             "loops": self._loops.describe(),

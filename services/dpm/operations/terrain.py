@@ -119,38 +119,42 @@ class Terrain:
         function: Callable[[Any], DeliveredProduct] = getattr(self, analysis)
         return function(model.parse(parameters))
 
-    def surface(self, p: SurfaceParameters) -> DeliveredProduct:
+    def surface(self, parameters: SurfaceParameters) -> DeliveredProduct:
         """Return slope with its error, aspect and roughness, by local planes."""
         from cdff_common.raster.surface import local_surface, side_cells
 
-        heights = self._heights(p, margin=lambda cell_m: side_cells(p.baseline_m, cell_m) // 2)
-        side = side_cells(p.baseline_m, heights.geometry.resolution_m)
-        s = local_surface(heights.mean, heights.noise, heights.geometry.resolution_m, side)
+        heights = self._heights(
+            parameters, margin=lambda cell_m: side_cells(parameters.baseline_m, cell_m) // 2
+        )
+        side = side_cells(parameters.baseline_m, heights.geometry.resolution_m)
+        surface = local_surface(heights.mean, heights.noise, heights.geometry.resolution_m, side)
         bands = {
-            "slope_deg": np.degrees(s.slope_rad),
-            "slope_sigma_deg": np.degrees(s.sigma_slope_rad),
-            "aspect_deg": np.degrees(s.aspect_rad),
-            "roughness_m": s.roughness_m,
+            "slope_deg": np.degrees(surface.slope_rad),
+            "slope_sigma_deg": np.degrees(surface.sigma_slope_rad),
+            "aspect_deg": np.degrees(surface.aspect_rad),
+            "roughness_m": surface.roughness_m,
         }
         surface_metadata = {"baseline_m": side * heights.geometry.resolution_m}
-        return self._raster(p, heights, bands, heights.metadata("surface") | surface_metadata)
+        return self._raster(parameters, heights, bands, heights.metadata("surface") | surface_metadata)
 
-    def viewshed(self, p: ViewshedParameters) -> DeliveredProduct:
+    def viewshed(self, parameters: ViewshedParameters) -> DeliveredProduct:
         """Return the visibility from a point: its probability, and the height that is hidden."""
         from cdff_common.raster.viewshed import viewshed
 
-        x, y = p.observer
-        if p.region is None:
-            p = p.model_copy(update={"region": Region("circle", (x, y, p.range_m or _RANGE_M))})
-        heights = self._heights(p, include_m=p.observer)
+        x, y = parameters.observer
+        if parameters.region is None:
+            parameters = parameters.model_copy(
+                update={"region": Region("circle", (x, y, parameters.range_m or _RANGE_M))}
+            )
+        heights = self._heights(parameters, include_m=parameters.observer)
         v = viewshed(
             heights.geometry,
             heights.mean,
             heights.noise,
-            p.observer,
-            observer_height_m=p.observer_height_m,
-            target_height_m=p.target_height_m,
-            range_m=p.range_m,
+            parameters.observer,
+            observer_height_m=parameters.observer_height_m,
+            target_height_m=parameters.target_height_m,
+            range_m=parameters.range_m,
             check=lambda completed, total: check_time(completed, total, "rows of the viewshed"),
         )
         bands = {
@@ -159,29 +163,29 @@ class Terrain:
             "hidden_sigma_m": v.sigma_m,
             "unobserved": v.unobserved,
         }
-        return self._raster(p, heights, bands, heights.metadata("viewshed"))
+        return self._raster(parameters, heights, bands, heights.metadata("viewshed"))
 
-    def difference(self, p: DifferenceParameters) -> DeliveredProduct:
+    def difference(self, parameters: DifferenceParameters) -> DeliveredProduct:
         """Return the change of the heights from the captures until a time to those after it."""
         from cdff_common import raster
 
-        query = self._query(p)
-        if p.t1 is not None and p.t1 <= p.since:
-            raise InputError(f"since={p.since}: expected earlier than t1={p.t1}")
+        query = self._query(parameters)
+        if parameters.t1 is not None and parameters.t1 <= parameters.since:
+            raise InputError(f"since={parameters.since}: expected earlier than t1={parameters.t1}")
         queries = [
-            replace(query, t1_ns=p.since, newest_after_ns=None),
-            replace(query, t0_ns=p.since + 1),
+            replace(query, t1_ns=parameters.since, newest_after_ns=None),
+            replace(query, t0_ns=parameters.since + 1),
         ]
         cells = [self._store.maps.plan(q).geometry.resolution_m for q in queries]
         coarsest = max(cells)
         earlier, later = (self._window(replace(q, resolution_m=coarsest)) for q in queries)
-        a, b = earlier.map.geometry, later.map.geometry
-        if not a.shares_cells_with(b):
+        earlier_geometry, later_geometry = earlier.map.geometry, later.map.geometry
+        if not earlier_geometry.shares_cells_with(later_geometry):
             raise InputError(
-                f"cells of {cells[0]:g} m before and {cells[1]:g} m after {p.since}: ask for a resolution_m "
-                "that is a multiple of both"
+                f"cells of {cells[0]:g} m before and {cells[1]:g} m after {parameters.since}: ask for a "
+                "resolution_m that is a multiple of both"
             )
-        common = a.intersection(b)
+        common = earlier_geometry.intersection(later_geometry)
         if common is None:
             raise ProductNotFoundError("the captures before and after that time have no common ground")
         before, after = (_layers(w, common) for w in (earlier, later))
@@ -189,10 +193,12 @@ class Terrain:
         sigma = np.sqrt(before[1] + before[2] + after[1] + after[2])
         known = np.isfinite(change)
         if query.region is None:
-            coverage = float(np.count_nonzero(known)) / math.prod(a.union(b).shape)
+            coverage = float(np.count_nonzero(known)) / math.prod(
+                earlier_geometry.union(later_geometry).shape
+            )
         else:
             coverage = raster.coverage(query.region, common, known)
-        _check_coverage(coverage, p.min_coverage)
+        _check_coverage(coverage, parameters.min_coverage)
         with np.errstate(invalid="ignore", divide="ignore"):
             bands = {"difference_m": change, "sigma_m": sigma, "significance": np.abs(change) / sigma}
         metadata = later.manifest() | {
@@ -203,19 +209,19 @@ class Terrain:
             **_changes(change, sigma, common.resolution_m),
         }
         rasters = {name: values.astype(np.float32) for name, values in bands.items()}
-        return self._delivered(p.format, rasters, common, metadata)
+        return self._delivered(parameters.format, rasters, common, metadata)
 
-    def contours(self, p: ContourParameters) -> DeliveredProduct:
+    def contours(self, parameters: ContourParameters) -> DeliveredProduct:
         """Return contour lines as GeoJSON, each with its height and the mean error along it."""
         from cdff_common.formats.geojson import feature, write_geojson
         from cdff_common.raster.contours import contours
 
-        heights = self._heights(p)
+        heights = self._heights(parameters)
         geometry = heights.geometry
         mean = np.where(heights.inside, heights.mean, np.nan)
         sigma = np.sqrt(heights.noise + heights.shared)
         features = []
-        for contour in contours(geometry, mean, p.interval_m):
+        for contour in contours(geometry, mean, parameters.interval_m):
             corners = np.concatenate(contour.lines_m)
             rows, cols, _ = geometry.cells_of(corners[:, 0], corners[:, 1])
             along = sigma[rows, cols]
@@ -223,7 +229,7 @@ class Terrain:
             properties = {
                 "height_m": contour.height_m,
                 "sigma_m": float(known.mean()) if known.size else None,
-                "is_index": round(contour.height_m / p.interval_m) % 5 == 0,
+                "is_index": round(contour.height_m / parameters.interval_m) % 5 == 0,
             }
             features.append(feature("MultiLineString", [], properties))
             features[-1]["geometry"]["coordinates"] = [line.tolist() for line in contour.lines_m]
@@ -232,16 +238,16 @@ class Terrain:
         body = Converted(data, _MEDIA_TYPES["geojson"], "geojson")
         return DeliveredProduct(body, heights.metadata("contours") | {"lines": len(features)})
 
-    def statistics(self, p: AreaStatisticsParameters) -> DeliveredProduct:
+    def statistics(self, parameters: AreaStatisticsParameters) -> DeliveredProduct:
         """Return the statistics of the heights and slopes of a region, with the errors of mean and volume."""
         from cdff_common.raster.area_statistics import distribution, height_statistics
         from cdff_common.raster.surface import local_surface
 
-        heights = self._heights(p, margin=lambda _: 1)
+        heights = self._heights(parameters, margin=lambda _: 1)
         known = heights.inside & np.isfinite(heights.mean)
         cell_m = heights.geometry.resolution_m
         result = height_statistics(
-            heights.mean[known], heights.noise[known], heights.shared[known], cell_m, p.datum_m
+            heights.mean[known], heights.noise[known], heights.shared[known], cell_m, parameters.datum_m
         )
         s = local_surface(heights.mean, heights.noise, cell_m)
         slopes, roughness = np.degrees(s.slope_rad[known]), s.roughness_m[known]
@@ -255,9 +261,9 @@ class Terrain:
         body = Converted(json.dumps(document).encode(), _MEDIA_TYPES["json"], "json")
         return DeliveredProduct(body, metadata)
 
-    def _query(self, p: TerrainParameters) -> WindowQuery:
+    def _query(self, parameters: TerrainParameters) -> WindowQuery:
         """Return the query of the heights, with its region at a fixed place."""
-        query = window_query(p, self._store.clock.now_ns())
+        query = window_query(parameters, self._store.clock.now_ns())
         if query.region is None:
             return query
         region = self._store.maps.patches.resolved_region(query.search(query.region))
@@ -268,7 +274,7 @@ class Terrain:
 
     def _heights(
         self,
-        p: TerrainParameters,
+        parameters: TerrainParameters,
         margin: Callable[[float], int] = lambda _: 0,
         include_m: tuple[float, float] | None = None,
     ) -> Heights:
@@ -278,7 +284,7 @@ class Terrain:
         """
         from cdff_common import raster
 
-        query = self._query(p)
+        query = self._query(parameters)
         plan = self._store.maps.plan(query)
         target, cell_m = plan.geometry, plan.geometry.resolution_m
         region, wide = query.region, query
@@ -295,18 +301,18 @@ class Terrain:
         geometry = window.map.geometry
         inside = np.ones(geometry.shape, dtype=np.bool_) if region is None else raster.mask(region, geometry)
         heights = Heights(window, *_layers(window, geometry), inside, target)
-        _check_coverage(heights.coverage, p.min_coverage)
+        _check_coverage(heights.coverage, parameters.min_coverage)
         return heights
 
     def _raster(
         self,
-        p: TerrainRasterParameters,
+        parameters: TerrainRasterParameters,
         heights: Heights,
         bands: Mapping[str, Float],
         metadata: dict[str, Any],
     ) -> DeliveredProduct:
         cut = {name: heights.cut(values) for name, values in bands.items()}
-        return self._delivered(p.format, cut, heights.target, metadata)
+        return self._delivered(parameters.format, cut, heights.target, metadata)
 
     def _delivered(
         self,

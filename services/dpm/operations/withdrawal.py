@@ -35,7 +35,7 @@ class Withdrawal:
         self._store = store
         self._events = events
 
-    def run(self, p: WithdrawalParameters) -> dict[str, Any]:
+    def run(self, parameters: WithdrawalParameters) -> dict[str, Any]:
         """Delete the selected products and the maps that were made from them, all or none.
 
         Returns
@@ -54,10 +54,10 @@ class Withdrawal:
         DeniedError
             If the actor is a robot and a product, or one that was made from it, is not its own.
         """
-        selected = self._selected(p)
+        selected = self._selected(parameters)
         if not selected:
             raise ProductNotFoundError("no product is selected by that robot, time, dfpc and type")
-        derived = self._derived(selected, p.type)
+        derived = self._derived(selected, parameters.type)
         records = [*selected.values(), *derived.values()]
         if len(records) > MAX_BATCH:
             raise InputError(
@@ -70,17 +70,17 @@ class Withdrawal:
             "withdrawn": list(selected),
             "derived": list(derived),
             "robots": robots,
-            "applied": not p.dry_run,
+            "applied": not parameters.dry_run,
         }
-        if p.dry_run:
+        if parameters.dry_run:
             return result
         entry = {
-            "reason": p.reason,
+            "reason": parameters.reason,
             "robots": robots,
             "products": len(selected),
             "derived": len(derived),
             "ids": list(selected)[:_IDS_IN_ENTRY],
-            "selection": p.to_parameters(),
+            "selection": parameters.to_parameters(),
         }
         scope = robots[0] if len(robots) == 1 else GROUND
         self._store.transact([Delete(record.id) for record in records], (scope, "withdrawn", entry))
@@ -89,19 +89,26 @@ class Withdrawal:
         self._events.publish()
         return result
 
-    def _selected(self, p: WithdrawalParameters) -> dict[str, ProductRecord]:
-        for name in p.type:
+    def _selected(self, parameters: WithdrawalParameters) -> dict[str, ProductRecord]:
+        for name in parameters.type:
             product_type(name)
-        if p.id:
-            by_id = {i: self._store.get(i) for i in p.id}
+        if parameters.id:
+            by_id = {i: self._store.get(i) for i in parameters.id}
             for record in by_id.values():
-                if record.product not in p.type:
+                if record.product not in parameters.type:
                     raise InputError(
-                        f"product {record.id} is of type {record.product}, expected {' or '.join(p.type)}; "
-                        "give its type"
+                        f"product {record.id} is of type {record.product}, expected "
+                        f"{' or '.join(parameters.type)}; give its type"
                     )
             return by_id
-        query = Query(types=p.type, robot=p.robot, dfpc=p.dfpc, t0_ns=p.t0, t1_ns=p.t1, limit=MAX_PAGE)
+        query = Query(
+            types=parameters.type,
+            robot=parameters.robot,
+            dfpc=parameters.dfpc,
+            t0_ns=parameters.t0,
+            t1_ns=parameters.t1,
+            limit=MAX_PAGE,
+        )
         record_by_id: dict[str, ProductRecord] = {}
         while True:
             page = self._store.search(query)

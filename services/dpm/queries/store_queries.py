@@ -39,40 +39,45 @@ _STORE_NAMES = {
 _SUPERSEDED = {"include": None, "exclude": False, "only": True}
 
 
-def search_query(p: SearchParameters) -> Query:
+def search_query(parameters: SearchParameters) -> Query:
     """Return the store query of a search; raises InputError for an unknown product type."""
-    for name in p.type:
+    for name in parameters.type:
         product_type(name)
-    return _query(Query, p, frame=p.region_frame or p.frame, superseded=_SUPERSEDED[p.superseded])
+    return _query(
+        Query,
+        parameters,
+        frame=parameters.region_frame or parameters.frame,
+        superseded=_SUPERSEDED[parameters.superseded],
+    )
 
 
-def cloud_query(p: CloudParameters) -> Query:
+def cloud_query(parameters: CloudParameters) -> Query:
     """Return the store query of an assembled cloud."""
-    return _query(Query, p)
+    return _query(Query, parameters)
 
 
-def window_query(p: MapParameters | ProfileParameters, now_ns: int) -> WindowQuery:
+def window_query(parameters: MapParameters | ProfileParameters, now_ns: int) -> WindowQuery:
     """Return the store query of a window or profile; ``max_age_s`` counts back from ``now_ns``."""
     other: dict[str, Any] = {}
-    if isinstance(p, MapParameters) and p.max_age_s is not None:
-        other["newest_after_ns"] = max(p.newest_after or 0, now_ns - int(p.max_age_s * 1e9))
-    if isinstance(p, ElevationParameters):
-        is_kept = p.disagreement is Disagreement.KEEP
-        other["choice"] = p.choice or (Choice.WEIGHTED if is_kept else Choice.POOLED)
-    if isinstance(p, NavigationWindowParameters):
-        other |= {"choice": Choice.POOLED, "navigation_choice": p.choice}
-    return _query(WindowQuery, p, **other)
+    if isinstance(parameters, MapParameters) and parameters.max_age_s is not None:
+        other["newest_after_ns"] = max(parameters.newest_after or 0, now_ns - int(parameters.max_age_s * 1e9))
+    if isinstance(parameters, ElevationParameters):
+        is_kept = parameters.disagreement is Disagreement.KEEP
+        other["choice"] = parameters.choice or (Choice.WEIGHTED if is_kept else Choice.POOLED)
+    if isinstance(parameters, NavigationWindowParameters):
+        other |= {"choice": Choice.POOLED, "navigation_choice": parameters.choice}
+    return _query(WindowQuery, parameters, **other)
 
 
-def history_view(p: HistoryViewParameters) -> HistoryView:
+def history_view(parameters: HistoryViewParameters) -> HistoryView:
     """Return the state of the store and of the frame tree to answer from."""
-    return HistoryView(p.as_of, p.frames_revision)
+    return HistoryView(parameters.as_of, parameters.frames_revision)
 
 
-def _query(kind: type[Q], p: RegionParameters | ProfileParameters, **other: Any) -> Q:
+def _query(kind: type[Q], parameters: RegionParameters | ProfileParameters, **other: Any) -> Q:
     """Return a store query with the parameters that it has fields for, and with other values."""
-    values = {_STORE_NAMES.get(name, name): value for name, value in p} | {
-        "robot": None if p.robot == ANY_ROBOT else p.robot,
+    values = {_STORE_NAMES.get(name, name): value for name, value in parameters} | {
+        "robot": None if parameters.robot == ANY_ROBOT else parameters.robot,
         **other,
     }
     return kind(**{field.name: values[field.name] for field in fields(kind) if field.name in values})

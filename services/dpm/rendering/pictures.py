@@ -56,14 +56,14 @@ def hillshade_rgba(heights_m: NDArray[Any], resolution_m: float) -> RGBA:
     """
     from cdff_common.raster import hillshade
 
-    h = np.asarray(heights_m, dtype=np.float64)
-    known = np.isfinite(h)
-    out = np.zeros((*h.shape, 4), dtype=np.uint8)
+    heights = np.asarray(heights_m, dtype=np.float64)
+    known = np.isfinite(heights)
+    out = np.zeros((*heights.shape, 4), dtype=np.uint8)
     if not known.any():
         return out
-    shade = hillshade(h, resolution_m) / 255.0
-    low, high = np.percentile(h[known], [2, 98])
-    level = np.clip((np.where(known, h, low) - low) / max(high - low, 1e-9), 0.0, 1.0)
+    shade = hillshade(heights, resolution_m) / 255.0
+    low, high = np.percentile(heights[known], [2, 98])
+    level = np.clip((np.where(known, heights, low) - low) / max(high - low, 1e-9), 0.0, 1.0)
     out[..., :3] = np.clip(_tint(level) * (0.3 + 0.9 * shade)[..., None], 0, 255).astype(np.uint8)
     out[..., 3] = np.where(known, 255, 0)
     return out
@@ -71,18 +71,22 @@ def hillshade_rgba(heights_m: NDArray[Any], resolution_m: float) -> RGBA:
 
 def cloud_rgba(points_m: NDArray[Any], *, flat: bool = False, side_px: int = _CLOUD_SIDE_PX) -> RGBA:
     """Return points seen from above, ``(rows, cols, 4)``: the highest of each pixel, tinted by height."""
-    p = np.asarray(points_m, dtype=np.float64)
-    p = p[np.all(np.isfinite(p), axis=1)]
-    if not len(p):
+    points = np.asarray(points_m, dtype=np.float64)
+    points = points[np.all(np.isfinite(points), axis=1)]
+    if not len(points):
         return np.zeros((1, 1, 4), dtype=np.uint8)
-    low, high = np.percentile(p, [0.5, 99.5], axis=0) if len(p) > 200 else (p.min(axis=0), p.max(axis=0))
+    low, high = (
+        np.percentile(points, [0.5, 99.5], axis=0)
+        if len(points) > 200
+        else (points.min(axis=0), points.max(axis=0))
+    )
     span = max(float(high[0] - low[0]), float(high[1] - low[1]), 1e-6)
     scale = (side_px - 1) / span
-    cols = np.round((p[:, 0] - low[0]) * scale).astype(np.int64)
-    rows = np.round((high[1] - p[:, 1]) * scale).astype(np.int64)
+    cols = np.round((points[:, 0] - low[0]) * scale).astype(np.int64)
+    rows = np.round((high[1] - points[:, 1]) * scale).astype(np.int64)
     width, height = int((high[0] - low[0]) * scale) + 1, int((high[1] - low[1]) * scale) + 1
     inside = (cols >= 0) & (cols < width) & (rows >= 0) & (rows < height)
-    cols, rows, z = cols[inside], rows[inside], p[inside, 2]
+    cols, rows, z = cols[inside], rows[inside], points[inside, 2]
     level = (
         np.full(z.shape, 0.7)
         if flat
@@ -123,12 +127,12 @@ def _subsampled(pixels: NDArray[Any], max_side_px: int) -> NDArray[Any]:
 
 
 def _image(image: NDArray[Any], max_side_px: int) -> bytes:
-    a = np.asarray(image)
-    if a.dtype != np.uint8:
-        known = a[np.isfinite(a)]
+    pixels = np.asarray(image)
+    if pixels.dtype != np.uint8:
+        known = pixels[np.isfinite(pixels)]
         low, high = np.percentile(known, [1, 99]) if known.size else (0.0, 1.0)
-        scaled = (np.nan_to_num(a.astype(np.float64), nan=low) - low) / max(float(high - low), 1e-9)
-        a = (np.clip(scaled, 0, 1) * 255).astype(np.uint8)
-    if a.ndim == 3 and a.shape[2] == 1:
-        a = a[:, :, 0]
-    return png(_subsampled(a, max_side_px))
+        scaled = (np.nan_to_num(pixels.astype(np.float64), nan=low) - low) / max(float(high - low), 1e-9)
+        pixels = (np.clip(scaled, 0, 1) * 255).astype(np.uint8)
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[:, :, 0]
+    return png(_subsampled(pixels, max_side_px))

@@ -72,7 +72,7 @@ class RecordReader:
                 yield from self._pcap(file, start)
 
     def _pcap(self, file: BinaryIO, start: int) -> Iterator[Record]:
-        """Yield the records of a PCAP file that begin at or after an offset; raises DamagedRecordError."""
+        """Yield the records of a PCAP file that start at or after an offset; raises DamagedRecordError."""
         file.seek(0)
         head = file.read(_HEADER_BYTES)
         if len(head) < _HEADER_BYTES:
@@ -95,7 +95,7 @@ class RecordReader:
             at = end
 
     def _blocks(self, file: BinaryIO, start: int) -> Iterator[Record]:
-        """Yield the packets of a PCAPNG file that begin at or after an offset; raises DamagedRecordError."""
+        """Yield the packets of a PCAPNG file that start at or after an offset; raises DamagedRecordError."""
         file.seek(start)
         at = start
         section = self._sections[max(known for known in self._sections if known <= start)] if start else None

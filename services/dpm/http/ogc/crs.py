@@ -81,15 +81,15 @@ class CrsList:
         """
         if named is self.default:
             return bounds
-        b = bounds if len(bounds) == 4 else [*bounds[:2], *bounds[3:5]]
-        if len(b) != 4:
+        box = bounds if len(bounds) == 4 else [*bounds[:2], *bounds[3:5]]
+        if len(box) != 4:
             raise InputError(f"bbox {bounds}: expected 4 or 6 numbers")
         if named.lat_first:
-            b = [b[1], b[0], b[3], b[2]]
+            box = [box[1], box[0], box[3], box[2]]
         if named.crs.is_geographic:
-            return b
+            return box
         transformer = _transformer(named.crs.to_wkt(), self.default.crs.to_wkt())
-        degrees = transformer.transform_bounds(b[0], b[1], b[2], b[3], densify_pts=21)
+        degrees = transformer.transform_bounds(box[0], box[1], box[2], box[3], densify_pts=21)
         if not np.all(np.isfinite(degrees)):
             raise InputError(f"bbox {bounds}: lies outside {named.uri}")
         return [float(v) for v in degrees]

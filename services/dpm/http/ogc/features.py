@@ -99,21 +99,21 @@ class FeatureWriter:
 
     def properties(self, product: OutlinedProduct) -> dict[str, Any]:
         """Return the properties of a product, without ``outline_m``."""
-        record, f = product.record, product.record.fields
-        box_m = f.get("box_m")
+        record, fields = product.record, product.record.fields
+        box_m = fields.get("box_m")
         return {
             **record.names,
             "type_name": record.type_name,
-            "frame": f["frame"],
-            "child": f.get("child"),
-            "t0": format_stamp(f["t0_ns"]),
-            "t1": format_stamp(f["t1_ns"]),
-            "status": str(f["quality"]["status"]),
-            "resolution_m": f.get("resolution_m"),
+            "frame": fields["frame"],
+            "child": fields.get("child"),
+            "t0": format_stamp(fields["t0_ns"]),
+            "t1": format_stamp(fields["t1_ns"]),
+            "status": str(fields["quality"]["status"]),
+            "resolution_m": fields.get("resolution_m"),
             "zmin_m": None if box_m is None else box_m[2],
             "zmax_m": None if box_m is None else box_m[5],
             "size_bytes": record.size,
-            "producer": f["producer"],
+            "producer": fields["producer"],
             "payload": self._base.removesuffix("/ogc") + f"/api/v1/products/{record.id}/payload",
         }
 

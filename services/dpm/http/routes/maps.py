@@ -117,11 +117,11 @@ def navigation(context: Ctx, parameters: Annotated[NavigationFileParameters, Que
 def cloud(context: Ctx, parameters: Annotated[CloudFileParameters, Query()]) -> Response:
     """Return the points of a region from all clouds, in one frame, downsampled evenly to ``points``."""
     product = context.dpm.retrieval.cloud(parameters, _form(parameters.format))
-    m = product.metadata
+    metadata = product.metadata
     headers = {
-        "CDFF-Points": str(m["points"]),
-        "CDFF-Points-Seen": str(m["points_seen"]),
-        "CDFF-Voxel-M": f"{m['voxel_m']:g}",
+        "CDFF-Points": str(metadata["points"]),
+        "CDFF-Points-Seen": str(metadata["points_seen"]),
+        "CDFF-Voxel-M": f"{metadata['voxel_m']:g}",
     }
     return file_response(context, product.body, "pointcloud_window", headers)
 
@@ -198,15 +198,17 @@ def _form(format_name: str) -> DeliveryParameters:
     return DeliveryParameters.parse({"format": format_name})
 
 
-def origin_headers(m: Mapping[str, Any]) -> dict[str, str]:
+def origin_headers(metadata: Mapping[str, Any]) -> dict[str, str]:
     """Return headers that state the patches, coverage and times of a window."""
     return {
-        "CDFF-Coverage": f"{m['coverage']:.4f}",
-        "CDFF-Resolution-M": f"{m['resolution_m']:g}",
-        "CDFF-Patches": str(len(m["patches"])),
-        "CDFF-Disagreeing": str(m["disagreeing"]),
-        "CDFF-Differing-Robots": ",".join(a["robot"] for a in m.get("agreement", ()) if a["excess_sigma_m"]),
-        "CDFF-Frames-Revision": str(m["frames_revision"]),
-        "CDFF-Newest-Ns": str(m["newest_ns"]),
-        "CDFF-Oldest-Ns": str(m["oldest_ns"]),
+        "CDFF-Coverage": f"{metadata['coverage']:.4f}",
+        "CDFF-Resolution-M": f"{metadata['resolution_m']:g}",
+        "CDFF-Patches": str(len(metadata["patches"])),
+        "CDFF-Disagreeing": str(metadata["disagreeing"]),
+        "CDFF-Differing-Robots": ",".join(
+            a["robot"] for a in metadata.get("agreement", ()) if a["excess_sigma_m"]
+        ),
+        "CDFF-Frames-Revision": str(metadata["frames_revision"]),
+        "CDFF-Newest-Ns": str(metadata["newest_ns"]),
+        "CDFF-Oldest-Ns": str(metadata["oldest_ns"]),
     }

@@ -435,16 +435,18 @@ def _has(context: Context, c: Collection, body: Body) -> bool:
     return any(context.places.body_of(frame) == body for frame in c.frames)
 
 
-def _on_body(context: Context, c: Collection, body: Body) -> Collection:
+def _on_body(context: Context, collection: Collection, body: Body) -> Collection:
     """Return the collection of the products of another one that are on a further body."""
     places = context.places
-    extents = [e for e in Catalogue(context).extents(c.id) if places.body_of(e.frame) == body]
+    extents = [e for e in Catalogue(context).extents(collection.id) if places.body_of(e.frame) == body]
     outlines = [
         places.outline_in_degrees(e.frame, shapely.box(*e.box_m[:2], *e.box_m[3:5]))
         for e in extents
         if e.box_m is not None
     ]
-    return replace(c, id=f"{c.id}-{body.name}", bounds_deg=bounds_deg(outlines), body=body.name)
+    return replace(
+        collection, id=f"{collection.id}-{body.name}", bounds_deg=bounds_deg(outlines), body=body.name
+    )
 
 
 def _one(context: Context, name: str) -> Collection:
@@ -458,32 +460,36 @@ def _one(context: Context, name: str) -> Collection:
     return collection if of.frames is None or of.body is None else _on_body(context, collection, of.body)
 
 
-def _described(c: Collection, base: str, crs: CrsList | None) -> OgcCollection:
-    url = f"{base}/collections/{c.id}"
+def _described(collection: Collection, base: str, crs: CrsList | None) -> OgcCollection:
+    url = f"{base}/collections/{collection.id}"
     links = [
         Link(href=url, rel="self", type=JSON),
-        Link(href=f"{url}/items", rel="items", type=GEOJSON, title=c.title),
-        Link(href=f"{url}/items?f=html", rel="items", type="text/html", title=f"{c.title}, to read"),
+        Link(href=f"{url}/items", rel="items", type=GEOJSON, title=collection.title),
+        Link(href=f"{url}/items?f=html", rel="items", type="text/html", title=f"{collection.title}, to read"),
         Link(href=f"{url}/schema", rel=SCHEMA_RELATION, type=SCHEMA, title="Schema"),
         *(
             []
-            if c.id not in MAPS
+            if collection.id not in MAPS
             else [
                 Link(href=f"{url}/map/tiles", rel=f"{_REL}/tilesets-map", type=JSON, title="Tiles"),
                 Link(href=f"{url}/coverage", rel=f"{_REL}/coverage", type="image/tiff", title="Values"),
             ]
         ),
-        *([] if c.id == TRACKS else [Link(href=f"{url}/queryables", rel=QUERYABLES, type=SCHEMA)]),
-        *([] if c.id == TRACKS else [Link(href=f"{url}/items?f=gpkg", rel="enclosure", type=GEOPACKAGE)]),
+        *([] if collection.id == TRACKS else [Link(href=f"{url}/queryables", rel=QUERYABLES, type=SCHEMA)]),
+        *(
+            []
+            if collection.id == TRACKS
+            else [Link(href=f"{url}/items?f=gpkg", rel="enclosure", type=GEOPACKAGE)]
+        ),
     ]
-    extent: Json = {"temporal": {"interval": [c.interval]}}
+    extent: Json = {"temporal": {"interval": [collection.interval]}}
     if crs is not None:
-        extent["spatial"] = {"bbox": [c.spatial_deg], "crs": crs.default.uri}
+        extent["spatial"] = {"bbox": [collection.spatial_deg], "crs": crs.default.uri}
     uris, storage = ([], None) if crs is None else (crs.uris, crs.storage.uri)
     return OgcCollection(
-        id=c.id,
-        title=c.title,
-        description=c.description,
+        id=collection.id,
+        title=collection.title,
+        description=collection.description,
         extent=extent,
         crs=uris,
         storageCrs=storage,

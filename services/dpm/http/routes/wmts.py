@@ -86,16 +86,19 @@ def _answer(context: Context, request: Request, pairs: dict[str, str]) -> Respon
 def _capabilities(context: Context, request: Request, frame: str) -> bytes:
     grid = grid_in(context, frame)
     products = set(LAYERS.values())
-    layers = [c for c in Catalogue(context).collections() if c.id in products]
+    layers = [layer for layer in Catalogue(context).collections() if layer.id in products]
     boxes = {}
-    for c in layers:
-        if grid is not None and c.bounds_deg is not None:
-            west, south, east, north = c.bounds_deg
+    for layer in layers:
+        if grid is not None and layer.bounds_deg is not None:
+            west, south, east, north = layer.bounds_deg
             corners = grid.from_lonlat(np.array([[west, south], [east, north]]))
-            boxes[c.id] = corners.ravel().tolist()
+            boxes[layer.id] = corners.ravel().tolist()
     times = []
     if layers:
-        times = [format_stamp(min(c.t0_ns for c in layers)), format_stamp(max(c.t1_ns for c in layers))]
+        times = [
+            format_stamp(min(layer.t0_ns for layer in layers)),
+            format_stamp(max(layer.t1_ns for layer in layers)),
+        ]
     sets = matrix_sets(context.places.of(frame).wkt, grid)
     return capabilities(str(request.base_url).rstrip("/"), frame, sets, boxes, times)
 

@@ -299,13 +299,16 @@ def selected_collections(
     box = None if bbox is None else box_outline(bbox)
     search_words = [word.strip().lower() for word in (words or "").split(",") if word.strip()]
 
-    def is_selected(c: Collection) -> bool:
-        text = f"{c.id} {c.title} {c.description}".lower()
+    def is_selected(collection: Collection) -> bool:
+        text = f"{collection.id} {collection.title} {collection.description}".lower()
         return (
-            (t0_ns is None or c.t1_ns >= t0_ns)
-            and (t1_ns is None or c.t0_ns <= t1_ns)
+            (t0_ns is None or collection.t1_ns >= t0_ns)
+            and (t1_ns is None or collection.t0_ns <= t1_ns)
             and (not search_words or any(word in text for word in search_words))
-            and (box is None or (c.bounds_deg is not None and box.intersects(shapely.box(*c.bounds_deg))))
+            and (
+                box is None
+                or (collection.bounds_deg is not None and box.intersects(shapely.box(*collection.bounds_deg)))
+            )
         )
 
     return [c for c in collections if is_selected(c)]

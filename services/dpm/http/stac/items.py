@@ -123,8 +123,8 @@ class ItemWriter:
 
     def _add_details(self, product: OutlinedProduct, item: dict[str, Any]) -> None:
         """Add the fields that lists omit."""
-        record, f = product.record, product.record.fields
-        inputs = f["inputs"][:_MAX_INPUTS]
+        record, fields = product.record, product.record.fields
+        inputs = fields["inputs"][:_MAX_INPUTS]
         products = f"{self._root}api/v1/products"
         item["stac_extensions"] += [PROJECTION, PROCESSING]
         item["links"] += [
@@ -140,35 +140,38 @@ class ItemWriter:
             item["links"].append({"rel": "preview", "type": "image/png", "href": thumbnail["href"]})
         item["properties"] |= {
             "title": f"{record.product} of {record.robot}",
-            "start_datetime": format_stamp(f["t0_ns"]),
-            "end_datetime": format_stamp(f["t1_ns"]),
+            "start_datetime": format_stamp(fields["t0_ns"]),
+            "end_datetime": format_stamp(fields["t1_ns"]),
             "processing:facility": record.dfpc,
-            "processing:software": {"producer": f["producer"] or record.dfpc},
-            "cdff:reasons": list(f["quality"].get("reasons", ())),
-            "cdff:config_hash": f["config_hash"],
+            "processing:software": {"producer": fields["producer"] or record.dfpc},
+            "cdff:reasons": list(fields["quality"].get("reasons", ())),
+            "cdff:config_hash": fields["config_hash"],
             **self._projection(product),
         }
         if inputs:
             item["properties"]["cdff:inputs"] = list(inputs)
-        if f.get("signature") is not None:
-            item["properties"]["cdff:signature"] = f["signature"]
+        if fields.get("signature") is not None:
+            item["properties"]["cdff:signature"] = fields["signature"]
         if product.body is not None:
             item["properties"]["cdff:geographic_crs"] = self._code(product.body)
         item["assets"] = self._detailed_assets(product, item["assets"])
 
-    def collection(self, c: Collection) -> dict[str, Any]:
+    def collection(self, collection: Collection) -> dict[str, Any]:
         """Return the STAC collection of a product type."""
-        url = f"{self._stac}/collections/{c.id}"
+        url = f"{self._stac}/collections/{collection.id}"
         data: dict[str, Any] = {
             "type": "Collection",
             "stac_version": VERSION,
             "stac_extensions": [],
-            "id": c.id,
-            "title": c.title,
-            "description": c.description,
+            "id": collection.id,
+            "title": collection.title,
+            "description": collection.description,
             "license": "other",
             "keywords": ["robotics", "data fusion"],
-            "extent": {"spatial": {"bbox": [c.spatial_deg]}, "temporal": {"interval": [c.interval]}},
+            "extent": {
+                "spatial": {"bbox": [collection.spatial_deg]},
+                "temporal": {"interval": [collection.interval]},
+            },
             "links": [
                 {"rel": "self", "type": JSON, "href": url},
                 {"rel": "root", "type": JSON, "href": self._stac},
@@ -176,14 +179,14 @@ class ItemWriter:
                 {"rel": "items", "type": GEOJSON, "href": f"{url}/items"},
                 {"rel": QUERYABLES, "type": SCHEMA, "href": f"{url}/queryables"},
             ],
-            "summaries": summaries(c),
-            "item_assets": self._described_assets(c),
+            "summaries": summaries(collection),
+            "item_assets": self._described_assets(collection),
         }
         if self._body is not None:
             data |= {"stac_extensions": [TARGETS], "ssys:targets": [target(self._body)]}
         return data
 
-    def _described_assets(self, c: Collection) -> dict[str, Any]:
+    def _described_assets(self, collection: Collection) -> dict[str, Any]:
         """Return the files that items of a collection may have."""
         assets: dict[str, Any] = {
             "footprint": {"type": GEOJSON, "roles": ["metadata"], "title": _TITLES["footprint"]},
@@ -193,7 +196,7 @@ class ItemWriter:
                 "title": _TITLES["payload"],
             },
         }
-        for type_name in sorted({origin.type_name for origin in c.origins}):
+        for type_name in sorted({origin.type_name for origin in collection.origins}):
             for name, media_type in self._formats(type_name).items():
                 assets[name] = {"type": media_type, "roles": ["data"], "title": name}
             if type_name in _PICTURED:
@@ -202,22 +205,22 @@ class ItemWriter:
         return assets
 
     def _properties(self, product: OutlinedProduct) -> dict[str, Any]:
-        record, f = product.record, product.record.fields
+        record, fields = product.record, product.record.fields
         properties: dict[str, Any] = {
-            "datetime": format_stamp(f["t1_ns"]),
+            "datetime": format_stamp(fields["t1_ns"]),
             "platform": record.robot,
             "instruments": [f"{record.dfpc}/{record.port}"],
             "cdff:type_name": record.type_name,
-            "cdff:frame": f["frame"],
-            "cdff:status": f["quality"]["status"],
+            "cdff:frame": fields["frame"],
+            "cdff:status": fields["quality"]["status"],
         }
-        if f["t0_ns"] != f["t1_ns"]:
-            properties["start_datetime"] = format_stamp(f["t0_ns"])
+        if fields["t0_ns"] != fields["t1_ns"]:
+            properties["start_datetime"] = format_stamp(fields["t0_ns"])
             properties["end_datetime"] = properties["datetime"]
-        if f.get("resolution_m") is not None:
-            properties["gsd"] = f["resolution_m"]
-        if f.get("child") is not None:
-            properties["cdff:child"] = f["child"]
+        if fields.get("resolution_m") is not None:
+            properties["gsd"] = fields["resolution_m"]
+        if fields.get("child") is not None:
+            properties["cdff:child"] = fields["child"]
         if product.body is not None:
             properties["ssys:targets"] = [target(product.body)]
         return properties
@@ -282,20 +285,20 @@ class ItemWriter:
         return all_assets
 
 
-def summaries(c: Collection) -> dict[str, Any]:
+def summaries(collection: Collection) -> dict[str, Any]:
     """Return the values of properties in the items of a collection."""
     values = {
-        "platform": {o.robot for o in c.origins},
-        "instruments": {f"{o.dfpc}/{o.port}" for o in c.origins},
-        "cdff:type_name": {o.type_name for o in c.origins},
-        "cdff:status": {o.status for o in c.origins},
-        "cdff:frame": set(c.frames),
+        "platform": {o.robot for o in collection.origins},
+        "instruments": {f"{o.dfpc}/{o.port}" for o in collection.origins},
+        "cdff:type_name": {o.type_name for o in collection.origins},
+        "cdff:status": {o.status for o in collection.origins},
+        "cdff:frame": set(collection.frames),
     }
     data: dict[str, Any] = {
         name: sorted(of_name)[:_MAX_SUMMARY] for name, of_name in values.items() if of_name
     }
-    finest = [o.finest_m for o in c.origins if o.finest_m is not None]
-    coarsest = [o.coarsest_m for o in c.origins if o.coarsest_m is not None]
+    finest = [o.finest_m for o in collection.origins if o.finest_m is not None]
+    coarsest = [o.coarsest_m for o in collection.origins if o.coarsest_m is not None]
     if finest and coarsest:
         data["gsd"] = {"minimum": min(finest), "maximum": max(coarsest)}
     return data

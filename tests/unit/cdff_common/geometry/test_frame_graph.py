@@ -16,13 +16,13 @@ def pose_at(x: float, yaw: float = 0.0, sigma: float | None = 0.0) -> UncertainT
 
 @pytest.fixture
 def graph() -> FrameGraph:
-    g = FrameGraph()
-    g.set_static("site", "mana/odom", pose_at(1.0))
-    g.track("mana/odom", "mana/base").insert(0, pose_at(0.0))
-    g.track("mana/odom", "mana/base").insert(1000, pose_at(2.0))
-    g.set_static("mana/base", "mana/lidar", pose_at(0.5))
-    g.set_static("site", "minnie/odom", pose_at(10.0))
-    return g
+    graph = FrameGraph()
+    graph.set_static("site", "mana/odom", pose_at(1.0))
+    graph.track("mana/odom", "mana/base").insert(0, pose_at(0.0))
+    graph.track("mana/odom", "mana/base").insert(1000, pose_at(2.0))
+    graph.set_static("mana/base", "mana/lidar", pose_at(0.5))
+    graph.set_static("site", "minnie/odom", pose_at(10.0))
+    return graph
 
 
 def test_a_lookup_composes_the_edges_of_a_chain(graph: FrameGraph) -> None:

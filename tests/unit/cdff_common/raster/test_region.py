@@ -18,10 +18,10 @@ def test_a_circle_contains_the_cells_with_centres_inside() -> None:
 
 
 def test_coverage_is_the_fraction_of_observed_cells_of_the_region() -> None:
-    g = GridGeometry.aligned("site", 0.1, (0, 0, 2, 1))
-    observed = np.zeros(g.shape, dtype=bool)
+    geometry = GridGeometry.aligned("site", 0.1, (0, 0, 2, 1))
+    observed = np.zeros(geometry.shape, dtype=bool)
     observed[:, :10] = True
-    assert coverage(parse_region("bbox:0,0,2,1"), g, observed) == pytest.approx(0.5)
-    assert coverage(parse_region("bbox:0,0,1,1"), g, observed) == pytest.approx(1.0)
-    assert coverage(parse_region("bbox:0,0,4,2"), g, observed) == pytest.approx(1.0 / 8.0)
-    assert coverage(parse_region("bbox:10,10,12,12"), g, observed) == 0.0
+    assert coverage(parse_region("bbox:0,0,2,1"), geometry, observed) == pytest.approx(0.5)
+    assert coverage(parse_region("bbox:0,0,1,1"), geometry, observed) == pytest.approx(1.0)
+    assert coverage(parse_region("bbox:0,0,4,2"), geometry, observed) == pytest.approx(1.0 / 8.0)
+    assert coverage(parse_region("bbox:10,10,12,12"), geometry, observed) == 0.0

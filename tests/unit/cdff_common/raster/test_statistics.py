@@ -29,14 +29,14 @@ def assert_same(a: CellStatistics, b: CellStatistics, rtol: float = 1e-12) -> No
 @pytest.mark.parametrize("datum_m", [0.0, -2500.0, 21_000.0])
 def test_cell_statistics_agree_with_numpy(rng: np.random.Generator, datum_m: float) -> None:
     points, g = cloud(rng, datum_m=datum_m), grid()
-    s = CellStatistics.from_points(g, points, stamps_ns=T_NS)
+    statistics = CellStatistics.from_points(g, points, stamps_ns=T_NS)
     rows, cols, inside = g.cells_of(points[:, 0], points[:, 1])
     for cell in [(0, 0), (3, 7), (15, 15)]:
         z = points[inside & (rows == cell[0]) & (cols == cell[1]), 2]
-        assert s.count[cell] == len(z)
-        assert s.mean[cell] == pytest.approx(z.mean(), rel=1e-14)
-        assert s.variance[cell] == pytest.approx(z.var(), rel=1e-9)
-        assert (s.minimum[cell], s.maximum[cell]) == (z.min(), z.max())
+        assert statistics.count[cell] == len(z)
+        assert statistics.mean[cell] == pytest.approx(z.mean(), rel=1e-14)
+        assert statistics.variance[cell] == pytest.approx(z.var(), rel=1e-9)
+        assert (statistics.minimum[cell], statistics.maximum[cell]) == (z.min(), z.max())
 
 
 def test_cells_without_points_are_nan_in_every_layer(rng: np.random.Generator) -> None:
@@ -96,14 +96,19 @@ def test_the_mean_variance_of_the_points_is_added_to_their_scatter() -> None:
 
 
 def test_statistics_survive_conversion_to_float32_layers(rng: np.random.Generator) -> None:
-    s = CellStatistics.from_points(
+    statistics = CellStatistics.from_points(
         grid(), cloud(rng)[:200], stamps_ns=T_NS - 1_000_000 * rng.integers(0, 5000, 200)
     )
-    reread = CellStatistics.from_layers(s.geometry, s.to_layers(T_NS), T_NS)
-    np.testing.assert_array_equal(reread.observed, s.observed)
-    np.testing.assert_allclose(reread.mean, s.mean, atol=1e-6)
-    np.testing.assert_allclose(reread.m2, s.m2, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(reread.newest_ns[s.observed], s.newest_ns[s.observed], atol=1_000_000, rtol=0)
+    reread = CellStatistics.from_layers(statistics.geometry, statistics.to_layers(T_NS), T_NS)
+    np.testing.assert_array_equal(reread.observed, statistics.observed)
+    np.testing.assert_allclose(reread.mean, statistics.mean, atol=1e-6)
+    np.testing.assert_allclose(reread.m2, statistics.m2, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        reread.newest_ns[statistics.observed],
+        statistics.newest_ns[statistics.observed],
+        atol=1_000_000,
+        rtol=0,
+    )
 
 
 def test_points_outside_the_window_or_not_finite_are_ignored() -> None:

@@ -51,18 +51,18 @@ def test_the_slope_and_aspect_of_a_plane_are_the_analytic_ones(
     azimuth = np.radians(azimuth_deg)
     z = -np.tan(np.radians(slope_deg)) * (np.sin(azimuth) * x + np.cos(azimuth) * y)
     z[4, 3] = np.nan
-    s = local_surface(z, np.full(z.shape, 0.01**2), cell_m)
+    surface = local_surface(z, np.full(z.shape, 0.01**2), cell_m)
     inner = np.isfinite(z)
     inner[[0, -1]] = inner[:, [0, -1]] = False
-    assert np.degrees(s.slope_rad[inner]) == pytest.approx(slope_deg, abs=1e-4)
-    turned = (np.degrees(s.aspect_rad[inner]) - azimuth_deg + 180.0) % 360.0 - 180.0
+    assert np.degrees(surface.slope_rad[inner]) == pytest.approx(slope_deg, abs=1e-4)
+    turned = (np.degrees(surface.aspect_rad[inner]) - azimuth_deg + 180.0) % 360.0 - 180.0
     assert turned == pytest.approx(0.0, abs=1e-4)
-    assert s.roughness_m[inner] == pytest.approx(0.0, abs=1e-6)
+    assert surface.roughness_m[inner] == pytest.approx(0.0, abs=1e-6)
     # 9 cells: the variance of each derivative is that of a height over 6 squared cells.
     expected = 0.01 / (np.sqrt(6.0) * cell_m) * np.cos(np.radians(slope_deg)) ** 2
-    assert s.sigma_slope_rad[2, 2:5] == pytest.approx(expected, rel=1e-6)
-    assert np.isnan(s.slope_rad[4, 3])
-    assert np.isnan(s.aspect_rad[0, 0])  # 4 of 9 cells
+    assert surface.sigma_slope_rad[2, 2:5] == pytest.approx(expected, rel=1e-6)
+    assert np.isnan(surface.slope_rad[4, 3])
+    assert np.isnan(surface.aspect_rad[0, 0])  # 4 of 9 cells
 
 
 def test_level_ground_has_no_aspect() -> None:
@@ -106,13 +106,13 @@ def test_roughness_is_that_of_the_ground_without_the_noise_of_the_measurement() 
 def test_a_slope_needs_half_of_its_cells() -> None:
     z = 0.2 * X
     z[:, ::2] = np.nan
-    s = local_surface(z, np.zeros(GRID.shape), 0.1, 3)
-    assert np.isnan(s.slope_rad).all()
+    surface = local_surface(z, np.zeros(GRID.shape), 0.1, 3)
+    assert np.isnan(surface.slope_rad).all()
     z = 0.2 * X
     z[100, 100] = np.nan
-    s = local_surface(z, np.zeros(GRID.shape), 0.1, 3)
-    assert s.slope_rad[100, 101] == pytest.approx(np.arctan(0.2))
-    assert np.isnan(s.slope_rad[100, 100])
+    surface = local_surface(z, np.zeros(GRID.shape), 0.1, 3)
+    assert surface.slope_rad[100, 101] == pytest.approx(np.arctan(0.2))
+    assert np.isnan(surface.slope_rad[100, 100])
 
 
 def test_baselines_are_odd_numbers_of_cells_with_a_limit() -> None:

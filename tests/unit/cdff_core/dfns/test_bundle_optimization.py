@@ -36,15 +36,20 @@ def solve(
 
 def stereo_ring(seed: int = 0) -> tuple[BundleProblem, np.ndarray, np.ndarray]:
     problem, T, X = ring(8, 60, 6, 0.5, seed)
-    o, lens = problem.observations, [800.0, 800.0, 500.0, 400.0, 0, 0, 0, 0, 0, 0.3]
+    observations, lens = problem.observations, [800.0, 800.0, 500.0, 400.0, 0, 0, 0, 0, 0, 0.3]
     p = (
-        np.einsum("nij,nj->ni", se3.inverse(T)[o.cameras][:, :3, :3], X[o.points])
-        + se3.inverse(T)[o.cameras][:, :3, 3]
+        np.einsum("nij,nj->ni", se3.inverse(T)[observations.cameras][:, :3, :3], X[observations.points])
+        + se3.inverse(T)[observations.cameras][:, :3, 3]
     )
     right = (p[:, 0] - 0.3) / p[:, 2] * 800.0 + 500.0 + np.random.default_rng(seed).normal(0, 0.5, len(p))
-    pixels = np.column_stack([o.pixels[:, :2], right])
+    pixels = np.column_stack([observations.pixels[:, :2], right])
     result = BundleProblem.from_arrays(
-        problem.cameras.matrices, lens, problem.points.positions, (o.cameras, o.points), pixels, frame="site"
+        problem.cameras.matrices,
+        lens,
+        problem.points.positions,
+        (observations.cameras, observations.points),
+        pixels,
+        frame="site",
     )
     return result, T, X
 
@@ -83,16 +88,18 @@ def test_the_cost_equals_that_of_gtsam(free: int) -> None:
 
 def test_the_reported_error_is_that_of_the_residuals_and_gross_errors_are_counted() -> None:
     problem, *_ = ring(8, 60, 6, 0.5, 0)
-    o = problem.observations
-    pixels = o.pixels.copy()
+    observations = problem.observations
+    pixels = observations.pixels.copy()
     pixels[[5, 40], :2] += 50.0
-    problem = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
+    problem = replace(
+        problem, observations=BundleObservations(observations.cameras, observations.points, pixels)
+    )
     solution, dfn = solve(problem, loss="cauchy")
     squares = np.nansum(solution.residuals**2, axis=1)
     assert dfn.metrics["rmse_px"] == pytest.approx(np.sqrt(squares.mean()))
     assert dfn.metrics["cost_final"] == pytest.approx(0.5 * squares.sum())
     assert dfn.metrics["outliers"] == (solution.weights < 0.25).sum() >= 2
-    assert dfn.metrics["observations"] == len(o.cameras)
+    assert dfn.metrics["observations"] == len(observations.cameras)
     assert dfn.metrics["cost_initial"] > dfn.metrics["cost_final"] > dfn.metrics["robust_cost_final"]
     assert dfn.reasons == ()
 
@@ -100,14 +107,14 @@ def test_the_reported_error_is_that_of_the_residuals_and_gross_errors_are_counte
 def long_camera_motion(cameras: int = 60, free: int = FOCAL | K1 | K2) -> BundleProblem:
     """Return a problem of many images of few points, some of them fixed; one point has no observations."""
     problem, *_ = ring(cameras, 12, cameras, 0.5, 0, free)
-    o, X = problem.observations, np.vstack([problem.points.positions, [[0.0, 0.0, 9.0]]])
+    observations, X = problem.observations, np.vstack([problem.points.positions, [[0.0, 0.0, 9.0]]])
     fixed_points = [1] + [0] * (len(X) - 1)
     return BundleProblem.from_arrays(
         problem.cameras.matrices,
         problem.lenses.values,
         X,
-        (o.cameras, o.points),
-        o.pixels,
+        (observations.cameras, observations.points),
+        observations.pixels,
         frame="site",
         fixed=[0, 0, 1] + [0] * (cameras - 3),
         fixed_points=fixed_points,
@@ -163,13 +170,13 @@ def test_the_gauge_fixes_the_first_camera_and_for_monocular_problems_one_distanc
 
 def with_fixed(problem: BundleProblem, cameras: int, points: int) -> BundleProblem:
     """Return a problem with the first ``cameras`` cameras and the first ``points`` points fixed."""
-    o, T, X = problem.observations, problem.cameras.matrices, problem.points.positions
+    observations, T, X = problem.observations, problem.cameras.matrices, problem.points.positions
     return BundleProblem.from_arrays(
         T,
         problem.lenses.values,
         X,
-        (o.cameras, o.points),
-        o.pixels,
+        (observations.cameras, observations.points),
+        observations.pixels,
         frame="site",
         fixed=np.arange(len(T)) < cameras,
         fixed_points=np.arange(len(X)) < points,
@@ -241,19 +248,25 @@ def test_the_gauge_has_one_rotation_with_three_collinear_fixed_points() -> None:
 
 def test_disconnected_variables_have_no_covariance_and_a_reason() -> None:
     problem, *_ = ring(8, 60, 6)
-    o = problem.observations
+    observations = problem.observations
     T, X = problem.cameras.matrices, problem.points.positions
     two_components = BundleProblem.from_arrays(
         np.concatenate([T, T]),
         problem.lenses.values,
         np.concatenate([X, X]),
-        (np.concatenate([o.cameras, o.cameras + 8]), np.concatenate([o.points, o.points + 60])),
-        np.concatenate([o.pixels, o.pixels]),
+        (
+            np.concatenate([observations.cameras, observations.cameras + 8]),
+            np.concatenate([observations.points, observations.points + 60]),
+        ),
+        np.concatenate([observations.pixels, observations.pixels]),
         frame="site",
     )
-    few = np.flatnonzero((o.cameras != 5) | (np.cumsum(o.cameras == 5) <= 2))
+    few = np.flatnonzero((observations.cameras != 5) | (np.cumsum(observations.cameras == 5) <= 2))
     weakly_connected = replace(
-        problem, observations=BundleObservations(o.cameras[few], o.points[few], o.pixels[few])
+        problem,
+        observations=BundleObservations(
+            observations.cameras[few], observations.points[few], observations.pixels[few]
+        ),
     )
     for deficient in (two_components, weakly_connected):
         solution, dfn = solve(deficient)
@@ -263,11 +276,13 @@ def test_disconnected_variables_have_no_covariance_and_a_reason() -> None:
 
 def test_robust_losses_reduce_the_effect_of_outliers() -> None:
     problem, T_true, X_true = ring(8, 80, 6, 0.5, 3)
-    o = problem.observations
-    pixels = o.pixels.copy()
+    observations = problem.observations
+    pixels = observations.pixels.copy()
     wrong = np.random.default_rng(0).choice(len(pixels), 30, replace=False)
     pixels[wrong, :2] += 60.0
-    problem = replace(problem, observations=BundleObservations(o.cameras, o.points, pixels))
+    problem = replace(
+        problem, observations=BundleObservations(observations.cameras, observations.points, pixels)
+    )
     fixed = np.zeros(8)
     fixed[:2] = 1
     T = problem.cameras.matrices
@@ -276,7 +291,7 @@ def test_robust_losses_reduce_the_effect_of_outliers() -> None:
         T,
         [800.0, 800, 500, 400],
         problem.points.positions,
-        (o.cameras, o.points),
+        (observations.cameras, observations.points),
         pixels,
         frame="site",
         fixed=fixed,

@@ -203,17 +203,21 @@ def test_cells_outside_the_region_are_unobserved_and_inside_ones_are_kept() -> N
 
 
 def test_coverage_counts_cells_with_centres_inside_the_region_also_outside_the_grid() -> None:
-    e = elevation()
+    elevation_request = elevation()
     map_region = parse_region("bbox:-1,0,2,2")
-    assert conversion.grid_coverage(e.geometry, conversion.observed_cells(e), map_region) == pytest.approx(
-        23 / 24
-    )
+    assert conversion.grid_coverage(
+        elevation_request.geometry, conversion.observed_cells(elevation_request), map_region
+    ) == pytest.approx(23 / 24)
     double_region = parse_region("bbox:-1,0,5,2")
-    assert conversion.grid_coverage(e.geometry, conversion.observed_cells(e), double_region) == pytest.approx(
-        23 / 48
-    )
+    assert conversion.grid_coverage(
+        elevation_request.geometry, conversion.observed_cells(elevation_request), double_region
+    ) == pytest.approx(23 / 48)
     assert (
-        conversion.grid_coverage(e.geometry, conversion.observed_cells(e), parse_region("circle:50,50,1"))
+        conversion.grid_coverage(
+            elevation_request.geometry,
+            conversion.observed_cells(elevation_request),
+            parse_region("circle:50,50,1"),
+        )
         == 0.0
     )
 

@@ -44,13 +44,13 @@ def reserve(folder: Path) -> int | None:
 
 
 def test_payloads_are_admitted_down_to_the_low_water(tmp_path: Path, disk: Disk) -> None:
-    s = space(tmp_path)
+    volume = space(tmp_path)
     disk.free = 70 * MB
-    assert s.holds(6 * MB)
-    assert not s.holds(6 * MB + 1)
-    s.admit(6 * MB)
+    assert volume.holds(6 * MB)
+    assert not volume.holds(6 * MB + 1)
+    volume.admit(6 * MB)
     with pytest.raises(StorageError, match=f"{6 * MB + 1} bytes not stored: the disk has {70 * MB} left"):
-        s.admit(6 * MB + 1)
+        volume.admit(6 * MB + 1)
 
 
 def test_space_is_low_below_twice_the_low_water(tmp_path: Path, disk: Disk) -> None:

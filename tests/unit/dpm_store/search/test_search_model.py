@@ -200,7 +200,7 @@ def _shape(region: Region) -> Any:
 
 
 def _is_expected(world: World, stored: StoredProduct, query: Query) -> bool:
-    h, now = stored.header, query.as_of_ns
+    header, now = stored.header, query.as_of_ns
     if now is None:
         exists = stored.deleted_ns is None
     else:
@@ -208,17 +208,17 @@ def _is_expected(world: World, stored: StoredProduct, query: Query) -> bool:
     # annotations of a deleted product are searched only in earlier states
     tags = stored.tags if now is None or stored.tagged_ns <= now else ()
     superseded = stored.superseded_ns is not None and (now is None or stored.superseded_ns <= now)
-    inliers = h.quality.metrics.get("inliers")
+    inliers = header.quality.metrics.get("inliers")
     return (
         exists
         and (not query.types or stored.product in query.types)
         and query.robot in (None, stored.robot)
         and query.dfpc in (None, stored.dfpc)
-        and query.status in (None, h.quality.status)
-        and query.covariance_kind in (None, h.quality.covariance_kind)
-        and (query.t0_ns is None or h.t1_ns >= query.t0_ns)
-        and (query.t1_ns is None or h.t0_ns <= query.t1_ns)
-        and (query.resolution_max_m is None or (h.resolution_m or 9.0) <= query.resolution_max_m)
+        and query.status in (None, header.quality.status)
+        and query.covariance_kind in (None, header.quality.covariance_kind)
+        and (query.t0_ns is None or header.t1_ns >= query.t0_ns)
+        and (query.t1_ns is None or header.t0_ns <= query.t1_ns)
+        and (query.resolution_max_m is None or (header.resolution_m or 9.0) <= query.resolution_max_m)
         and set(query.tags) <= set(tags)
         and (query.superseded is None or superseded == query.superseded)
         and all(inliers is not None and b.low <= inliers <= b.high for b in query.metrics)

@@ -148,16 +148,16 @@ def test_a_limit_of_the_profile_out_of_bounds_is_refused() -> None:
 
 def rough(seed: int, x0: float = -4.0, *, t_ns: int = T_NS, lump_m: float = 0.0) -> ElevationMap:
     """Return a patch of hills with noise and a block of height ``lump_m`` at (1, 1)."""
-    g = GridGeometry.aligned("site", 0.05, (x0, -4.0, x0 + 8.0, 4.0))
-    x, y = (c.ravel() for c in g.centres_m())
+    geometry = GridGeometry.aligned("site", 0.05, (x0, -4.0, x0 + 8.0, 4.0))
+    x, y = (c.ravel() for c in geometry.centres_m())
     z = 0.3 * np.sin(x) * np.cos(0.7 * y) + np.random.default_rng(seed).normal(0.0, 0.01, x.shape)
     z += lump_m * (np.hypot(x - 1.0, y - 1.0) < 0.3)
     is_observed = np.hypot(x + 1.0, y - 2.0) > 0.6
     points = np.column_stack([x, y, z])[is_observed]
     layers = CellStatistics.from_points(
-        g, points, stamps_ns=t_ns, height_variance_m2=np.full(len(points), 1e-4)
+        geometry, points, stamps_ns=t_ns, height_variance_m2=np.full(len(points), 1e-4)
     ).to_layers(t_ns)
-    return ElevationMap.from_layers(g, layers, t0_ns=t_ns - 1000, t1_ns=t_ns)
+    return ElevationMap.from_layers(geometry, layers, t0_ns=t_ns - 1000, t1_ns=t_ns)
 
 
 @pytest.mark.req("CDFF-CORE-073")

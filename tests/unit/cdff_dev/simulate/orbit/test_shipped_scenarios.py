@@ -106,13 +106,13 @@ def test_station_keeping_has_day_night_and_penumbra_and_the_dark_approach_has_no
 
 
 def test_the_earth_is_behind_the_client_and_lit() -> None:
-    s = scenario("orbit_earth_in_view")
-    motion = OrbitMotion(s)
-    light = motion.light(0.5 * s.duration_s)
+    shipped = scenario("orbit_earth_in_view")
+    motion = OrbitMotion(shipped)
+    light = motion.light(0.5 * shipped.duration_s)
     assert light.earth_m is not None
     up = light.earth_m / np.linalg.norm(light.earth_m)
     assert light.to_sun @ up > 0.3
-    offset = motion.servicer_offsets_m(np.array([0.5 * s.duration_s]))[0]
+    offset = motion.servicer_offsets_m(np.array([0.5 * shipped.duration_s]))[0]
     assert offset @ up > 0.9 * np.linalg.norm(offset)
 
 
