@@ -91,8 +91,8 @@ def solve_with_cdff(
 def adjustment(rounds: int, python: str | None) -> dict[str, Any]:
     """Return final costs, and CPU seconds of the adjustment and of the covariances of all poses."""
     problem = ring()[0]
-    fixed = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 38, np.uint8))
-    with_two_fixed = replace(problem, cameras=fixed)
+    cameras = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 38, np.uint8))
+    with_two_fixed = replace(problem, cameras=cameras)
     times: dict[str, list[float]] = {}
     costs: dict[str, float] = {}
     for _ in range(rounds):

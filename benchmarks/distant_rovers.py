@@ -71,8 +71,8 @@ def main() -> int:
         return dfn
 
     registration = made("SceneRegistration", "SparseFlow")
-    moved = np.roll(frames[0], 2, axis=1)
-    inputs = SceneRegistrationInputs(previous=frames[0], current=moved)
+    moved_image = np.roll(frames[0], 2, axis=1)
+    inputs = SceneRegistrationInputs(previous=frames[0], current=moved_image)
     record("SceneRegistration", lambda: registration.process(inputs))
 
     detection, index = made("MovingRegionDetection", "RegisteredBackground"), itertools.count()

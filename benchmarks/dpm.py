@@ -31,7 +31,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 import numpy as np
@@ -71,8 +71,18 @@ SHAPES = {
 S = 1_000_000_000
 PRAGMAS = ("journal_mode=WAL", "synchronous=FULL", "cache_size=-32768", "wal_autocheckpoint=4000")
 Figures = dict[str, Any]
-#: Parameters of a search: x0, y0, x1, y1, first and last second, index of the type.
-Window = tuple[float, float, float, float, int, int, int]
+
+
+class Window(NamedTuple):
+    """Parameters of a search: box, first and last second, and index of the type."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    first_s: int
+    last_s: int
+    type_index: int
 
 
 def boxes(count: int) -> Iterator[tuple[float, ...]]:
@@ -91,7 +101,7 @@ def search_windows(products: int, count: int, area: float, span: float) -> list[
         x, y = rng.uniform(0, SIDE_M - side), rng.uniform(0, SIDE_M - side)
         first_s = int(rng.uniform(0, products - length))
         type_index = rng.randrange(len(TYPES))
-        results.append((x, y, x + side, y + side, first_s, int(first_s + length), type_index))
+        results.append(Window(x, y, x + side, y + side, first_s, int(first_s + length), type_index))
     return results
 
 
@@ -184,9 +194,15 @@ def fill(store: Store, count: int) -> Figures:
 def searches(store: Store, products: int, count: int) -> Figures:
     """Return the times of searches of each shape."""
 
-    def search(w: Window) -> Callable[[], object]:
-        region = Region("bbox", w[:4])
-        query = Query(types=(TYPES[w[6]],), region=region, frame="mana/map", t0_ns=w[4] * S, t1_ns=w[5] * S)
+    def search(window: Window) -> Callable[[], object]:
+        region = Region("bbox", window[:4])
+        query = Query(
+            types=(TYPES[window.type_index],),
+            region=region,
+            frame="mana/map",
+            t0_ns=window.first_s * S,
+            t1_ns=window.last_s * S,
+        )
         return lambda: store.search(query)
 
     figures = {}
@@ -240,8 +256,8 @@ def raw(directory: Path, products: int, search_count: int) -> Figures:
                 "INSERT INTO payload VALUES (?, ?)", [(i, filler + i.to_bytes(8, "big")) for i, _ in numbered]
             )
             sides = [
-                (i, i % len(TYPES), i % len(TYPES), b[0], b[3], b[1], b[4], b[2], b[5], i, i)
-                for i, b in numbered
+                (i, i % len(TYPES), i % len(TYPES), x0, x1, y0, y1, z0, z1, i, i)
+                for i, (x0, y0, z0, x1, y1, z1) in numbered
             ]
             db.executemany("INSERT INTO box VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", sides)
             db.execute("COMMIT")
@@ -259,8 +275,9 @@ def raw(directory: Path, products: int, search_count: int) -> Figures:
             "product.t1 DESC LIMIT 100"
         )
 
-        def search(w: Window) -> Callable[[], object]:
-            values = (w[6], w[6], w[2], w[0], w[3], w[1], w[5], w[4])
+        def search(window: Window) -> Callable[[], object]:
+            x0, y0, x1, y1, first_s, last_s, type_index = window
+            values = (type_index, type_index, x1, x0, y1, y0, last_s, first_s)
             return lambda: db.execute(statement, values).fetchall()
 
         figures["search"] = {
@@ -319,14 +336,14 @@ def access(directory: Path, products: int, search_count: int) -> Figures:
             process.wait()
 
 
-def _parameters(w: Window) -> dict[str, str]:
-    region = "bbox:" + ",".join(f"{v:.3f}" for v in w[:4])
+def _parameters(window: Window) -> dict[str, str]:
+    region = "bbox:" + ",".join(f"{v:.3f}" for v in window[:4])
     return {
-        "type": TYPES[w[6]],
+        "type": TYPES[window.type_index],
         "region": region,
         "frame": "mana/map",
-        "t0": str(w[4] * S),
-        "t1": str(w[5] * S),
+        "t0": str(window.first_s * S),
+        "t1": str(window.last_s * S),
     }
 
 

@@ -64,9 +64,9 @@ def solve_with_cdff(
 def gtsam_factors(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     """Return the prior of the first pose, then the edges in their order; keys are rows of vertices."""
     problem, factors = make_problem(graph), gtsam.NonlinearFactorGraph()
-    fixed = gtsam.noiseModel.Isotropic.Sigma(6, FIXED_SIGMA)
+    fixed_noise = gtsam.noiseModel.Isotropic.Sigma(6, FIXED_SIGMA)
     row = int(problem.fixed[0])
-    factors.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(graph.vertices.matrices[row]), fixed))
+    factors.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(graph.vertices.matrices[row]), fixed_noise))
     information = swap_rotation_translation(problem.information) + 1e-9 * np.eye(6)
     for a, b, T, edge in zip(problem.vertex_a, problem.vertex_b, problem.measured, information, strict=True):
         noise = gtsam.noiseModel.Gaussian.Information(edge)

@@ -96,12 +96,12 @@ def dfn_costs(left: np.ndarray, rounds: int) -> dict[str, Any]:
         ),
     }
     cloud = rng.uniform(-2.0, 2.0, (1000, 3))
-    moved = cloud[:, [1, 2, 0]] + rng.normal(0.0, 0.01, cloud.shape)
-    mixed = np.vstack([moved[:500], rng.uniform(-2.0, 2.0, (500, 3))])
+    moved_cloud = cloud[:, [1, 2, 0]] + rng.normal(0.0, 0.01, cloud.shape)
+    mixed = np.vstack([moved_cloud[:500], rng.uniform(-2.0, 2.0, (500, 3))])
     rigid, robust = node("transform_estimation_3d"), node("transform_estimation_3d", "TruncatedGnc")
     calls |= {
         "TransformEstimation3D/LeastSquares": lambda: rigid.process(
-            TransformEstimation3DInputs(source=cloud, sink=moved)
+            TransformEstimation3DInputs(source=cloud, sink=moved_cloud)
         ),
         "TransformEstimation3D/TruncatedGnc": lambda: robust.process(
             TransformEstimation3DInputs(source=cloud, sink=mixed)

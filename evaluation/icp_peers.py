@@ -213,10 +213,10 @@ def compare_on_pairs(data: Path, rounds: int) -> dict[str, Any]:
                 started = time.process_time()
                 T, details = run(scene, model, np.eye(4))
                 rows[method]["cpu_s"].append(time.process_time() - started)
-                stated = details.pop("covariance", None)
+                stated_covariance = details.pop("covariance", None)
                 rows[method] |= details | ({} if T is None else errors(T, T_true))
-                if T is not None and stated is not None:
-                    rows[method]["sigma_m"] = [float(v) for v in np.sqrt(np.diag(stated))[:3]]
+                if T is not None and stated_covariance is not None:
+                    rows[method]["sigma_m"] = [float(v) for v in np.sqrt(np.diag(stated_covariance))[:3]]
         for row in rows.values():
             row["cpu_s"] = statistics.median(row["cpu_s"][1:])
         report[name] = rows
@@ -276,9 +276,9 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
             [
                 f"{name.removeprefix(prefix)} {row['cpu_s'] / peer_s:.1f} ×, {1e3 * row['error_m']:.1f} mm"
                 for name, row in methods.items()
-                if name.startswith(shown)
+                if name.startswith(shown_prefixes)
             ]
-            for prefix, shown in (
+            for prefix, shown_prefixes in (
                 ("cdff ", ("cdff PointToPlane", "cdff Quick")),
                 ("small_gicp ", ("small_gicp ",)),
             )

@@ -31,7 +31,7 @@ _WITHOUT_MAP_ERRORS: dict[str, Any] = dict.fromkeys(_NAMES, 0.0)
 def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return the root mean square errors, the shipped parameters, and the NEES of each half of the maps."""
     ground = simulated_ground()
-    errors, stated = [], []
+    errors, stated_covariances = [], []
     for seed in TRAINING_SEEDS:
         progress(f"lidar localisation: calibration, seed {seed}")
         T, points, _ = trial(ground, 200_000 + seed)
@@ -40,8 +40,8 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         )
         if output.quality.status is not Status.FAILED:
             errors.append(pose_error(T, output.value.transform.matrix))
-            stated.append(output.value.transform.covariance)
-    error_array, C = np.stack(errors), np.stack(stated)
+            stated_covariances.append(output.value.transform.covariance)
+    error_array, C = np.stack(errors), np.stack(stated_covariances)
     halves = (slice(0, None, 2), slice(1, None, 2))
     nees_of_halves = [
         _mean_nees(error_array[b], C[b], sigmas(error_array[a])) for a, b in (halves, halves[::-1])

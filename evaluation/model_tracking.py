@@ -206,11 +206,11 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
             for k in (previous, frame)
         )
         corners = cv2.goodFeaturesToTrack(first, _CORNERS, 0.01, 6)[:, 0]
-        moved, flow_status, _ = cv2.calcOpticalFlowPyrLK(
+        tracked_corners, flow_status, _ = cv2.calcOpticalFlowPyrLK(
             first, second, corners, corners.copy(), winSize=(21, 21), maxLevel=4
         )
         back, _, _ = cv2.calcOpticalFlowPyrLK(
-            second, first, moved, moved.copy(), winSize=(21, 21), maxLevel=4
+            second, first, tracked_corners, tracked_corners.copy(), winSize=(21, 21), maxLevel=4
         )
         depth = objects.depth(previous).value
         row, column = corners[:, ::-1].astype(int).T
@@ -221,7 +221,7 @@ def reference(objects: TrackedObjects) -> dict[str, Any]:
         rays = np.column_stack([corners, np.ones(len(corners))]) @ np.linalg.inv(K).T
         points = (rays * z[:, None])[is_used]
         _, rotation, position, inliers = cv2.solvePnPRansac(
-            points, moved[is_used].astype(np.float64), K, None, reprojectionError=_REPROJECTION_PX
+            points, tracked_corners[is_used].astype(np.float64), K, None, reprojectionError=_REPROJECTION_PX
         )
         motion = se3.transform(cv2.Rodrigues(rotation)[0], position[:, 0])
         m, deg = _difference(motion, _board_motion(objects, previous, frame), point)

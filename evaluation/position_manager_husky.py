@@ -132,10 +132,10 @@ def triangle_nees(drive: husky.Drive, node: PositionManager) -> list[float]:
         truth = np.concatenate([drive.gps_m[k] - drive.gps_m[b] for k in (a, c)])
         C = np.zeros((4, 4))
         C[:2, :2], C[2:, 2:] = (np.asarray(m.covariance)[:2, :2] for m in motions)
-        gps = [np.diag(drive.gps_variance_m2[k]) for k in (a, b, c)]
-        C += np.kron(np.ones((2, 2)), gps[1])
-        C[:2, :2] += gps[0]
-        C[2:, 2:] += gps[2]
+        gps_a, gps_b, gps_c = (np.diag(drive.gps_variance_m2[k]) for k in (a, b, c))
+        C += np.kron(np.ones((2, 2)), gps_b)
+        C[:2, :2] += gps_a
+        C[2:, 2:] += gps_c
         results.append(_best_rotation(estimated, truth, C + 1e-8 * np.eye(4)))
     return results
 

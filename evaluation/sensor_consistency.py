@@ -182,8 +182,8 @@ def monitored(
     """Return the first finding of each kind, with its time after the first motion, and the CPU seconds."""
     graph = FrameGraph()
     for name, T in drive.mounts.items():
-        stated = _stated(T, fault) if fault is not None and fault.frame == name else T
-        graph.set_static(f"{ROBOT}/base", f"{ROBOT}/{name}", UncertainTransform.exact(stated))
+        T_stated = _stated(T, fault) if fault is not None and fault.frame == name else T
+        graph.set_static(f"{ROBOT}/base", f"{ROBOT}/{name}", UncertainTransform.exact(T_stated))
     context = DfpcContext(ROBOT, graph, sensors=_SENSORS)
     monitor = SensorMonitor(context, Registry.default().dfpc(dfpc).input_ports)
     samples = []

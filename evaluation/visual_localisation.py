@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -124,21 +124,21 @@ def _euroc(data: Path) -> dict[str, Any]:
 def _kitchen(data: Path) -> dict[str, Any]:
     frames = _kitchen_frames(data)
     query_frames = [f for n, f in frames.items() if n >= KITCHEN_FIRST]
-    truth = [f[2] for f in query_frames]
+    truth = [f.T_world_colour for f in query_frames]
     dfpc = _localiser(_kitchen_map(data))
     focal: list[tuple[float, bool]] = []
-    answers = _run(dfpc, [f[0] for f in query_frames], focal)
+    answers = _run(dfpc, [f.colour for f in query_frames], focal)
     result = {"cdff": _figures("kitchen", answers, truth, KITCHEN_SIGMAS) | _focal_figures(focal)}
     if python := peer_python("poselib"):
         mapped = [f for n, f in frames.items() if n <= KITCHEN_LAST]
         offset = se3.transform(np.eye(3), KITCHEN_OFFSET_M)
         poses, cpu = localise(
             python,
-            np.array([grey_image(f[0]) for f in mapped]),
-            np.array([f[2] for f in mapped]),
-            np.array(mapped[0][0].camera_matrix),
-            np.array([grey_image(f[0]) for f in query_frames]),
-            depth_m=np.array([registered_depth(f[0], f[1], offset) for f in mapped]),
+            np.array([grey_image(f.colour) for f in mapped]),
+            np.array([f.T_world_colour for f in mapped]),
+            np.array(mapped[0].colour.camera_matrix),
+            np.array([grey_image(f.colour) for f in query_frames]),
+            depth_m=np.array([registered_depth(f.colour, f.depth, offset) for f in mapped]),
         )
         answers = [(T, None, s) for T, s in zip(poses, cpu, strict=True)]
         result[PEER] = _figures("kitchen", answers, truth, KITCHEN_SIGMAS)
@@ -147,7 +147,7 @@ def _kitchen(data: Path) -> dict[str, Any]:
 
 def _other_scene(data: Path) -> dict[str, Any]:
     """Return how many images of each set the map of the other one refuses."""
-    kitchen = [f[0] for f in _kitchen_frames(data).values()][::_OTHER_STRIDE]
+    kitchen = [f.colour for f in _kitchen_frames(data).values()][::_OTHER_STRIDE]
     pairs, _ = _euroc_queries(data / euroc.FOLDER)
     fixes = {}
     for name, value, images in (
@@ -198,9 +198,17 @@ def _euroc_queries(folder: Path) -> tuple[list[Frame], list[FloatArray]]:
     return frames, truth
 
 
+class _KitchenFrame(NamedTuple):
+    """Colour image, depth image and true pose of the colour camera."""
+
+    colour: Frame
+    depth: DistanceImage
+    T_world_colour: FloatArray
+
+
 @cache
-def _kitchen_frames(data: Path) -> dict[int, tuple[Frame, DistanceImage, FloatArray]]:
-    """Return colour image, depth image and true pose of the colour camera of each frame."""
+def _kitchen_frames(data: Path) -> dict[int, _KitchenFrame]:
+    """Return the frames by their number."""
     log = open_log(data / KITCHEN)
     streams = {info.type_name: name for name, info in log.streams.items()}
     values = {
@@ -210,7 +218,7 @@ def _kitchen_frames(data: Path) -> dict[int, tuple[Frame, DistanceImage, FloatAr
     log.close()
     T_depth_colour = se3.inverse(se3.transform(np.eye(3), KITCHEN_OFFSET_M))
     return {
-        stamp // 100_000_000: (
+        stamp // 100_000_000: _KitchenFrame(
             frame,
             values["DistanceImage"][stamp],
             values["TransformWithCovariance"][stamp].transform.matrix @ T_depth_colour,

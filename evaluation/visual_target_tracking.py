@@ -97,10 +97,10 @@ def depth_figures(data: Path, poses: FloatArray, images: list[ByteArray]) -> dic
         "grey and depth, 4 frames black": (images, _black),
         "grey and depth, right half of 4 frames black": (images, _half),
     }
-    for name, (shown, change) in runs.items():
+    for name, (greys, change) in runs.items():
         guesses = [poses[0], *(guess_near(poses[0], seed) for seed in range(SEEDS if change is None else 0))]
         figures[name] = summary(
-            [track(data, poses, shown, guess, change, depths=depths) for guess in guesses]
+            [track(data, poses, greys, guess, change, depths=depths) for guess in guesses]
         )
     return figures
 

@@ -36,8 +36,10 @@ def dfn_faults(root: Path, dfn: DfnDescription, registry: Registry) -> list[str]
         if not getattr(dfn, n)
     ]
     # A DFN without dependencies or diagnostics has empty lists in its file.
-    stated = ("dependencies", "diagnostics")
-    found_faults += [f"template field {n!r} is missing" for n in stated if n not in dfn.model_fields_set]
+    stated_fields = ("dependencies", "diagnostics")
+    found_faults += [
+        f"template field {n!r} is missing" for n in stated_fields if n not in dfn.model_fields_set
+    ]
     found_faults += _type_faults([*dfn.input_ports, *dfn.output_ports])
     found_faults += _file_faults(root, dfn)
     found_faults += [

@@ -137,11 +137,11 @@ def _frame_findings(
 def _timing_findings(name: str, sensor: Sensor, report: StreamReport) -> Iterator[StreamFinding]:
     """Yield the findings about the rate and the gaps of a stream."""
     times = report.timing
-    stated = {mode: m.rate_hz for mode, m in sensor.modes.items() if m.on and m.rate_hz}
-    if times.rate_hz and stated:
-        near = [r for r in stated.values() if r / _RATE_RATIO < times.rate_hz < r * _RATE_RATIO]
+    rate_by_mode = {mode: m.rate_hz for mode, m in sensor.modes.items() if m.on and m.rate_hz}
+    if times.rate_hz and rate_by_mode:
+        near = [r for r in rate_by_mode.values() if r / _RATE_RATIO < times.rate_hz < r * _RATE_RATIO]
         if not near:
-            rates = ", ".join(f"{rate:g} Hz in {mode}" for mode, rate in stated.items())
+            rates = ", ".join(f"{rate:g} Hz in {mode}" for mode, rate in rate_by_mode.items())
             yield StreamFinding(
                 name, f"has {times.rate_hz:.3g} Hz in the log; the profile states {rates}", "warning"
             )

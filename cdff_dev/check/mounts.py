@@ -22,16 +22,16 @@ _MAX_M, _MAX_DEG = 0.05, 2.0
 
 def mount_findings(log: LogSource, robot: Robot) -> Iterator[StreamFinding]:
     """Yield the frames of a robot whose place in a profile differs from that in a log."""
-    stated, profile = mounts(log), robot.frame_graph()
-    for child in stated.frames:
-        parent = stated.parent_of(child)
+    log_mounts, profile = mounts(log), robot.frame_graph()
+    for child in log_mounts.frames:
+        parent = log_mounts.parent_of(child)
         if parent is None:
             continue
         try:
             T_profile = profile.lookup(parent, child, 0).matrix
         except FrameNotFoundError:  # of a frame that the profile does not have
             continue
-        D = se3.inverse(T_profile) @ stated.lookup(parent, child, 0).matrix
+        D = se3.inverse(T_profile) @ log_mounts.lookup(parent, child, 0).matrix
         distance_m = float(np.linalg.norm(D[:3, 3]))
         angle_deg = float(np.degrees(se3.rotation_angle(D[:3, :3])))
         if distance_m > _MAX_M or angle_deg > _MAX_DEG:

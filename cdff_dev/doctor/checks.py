@@ -160,9 +160,9 @@ def data_folder(folder: Path) -> Finding:
         return Finding(
             "data", "error", f"{folder} cannot be written", "set another folder with CDFF_DATA_DIR"
         )
-    free = shutil.disk_usage(nearest).free
-    text = f"{folder}, {free / 1e9:.1f} GB free"
-    if free < MIN_FREE_BYTES:
+    free_bytes = shutil.disk_usage(nearest).free
+    text = f"{folder}, {free_bytes / 1e9:.1f} GB free"
+    if free_bytes < MIN_FREE_BYTES:
         return Finding(
             "data",
             "warning",

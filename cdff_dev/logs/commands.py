@@ -164,8 +164,8 @@ def _info(args: argparse.Namespace) -> int:
         for name, report in reports.items():
             print("\n".join(report.text(name.ljust(width))))
         for name, item in log.unconverted.items():
-            shown = "; cdff log cat prints it" if name in others else ""
-            print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}{shown}")
+            note = "; cdff log cat prints it" if name in others else ""
+            print(f"not converted: {name}  {item.type_name} {item.count:8d}  {item.reason}{note}")
         if not any(report.info.count for report in reports.values()):
             print("no samples: the recording is empty, or none of its content is converted")
         print(f"{size_bytes(args.log) / 1e6:.1f} MB")
@@ -195,8 +195,8 @@ def _text(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{name}: {_text(item)}" for name, item in value.items()) + "}"
     if isinstance(value, list):
-        shown = ", ".join(map(_text, value[:_SHOWN_ITEMS]))
-        return f"[{shown}{f', … {len(value)} in all' if len(value) > _SHOWN_ITEMS else ''}]"
+        items = ", ".join(map(_text, value[:_SHOWN_ITEMS]))
+        return f"[{items}{f', … {len(value)} in all' if len(value) > _SHOWN_ITEMS else ''}]"
     return brief(value)
 
 

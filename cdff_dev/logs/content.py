@@ -150,8 +150,8 @@ def _text(head: bytes) -> str | None:
 def _table_of(text: str) -> str:
     first = text.splitlines()[0] if text.strip() else ""
     names = [word.strip() for word in first.lstrip("#").split(",")]
-    shown = ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
-    return f"table with {shown}" if len(names) > 1 else TEXT
+    first_names = ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
+    return f"table with {first_names}" if len(names) > 1 else TEXT
 
 
 def _names(path: Path) -> str:

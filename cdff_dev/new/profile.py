@@ -221,8 +221,8 @@ def _robot_lines(robot: RobotDraft) -> Iterator[str]:
         yield "      # Enter the mounts: position in the base (x forward, y left, z up) and rotation."
     for parent, child, T, comment in edges:
         is_camera = any(s.frame == child and "camera" in s.kind for s in robot.sensors)
-        shown = CAMERA_AXES if T is None and is_camera else T
-        yield f"      - {edge_line(parent, child, shown, comment)}"
+        T_written = CAMERA_AXES if T is None and is_camera else T
+        yield f"      - {edge_line(parent, child, T_written, comment)}"
     sensors = robot.sensors
     yield "    sensors:"
     for sensor in sensors:

@@ -127,10 +127,10 @@ class LoopedLog(LogSource):
 def _continue_odometry(sample: LogSample, T_previous_laps: UncertainTransform) -> TransformWithCovariance:
     """Return a pose of odometry after the motion ``T_previous_laps`` of the previous laps."""
     pose: TransformWithCovariance = sample.value
-    moved = TransformWithCovariance.from_transform(
+    moved_pose = TransformWithCovariance.from_transform(
         T_previous_laps @ pose.transform, parent="", child="", stamp_ns=sample.stamp_ns
     )
-    return dataclasses.replace(pose, data=moved.data)
+    return dataclasses.replace(pose, data=moved_pose.data)
 
 
 def _shift_times(value: Any, shift_us: int) -> Any:

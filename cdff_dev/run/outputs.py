@@ -76,8 +76,8 @@ def output_document(result: Result) -> dict[str, Any]:
     outputs: dict[str, Any] = {}
     for port in result.ports:
         value = None if failed else _last_value(result, port.attribute)
-        whole = to_dict_form(value) if port.is_message and value is not None else value
-        outputs[port.attribute] = {"type": port.type_name} | ({} if value is None else {"value": whole})
+        plain_value = to_dict_form(value) if port.is_message and value is not None else value
+        outputs[port.attribute] = {"type": port.type_name} | ({} if value is None else {"value": plain_value})
     document: dict[str, Any] = jsonable({"outputs": outputs, **_quality_and_cost(result)})
     return document
 

@@ -210,8 +210,8 @@ class RoverView:
         )
         if window is None:
             return
-        m = self._camera.model
-        shape = (m.rows, m.columns)
+        model = self._camera.model
+        shape = (model.rows, model.columns)
         depth = view.depth_m.reshape(shape)[window]
         on_ground = np.isfinite(depth)
         directions = view.directions.reshape(*shape, 3)[window]
@@ -242,8 +242,8 @@ class RoverView:
         for name in poses:
             motion = self._motions[name]
             born = t_s - ages
-            moved = motion.distance(born + 0.1) - motion.distance(np.maximum(born - 0.1, 0.0))
-            for age, T, path in zip(ages, motion.poses(born), moved, strict=True):
+            distance_m = motion.distance(born + 0.1) - motion.distance(np.maximum(born - 0.1, 0.0))
+            for age, T, path in zip(ages, motion.poses(born), distance_m, strict=True):
                 # A rover at rest raises none; a cloud has the dust of the path of its period.
                 strength = min(float(path) / 0.06, 1.0)
                 radius = dust.radius_m + dust.growth_m_s * age

@@ -208,8 +208,8 @@ def describe_orbit(scenario: OrbitScenario) -> dict[str, Any]:
 def _remove_old_logs(name: str, keep: int) -> None:
     """Remove all but the newest logs of a scenario from the cache; a log is about 200 MB."""
     logs = [p for p in cache_folder().glob(f"{name}-*") if (p / SIDECAR).is_file()]
-    for old in sorted(logs, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
-        shutil.rmtree(old, ignore_errors=True)
+    for old_log in sorted(logs, key=lambda p: p.stat().st_mtime, reverse=True)[keep:]:
+        shutil.rmtree(old_log, ignore_errors=True)
 
 
 def simulated_log(scenario: AnyScenario, workers: int = 2, progress: Any = None, fresh: bool = False) -> Path:
@@ -263,8 +263,8 @@ def deliver(log: Path, out: Path, force: bool = False) -> None:
     check_free(out, force)
     targets = _target_files(log, out)
     next(iter(targets.values())).parent.mkdir(parents=True, exist_ok=True)
-    old = chunk_files(out.parent, out.stem) if out.suffix == ".msg" else list(out.glob("*.msg"))
-    for path in old:
+    old_files = chunk_files(out.parent, out.stem) if out.suffix == ".msg" else list(out.glob("*.msg"))
+    for path in old_files:
         path.unlink()
     for source, target in targets.items():
         target.unlink(missing_ok=True)

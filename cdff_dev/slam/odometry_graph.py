@@ -27,7 +27,7 @@ def odometry_graph(track: Track, frame: str) -> PoseGraph:
     T = se3.inverse(track.matrices[0]) @ track.matrices
     motions = se3.inverse(T[:-1]) @ T[1:]
     n = len(T)
-    fixed = np.arange(n) == 0
+    is_fixed = np.arange(n) == 0
     return PoseGraph.from_arrays(
         np.arange(n),
         track.stamps_ns,
@@ -37,7 +37,7 @@ def odometry_graph(track: Track, frame: str) -> PoseGraph:
         _information(track, motions),
         np.full(n - 1, ODOMETRY),
         frame=frame,
-        fixed=fixed,
+        fixed=is_fixed,
     )
 
 

@@ -22,12 +22,14 @@ def register(nouns: Any) -> None:
     parser.add_argument("--live", action="store_true", help="show the products of the running system")
     parser.add_argument("--connect", help="with --live: endpoint of the router; CDFF_CONNECT")
     parser.add_argument("--duration", type=float, metavar="S", help="with --live: end after S seconds")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
+    destinations = parser.add_mutually_exclusive_group()
+    destinations.add_argument(
         "--save", metavar="FILE", type=Path, help="write NAME.rrd (Rerun) or NAME.mcap (Foxglove)"
     )
-    where.add_argument("--web", action="store_true", help="serve the viewer to the browser of this machine")
-    where.add_argument(
+    destinations.add_argument(
+        "--web", action="store_true", help="serve the viewer to the browser of this machine"
+    )
+    destinations.add_argument(
         "--foxglove", action="store_true", help="serve Foxglove's WebSocket protocol on this machine"
     )
     parser.add_argument("--port", type=int, metavar="N", help="with --foxglove: TCP port (default: 8765)")

@@ -40,7 +40,9 @@ def surface_of_map(value: ElevationMap | NavigationMap) -> Surface:
     y_m = geometry.ymax_m - (np.arange(rows) * step + 0.5) * geometry.resolution_m
     grid = np.dstack([*np.meshgrid(x_m, y_m), heights_m])
     numbers = np.cumsum(known.ravel()).reshape(known.shape) - 1
-    whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
-    a, b, c, d = (n[whole] for n in (numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]))
+    is_complete = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
+    a, b, c, d = (
+        n[is_complete] for n in (numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:])
+    )
     triangles = np.vstack([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
     return Surface(grid[known].astype(np.float32), triangles.astype(np.uint32), colours[known])

@@ -171,13 +171,13 @@ def laps_table(figures: dict[str, Any]) -> str:
 def _real(row: dict[str, Any]) -> list[str]:
     answers = []
     for name, entry in row.items():
-        moved = f", moved {entry['moved_m']:.2f} m" if "moved_m" in entry else ""
+        displacement = f", moved {entry['moved_m']:.2f} m" if "moved_m" in entry else ""
         error = (
             f", {1e3 * entry['error_m']:.0f} mm and {entry['error_deg']:.3f}° from the reference"
             if "error_m" in entry
             else ""
         )
-        answers.append(f"{name}: {entry['status']}{moved}{error}")
+        answers.append(f"{name}: {entry['status']}{displacement}{error}")
     return [f"**Real**, KITTI sweeps without point times: {'; '.join(answers)}."]
 
 

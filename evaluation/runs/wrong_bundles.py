@@ -82,9 +82,9 @@ def _case(
     fixed_poses: FloatArray | None = None,
 ) -> Case:
     poses = problem.cameras.matrices.copy()
-    fixed = np.zeros(len(poses), int)
+    is_fixed = np.zeros(len(poses), int)
     if fixed_poses is not None:
-        poses[: len(fixed_poses)], fixed[: len(fixed_poses)] = fixed_poses, 1
+        poses[: len(fixed_poses)], is_fixed[: len(fixed_poses)] = fixed_poses, 1
     observations = problem.observations
     parts = {
         "poses": poses,
@@ -98,7 +98,7 @@ def _case(
         count = len(p["pixels"])
         rows = (observations.cameras[:count], observations.points[:count])
         value = BundleProblem.from_arrays(
-            p["poses"], p["lens"], p["positions"], rows, p["pixels"], frame="site", fixed=fixed.tolist()
+            p["poses"], p["lens"], p["positions"], rows, p["pixels"], frame="site", fixed=is_fixed.tolist()
         )
         return [Sample(port, 0, 0, value)]
 

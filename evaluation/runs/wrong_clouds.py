@@ -97,12 +97,12 @@ def _case(
     """
     first, second = clouds
     with np.errstate(invalid="ignore"):
-        moved = se3.transform_points(se3.inverse(T), second)
+        moved_points = se3.transform_points(se3.inverse(T), second)
     T_true = T
     if fault == FAR:  # of the second cloud only: it coincides with the first one after the offset
         T_true = se3.transform(T[:3, :3], T[:3, 3] - _FAR_M)
     port = "odometry" if dfpc == "lidar_slam" else "pose" if dfpc != "point_cloud_matching" else "transform"
-    return Case(dfpc, data, fault, port, lambda: make(first, moved, T), pose_error_sigmas(T_true))
+    return Case(dfpc, data, fault, port, lambda: make(first, moved_points, T), pose_error_sigmas(T_true))
 
 
 def _scene_and_model(scene: FloatArray, model: FloatArray, T: FloatArray) -> list[Sample]:

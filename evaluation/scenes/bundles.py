@@ -208,9 +208,9 @@ def gtsam_graph(problem: BundleProblem, *, is_fixed: bool = True) -> Any:
             graph.add(gtsam.PriorFactorCal3Bundler(_key("k", i), _calibration(lens), tight_noise))
     if is_fixed:
         # Without fixed cameras a weak prior on the first camera fixes the gauge without changing the cost.
-        fixed = np.flatnonzero(cameras.fixed)
-        sigma = 1e-3 if not len(fixed) else FIXED_SIGMA
-        for i in fixed if len(fixed) else [0]:
+        fixed_cameras = np.flatnonzero(cameras.fixed)
+        sigma = 1e-3 if not len(fixed_cameras) else FIXED_SIGMA
+        for i in fixed_cameras if len(fixed_cameras) else [0]:
             T = gtsam.Pose3(cameras.matrices[i])
             graph.add(
                 gtsam.PriorFactorPose3(_key("x", int(i)), T, gtsam.noiseModel.Isotropic.Sigma(6, sigma))

@@ -18,12 +18,12 @@ def set_outbox_alarms(alarms: Alarms, source: str, outbox: Outbox) -> None:
         alarms.set("outbox_in_memory", source, Severity.CRITICAL, problem, _FREE)
     else:
         alarms.clear("outbox_in_memory", source)
-    lost = {
+    count_by_reason = {
         "were only in memory when the last process ended": spool.lost,
         "were dropped because the outbox was full": spool.dropped,
         "were refused by the DPM": outbox.refused,
     }
-    reasons = [f"{count} products {reason}" for reason, count in lost.items() if count]
+    reasons = [f"{count} products {reason}" for reason, count in count_by_reason.items() if count]
     if reasons:
         remedy = "make the products again from the log of the robot, if they are needed"
         alarms.set("outbox_lost", source, Severity.CRITICAL, "; ".join(reasons), remedy)

@@ -36,16 +36,18 @@ def draw(
     )
     if not len(errors):
         raise InputError("no pair has an estimated and a true pose: there is nothing to draw")
-    shown = np.maximum(errors, _LEAST)
+    drawn_errors = np.maximum(errors, _LEAST)
     figure = new_figure(10.4, 4.4)
     figure.suptitle(f"{len(errors)} of {len(true_poses)} pairs with a true pose were answered", fontsize=10)
     pairs, fractions = figure.subplots(1, 2)
-    pairs.loglog(shown[:, 0], shown[:, 1], "o", ms=4, color="C0", alpha=0.7)
+    pairs.loglog(drawn_errors[:, 0], drawn_errors[:, 1], "o", ms=4, color="C0", alpha=0.7)
     pairs.set(xlabel="position error, m", ylabel="rotation error, degrees")
     pairs.grid(alpha=0.3)
     counts = np.arange(1, len(errors) + 1) / len(true_poses)
     for column, (colour, unit) in enumerate((("C0", "m"), ("C1", "degrees"))):
-        fractions.step(np.sort(shown[:, column]), counts, where="post", color=colour, label=f"error, {unit}")
+        fractions.step(
+            np.sort(drawn_errors[:, column]), counts, where="post", color=colour, label=f"error, {unit}"
+        )
     fractions.set(
         xscale="log", xlabel="error", ylabel="fraction of the pairs with a true pose", ylim=(0, 1.02)
     )
@@ -54,8 +56,10 @@ def draw(
         style = {"color": "gray", "lw": 1.0, "ls": ("--", ":", "-.")[number % 3]}
         label = f"{metres:g} m, {degrees:g}°"
         pairs.plot([_LEAST, metres, metres], [degrees, degrees, _LEAST], label=label, **style)
-    low = 0.5 * shown.min(axis=0)
-    high = 2.0 * np.maximum(shown.max(axis=0), np.max(np.array(gates).reshape(-1, 2), axis=0, initial=_LEAST))
+    low = 0.5 * drawn_errors.min(axis=0)
+    high = 2.0 * np.maximum(
+        drawn_errors.max(axis=0), np.max(np.array(gates).reshape(-1, 2), axis=0, initial=_LEAST)
+    )
     pairs.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     pairs.legend(fontsize=8)
     fractions.legend(fontsize=8)

@@ -85,8 +85,8 @@ def _is_section(field: dict[str, Any], schema: dict[str, Any]) -> bool:
 def _element(section: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of the values of a mapping; empty if they are free."""
     patterns = list(section.get("patternProperties", {}).values())
-    free = section.get("additionalProperties")
-    element: dict[str, Any] = patterns[0] if patterns else free if isinstance(free, dict) else {}
+    additional = section.get("additionalProperties")
+    element: dict[str, Any] = patterns[0] if patterns else additional if isinstance(additional, dict) else {}
     return element
 
 

@@ -41,11 +41,11 @@ class LogLocation:
     @classmethod
     def of(cls, path: str | Path) -> Self:
         """Return the location of a path or pattern; it has neither folder nor files if nothing matches."""
-        where = Path(path)
-        if where.is_dir():
-            return cls(str(path), where, ())
-        if where.is_file() or not any(c in str(path) for c in "*?["):
-            return cls(str(path), None, (where,) if where.is_file() else ())
+        location_path = Path(path)
+        if location_path.is_dir():
+            return cls(str(path), location_path, ())
+        if location_path.is_file() or not any(c in str(path) for c in "*?["):
+            return cls(str(path), None, (location_path,) if location_path.is_file() else ())
         return cls(str(path), None, tuple(Path(p) for p in sorted(glob.glob(str(path)))))  # noqa: PTH207
 
     def head(self, count: int) -> bytes:

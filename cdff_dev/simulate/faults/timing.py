@@ -64,8 +64,8 @@ def _arrives(clock: Clock, n: int, rng: np.random.Generator) -> NDArray[np.bool_
     draws = rng.random(n)
     end = 1.0 / clock.burst
     start = end * clock.loss / (1.0 - clock.loss)
-    lost, state = np.zeros(n, dtype=bool), False
+    is_lost, state = np.zeros(n, dtype=bool), False
     for i, draw in enumerate(draws):
         state = draw >= end if state else draw < start
-        lost[i] = state
-    return ~lost
+        is_lost[i] = state
+    return ~is_lost

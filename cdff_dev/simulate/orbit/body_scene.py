@@ -162,12 +162,12 @@ class BodyScene:
         lit = np.flatnonzero(hits.normals @ light.to_sun > 0.0) if light.irradiance > 0.0 else hits.ray[:0]
         if len(lit):
             start = hits.points_m[lit] + np.float32(_LIFT * self.radius_m) * hits.normals[lit]
-            free = ~self.is_hidden(start, light.to_sun)
+            is_lit = ~self.is_hidden(start, light.to_sun)
             for other, T in others:
-                if free.any() and _may_shade(other, T, self, light.to_sun):
-                    moved = (start @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
-                    free &= ~other.is_hidden(moved, (T[:3, :3] @ light.to_sun).astype(np.float32))
-            lit = lit[free]
+                if is_lit.any() and _may_shade(other, T, self, light.to_sun):
+                    start_in_scene = (start @ T[:3, :3].T + T[:3, 3]).astype(np.float32)
+                    is_lit &= ~other.is_hidden(start_in_scene, (T[:3, :3] @ light.to_sun).astype(np.float32))
+            lit = lit[is_lit]
             result[lit] = np.float32(light.irradiance) * reflected(
                 self.table,
                 hits.material[lit],

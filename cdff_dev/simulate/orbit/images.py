@@ -118,9 +118,9 @@ class CameraSimulator:
         half_field = max(off_axis_rad(np.array([0.0, 0.0, 1.0]), c.astype(float)) for c in corners)
         if off_axis_rad(R[:, 2], down) > radius + half_field:
             return
-        free = np.flatnonzero(view.number.ravel() == 0)
-        directions = self.rays.directions[free] @ R.T.astype(np.float32)
-        view.radiance.ravel()[free] = self.world.earth_radiance(directions, t_s, light)
+        empty_pixels = np.flatnonzero(view.number.ravel() == 0)
+        directions = self.rays.directions[empty_pixels] @ R.T.astype(np.float32)
+        view.radiance.ravel()[empty_pixels] = self.world.earth_radiance(directions, t_s, light)
 
     def _exposure_s(self, view: View) -> float:
         """Return the exposure time that brings the bright part of the client to its target signal."""
@@ -198,11 +198,11 @@ class CameraSimulator:
                 continue
             T = T_camera_base @ motion.poses_in_base(body.name, np.append(ends_s, t_s))
             points = view.points_m.reshape(-1, 3)[at].astype(float)
-            moved = [
+            points_at_ends = [
                 points @ (T[i] @ se3.inverse(T[2]))[:3, :3].T + (T[i] @ se3.inverse(T[2]))[:3, 3]
                 for i in (0, 1)
             ]
-            step = (_project_directions(moved[1]) - _project_directions(moved[0])) * K
+            step = (_project_directions(points_at_ends[1]) - _project_directions(points_at_ends[0])) * K
             if float(np.abs(step).max()) > _STILL_PX or displacement is not None:
                 if displacement is None:
                     displacement = np.zeros((model.rows, model.columns, 2))

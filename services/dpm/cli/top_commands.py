@@ -71,22 +71,22 @@ def lines(status: Mapping[str, Any]) -> Iterator[str]:
     from cdff_common.clock import format_stamp
     from cdff_common.terminal import table
 
-    shown = selected(status)
-    yield f"mission time {format_stamp(shown['now_ns'])}"
-    streams = [_stream_cells(row) for row in shown["streams"]]
+    overview = selected(status)
+    yield f"mission time {format_stamp(overview['now_ns'])}"
+    streams = [_stream_cells(row) for row in overview["streams"]]
     yield from _titled(
         table(("stream", "mode", "Hz", "stated", "stamp", "lost", "frame", "last value, faults"), streams),
         streams,
         "no streams: the DPM has no profile",
     )
-    dfpcs = [_dfpc_cells(row, shown["now_ns"]) for row in shown["dfpcs"]]
+    dfpcs = [_dfpc_cells(row, overview["now_ns"]) for row in overview["dfpcs"]]
     header = ("DFPC", "state", "quality", "cores", "MB", "lag", "out", "reasons, last error")
     yield from _titled(table(header, dfpcs), dfpcs, "no DFPC answers")
-    newest = [_product_cells(row, shown["now_ns"]) for row in shown["newest"]]
+    newest = [_product_cells(row, overview["now_ns"]) for row in overview["newest"]]
     yield from _titled(table(("output", "product", "age", "quality"), newest), newest, "no product yet")
     alarms = [
         (alarm["severity"], f"{alarm['kind']}/{alarm['source']}", f"{alarm['what']}; {alarm['remedy']}")
-        for alarm in shown["alarms"]
+        for alarm in overview["alarms"]
     ]
     yield from _titled(table(("alarm", "kind/source", "what, remedy"), alarms), alarms, "no alarm is active")
 
@@ -99,10 +99,10 @@ def _titled(rows: list[str], cells: list[Any], empty: str) -> Iterator[str]:
 def _stream_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     mode = str(row["mode"]) if row["on"] or row["mode"] == "off" else f"{row['mode']} (off)"
     name = f"{row['robot']}/{row['sensor']}.{row['stream']}"
-    stated = f"{row['stated_hz']:g}" if row["stated_hz"] else "–"
+    stated_hz = f"{row['stated_hz']:g}" if row["stated_hz"] else "–"
     if "count" not in row:
         reason = "no active DFPC reads it" if not row["consumers"] else "no sample yet"
-        return (name, mode, "–", stated, "–", "–", "–", "; ".join([reason, *row["faults"]]))
+        return (name, mode, "–", stated_hz, "–", "–", "–", "; ".join([reason, *row["faults"]]))
     offset = "–" if row["offset_s"] is None else f"{row['offset_s']:+.3f} s"
     rate = "–" if row["rate_hz"] is None else f"{row['rate_hz']:.1f}"
     frame = row["frame"] + ("" if row["frame_known"] else " (unknown)")
@@ -110,7 +110,7 @@ def _stream_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
         name,
         mode,
         rate,
-        stated,
+        stated_hz,
         offset,
         str(row["lost"]),
         frame,

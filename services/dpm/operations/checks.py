@@ -147,11 +147,13 @@ class FrameNames:
             ) from error
 
     def _read(self) -> frozenset[str]:
-        fixed = [
+        fixed_frames = [
             name for revision in self._store.frames.current() for name in (revision.frame, revision.parent)
         ]
         moving = [name for track in self._store.poses.tracks() for name in (track.parent, track.child)]
-        names = frozenset({_SITE, _INERTIAL, *body_names(), *fixed, *moving, *self._store.frame_names()})
+        names = frozenset(
+            {_SITE, _INERTIAL, *body_names(), *fixed_frames, *moving, *self._store.frame_names()}
+        )
         with self._lock:
             self._known = names
         return names

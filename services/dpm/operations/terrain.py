@@ -188,9 +188,10 @@ class Terrain:
         common = earlier_geometry.intersection(later_geometry)
         if common is None:
             raise ProductNotFoundError("the captures before and after that time have no common ground")
-        before, after = (_layers(w, common) for w in (earlier, later))
-        change = after[0] - before[0]
-        sigma = np.sqrt(before[1] + before[2] + after[1] + after[2])
+        height_before, noise_before, shared_before = _layers(earlier, common)
+        height_after, noise_after, shared_after = _layers(later, common)
+        change = height_after - height_before
+        sigma = np.sqrt(noise_before + shared_before + noise_after + shared_after)
         known = np.isfinite(change)
         if query.region is None:
             coverage = float(np.count_nonzero(known)) / math.prod(
@@ -335,7 +336,7 @@ class Terrain:
 
 
 def _layers(window: Window, geometry: GridGeometry) -> tuple[Float, Float, Float]:
-    """Return heights, and their error variances without and of the shared part, in cells of the window."""
+    """Return the heights, the variances of their independent errors, and those of the shared errors."""
     part = window.map.geometry.slices_of(geometry)
     mean = window.map.layer("mean")[part].astype(np.float64)
     names = window.map.layer_names

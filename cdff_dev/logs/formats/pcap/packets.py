@@ -97,24 +97,24 @@ class Capture:
     def datagrams(self, start: int = 0, end: int | None = None) -> Iterator[Datagram]:
         """Yield the datagrams, or those whose records lie between two offsets of an earlier call."""
         pending: OrderedDict[bytes, _Fragments] = OrderedDict()
-        lost: Counter[str] = Counter()
+        lost_packets: Counter[str] = Counter()
         try:
             for record in self._reader.records(start):
                 if end is not None and record.start >= end:
                     return
                 ip = self._ip(record.link, record.data)
                 if ip is None or len(ip) < 20 or ip[0] >> 4 != 4 or ip[9] != _UDP:
-                    lost[_NOT_UDP] += 1
+                    lost_packets[_NOT_UDP] += 1
                     continue
                 first, udp = record.start, ip[4 * (ip[0] & 15) : int.from_bytes(ip[2:4], "big") or None]
                 if ip[6] & 0x3F or ip[7]:
-                    first, whole = _assemble(pending, ip, udp, record.start)
+                    first, datagram = _assemble(pending, ip, udp, record.start)
                     if len(pending) > _MAX_PENDING:
                         pending.popitem(last=False)
-                        lost[_INCOMPLETE] += 1
-                    if whole is None:
+                        lost_packets[_INCOMPLETE] += 1
+                    if datagram is None:
                         continue
-                    udp = whole
+                    udp = datagram
                 port, size = int.from_bytes(udp[2:4], "big"), int.from_bytes(udp[4:6], "big")
                 yield Datagram(first, record.end, record.arrival_ns, port, udp[8:size])
         except DamagedRecordError as error:
@@ -122,8 +122,8 @@ class Capture:
                 _log.warning("%s", error)
                 self._damage = error
         if start == 0 and end is None:
-            lost[_INCOMPLETE] += len(pending)
-            self._lost = +lost
+            lost_packets[_INCOMPLETE] += len(pending)
+            self._lost = +lost_packets
 
     def _ip(self, link: int, packet: bytes) -> bytes | None:
         """Return the IPv4 packet in a frame of a link; None for other protocols."""
@@ -150,6 +150,6 @@ def _assemble(
     known.parts[offset] = part
     if not ip[6] & 0x20:
         known.size = offset + len(part)
-    if (whole := known.content()) is not None:
+    if (datagram := known.content()) is not None:
         del pending[key]
-    return known.start, whole
+    return known.start, datagram

@@ -66,5 +66,5 @@ def _fitting(known: Sequence[Conversion], kinds: Sequence[Type], *, is_split: bo
     converted_fields = {
         name for conversion in chosen.values() for name in (*conversion.fields, *conversion.optional)
     }
-    lost = dict.fromkeys(sorted(names - converted_fields), "the CDFF type has no such field")
-    return Choice(tuple(chosen.values()), is_split, lost)
+    reason_by_field = dict.fromkeys(sorted(names - converted_fields), "the CDFF type has no such field")
+    return Choice(tuple(chosen.values()), is_split, reason_by_field)

@@ -90,10 +90,12 @@ class PocologLog(IndexedLog):
     def others(self) -> IndexedLog:
         """Ports and fields without a conversion, decoded; they are indexed at the first access."""
         streams: dict[str, IndexedStream] = {}
-        for port, choice, lost in self._ports:
-            if lost:
+        for port, choice, reason_by_field in self._ports:
+            if reason_by_field:
                 samples = Port(self.files, self._reader, port.parts, is_split=choice.is_split)
-                streams |= {name: samples.plain_stream(port.type_name, key) for name, key in lost.items()}
+                streams |= {
+                    name: samples.plain_stream(port.type_name, key) for name, key in reason_by_field.items()
+                }
         return _OtherPorts(streams)
 
     def _converted_streams(self, ports: list[_ChosenPort]) -> dict[str, IndexedStream]:
@@ -172,12 +174,12 @@ def _chosen_ports(ports: list[_PortFiles], unconverted: dict[str, Unconverted]) 
         reasons = {f"{label}: field {name}": (name, reason) for name, reason in choice.lost.items()}
         if not choice.conversions:
             reasons = {label: ("", choice.reason)}
-        lost: dict[str, str] = {}
+        reason_by_field: dict[str, str] = {}
         for wanted_name, (field_name, reason) in reasons.items():
             name = _free(wanted_name, unconverted)
             unconverted[name] = Unconverted(port.type_name, count, reason)
-            lost[name] = field_name
-        chosen.append(_ChosenPort(port, choice, lost))
+            reason_by_field[name] = field_name
+        chosen.append(_ChosenPort(port, choice, reason_by_field))
     return chosen
 
 

@@ -51,8 +51,11 @@ class Bag1Recording(FileRecording):
         if not chosen:
             return
         for record in self._records.messages(set(chosen)):
-            if isinstance(record, tuple) and (channel := chosen.get(record[0])) is not None:
-                yield channel, record[1], kept(record[2])
+            if not isinstance(record, tuple):
+                continue
+            number, recorded_ns, content = record
+            if (channel := chosen.get(number)) is not None:
+                yield channel, recorded_ns, kept(content)
 
     def _channel(self, connection: Bag1Connection, count: int) -> Channel:
         """Return the channel of a connection; its decoder is added to the decoders."""

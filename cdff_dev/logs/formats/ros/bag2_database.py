@@ -155,10 +155,12 @@ class Bag2Database(FileRecording):
         with self._path.open("rb") as file:
             header = file.read(100)
         page_bytes = int.from_bytes(header[16:18]) if header[16:18] != b"\0\1" else 1 << 16
-        stated = int.from_bytes(header[28:32]) * page_bytes if header[24:28] == header[92:96] else size
-        self._ends_early = size < stated
+        stated_bytes = int.from_bytes(header[28:32]) * page_bytes if header[24:28] == header[92:96] else size
+        self._ends_early = size < stated_bytes
         if self._ends_early:
-            self._report(f"byte {size}", f"the file ends here, of {stated} bytes; its other pages are read")
+            self._report(
+                f"byte {size}", f"the file ends here, of {stated_bytes} bytes; its other pages are read"
+            )
 
     def _list_write_ahead_log(self) -> None:
         """List messages that a recorder has not yet moved into the database when it was ended."""

@@ -60,8 +60,11 @@ class McapRecording(FileRecording):
         if not chosen:
             return
         for record in self._records.records(set(chosen)):
-            if isinstance(record, tuple) and (channel := chosen.get(record[0])) is not None:
-                yield channel, record[1], kept(record[2])
+            if not isinstance(record, tuple):
+                continue
+            number, recorded_ns, content = record
+            if (channel := chosen.get(number)) is not None:
+                yield channel, recorded_ns, kept(content)
 
     def _adapted(self, channel: Channel, message: Any) -> Any:
         foxglove = FOXGLOVE.get(channel.original_type)

@@ -89,11 +89,11 @@ def _read(path: Path) -> tuple[CloudArrays, str]:
 def _whole_points(source: Source) -> Source:
     """Return a file of KITTI without the point in which it ends, with a warning."""
     excess = len(source.data) % ROW_BYTES
-    whole = Source(source.data[: len(source.data) - excess], source.name)
-    if not excess or not looks_like_scan(whole.data):
+    whole_points = Source(source.data[: len(source.data) - excess], source.name)
+    if not excess or not looks_like_scan(whole_points.data):
         return source
-    points = len(whole.data) // ROW_BYTES
+    points = len(whole_points.data) // ROW_BYTES
     logger.warning(
         "%s: ends at byte %d within a point; %d points are read", source.name, len(source.data), points
     )
-    return whole
+    return whole_points

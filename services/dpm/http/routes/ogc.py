@@ -244,9 +244,9 @@ def items(
         tracks, cursor = tracks_in(context, bbox, t0_ns, t1_ns, parameters.robot, limit, parameters.cursor)
         features = [writer.track(track) for track in tracks]
     else:
-        where = filter_of(parameters.filter, parameters.filter_lang, parameters.filter_crs, FEATURES)
+        expression = filter_of(parameters.filter, parameters.filter_lang, parameters.filter_crs, FEATURES)
         if of.frames is not None:
-            where = both(where, Call("in", (Column("frame"), of.frames)))
+            expression = both(expression, Call("in", (Column("frame"), of.frames)))
         query = StoreQuery(
             types=(of.product,),
             robot=parameters.robot,
@@ -255,7 +255,7 @@ def items(
             t1_ns=t1_ns,
             limit=MAX_PAGE if parameters.f == "gpkg" else page_size(parameters.limit),
             cursor=parameters.cursor,
-            where=where,
+            where=expression,
             **order_of(
                 [
                     (item["field"], item["direction"] == "desc")
