@@ -390,6 +390,6 @@ def _from_log(type_name: str, path: Path, calibration: Path | None = None) -> An
             scan = next(iter(log.samples(scans))).value
             return Pointcloud.from_points(scan.points_m, frame=scan.frame, stamp_ns=scan.stamp_ns)
         if sample is None:
-            streams = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items()) or "none"
-            raise InputError(f"{path}: has the streams {streams}, expected one of {type_name} with samples")
+            listed = ", ".join(f"{name} {info.type_name}" for name, info in log.streams.items()) or "none"
+            raise InputError(f"{path}: has the streams {listed}, expected one of {type_name} with samples")
         return sample.value
