@@ -17,6 +17,8 @@ import sys
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,7 +51,9 @@ def main() -> int:
     args = parser.parse_args()
     rules = yaml.safe_load(RULES.read_text(encoding="utf-8"))
     files = _tracked(args.paths)
-    findings = [finding for path in files for finding in check_file(path, rules)]
+    with ProcessPoolExecutor() as pool:
+        found = pool.map(partial(_findings, rules=rules), files, chunksize=64)
+        findings = [finding for in_file in found for finding in in_file]
     findings += check_layout([path for path in _tracked([]) if path.endswith(".py")], rules["limits"])
     if args.count:
         for folder, count in sorted(Counter(f.path.split("/")[0] for f in findings).items()):
@@ -59,6 +63,10 @@ def main() -> int:
             print(f"{finding.path}:{finding.line}: {finding.phrase!r}: use {finding.use}")
     print(f"prose: {len(findings)} findings in {len(files)} files")
     return 1 if findings else 0
+
+
+def _findings(path: str, rules: dict[str, Any]) -> list[Finding]:
+    return list(check_file(path, rules))
 
 
 def check_file(path: str, rules: dict[str, Any]) -> Iterator[Finding]:
@@ -116,9 +124,8 @@ def _python_passages(text: str) -> Iterator[tuple[int, str, bool]]:
             first = node.body[0]
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
                 docstrings.add(id(first.value))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            is_docstring = id(node) in docstrings
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            is_docstring = id(node) in docstrings  # its definition comes earlier in the walk
             if is_docstring or len(node.value.split()) >= MIN_WORDS:
                 yield node.lineno, node.value, is_docstring
     block: list[str] = []
