@@ -26,6 +26,7 @@ logger = logging.getLogger(__name__)
 DEFAULT_DATA_DIR = "~/.local/share/cdff"
 
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+#: Option of prctl(2): the signal that a process receives when its parent ends.
 _PR_SET_PDEATHSIG = 1
 
 

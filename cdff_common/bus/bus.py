@@ -29,6 +29,7 @@ from cdff_common.mission_clock import MissionClock
 
 logger = logging.getLogger(__name__)
 
+#: Longest time to wait for a session to close; then a warning is logged.
 _CLOSE_DEADLINE_S = 3.0
 #: Time for running handlers to answer when the bus closes, seconds.
 _ANSWER_S = 0.5

@@ -25,6 +25,7 @@ from cdff_common.errors import (
 
 logger = logging.getLogger(__name__)
 
+#: Largest number of parameters of a selector, and size of a MessagePack map, in bytes.
 _MAX_PARAMETERS = 64
 _MAX_MAP_BYTES = 64 << 20
 #: Largest encoding string and key, bytes. Zenoh cannot send longer encodings, or keys beyond about 65 kB, and

@@ -13,6 +13,7 @@ import itertools
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from cdff_common.bus.message import Reply
 from cdff_common.clock import monotonic_s
@@ -99,6 +100,14 @@ class _Paused:
         self.proceed()
 
 
+class _Entry(NamedTuple):
+    """A paused call in the queue, which is ordered by time, then by number."""
+
+    end_s: float
+    number: int
+    call: _Paused
+
+
 class PausedCalls:
     """Paused calls of one process, and the thread that continues those whose time is over.
 
@@ -111,7 +120,7 @@ class PausedCalls:
     def __init__(self, loops: Loops) -> None:
         self._loops = loops
         self._changed = threading.Condition()
-        self._calls: list[tuple[float, int, _Paused]] = []
+        self._calls: list[_Entry] = []
         self._numbers = itertools.count()
         self._thread: threading.Thread | None = None
         self._is_closed = False
@@ -123,7 +132,7 @@ class PausedCalls:
             with self._changed:
                 if self._thread is None and not self._is_closed:
                     self._start()
-                entry = (monotonic_s() + pause.timeout_s, next(self._numbers), paused)
+                entry = _Entry(monotonic_s() + pause.timeout_s, next(self._numbers), paused)
                 heapq.heappush(self._calls, entry)
                 if self._calls[0] is entry:
                     self._changed.notify()
@@ -149,7 +158,7 @@ class PausedCalls:
     def _next(self) -> _Paused | None:
         """Return the next call whose time is over; None when closed."""
         with self._changed:
-            while not self._is_closed and (not self._calls or self._calls[0][0] > monotonic_s()):
-                wait_s = self._calls[0][0] - monotonic_s() if self._calls else None
+            while not self._is_closed and (not self._calls or self._calls[0].end_s > monotonic_s()):
+                wait_s = self._calls[0].end_s - monotonic_s() if self._calls else None
                 self._changed.wait(wait_s)
-            return None if self._is_closed else heapq.heappop(self._calls)[2]
+            return None if self._is_closed else heapq.heappop(self._calls).call

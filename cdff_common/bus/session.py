@@ -23,6 +23,7 @@ LEASE_MS = 5000
 #: Time that a droppable message waits for space in the queue of a link before it is dropped, and time for all
 #: fragments of one message, µs. Zenoh's defaults of 1 and 50 ms lose sensor samples on a busy processor.
 _WAIT_BEFORE_DROP_US = {"wait_before_drop": 100_000, "max_wait_before_drop_fragments": 500_000}
+#: Time limit of one attempt to connect.
 _ATTEMPT_MS = 500
 _RETRY = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 1.5}
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from cdff_common.camera.model import CameraModel
 from cdff_common.errors import InputError
 
+#: Largest number of elements of one matrix or vector: a calibration has a few dozen.
 _MAX_ELEMENTS = 10_000
 Cameras = dict[str, CameraModel]
 #: ``T_camera_body`` of each camera. The body frame is that of the IMU, if the file has its pose.

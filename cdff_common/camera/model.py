@@ -28,6 +28,7 @@ FloatArray = NDArray[np.float64]
 PINHOLE_COEFFICIENTS = (0, 4, 5, 8, 12)
 #: The fisheye polynomial has k1 to k4, or none.
 FISHEYE_COEFFICIENTS = (0, 4)
+#: Largest number of Newton steps that invert a distortion.
 _ITERATIONS = 50
 #: Largest reprojection error of the ray computed for a pixel, pixels; above it, the ray is NaN.
 _MAX_RAY_ERROR_PX = 1e-6

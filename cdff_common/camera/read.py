@@ -21,6 +21,7 @@ from cdff_common.camera.stereo import StereoCalibration
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
 
+#: Largest calibration file.
 _MAX_BYTES = 1 << 20
 #: Names used by OpenCV programs for two cameras: matrix and coefficients of each, rotation, translation.
 _STEREO_NAMES = (

@@ -47,6 +47,7 @@ logger = logging.getLogger(__name__)
 OnProgress = Callable[[Mapping[str, Any]], None]
 
 _CODEC_PREFIX = "application/vnd.cdff+"
+#: Size of the parts in which a payload is read, and pause before a request is repeated.
 _PART_BYTES = 4 << 20
 _RETRY_S = 0.3
 #: Timeouts of a call and of the retrieval of a product, seconds.

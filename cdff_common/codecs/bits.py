@@ -18,6 +18,7 @@ from cdff_common.codecs.real import decode_real, encode_real
 from cdff_common.codecs.warm import has_numba
 from cdff_common.errors import CodecError
 
+#: Bits that are collected in one integer before they become bytes.
 _FLUSH_BITS = 1024
 _KERNELS = "cdff_common.codecs._kernels"
 #: Above these sizes the compiled loops are loaded.

@@ -24,6 +24,7 @@ from cdff_common.types.schema import (
 REAL_OCTETS = 11
 #: Sizes of at least this value have a length determinant and may be split into fragments (X.691 11.9.4.1).
 CONSTRAINED_BELOW = 65536
+#: Number of elements of a block; a fragment has one to four (X.691, 11.9.3.8).
 _BLOCK = 16384
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from cdff_common.errors import InputError
 
 _BOUND = re.compile(r"([A-Za-z_][A-Za-z0-9_.\-]{0,63})(>=|<=|>|<|=)(.{1,40})\Z")
+#: Largest number of comparisons of one search.
 _MAX_BOUNDS = 16
 
 

@@ -37,6 +37,7 @@ from cdff_common.geometry.region import Region, parse_region
 _WHOLE = re.compile(r"-?\d{1,19}\Z")
 #: Unknown names of a map that are reported; maps with more are refused before they are checked.
 _MAX_UNKNOWN = 16
+#: Characters of a message about an invalid value.
 _MAX_MESSAGE = 200
 _TEXT = {"type": "string"}
 #: First part of the location of an error that FastAPI reports.

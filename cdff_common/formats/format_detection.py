@@ -51,6 +51,7 @@ _MAGIC = (
     (b"FIELDS", "pcd"),
 )
 _NETPBM = {b"P2": "pgm", b"P5": "pgm", b"P3": "ppm", b"P6": "ppm"}
+#: Bytes at the start of a file from which the format is determined.
 _HEAD_BYTES = 1 << 16
 
 

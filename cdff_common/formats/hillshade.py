@@ -14,6 +14,7 @@ from cdff_common.raster.slope import hillshade
 if TYPE_CHECKING:
     from cdff_common.types import ElevationMap, NavigationMap
 
+#: Factor on heights, so that flat terrain shows relief.
 _EXAGGERATION = 2.0
 
 

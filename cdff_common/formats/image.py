@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError
 from cdff_common.formats.file_source import Readable, Source, load
 
+#: Largest number of pixels of an image: a small file can decompress to any size.
 _LARGEST_PIXELS = 1 << 28
 _BYTES_PER_PIXEL = {"1": 1, "L": 1, "P": 1, "RGB": 3}
 #: Width, height and maximum of a PGM file, after white space and comments; the header is at most this long.

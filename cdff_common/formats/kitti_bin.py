@@ -14,6 +14,7 @@ from cdff_common.formats.file_source import Readable, load
 
 #: Size of a point.
 ROW_BYTES = 16
+#: Coordinates and intensities of at least this value show that the file has another format.
 _FARTHEST_M = 1e5
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.file_source import Readable, Source, load
 
+#: Largest size of a header, bytes: other files are refused without reading them to the end.
 _HEADER_LIMIT = 1 << 16
 #: LZF's largest ratio of compression: three bytes for 264.
 _LZF_RATIO = 88

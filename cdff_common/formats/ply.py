@@ -38,6 +38,7 @@ _TYPES = {
 #: Names without a number of bits, which old programs know too.
 _NAMES = {code: name for name, code in _TYPES.items() if name.isalpha()}
 PLY_BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+#: Largest size of a header, bytes: other files are refused without reading them to the end.
 _HEADER_LIMIT = 1 << 16
 _KEYWORDS = ("ply", "format", "comment", "obj_info", "element", "property")
 #: Form of the lines of a header.

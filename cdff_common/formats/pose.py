@@ -16,6 +16,7 @@ from cdff_common.formats.tum import read_tum
 from cdff_common.geometry import UncertainTransform
 from cdff_common.geometry.points import checked_transform
 
+#: Largest size of a file with one pose, bytes.
 _TEXT_LIMIT = 1 << 16
 
 

@@ -16,6 +16,7 @@ from cdff_common.errors import CodecError
 from cdff_common.formats.cloud import CloudArrays
 from cdff_common.formats.file_source import Readable, Source, load
 
+#: x y z, with intensity, with colour, or with both.
 _COLUMNS = (3, 4, 6, 7)
 _SEPARATORS = str.maketrans(",;", "  ")
 

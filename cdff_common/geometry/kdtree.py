@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
+#: Largest number of points of a leaf.
 _LEAF = 10
 #: Largest depth: 2^40 leaves.
 _DEPTH = 40

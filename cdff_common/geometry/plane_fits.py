@@ -14,6 +14,7 @@ from cdff_common.geometry.kdtree import KdTree, nearest_rows, scratch
 
 Float = NDArray[np.float64]
 
+#: Largest number of Jacobi sweeps over a 3 x 3 matrix.
 _SWEEPS = 12
 
 

@@ -13,6 +13,7 @@ from cdff_common.geometry.se3 import FloatArray
 
 Int = NDArray[np.int64]
 
+#: Steps of the search for a voxel size, and relative deviation from the number of points at which it ends.
 _SEARCH_STEPS = 16
 _TOLERANCE = 0.1
 #: 2^64 over the golden ratio: distributes keys over the table (Knuth, TAOCP 3, 6.4).

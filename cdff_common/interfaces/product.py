@@ -24,6 +24,7 @@ from cdff_common.geometry.region import MAX_CORNERS
 WIRE_VERSION = 1
 #: Namespace of product ids: UUIDv5 of ``robot/dfpc/port/t1_ns/seq/config_hash``.
 PRODUCT_NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "urn:cdff:product")
+#: Limits of what a sender can make a receiver decode: bytes of an attachment, characters of a signature.
 _MAX_ATTACHMENT_BYTES = 1 << 20
 _MAX_SIGNATURE = 4096
 _QUALITY_FIELDS = frozenset({"status", "reasons", "covariance_kind", "metrics"})

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.profile import Profile, Robot
 
+#: Hexadecimal digits of the hash that identify a revision of the profile.
 _REVISION_DIGITS = 12
 
 

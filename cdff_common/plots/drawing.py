@@ -18,6 +18,7 @@ _AXES = "xyz"
 _MAX_POINTS, _COLOUR_QUANTILES = 200_000, (0.02, 0.98)
 #: Cells or pixels drawn along the longest side of a raster; larger rasters are subsampled.
 _MAX_SIDE = 2000
+#: Factor on heights of the shading, so that flat terrain shows relief.
 _EXAGGERATION = 2.0
 _CLASSES = ("unknown", "safe", "caution", "hazard")
 

@@ -18,6 +18,7 @@ from cdff_common.plots.figure import new_figure
 from cdff_common.value_text import value_lines
 
 Draw = Callable[[Any, Any, Any], None]
+#: Width and height of a panel, inches, and largest number of panels of a figure.
 _PANEL_IN, _MAX_PANELS = (6.5, 5.2), 9
 
 

@@ -14,7 +14,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _CORRELATED, _COMPARED = 192, 20_000
 _FEWEST, _COMMON_SHARE = 100, 0.5
 #: Shifts are equally good within this fraction of the improvement.
 _EQUAL_COST = 0.1
+#: Headings from which the refinement starts, and its largest number of steps.
 _HEADINGS_DEG = (0.0, -6.0, 6.0)
 _ITERATIONS = 40
 #: Smallest scale of the robust weights, metres: edges, which determine the heading, keep their weight.
@@ -91,13 +92,13 @@ def register_heights(geometry: GridGeometry, reference: Grid, moved: Grid) -> He
     heights = moved.ravel()[known]
     centre = points.mean(axis=0)
     right, down = _best_shift(reference, moved)
-    best: tuple[float, Grid, Grid, int] | None = None
+    best: _Fit | None = None
     for heading_deg in _HEADINGS_DEG:
         start = np.array([right, down, 0.0, np.radians(heading_deg)])
         fitted = _refine(reference, points - centre, centre, heights, start)
-        if fitted is not None and (best is None or fitted[0] < best[0]):
+        if fitted is not None and (best is None or fitted.rms_m < best.rms_m):
             best = fitted
-    if best is None or best[0] > _IMPROVEMENT * before_m:
+    if best is None or best.rms_m > _IMPROVEMENT * before_m:
         return None
     after_m, (right, down, up, turn), covariance, cells = best
     # Rows count downwards: a turn of the image from columns to rows is one from x to -y.
@@ -110,6 +111,13 @@ def register_heights(geometry: GridGeometry, reference: Grid, moved: Grid) -> He
     T[2, 3] = up
     sigma = np.sqrt(np.diag(covariance)) * [r, r, 1.0, 1.0]
     return HeightRegistration(T, sigma, before_m, after_m, cells)
+
+
+class _Fit(NamedTuple):
+    rms_m: float
+    parameters: Grid  # columns, rows, height, turn
+    covariance: Grid  # (4, 4)
+    cells: int  # number of cells used
 
 
 def _rms(values: Grid) -> float:
@@ -160,10 +168,8 @@ def _coarse(grid: Grid, factor: int) -> Grid:
     return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
 
 
-def _refine(
-    reference: Grid, offsets: Grid, centre: Grid, heights: Grid, start: Grid
-) -> tuple[float, Grid, Grid, int] | None:
-    """Return residual, parameters (columns, rows, height, turn), covariance and cells of the refinement.
+def _refine(reference: Grid, offsets: Grid, centre: Grid, heights: Grid, start: Grid) -> _Fit | None:
+    """Return the refined parameters; None if too few cells are usable.
 
     ``offsets`` (n, 2) are columns and rows of the moved cells relative to ``centre``.
     """
@@ -205,7 +211,7 @@ def _refine(
             break
     inverse = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     covariance = inverse * max(residual, _LEAST_SCALE_M) ** 2 * _CORRELATED_CELLS
-    return residual, parameters, covariance, used_count
+    return _Fit(residual, parameters, covariance, used_count)
 
 
 def _interpolate_heights(grid: Grid, column: Grid, row: Grid) -> Grid:

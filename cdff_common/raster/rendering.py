@@ -22,6 +22,7 @@ Palette = NDArray[np.uint8]
 
 #: Number of tints of the relief; tints times shades fill a palette.
 _TINTS = 15
+#: Number of brightness levels of the relief.
 _SHADES = 17
 
 

@@ -17,6 +17,7 @@ from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
 from cdff_common.raster.statistics import CellStatistics
 
+#: Rounding error of a ratio of cell sizes that counts as a whole number.
 _RELATIVE_TOLERANCE = 1e-6
 #: Minimum observed fraction of the area of a cell of ``area_means``.
 _MIN_AREA = 0.9

@@ -20,6 +20,7 @@ from typing import Any
 from cdff_common.errors import InputError
 from cdff_common.raster.geometry import GridGeometry
 
+#: Cells along a side of a tile, level with the finest cells, and size of those cells.
 TILE_CELLS = 256
 LAST_LEVEL = 20
 FINEST_M = 0.0125

@@ -31,6 +31,7 @@ MAX_CELLS = 1 << 20
 #: An observer less than this many cells away from an edge may stand on either of its cells. GridGeometry
 #: reduces bounds that exceed an edge by less than 1e-4 cells to that edge.
 EDGE_CELLS = 1e-3
+#: Rows that are computed between two checks of the time limit.
 _ROWS = 32
 _PROBABILITY_SIGMAS = np.linspace(-4.0, 4.0, 801)
 _PROBABILITY = np.array([0.5 * (1.0 + erf(s / sqrt(2.0))) for s in _PROBABILITY_SIGMAS])

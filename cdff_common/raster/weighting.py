@@ -41,6 +41,7 @@ SMALLEST_SHARE = 0.05
 FEWEST_CELLS = 30
 #: A robot differs if the median of its squared differences exceeds this multiple of that expected.
 _EXCESS = 4.0
+#: Median of the chi-squared distribution with one degree of freedom.
 _MEDIAN_CHI2 = 0.4549
 #: Smallest standard deviation of a cell's error, metres.
 _LEAST_SIGMA_M = 1e-3

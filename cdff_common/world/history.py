@@ -84,8 +84,9 @@ class WorldHistory:
             moving.append(
                 (is_truth(name), track.gap_ns(stamp_ns), name, WorldEdge(parent, child, pose, name))
             )
+        # Measured poses precede true ones, and small gaps precede large ones.
         moving.sort(key=lambda entry: entry[:3])
-        edges = (*self._fixed.values(), *(entry[3] for entry in moving))
+        edges = (*self._fixed.values(), *(edge for *_, edge in moving))
         return World.of(stamp_ns, edges, self._items.values(), omitted)
 
 

@@ -20,6 +20,8 @@ References
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from cdff_common.errors import DegenerateGeometryError
@@ -30,6 +32,7 @@ from cdff_core.calibration.motions import MotionPairs
 
 #: Least number of motions.
 LEAST_PAIRS = 10
+#: Largest number of steps of the iteration.
 _ITERATIONS = 100
 #: Huber's constant: residuals above this number of standard deviations get less weight.
 _HUBER = 1.345
@@ -68,16 +71,23 @@ def hand_eye(pairs: MotionPairs, guess: FloatArray | None = None) -> Mount:
         )
     starts = [guess] if guess is not None else [se3.transform(R, np.zeros(3)) for R in _start_rotations()]
     results = [_fit_from(pairs, start) for start in starts]
-    X, scale, _, weights = min(results, key=lambda result: float(np.log(result[2]).sum()))
-    residuals = _residuals(pairs, X, scale)
-    covariance = _covariance(_jacobians(pairs, X), residuals, weights)[:6, :6]
+    fit = min(results, key=lambda result: float(np.log(result.sigmas).sum()))
+    residuals = _residuals(pairs, fit.X, fit.scale)
+    covariance = _covariance(_jacobians(pairs, fit.X), residuals, fit.weights)[:6, :6]
     return Mount.of_covariance(
-        X,
+        fit.X,
         covariance,
         len(pairs),
         rms_m=float(np.sqrt((residuals[:, :3] ** 2).sum(axis=1).mean())),
         rms_rad=float(np.sqrt((residuals[:, 3:] ** 2).sum(axis=1).mean())),
     )
+
+
+class _Fit(NamedTuple):
+    X: FloatArray  # mount (4, 4)
+    scale: float
+    sigmas: FloatArray  # (6,), standard deviations of the residuals
+    weights: FloatArray  # (n, 6)
 
 
 def _start_rotations() -> list[FloatArray]:
@@ -112,8 +122,8 @@ def _jacobians(pairs: MotionPairs, X: FloatArray) -> FloatArray:
     return J
 
 
-def _fit_from(pairs: MotionPairs, start: FloatArray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
-    """Return mount, scale, standard deviations ``(6,)`` of the residuals and their weights ``(n, 6)``.
+def _fit_from(pairs: MotionPairs, start: FloatArray) -> _Fit:
+    """Return the fit that starts at a mount ``(4, 4)``.
 
     The standard deviation of each component of the residuals is estimated with the mount: planar odometry has
     no tilt, and the residuals of a robot on rough ground are larger about x and y.
@@ -134,7 +144,7 @@ def _fit_from(pairs: MotionPairs, start: FloatArray) -> tuple[FloatArray, float,
         scale = float(np.clip(scale + step[6], *_SCALES))
         if float(np.abs(step).max()) < 1e-9:
             break
-    return X, scale, sigma, weights
+    return _Fit(X, scale, sigma, weights)
 
 
 def _covariance(J: FloatArray, residuals: FloatArray, weights: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from cdff_core.calibration.motions import MotionPairs
 
 #: Distance, metres, and sum of absolute yaws, radians, that a drive needs for radius and track width.
 LEAST_M, LEAST_RAD = 5.0, np.deg2rad(180.0)
+#: Threshold of Huber's loss, standard deviations (95 % efficient for normal errors), and number of steps.
 _HUBER, _ITERATIONS = 1.345, 20
 
 

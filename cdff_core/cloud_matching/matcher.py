@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 Float = NDArray[np.float64]
 Pairs = tuple[Float, Float]
 
+#: Least number of points of a cloud after filtering.
 _MIN_POINTS = 100
 
 

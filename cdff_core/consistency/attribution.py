@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,20 @@ class RotationSuspects:
     covariance: FloatArray
 
 
+class _RotationFit(NamedTuple):
+    gain: float  # of the log likelihood by the rotation
+    sensor: str
+    rotation: FloatArray
+    covariance: FloatArray
+
+
+class _OffsetFit(NamedTuple):
+    log_likelihood: float
+    stream: str
+    offset_s: float
+    sigma_s: float
+
+
 def rotation_suspects(
     candidates: Sequence[str], pairs: Sequence[PairGroups], verticals: Mapping[str, Moments]
 ) -> RotationSuspects | None:
@@ -59,7 +74,7 @@ def rotation_suspects(
     verticals : mapping of str to Moments
         Verticals by sensors.
     """
-    results: list[tuple[float, str, FloatArray, FloatArray]] = []
+    fits: list[_RotationFit] = []
     for sensor in candidates:
         groups = _groups_of(sensor, pairs, verticals)
         if not groups:
@@ -69,13 +84,13 @@ def rotation_suspects(
         gain = sum(float(group.log_likelihood(R) - group.log_likelihood(_EYE)) for group in groups)
         information = rotation_information(groups, R) / CORRELATION
         covariance = np.linalg.inv(information + 1e-2 * _EYE).astype(np.float64)
-        results.append((gain / CORRELATION, sensor, R, covariance))
-    if not results:
+        fits.append(_RotationFit(gain / CORRELATION, sensor, R, covariance))
+    if not fits:
         return None
-    results.sort(key=lambda result: -result[0])
-    best = results[0]
-    names = tuple(sensor for gain, sensor, *_ in results if gain > max(best[0] - _DECISIVE, 0.0))
-    return RotationSuspects(names or (best[1],), best[2], best[3])
+    fits.sort(key=lambda fit: -fit.gain)
+    best = fits[0]
+    names = tuple(fit.sensor for fit in fits if fit.gain > max(best.gain - _DECISIVE, 0.0))
+    return RotationSuspects(names or (best.sensor,), best.rotation, best.covariance)
 
 
 def offset_suspects(
@@ -83,7 +98,7 @@ def offset_suspects(
 ) -> tuple[tuple[str, ...], float, float]:
     """Return the streams whose clock offset explains the data, the offset and its sigma, seconds."""
     within = np.abs(OFFSETS_S) <= limit_s + 1e-9
-    results = []
+    fits: list[_OffsetFit] = []
     for stream in streams:
         total = np.zeros(len(OFFSETS_S))
         for pair in likelihoods:
@@ -96,12 +111,12 @@ def offset_suspects(
         weight = np.exp(total - total.max())
         weight /= weight.sum()
         mean_s = float(weight @ OFFSETS_S)
-        results.append(
-            (float(total.max()), stream, mean_s, float(np.sqrt(weight @ (OFFSETS_S - mean_s) ** 2)))
-        )
-    results.sort(key=lambda result: -result[0])
-    names = tuple(stream for value, stream, *_ in results if value > results[0][0] - _DECISIVE)
-    return names, results[0][2], results[0][3]
+        sigma_s = float(np.sqrt(weight @ (OFFSETS_S - mean_s) ** 2))
+        fits.append(_OffsetFit(float(total.max()), stream, mean_s, sigma_s))
+    fits.sort(key=lambda fit: -fit.log_likelihood)
+    best = fits[0]
+    names = tuple(fit.stream for fit in fits if fit.log_likelihood > best.log_likelihood - _DECISIVE)
+    return names, best.offset_s, best.sigma_s
 
 
 def _groups_of(

@@ -116,8 +116,10 @@ def _rectified_pair(
     R_left, R_right = _common_rotations(T_right_left)
     bounds = [_bounds(left, R_left), _bounds(right, R_right)]
     ideal = _ideal_cameras(left, bounds, keep)
-    pair = [_with_maps(c, R, i) for c, R, i in zip((left, right), (R_left, R_right), ideal, strict=True)]
-    return pair[0], pair[1], float(np.linalg.norm(T_right_left[:3, 3]))
+    ideal_left, ideal_right = ideal
+    rectified_left = _with_maps(left, R_left, ideal_left)
+    rectified_right = _with_maps(right, R_right, ideal_right)
+    return rectified_left, rectified_right, float(np.linalg.norm(T_right_left[:3, 3]))
 
 
 def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, Rectified, float]:

@@ -58,14 +58,14 @@ def decompose_essential(
     U, _, Vt = np.linalg.svd(E)
     U, Vt = U * np.sign(np.linalg.det(U)), Vt * np.sign(np.linalg.det(Vt))
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    best = np.eye(3), U[:, 2], np.zeros(len(source), bool)
+    best, most_in_front = (np.eye(3), U[:, 2], np.zeros(len(source), bool)), 0
     for quarter_rotation in (W, W.T):
         R = U @ quarter_rotation @ Vt
         for t in (U[:, 2], -U[:, 2]):
             depth_source, depth_sink = depths(R, t, source, sink)
-            front = (depth_source > 0.0) & (depth_sink > 0.0)
-            if front.sum() > best[2].sum():
-                best = R, t, front
+            is_in_front = (depth_source > 0.0) & (depth_sink > 0.0)
+            if is_in_front.sum() > most_in_front:
+                best, most_in_front = (R, t, is_in_front), int(is_in_front.sum())
     return best
 
 

@@ -124,8 +124,9 @@ class KeyframeGraph(Generic[K]):
 
     def remove_loops(self, key: int) -> None:
         """Remove the loop closures of a keyframe."""
-        for edge in [e for e in self.edges if key in e[:2] and e[2] == LOOP_CLOSURE]:
-            del self.edges[edge]
+        for a, b, kind in list(self.edges):
+            if key in (a, b) and kind == LOOP_CLOSURE:
+                del self.edges[a, b, kind]
         self._distances = None
 
     def replace_by(self, key: int, older: int, T_older_key: UncertainTransform) -> None:
@@ -135,7 +136,7 @@ class KeyframeGraph(Generic[K]):
         Odometry edges also become loop closures: they then contain ``T_older_key``, which a wrong loop may
         have given, and only loop closures can be rejected by the robust optimisation.
         """
-        for a, b, kind in [e for e in self.edges if key in e[:2]]:
+        for a, b, kind in [(a, b, kind) for a, b, kind in self.edges if key in (a, b)]:
             T_a_b = self.edges.pop((a, b, kind))
             if older in (a, b):
                 continue
@@ -164,8 +165,8 @@ class KeyframeGraph(Generic[K]):
         solution = optimiser.process(
             PoseGraphOptimizationInputs(graph=self.to_graph(keys), wanted=np.array(keys, dtype=np.int64))
         )
-        inside = [e for e in self.edges if e[0] in set(keys)]
-        rejected = [e for e, w in zip(inside, solution.weights, strict=True) if w < _REJECTED_WEIGHT]
+        edges = [(a, b, kind) for a, b, kind in self.edges if a in set(keys)]
+        rejected = [edge for edge, w in zip(edges, solution.weights, strict=True) if w < _REJECTED_WEIGHT]
         for edge in rejected:
             del self.edges[edge]
         self._distances = None
@@ -187,16 +188,16 @@ class KeyframeGraph(Generic[K]):
         """Return a graph of some keyframes (default: all) and the edges between them; the root is fixed."""
         keys = sorted(self.keyframes if keys is None else keys)
         inside = set(keys)
-        edges = {e: T for e, T in self.edges.items() if e[0] in inside}
+        edges = {(a, b, kind): T for (a, b, kind), T in self.edges.items() if a in inside}
         covariances = np.array([T.covariance for T in edges.values()])
         return PoseGraph.from_arrays(
             keys,
             [self.keyframes[k].stamp_ns for k in keys],
             np.array([self.poses[k] for k in keys]).reshape(-1, 4, 4),
-            np.array([e[:2] for e in edges], dtype=np.int64).reshape(-1, 2),
+            np.array([(a, b) for a, b, _ in edges], dtype=np.int64).reshape(-1, 2),
             np.array([T.matrix for T in edges.values()]).reshape(-1, 4, 4),
             information_from_covariance(covariances.reshape(-1, 6, 6), _MIN_SIGMA),
-            np.array([e[2] for e in edges], dtype=np.int64),
+            np.array([kind for _, _, kind in edges], dtype=np.int64),
             frame=frame,
             fixed=[k == self.root for k in keys],
             producer=producer,

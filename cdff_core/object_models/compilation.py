@@ -19,6 +19,7 @@ from cdff_core.object_models.scan_detection import DetectionLimits, ScanDetector
 #: the sensor.
 _VERTICES = np.array([[0, 0, 0], [1.0, 0, 0], [0, 0.7, 0], [0, 0, 0.4]])
 _TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+#: Distance of the tetrahedron from the camera.
 _DISTANCE_M = 5.0
 _COARSE = {"points": 1000, "views": 60, "view_pixels": 64, "grid_cells": 16}
 

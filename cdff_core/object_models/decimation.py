@@ -14,6 +14,7 @@ from cdff_common.arrays import FloatArray, IntArray
 #: Singular values below this fraction of the largest one are ignored: along their directions a vertex stays
 #: at the mean of its cluster.
 _RANK = 1e-3
+#: Steps of the search for the cell size of the clusters.
 _ROUNDS = 20
 
 

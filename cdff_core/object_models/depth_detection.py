@@ -255,10 +255,10 @@ class DepthDetector:
         checked = [
             self._check_hypothesis(model, scene, part_m, hypothesis, sigma_m) for hypothesis in hypotheses
         ]
-        checked.sort(key=lambda pair: -pair[0].score)
-        best = checked[0][0]
+        checked.sort(key=lambda hypothesis_and_view: -hypothesis_and_view[0].score)
+        best, view = checked[0]
         centre_m = best.T[:3, :3] @ model.centre_m + best.T[:3, 3]
-        return DepthDetection([hypothesis for hypothesis, _ in checked], checked[0][1], centre_m)
+        return DepthDetection([hypothesis for hypothesis, _ in checked], view, centre_m)
 
     def _check_hypothesis(
         self,

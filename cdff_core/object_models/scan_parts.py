@@ -19,6 +19,7 @@ _SMALL = 0.1
 #: Largest number of points that are linked; each other point belongs to the body of the nearest linked
 #: point.
 _MAX_LINKED = 800
+#: Number of neighbours that determine the plane at a point.
 _PLANE_NEIGHBOURS = 8
 
 

@@ -23,6 +23,7 @@ _OVERSAMPLING = 3.0
 _HIT_RADIUS = 0.75
 #: Largest tangent of the angle between a point and the optical axis.
 _MAX_TANGENT = 2.0
+#: Number of points from which the spacing of a scan is measured.
 _SPACING_SAMPLE = 1000
 
 

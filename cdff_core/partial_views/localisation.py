@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 #: Radius of the part of the scene that is registered, and voxel size in it, in diameters of the model.
 _REGION, _VOXEL = 0.6, 0.02
+#: Number of neighbours that determine a normal.
 _NORMAL_NEIGHBOURS = 20
 #: If the scores of candidates are too similar, they are compared again with the tolerance times these
 #: factors.

@@ -25,6 +25,7 @@ from cdff_core.partial_views.view_comparison import Perturbations, ViewCompariso
 
 #: Number of points of the surface of a model.
 _FINE_POINTS = 4000
+#: Number of neighbours that determine a normal.
 _NORMAL_NEIGHBOURS = 20
 #: Radius of the surroundings of a reference point whose relief is computed, in diameters.
 _RELIEF_RADIUS = 0.25

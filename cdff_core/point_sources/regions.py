@@ -13,6 +13,7 @@ from cdff_common.arrays import Float32Array, FloatArray, IntArray
 #: Columns of the result of ``grow``: pixels, first and last column and row, light, its first and second
 #: moments.
 AREA, FIRST_U, LAST_U, FIRST_V, LAST_V, LIGHT, MEAN_U, MEAN_V, UU, UV, VV = range(11)
+#: Number of these columns.
 COLUMNS = 11
 
 

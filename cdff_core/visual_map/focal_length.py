@@ -14,6 +14,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_core.visual_map.pose_fit import linearised_directions, robust_step
 
+#: Gauss-Newton steps.
 _ITERATIONS = 8
 #: Largest number of images of a camera that are compared, least number for a result, and number of standard
 #: deviations of a significant error.

@@ -12,7 +12,9 @@ from scipy.cluster.vq import kmeans2
 
 from cdff_common.arrays import ByteArray, Float32Array, IntArray
 
+#: Largest number of descriptors from which the clusters are computed.
 _TRAINING_ROWS = 20_000
+#: Iterations of k-means.
 _ITERATIONS = 10
 #: Growth of the number of keyframes after which the clusters of the index are computed again.
 _GROWTH = 4

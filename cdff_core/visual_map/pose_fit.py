@@ -12,6 +12,7 @@ from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 
+#: Gauss-Newton steps.
 _ITERATIONS = 10
 #: Factor on the gate in the first iteration; it is halved in each iteration, since the first estimate is
 #: inaccurate.

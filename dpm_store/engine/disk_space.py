@@ -20,6 +20,7 @@ from cdff_common.errors import StorageError
 
 logger = logging.getLogger(__name__)
 
+#: Free space below which the reserve is removed when a store is opened; free space that additions leave.
 RESERVE_BYTES = 4 << 20
 LOW_WATER_BYTES = 64 << 20
 _NAME = "store.reserve"

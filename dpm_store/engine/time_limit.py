@@ -11,6 +11,7 @@ from contextvars import ContextVar
 from cdff_common.clock import monotonic_s
 from cdff_common.errors import OverloadedError
 
+#: Time after which a client may repeat a request that took too long.
 _RETRY_S = 30.0
 #: Limit of the current request, seconds, and the monotonic time at which it is over; None: no limit.
 _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("time_limit", default=None)

@@ -19,6 +19,7 @@ from dpm_store.engine.array_columns import pack, to_lists, unpack
 from dpm_store.engine.database import Database, dialect_of
 from dpm_store.frames.frames import IDENTITY, LATEST, FrameTable, HistoryView
 
+#: Largest number of frames in a chain to the root: frames stored by clients may form a cycle.
 _MAX_DEPTH = 64
 
 
@@ -291,7 +292,10 @@ class PoseTable:
             )
         if not candidates and problem is not None:
             raise problem
-        return min(candidates, key=lambda f: f[:2])[2] if candidates else None
+        if not candidates:
+            return None
+        *_, pose = min(candidates, key=lambda candidate: candidate[:2])  # by gap, then source
+        return pose
 
 
 def _tracks(connection: Connection, child: str) -> list[tuple[str, str]]:

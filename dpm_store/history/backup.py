@@ -23,6 +23,7 @@ from dpm_store.payloads.blobs import BlobFiles, fsync
 from dpm_store.payloads.packs import PackFiles, merge_spans
 from dpm_store.payloads.payloads import BLOBS, PACKS
 
+#: Attempts of a backup; one fails if payloads are removed while it runs.
 _ATTEMPTS = 3
 
 

@@ -24,6 +24,7 @@ from dpm_store.engine.database import Database, dialect_of
 CHANGES = ("inserted", "updated", "deleted", "reanchored")
 #: Roles of actors from weak to strong, except that a robot writes only its own products.
 ROLES = ("reader", "robot", "operator", "admin")
+#: Largest size of the body of an event.
 _MAX_BODY_BYTES = 1 << 16
 _e = schema.events.c
 _SINCE = (

@@ -41,6 +41,7 @@ from dpm_store.products.products import ProductTable
 
 #: Decisions in a plan; ``Retention.decisions`` returns all of them.
 MAX_DECISIONS = 1000
+#: Products that are read from the database at once.
 _PAGE = 1000
 #: Products deleted in one transaction, so that others can write in between.
 _BATCH = 100

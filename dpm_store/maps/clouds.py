@@ -38,6 +38,7 @@ _REACH = 1 << 20
 _STEPS = 66
 #: Spreads keys evenly (Knuth, TAOCP 3, 6.4).
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)
+#: Clouds that are read at once.
 _AHEAD = 8
 
 

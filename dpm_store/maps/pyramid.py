@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 #: Tiles in memory, 3.3 MB each, and bytes in files.
 _CACHED = 12
 _FILE_BYTES = 512 << 20
+#: Events that are read at once, and attempts to compute a tile while patches change.
 _EVENTS = 1000
 _ATTEMPTS = 3
 #: Longest wait of a request for others that pool tiles, seconds.

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 Key = tuple[str, int, int, int]
 
 _INDEX = "closed.json"
+#: Version of the files: those of another version are computed again.
 _FORMAT = 2
 #: Folder of the tiles in the directory of a store.
 FOLDER = "tiles"

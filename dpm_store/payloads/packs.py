@@ -26,9 +26,11 @@ from dpm_store.payloads.blobs import FULL, check_chunks, fsync
 PACK_BYTES = 1 << 28
 #: A file system frees whole blocks.
 BLOCK_BYTES = 4096
+#: A location is the number of a pack, shifted by this number of bits, plus the offset in the pack.
 _OFFSET_BITS = 32
 #: Bytes copied at once.
 _COPY_BYTES = 1 << 24
+#: Flags of fallocate(2): free a range of a file without changing its size.
 _KEEP_SIZE, _PUNCH_HOLE = 1, 2
 _HAS_NO_HOLES = (errno.EOPNOTSUPP, errno.ENOSYS)
 

@@ -99,7 +99,10 @@ def extents(database: Database) -> tuple[Extent, ...]:
     )
     with database.read() as connection:
         rows = connection.execute(statement).all()
-    return tuple(Extent(r[0], r[1], None if r[2] is None else tuple(r[2:8]), *r[8:12]) for r in rows)
+    return tuple(
+        Extent(product, frame, None if values[0] is None else tuple(values[:6]), *values[6:])  # 6: the box
+        for product, frame, *values in rows
+    )
 
 
 def frame_names(database: Database) -> tuple[str, ...]:

@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 
 #: A square with more than this many times the required products is shrunk.
 _TOO_MANY = 8
+#: Half the side of the first square, metres, and the factor by which a square grows.
 _FIRST_M, _GROWTH = 2.0, 8.0
 #: Largest distance of a product from a point.
 _FARTHEST_M = 1e10
+#: Largest number of times that a square is shrunk: products may have the same position.
 _MAX_REDUCTIONS = 40
 #: Distances within this ratio count as equal.
 _EQUAL = 1.0 + 1e-6

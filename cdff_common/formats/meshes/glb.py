@@ -19,10 +19,13 @@ from cdff_common.formats.file_source import Source
 from cdff_common.formats.meshes.arrays import MeshArrays
 from cdff_common.geometry import se3
 
+#: Types of chunks: "JSON" and "BIN\0" as little-endian integers.
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+#: Values of ``mode`` of a primitive.
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+#: Depth of nested nodes above which nodes are assumed to contain each other.
 _MAX_DEPTH = 64
 
 

@@ -23,6 +23,7 @@ _READERS: dict[str, Callable[[Source], MeshArrays]] = {
     "wrl": read_vrml,
 }
 MESH_FORMATS = tuple(_READERS)
+#: Bytes at the start of a file from which the format is determined.
 _HEAD_BYTES = 1 << 16
 
 

@@ -12,6 +12,7 @@ from cdff_common.arrays import FloatArray
 from cdff_common.formats.file_source import Source
 from cdff_common.formats.meshes.arrays import MeshArrays
 
+#: 80 bytes of text and the number of triangles; 12 floats and an attribute for each triangle.
 BINARY_HEADER_BYTES, BINARY_TRIANGLE_BYTES = 84, 50
 _TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

@@ -22,6 +22,7 @@ _TOKEN = re.compile(r'#[^\n]*|"(?:\\.|[^"\\])*"|[{}\[\]]|[^\s,{}\[\]#"]+')
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\Z|0[xX][0-9a-fA-F]+\Z")
 _GROUPS = {"Group", "Transform", "Separator", "Anchor", "Collision", "Billboard", "Switch", "LOD", "Shape"}
 _REFUSED = {"Box", "Cube", "Sphere", "Cone", "Cylinder", "Extrusion", "ElevationGrid", "PROTO", "Inline"}
+#: Largest depth of nested nodes, below the recursion limit of Python.
 _MAX_DEPTH = 200
 
 

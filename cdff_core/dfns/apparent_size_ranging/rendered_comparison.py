@@ -24,6 +24,7 @@ _OUTLINES = (0.5, 0.15)
 _LIT_UNKNOWN, _LIT_LEAST = 0.5, 0.3
 #: Area of the pixels whose residuals are not independent, in units of the point spread's variance.
 _CORRELATED = 4.0 * np.pi
+#: Number of renderings, each at the range and position of the previous comparison.
 _RENDERINGS = 3
 #: Brightness relative to the maximum below which light belongs to haze, dust or the wings of the point
 #: spread.

@@ -12,6 +12,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.bearing_tracking import wahba
 from cdff_core.dfns.attitude_from_directions.interface import Inputs, Interface, Outputs
 
+#: Largest number of rejections of outliers.
 _ROUNDS = 5
 
 

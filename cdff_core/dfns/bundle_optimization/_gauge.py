@@ -29,6 +29,7 @@ from cdff_core.dfns.bundle_optimization._motions import (
 )
 from cdff_core.dfns.bundle_optimization._system import Estimate, System
 
+#: Limits of the Gauss-Newton iteration: number of steps, and step at convergence.
 _MAX_STEPS, _CONVERGED_STEP = 30, 1e-14
 #: Quantities that the gauge can fix: rotation of the first camera, logarithm of its distance from the distant
 #: camera, position of the first camera.

@@ -29,6 +29,7 @@ from cdff_common.geometry.small_vectors import cross, rotated
 #: (f cx cy k1 k2 k3 p1 p2). The order of the lens columns is not that of ``BundleLenses.values``.
 POSE, LENS = 6, 8
 WIDTH = POSE + LENS
+#: Numbers of the robust losses.
 NO_LOSS, HUBER, CAUCHY = 0, 1, 2
 
 

@@ -31,6 +31,7 @@ from cdff_core.dfns.bundle_optimization._motions import (
     transform_offsets,
 )
 
+#: Limits of the Gauss-Newton iteration: number of steps, and step at convergence.
 _MAX_STEPS, _CONVERGED_STEP = 30, 1e-13
 #: Lower bound of the diagonal of a prior relative to its largest element, for positions and for rotations:
 #: rounding noise in the columns of almost unconstrained poses must not be scaled up.

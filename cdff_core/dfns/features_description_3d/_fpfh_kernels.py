@@ -12,6 +12,7 @@ from numba import njit
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.small_vectors import cross
 
+#: Bins of each of the three angles.
 BINS = 11
 
 

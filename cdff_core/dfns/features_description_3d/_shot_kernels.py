@@ -12,6 +12,7 @@ from numba import njit
 from cdff_common.arrays import Float32Array, FloatArray, IntArray
 from cdff_common.geometry.plane_fits import eigen
 
+#: Divisions of the sphere around a keypoint, and bins of the cosine between normals.
 AZIMUTHS, ELEVATIONS, SHELLS, COSINES = 8, 2, 2, 11
 LENGTH = AZIMUTHS * ELEVATIONS * SHELLS * COSINES
 #: Bins of the cosine and one that remains 0, so that each value is distributed over two bins.

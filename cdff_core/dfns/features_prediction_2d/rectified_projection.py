@@ -12,6 +12,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.features_prediction_2d.interface import Inputs, Interface, Outputs
 from cdff_core.imaging.rectified_camera import RectifiedCamera
 
+#: Depth below which a point is behind the camera.
 _MIN_DEPTH_M = 1e-3
 _BORDER_PX = 8  # half the width of a patch of the trackers, and one pixel
 _MAX_MAGNIFICATION = 2.0  # of a patch that can be tracked; its inverse is the smallest magnification

@@ -18,6 +18,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.global_registration_3d._clique import Bits, consistency_graph, maximum_clique
 from cdff_core.dfns.global_registration_3d.interface import Inputs, Interface, Outputs
 
+#: Largest number of fits to the pairs within the noise.
 _MAX_REFITS = 10
 #: Minimum distance between two pairs that are compared, in units of the noise.
 _MIN_DISTANCE_NOISES = 2.0

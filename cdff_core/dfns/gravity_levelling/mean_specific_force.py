@@ -12,6 +12,7 @@ from cdff_common.errors import DegenerateGeometryError, RefusedError
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.gravity_levelling.interface import Inputs, Interface, Outputs
 
+#: Least specific force that has a direction: far below lunar gravity, above the bias of an accelerometer.
 _MIN_FORCE_M_S2 = 0.05
 #: Number of readings below which their standard deviation does not distinguish rest from motion.
 _MIN_SAMPLES = 10

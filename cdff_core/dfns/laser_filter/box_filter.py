@@ -20,6 +20,7 @@ from cdff_core.dfns.laser_filter.interface import Inputs, Interface, Outputs
 Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
 Corner = tuple[Coordinate, Coordinate, Coordinate]
 
+#: Largest deviation of the norm of a quaternion from 1.
 _UNIT_TOLERANCE = 1e-3
 
 

@@ -13,6 +13,7 @@ from cdff_core.dfns.model_pose_search.interface import Inputs, Interface, Output
 from cdff_core.object_models.hypotheses import SurfaceModel, find_hypotheses
 from cdff_core.object_models.nearest_grid import NearestGrid
 
+#: Least number of points: one for each unknown of a pose.
 _MIN_POINTS = 6
 
 

@@ -28,6 +28,7 @@ _NEAREST_POINTS, _LEAST_STEPS, _LAST_SCALE = 400, 2, 0.05
 _CAPTURE, _UNKNOWN = 0.25, 0.2
 #: Margin of the window around the body.
 _MARGIN = 1.15
+#: Least number of points that agree with the model: one for each unknown of a pose.
 _MIN_AGREEING = 6
 #: Ratio of the initial to the last scale above which the first limit of the rendered iterations is doubled.
 _WIDE = 1.5
@@ -204,6 +205,7 @@ class _Fit:
     def rendered(self, limit_m: float) -> tuple[FloatArray, FloatArray, float, FloatArray]:
         """Return the normal equations with rendered ranges, their weight, and the range differences (n,)."""
         R = self._R_view
+        surface_m, _, grid = self._surface
         A, b = np.empty((12, 12)), np.empty(12)
         residuals = np.empty(len(self._points_m))
         T_view_model = se3.transform(R, np.zeros(3)) @ self.T
@@ -214,8 +216,8 @@ class _Fit:
             self._vertices,
             self._triangles,
             self._window,
-            self._surface[0],
-            self._surface[2],
+            surface_m,
+            grid,
             limit_m,
             _MISS if self._config.outline else 0.0,
             A,

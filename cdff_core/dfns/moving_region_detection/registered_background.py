@@ -132,8 +132,9 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         self._learn_noise(mean, difference, gradient, count)
         shift = np.float32(_SIGMA_PX) if inputs.sigma is None else inputs.sigma
         usable = count > 0.0
-        single = self._noise_model[0] + self._noise_model[1] * mean
-        variance = single * (1.0 + 1.0 / np.maximum(count, 1.0)) + (gradient * shift) ** 2
+        constant, slope = self._noise_model
+        variance_of_one_image = constant + slope * mean
+        variance = variance_of_one_image * (1.0 + 1.0 / np.maximum(count, 1.0)) + (gradient * shift) ** 2
         z = np.where(usable, difference / np.sqrt(variance), 0.0).astype(np.float32)
         regions, vacated = self._regions(z, difference, image / np.float32(gain), mean)
         learn = np.ones(image.shape, bool) if inputs.excluded is None else ~inputs.excluded

@@ -19,6 +19,7 @@ _MIN_SIGHTINGS, _MIN_SIGNIFICANCE = 8, 60.0
 #: Squared rate, in squared standard deviations, above which the position at the end of the fitted line is
 #: used instead of the mean.
 _MIN_FOLLOWED = 25.0
+#: Largest distance of a source from its prediction, standard deviations, and largest number of sources.
 _GATE_SIGMAS = 4.0
 _MAX_SOURCES = 20_000
 

@@ -15,6 +15,7 @@ from cdff_core.dfns.point_source_detection._kernels import local_maxima, measure
 from cdff_core.dfns.point_source_detection.interface import Inputs, Interface, Outputs
 from cdff_core.point_sources.regions import AREA, FIRST_U, LAST_V, MEAN_U, MEAN_V, UU, VV
 
+#: Value of the mask in trails of satellites and cosmic rays.
 _TRAIL = 2
 #: Number of widths of the point spread after which its image is cut off.
 _CUT_OFF_SIGMAS = 3.5

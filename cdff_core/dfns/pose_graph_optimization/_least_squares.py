@@ -15,6 +15,7 @@ from cdff_core.dfns.pose_graph_optimization._block_cholesky import factorise, so
 from cdff_core.dfns.pose_graph_optimization._linearisation import accumulate
 from cdff_core.dfns.pose_graph_optimization._problem import Problem
 
+#: Smallest damping other than 0, and damping above which the iteration ends.
 _MIN_DAMPING, _MAX_DAMPING = 1e-6, 1e8
 
 

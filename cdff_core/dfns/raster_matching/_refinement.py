@@ -14,6 +14,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinat
 from cdff_common.arrays import BoolArray, FloatArray
 from cdff_common.geometry.robust import median_sigma
 
+#: Largest number of steps, and shift in cells at which the iteration has converged.
 _ITERATIONS = 12
 _CONVERGED_CELLS = 1e-4
 #: Bound of the Huber weights in robust standard deviations: 95 % efficient for normal errors.

@@ -16,6 +16,7 @@ from cdff_common.geometry.voxels import voxel_for, voxel_means
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_3d.interface import Inputs
 
+#: Least number of pairs for a transform and its covariance.
 MIN_PAIRS = 20
 #: Initial gate in median pair distances at the guess; most correct pairs are nearer.
 INITIAL_GATE_MEDIANS = 3.0

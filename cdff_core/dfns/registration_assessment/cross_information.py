@@ -17,6 +17,7 @@ from cdff_common.geometry.voxels import voxel_rows
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.registration_assessment.interface import Inputs, Interface, Outputs
 
+#: Least number of points of each cloud.
 _MIN_PAIRS = 20
 #: Least number of points from which the median spacing is computed.
 _SPACING_SAMPLE = 2000

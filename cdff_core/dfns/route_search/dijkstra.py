@@ -16,6 +16,7 @@ from cdff_common.interfaces.dfn import DfnConfig
 from cdff_common.raster import GridGeometry
 from cdff_core.dfns.route_search.interface import Inputs, Interface, Outputs
 
+#: Classes of cells of a navigation map that may be crossed.
 _SAFE, _CAUTION = 1, 2
 #: Offsets (rows, columns) of half of the neighbours; edges to the other half are the same in reverse.
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))

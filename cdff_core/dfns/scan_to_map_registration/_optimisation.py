@@ -15,6 +15,7 @@ from cdff_core.dfns.scan_to_map_registration import _kernels
 from cdff_core.dfns.scan_to_map_registration._priors import Prior
 from cdff_core.dfns.scan_to_map_registration._voxel_map import VoxelMap
 
+#: Number of matched points below which a sweep is not registered.
 _MIN_MATCHED_POINTS = 50
 #: Damping of the normal equations relative to their mean diagonal.
 _DAMPING = 1e-9

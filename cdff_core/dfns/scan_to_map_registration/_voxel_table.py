@@ -19,6 +19,7 @@ EMPTY = np.int64(-1)
 _OFFSET = 1 << 20  # cells count from -2^20 to 2^20 along each axis: 21 bits
 #: 2^64 divided by the golden ratio: multiplicative (Fibonacci) hashing.
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+#: Number of points from which a plane is fitted.
 _MIN_PLANE_POINTS = 6
 #: Number of points per independent measurement of a plane: neighbouring points have the same error by relief.
 _POINTS_PER_MEASUREMENT = 10.0

@@ -21,6 +21,7 @@ from cdff_core.dfns.star_field_background.interface import Inputs, Interface, Ou
 
 #: Smallest image, pixels, and the fraction of saturated pixels from which the image is refused.
 _MIN_SIZE_PX, _MAX_SATURATED = 64, 0.5
+#: Value of the mask in trails of satellites and cosmic rays.
 _TRAIL = 2
 #: Variance of the rounding to steps of one DN.
 _ROUNDING_VARIANCE = 1.0 / 12.0

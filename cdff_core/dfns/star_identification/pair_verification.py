@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -75,6 +76,14 @@ class _Match:
     radial: float = 0.0
 
 
+class _PairTable(NamedTuple):
+    """Pairs of catalogue stars, sorted by angle."""
+
+    angles: FloatArray  # (n,), radians
+    stars: IntArray  # (n, 2)
+    reach_rad: float  # largest angle
+
+
 class PairVerification(Interface[PairVerificationConfig]):
     """The angle of two bright sources selects pairs of catalogue stars; each pair is an attitude, and the
     attitude
@@ -95,7 +104,7 @@ class PairVerification(Interface[PairVerificationConfig]):
         self._catalogue: StarCatalogue | None = None
         self._tree: cKDTree | None = None
         self._velocity_m_s = np.zeros(3)
-        self._pairs: tuple[FloatArray, IntArray, float] | None = None
+        self._pairs: _PairTable | None = None
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the stars of the sources and the attitude.
@@ -172,8 +181,8 @@ class PairVerification(Interface[PairVerificationConfig]):
         field = float(np.arccos(np.clip(np.min(directions @ directions.T), -1.0, 1.0)))
         if field < _MIN_FIELD_RAD:
             return None
-        angles, pairs = self._pair_table(field)
-        best: tuple[int, FloatArray] | None = None
+        angles, pairs, _ = self._pair_table(field)
+        most_matches = -1
         trials = 0
         for i, j in sorted(combinations(range(len(bright)), 2), key=sum):
             angle = float(np.arccos(np.clip(bright[i] @ bright[j], -1.0, 1.0)))
@@ -192,19 +201,19 @@ class PairVerification(Interface[PairVerificationConfig]):
             counts = self._counts(directions, R)
             order = np.argsort(-counts, kind="stable")[:5]
             for k in order:
-                if best is not None and counts[k] <= best[0]:
+                if counts[k] <= most_matches:
                     continue
                 match = self._refine_rotation(directions, R[k])
                 if match is None:
                     continue
                 if self._chance(directions, match, trials) < self.config.max_chance:
                     return match
-                best = (int(counts[k]), R[k])
+                most_matches = int(counts[k])
         return None
 
-    def _pair_table(self, field_rad: float) -> tuple[FloatArray, IntArray]:
-        """Return the sorted angles and the pairs of catalogue stars up to the size of the field."""
-        if self._pairs is None or self._pairs[2] < field_rad * 1.02:
+    def _pair_table(self, field_rad: float) -> _PairTable:
+        """Return the pairs of catalogue stars up to the size of the field."""
+        if self._pairs is None or self._pairs.reach_rad < field_rad * 1.02:
             reach = min(field_rad * 1.05, 0.6)
             # As many stars as give on average a hundred pairs per star within the field.
             density = 200.0 / (1.0 - np.cos(reach))
@@ -213,8 +222,8 @@ class PairVerification(Interface[PairVerificationConfig]):
             pairs = cKDTree(v).query_pairs(2.0 * np.sin(0.5 * reach), output_type="ndarray")
             chords = np.linalg.norm(v[pairs[:, 0]] - v[pairs[:, 1]], axis=1)
             order = np.argsort(chords, kind="stable")
-            self._pairs = (2.0 * np.arcsin(0.5 * chords[order]), pairs[order], reach)
-        return self._pairs[0], self._pairs[1]
+            self._pairs = _PairTable(2.0 * np.arcsin(0.5 * chords[order]), pairs[order], reach)
+        return self._pairs
 
     def _pair_rotations(self, sources: FloatArray, pairs: IntArray) -> FloatArray:
         """Return the rotations (m, 3, 3) that bring two sources to each pair of stars, by triads."""

@@ -13,6 +13,7 @@ from cdff_core.dfns.surface_fusion._kernels import CountArray
 #: Voxels along the edge of a block, and in a block.
 SIDE = 8
 VOXELS = SIDE**3
+#: Bits of each of the three coordinates in a key of 64 bits.
 _BITS = 21
 _OFFSET = 1 << (_BITS - 1)
 #: Steps from a block to its 26 neighbours and itself, in the order of ``neighbours``.

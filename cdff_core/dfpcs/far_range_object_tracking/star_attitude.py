@@ -133,8 +133,9 @@ class AttitudeEstimator:
         if self._config.use_stars:
             guess, guess_sigma = R_stated, sigma_rad
             if guess is None and self._last is not None:
-                age_s = (stamp_ns - self._last[0]) * 1e-9
-                guess, guess_sigma = self._last[1], 1e-3 + _TURN_RAD_S * age_s
+                last_ns, R_last = self._last
+                age_s = (stamp_ns - last_ns) * 1e-9
+                guess, guess_sigma = R_last, 1e-3 + _TURN_RAD_S * age_s
                 guess = guess if guess_sigma < 0.05 else None
             try:
                 return self._from_stars(

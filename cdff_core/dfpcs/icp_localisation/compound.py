@@ -30,6 +30,7 @@ from cdff_core.dfpcs.icp_localisation.interface import IcpLocalisationInterface
 
 Float = NDArray[np.float64]
 
+#: Least number of points of a cloud after filtering.
 _MIN_POINTS = 100
 #: Gate for two poses that count as equal, in point spacings.
 _GATE_SPACINGS = 2.5

@@ -24,6 +24,7 @@ from cdff_core.dfpcs.lidar_localisation.relocaliser import Relocaliser
 from cdff_core.dfpcs.lidar_localisation.sweep_matcher import Sweep, SweepMatcher
 from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 
+#: Least number of points of a sweep, and of the map around the estimate.
 _MIN_POINTS = 200
 #: Standard deviations of a guess without covariance.
 _GUESS_SIGMA_M, _GUESS_SIGMA_DEG = 1.0, 10.0

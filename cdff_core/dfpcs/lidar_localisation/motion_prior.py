@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cdff_common.types import TransformWithCovariance
     from cdff_core.dfpcs.lidar_localisation.configuration import LidarLocalisationConfig
 
+#: Time for which odometry is buffered.
 _HISTORY_NS = 60_000_000_000
 #: Standard deviations that each prediction adds, for translation and rotation.
 _STEP_SIGMA_M, _STEP_SIGMA_DEG = 0.02, 0.3

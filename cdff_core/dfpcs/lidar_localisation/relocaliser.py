@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cdff_core.dfpcs.lidar_localisation.configuration import LidarLocalisationConfig
     from cdff_core.dfpcs.lidar_localisation.tiled_map import TiledMap
 
+#: Least number of points of the map around a candidate.
 _MIN_POINTS = 500
 #: Ratio of residuals up to which two poses count as equally good.
 _AMBIGUITY = 1.5

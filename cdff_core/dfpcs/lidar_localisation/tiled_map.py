@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,11 @@ class LocalMap(Surface):
         return Surface(self._coarse(self.points_m), self._normals_of)
 
 
+class _CachedMap(NamedTuple):
+    centre_m: Float  # (2,)
+    map: LocalMap
+
+
 class TiledMap:
     """Points in tiles, one mean point per voxel.
 
@@ -53,7 +59,7 @@ class TiledMap:
         self._voxel_m, self._radius_m = voxel_m, radius_m
         self._normals, self._coarse = normals, coarse
         self._tiles: dict[tuple[int, int], Float] = {}
-        self._local: tuple[Float, LocalMap] | None = None
+        self._local: _CachedMap | None = None
         self.frame = ""
 
     def add(self, points_m: Float, frame: str) -> None:
@@ -102,8 +108,8 @@ class TiledMap:
 
     def local(self, centre_m: Float, min_points: int) -> LocalMap | None:
         """Return the map around a position, cached; None with fewer than ``min_points`` points."""
-        if self._local is None or np.linalg.norm(self._local[0] - centre_m[:2]) > _REUSE_M:
+        if self._local is None or np.linalg.norm(self._local.centre_m - centre_m[:2]) > _REUSE_M:
             points = self.around(centre_m, self._radius_m + _REUSE_M)
-            self._local = (centre_m[:2].copy(), LocalMap(points, self._normals, self._coarse))
-        local = self._local[1]
+            self._local = _CachedMap(centre_m[:2].copy(), LocalMap(points, self._normals, self._coarse))
+        local = self._local.map
         return local if len(local.points_m) >= min_points else None

@@ -11,6 +11,7 @@ from cdff_common.interfaces.dfpc import Sample
 from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.measurement import FIXES
 
+#: Nanoseconds per second.
 _NS = 1e9
 #: Minimum number of samples that confirm a jump.
 _MIN_CONFIRMING = 3

@@ -12,6 +12,7 @@ from cdff_core.dfpcs.position_manager.configuration import PositionManagerConfig
 from cdff_core.dfpcs.position_manager.pose_timeline import PoseTimeline
 from cdff_core.dfpcs.position_manager.source_monitor import SourceMonitor
 
+#: Nanoseconds per second.
 _NS = 1e9
 
 

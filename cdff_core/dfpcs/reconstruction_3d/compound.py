@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,11 @@ _MAX_INPUTS = 256
 _SIGMA_STEP = 1e-5
 
 
+class _UsedCapture(NamedTuple):
+    stamp_ns: int
+    id: str
+
+
 class Reconstruction3D(Reconstruction3DInterface):
     """Surface of captures of known pose, in a truncated signed distance field."""
 
@@ -67,7 +72,7 @@ class Reconstruction3D(Reconstruction3DInterface):
         self._images: deque[Sample] = deque(maxlen=self.config.max_waiting)
         self._fusion: Dfn[Any, SurfaceFusionInputs, SurfaceFusionOutputs] | None = None
         self._voxel_m = 0.0
-        self._used: list[tuple[int, str]] = []
+        self._used: list[_UsedCapture] = []
         self._drops: Counter[str] = Counter()
         self._rejected_blocks, self._newest_ns = 0, 0
 
@@ -139,7 +144,7 @@ class Reconstruction3D(Reconstruction3DInterface):
             except InputError:
                 self._drops["malformed"] += 1
                 continue
-            self._used.append((sample.stamp_ns, sample.id))
+            self._used.append(_UsedCapture(sample.stamp_ns, sample.id))
             self._frame = self._frames[1 if self._is_of_body(sample) else 0] or "model"
             yield Output.of_pose(
                 "pose",
@@ -258,7 +263,7 @@ class Reconstruction3D(Reconstruction3DInterface):
             surface.vertices,
             surface.triangles.astype(np.uint32),
             frame=self._frame,
-            stamp_ns=self._used[-1][0],
+            stamp_ns=self._used[-1].stamp_ns,
             normals=surface.vertex_normals.astype(np.float32),
             colors=surface.vertex_colors,
             producer=self.name,
@@ -300,13 +305,13 @@ class Reconstruction3D(Reconstruction3DInterface):
             cloud = Pointcloud.from_points(
                 surface.vertices,
                 frame=self._frame,
-                stamp_ns=self._used[-1][0],
+                stamp_ns=self._used[-1].stamp_ns,
                 colors=surface.vertex_colors.astype(np.float64),
                 intensity=np.rint(surface.vertex_sigmas / (_SIGMA_STEP * self._voxel_m)).astype(np.int32),
             )
-        first_ns = self._used[0][0] if self._used else self._newest_ns
-        last_ns = self._used[-1][0] if self._used else self._newest_ns
-        inputs = tuple(name for _, name in self._used[-_MAX_INPUTS:])
+        first_ns = self._used[0].stamp_ns if self._used else self._newest_ns
+        last_ns = self._used[-1].stamp_ns if self._used else self._newest_ns
+        inputs = tuple(capture.id for capture in self._used[-_MAX_INPUTS:])
         return [
             Output(port, value, first_ns, last_ns, self._frame, None, quality, inputs)
             for port, value in (("mesh", mesh), ("cloud", cloud))

@@ -110,10 +110,12 @@ class ShotLocalisation(ModelLocalisation[Cloud], ShotLocalisationInterface):
         )
         if second is None:
             return first
-        better, worse = sorted((first, second), key=lambda candidate: candidate[0].assessment.rms_m)
-        if worse[0].assessment.rms_m <= _AMBIGUITY * better[0].assessment.rms_m:
-            return None, Quality.failed("ambiguous", *better[1].reasons, metrics=better[1].metrics)
-        return better
+        (better, quality), (worse, _) = sorted(
+            (first, second), key=lambda candidate: candidate[0].assessment.rms_m
+        )
+        if worse.assessment.rms_m <= _AMBIGUITY * better.assessment.rms_m:
+            return None, Quality.failed("ambiguous", *quality.reasons, metrics=quality.metrics)
+        return better, quality
 
     def _quality(self, registration: Registration) -> Quality:
         """Return the quality by the gates; the overlap of the model counts, since the scene is larger."""

@@ -138,4 +138,5 @@ class KeyframeWindow:
                 continue
             if measured is not None:
                 estimate = estimate.fused(measured)
-        return self._older[0][0].pose @ estimate
+        oldest, _ = self._older[0]
+        return oldest.pose @ estimate

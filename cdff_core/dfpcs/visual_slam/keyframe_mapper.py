@@ -372,8 +372,9 @@ class KeyframeMapper:
             return
 
         def size(pair: tuple[int, int]) -> float:
-            distance_m, angle = relative_motion(keyframes.poses[pair[0]], keyframes.poses[pair[1]])
-            return distance_m / keyframes.keyframes[pair[0]].median_depth_m + angle
+            older, newer = pair
+            distance_m, angle = relative_motion(keyframes.poses[older], keyframes.poses[newer])
+            return distance_m / keyframes.keyframes[older].median_depth_m + angle
 
         older, newer = min(candidates, key=size)
         self._replace(newer, older)
