@@ -69,8 +69,8 @@ class Progress:
     def _bar(self) -> str:
         if not self._total:
             return ""
-        filled = min(_BAR_WIDTH, _BAR_WIDTH * self._count // self._total)
-        return f"[{'#' * filled}{' ' * (_BAR_WIDTH - filled)}] "
+        filled_width = min(_BAR_WIDTH, _BAR_WIDTH * self._count // self._total)
+        return f"[{'#' * filled_width}{' ' * (_BAR_WIDTH - filled_width)}] "
 
     def _line(self, now_s: float) -> str:
         rate = self._count / max(now_s - self._start_s, 1e-9)

@@ -225,9 +225,9 @@ def _table(
         )
     except ValueError as error:
         raise s.error(f"{tag}: {error}") from error
-    bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-    if bad.size:
-        raise s.error(f"line {lines[int(bad[0])][0]}: a number that is not finite")
+    rows_not_finite = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if rows_not_finite.size:
+        raise s.error(f"line {lines[int(rows_not_finite[0])][0]}: a number that is not finite")
     return np.array(heads, dtype=np.int64).reshape(-1, integer_count), values
 
 

@@ -298,11 +298,11 @@ def _read_raster(s: Source) -> _Raster:
             names = [d or f"band{i}" for i, d in enumerate(file.descriptions, start=1)]
             if len(set(names)) != len(names):
                 names = [f"band{i}" for i in range(1, file.count + 1)]
-            stored = file.read(masked=True)
+            stored_values = file.read(masked=True)
             scale, offset = (np.reshape(v, (-1, 1, 1)) for v in (file.scales, file.offsets))
             if np.any(scale != 1.0) or np.any(offset != 0.0):
-                stored = stored * scale + offset
-            stack = stored.astype(np.float32).filled(np.nan)
+                stored_values = stored_values * scale + offset
+            stack = stored_values.astype(np.float32).filled(np.nan)
             unit_error = _unit_error(file.crs)
     except rasterio.errors.RasterioError as error:
         raise s.error(f"not a readable raster: {error}") from error

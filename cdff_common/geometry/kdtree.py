@@ -260,7 +260,7 @@ def nearest_rows(
     """Fill ``rows`` and ``d2s`` with the nearest reordered rows, nearest first, with squared distances below
     ``worst``; return their number.
     """
-    count, filled = len(rows), 0
+    count, found_count = len(rows), 0
     node, depth = 0, 0
     d2 = ox = oy = oz = 0.0
     while True:
@@ -269,18 +269,18 @@ def nearest_rows(
             dx, dy, dz = tree.points[i, 0] - x, tree.points[i, 1] - y, tree.points[i, 2] - z
             d = dx * dx + dy * dy + dz * dz
             if d < worst:
-                j = filled if filled < count else count - 1
+                j = found_count if found_count < count else count - 1
                 while j > 0 and d2s[j - 1] > d:
                     d2s[j], rows[j] = d2s[j - 1], rows[j - 1]
                     j -= 1
                 d2s[j], rows[j] = d, i
-                filled = min(filled + 1, count)
-                if filled == count:
+                found_count = min(found_count + 1, count)
+                if found_count == count:
                     worst = d2s[count - 1]
         while depth > 0 and bounds[depth - 1, 0] >= worst:
             depth -= 1
         if depth == 0:
-            return filled
+            return found_count
         depth -= 1
         node = nodes[depth]
         d2, ox, oy, oz = bounds[depth, 0], bounds[depth, 1], bounds[depth, 2], bounds[depth, 3]

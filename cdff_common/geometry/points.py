@@ -40,8 +40,8 @@ def checked_points(
     if p.ndim != 2 or p.shape[1] != 3:
         raise InputError(f"{name}: shape {p.shape}, expected (n, 3)")
     if finite and not np.all(np.isfinite(p)):
-        bad = int(np.count_nonzero(~np.all(np.isfinite(p), axis=1)))
-        raise InputError(f"{name}: {bad} of {len(p)} rows are not finite; filter the cloud first")
+        invalid_count = int(np.count_nonzero(~np.all(np.isfinite(p), axis=1)))
+        raise InputError(f"{name}: {invalid_count} of {len(p)} rows are not finite; filter the cloud first")
     if len(p) < least:
         raise InputError(f"{name}: {len(p)} points, expected at least {least}")
     return p

@@ -78,8 +78,11 @@ class ArrayPorts:
             except TypeError as error:
                 raise InputError(f"{name}: {str(value)[:80]}, expected {expected}") from error
             if not np.all(valid):
-                bad = np.extract(~valid, value)
-                raise InputError(f"{name}: {bad[0]:g} ({bad.size} of {np.size(value)}), expected {expected}")
+                invalid_values = np.extract(~valid, value)
+                raise InputError(
+                    f"{name}: {invalid_values[0]:g} ({invalid_values.size} of {np.size(value)}), "
+                    f"expected {expected}"
+                )
 
     def _fault(self, *shapes: tuple[int, ...] | None) -> str | None:
         """Return the first port whose shape is not as described, as a text; None if all are."""

@@ -126,10 +126,10 @@ def _observer_cell(geometry: GridGeometry, z: Float, observer_m: tuple[float, fl
     """
     x, y = observer_m
     edge_m = EDGE_CELLS * geometry.resolution_m
-    near = (0.0, -edge_m, edge_m)
-    dx, dy = np.meshgrid(near, near)
+    offsets_m = (0.0, -edge_m, edge_m)
+    dx, dy = np.meshgrid(offsets_m, offsets_m)
     rows, cols, inside = geometry.cells_of(x + dx.ravel(), y + dy.ravel())
-    observed = np.flatnonzero(inside & np.isfinite(z[rows, cols]))
-    if not observed.size:
+    observed_rows = np.flatnonzero(inside & np.isfinite(z[rows, cols]))
+    if not observed_rows.size:
         raise InputError(f"observer={x:g},{y:g}: the ground there is unobserved; choose a point on the map")
-    return int(rows[observed[0]]), int(cols[observed[0]])
+    return int(rows[observed_rows[0]]), int(cols[observed_rows[0]])

@@ -68,17 +68,19 @@ class StarCatalogue:
     def at(self, stamp_ns: int) -> StarCatalogue:
         """Return the catalogue with the directions at another time, by linear proper motion."""
         years = (stamp_ns - self.epoch_ns) / YEAR_NS
-        moved = self.directions + years * self.motions_rad_yr
-        moved /= np.linalg.norm(moved, axis=1, keepdims=True)
-        return replace(self, directions=read_only(moved), epoch_ns=stamp_ns)
+        moved_directions = self.directions + years * self.motions_rad_yr
+        moved_directions /= np.linalg.norm(moved_directions, axis=1, keepdims=True)
+        return replace(self, directions=read_only(moved_directions), epoch_ns=stamp_ns)
 
     def apparent(self, stamp_ns: int, velocity_m_s: ArrayLike) -> StarCatalogue:
         """Return the catalogue with the directions that an observer with a velocity ``(3,)`` sees at a time.
 
         The velocity is relative to the Sun, m/s, in inertial axes: that of the Earth plus that of the orbit.
         """
-        moved = self.at(stamp_ns)
-        return replace(moved, directions=read_only(aberrated(moved.directions, velocity_m_s)))
+        catalogue_at_stamp = self.at(stamp_ns)
+        return replace(
+            catalogue_at_stamp, directions=read_only(aberrated(catalogue_at_stamp.directions, velocity_m_s))
+        )
 
     def brighter_than(self, magnitude: float) -> StarCatalogue:
         """Return the stars whose magnitude is at most the given one."""

@@ -51,11 +51,11 @@ def visible_stars(
         raise InputError(f"R_inertial_camera={R.tolist()}: expected a rotation matrix (3, 3)")
     if camera.rows <= 0 or camera.cols <= 0:
         raise InputError(f"camera {camera.cols}x{camera.rows}: expected the size of the image")
-    near = catalogue.near(R[:, 2], _half_field_rad(camera, margin_px))
-    pixels = camera.project(catalogue.directions[near] @ R)
+    nearby_rows = catalogue.near(R[:, 2], _half_field_rad(camera, margin_px))
+    pixels = camera.project(catalogue.directions[nearby_rows] @ R)
     inside = (pixels >= -0.5 - margin_px) & (pixels <= np.array([camera.cols, camera.rows]) - 0.5 + margin_px)
     is_visible = inside.all(axis=1)  # the pixels of a star behind the camera are NaN
-    return near[is_visible], pixels[is_visible]
+    return nearby_rows[is_visible], pixels[is_visible]
 
 
 def _half_field_rad(camera: CameraModel, margin_px: float) -> float:
@@ -101,18 +101,22 @@ def add_sources(
     """
     from cdff_common.stars._kernels import add_trails
 
-    at = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 2)
+    positions_px = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 2)
     strength = np.ascontiguousarray(signals, dtype=float).reshape(-1)
-    trails = np.zeros_like(at) if trails_px is None else np.asarray(trails_px, dtype=float)
+    trails = np.zeros_like(positions_px) if trails_px is None else np.asarray(trails_px, dtype=float)
     if image.dtype != np.float32 or image.ndim != 2 or not image.flags.c_contiguous:
         raise InputError(f"image: {image.dtype} {image.shape}, expected float32 (rows, cols), C-contiguous")
-    if len(strength) != len(at) or trails.shape not in ((2,), at.shape):
+    if len(strength) != len(positions_px) or trails.shape not in ((2,), positions_px.shape):
         raise InputError(
-            f"{len(at)} pixels, {len(strength)} signals, trails {trails.shape}: expected equal numbers"
+            f"{len(positions_px)} pixels, {len(strength)} signals, trails {trails.shape}: "
+            "expected equal numbers"
         )
-    trails = np.ascontiguousarray(np.broadcast_to(trails, at.shape))
+    trails = np.ascontiguousarray(np.broadcast_to(trails, positions_px.shape))
     if not (
-        sigma_px > 0.0 and np.isfinite(at).all() and np.isfinite(strength).all() and np.isfinite(trails).all()
+        sigma_px > 0.0
+        and np.isfinite(positions_px).all()
+        and np.isfinite(strength).all()
+        and np.isfinite(trails).all()
     ):
         raise InputError(f"sigma_px={sigma_px}: expected above 0, and finite pixels, signals and trails")
-    add_trails(image, at, trails, strength, float(sigma_px), _SPREAD_SIGMAS * float(sigma_px))
+    add_trails(image, positions_px, trails, strength, float(sigma_px), _SPREAD_SIGMAS * float(sigma_px))

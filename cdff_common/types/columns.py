@@ -27,9 +27,11 @@ def pack_poses(matrices: ArrayLike, where: str) -> NDArray[np.float64]:
     rigid.
     """
     T = np.asarray(matrices, dtype=np.float64).reshape(-1, 4, 4)
-    bad = np.flatnonzero(~se3.are_transforms(T, tolerance=1e-5))
-    if len(bad):
-        raise InputError(f"{where} matrix {bad[0]}: {T[bad[0]].tolist()}, expected a rigid transform")
+    invalid_rows = np.flatnonzero(~se3.are_transforms(T, tolerance=1e-5))
+    if len(invalid_rows):
+        raise InputError(
+            f"{where} matrix {invalid_rows[0]}: {T[invalid_rows[0]].tolist()}, expected a rigid transform"
+        )
     poses = np.empty((len(T), 7))
     poses[:, :3] = T[:, :3, 3]
     poses[:, 3:] = se3.quaternion_xyzw_from_matrix(T[:, :3, :3]) if len(T) else np.zeros((0, 4))

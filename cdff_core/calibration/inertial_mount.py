@@ -149,10 +149,10 @@ def _clock_offset(
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (yaw_rate[1:] + yaw_rate[:-1]) * np.diff(t_imu))])
     scores = []
     for offset_s in _OFFSETS_S:
-        at = grid - offset_s
-        imu_rate = (np.interp(at + span_s, t_imu, angle) - np.interp(at - span_s, t_imu, angle)) / (
-            2 * span_s
-        )
+        t_shifted = grid - offset_s
+        imu_rate = (
+            np.interp(t_shifted + span_s, t_imu, angle) - np.interp(t_shifted - span_s, t_imu, angle)
+        ) / (2 * span_s)
         scores.append(float(np.corrcoef(imu_rate, wheel_rate)[0, 1]))
     return float(_OFFSETS_S[int(np.argmax(scores))])
 
@@ -171,33 +171,34 @@ def _windows(
     for start_s in np.arange(
         max(t_imu[0], t_base[0] + span_s), min(t_imu[-1], t_base[-1]) - WINDOW_S, WINDOW_S
     ):
-        at = start_s + np.arange(0.0, WINDOW_S, _PERIOD_S)
-        inside = np.flatnonzero((t_imu >= start_s) & (t_imu <= at[-1] + _PERIOD_S))
-        if len(inside) < 2 * len(at) or np.diff(t_imu[inside]).max() > _PERIOD_S:
+        t_window = start_s + np.arange(0.0, WINDOW_S, _PERIOD_S)
+        inside = np.flatnonzero((t_imu >= start_s) & (t_imu <= t_window[-1] + _PERIOD_S))
+        if len(inside) < 2 * len(t_window) or np.diff(t_imu[inside]).max() > _PERIOD_S:
             continue
-        velocity, rotation = _integrate_window(t_imu[inside], force[inside], rate[inside], at)
+        velocity, rotation = _integrate_window(t_imu[inside], force[inside], rate[inside], t_window)
         x, y = (
-            (np.interp(at + span_s / 2, t_base, c) - np.interp(at - span_s / 2, t_base, c)) / span_s
+            (np.interp(t_window + span_s / 2, t_base, c) - np.interp(t_window - span_s / 2, t_base, c))
+            / span_s
             for c in position_m.T
         )
-        angle = np.interp(at, t_base, yaw)
+        angle = np.interp(t_window, t_base, yaw)
         turn_rate = (
-            np.interp(at + span_s / 2, t_base, yaw) - np.interp(at - span_s / 2, t_base, yaw)
+            np.interp(t_window + span_s / 2, t_base, yaw) - np.interp(t_window - span_s / 2, t_base, yaw)
         ) / span_s
         if np.hypot(x, y).max() < 0.02 and np.abs(turn_rate).max() < _LEAST_RATE:
             continue
         c, s = np.cos(angle[0]), np.sin(angle[0])
-        wheels = np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(at))])
-        lever = np.zeros((len(at), 3, 3))
+        wheels = np.column_stack([c * x + s * y, c * y - s * x, np.zeros(len(t_window))])
+        lever = np.zeros((len(t_window), 3, 3))
         for k, (heading, w) in enumerate(zip(angle - angle[0], turn_rate, strict=True)):
             lever[k] = se3.exp_so3([0, 0, heading]) @ se3.skew([0, 0, w])
-        line = np.linalg.qr(np.column_stack([np.ones(len(at)), at - start_s]))[0]
+        line = np.linalg.qr(np.column_stack([np.ones(len(t_window)), t_window - start_s]))[0]
         up = force[inside].mean(axis=0)
         windows.append(
             _Window(
                 _without(line, velocity),
                 _without(line, wheels),
-                _without(line, lever.reshape(len(at), 9)).reshape(-1, 3, 3),
+                _without(line, lever.reshape(len(t_window), 9)).reshape(-1, 3, 3),
                 rotation,
                 float(angle[-1] - angle[0]),
                 up / np.linalg.norm(up),

@@ -67,17 +67,20 @@ def motion_pairs(
     stamps, poses = sensor_ns[inside], sensor[inside]
     if len(stamps) < 2:
         raise InputError("the two trajectories have no common interval of time")
-    ends = [0]
+    end_rows = [0]
     for k, stamp_ns in enumerate(stamps):
-        if stamp_ns - stamps[ends[-1]] >= interval_s * 1e9:
-            ends.append(k)
-    at = _interpolate_poses(base_ns, base, stamps[ends])
-    first, second = se3.inverse(at[:-1]) @ at[1:], se3.inverse(poses[ends[:-1]]) @ poses[ends[1:]]
+        if stamp_ns - stamps[end_rows[-1]] >= interval_s * 1e9:
+            end_rows.append(k)
+    base_poses = _interpolate_poses(base_ns, base, stamps[end_rows])
+    first, second = (
+        se3.inverse(base_poses[:-1]) @ base_poses[1:],
+        se3.inverse(poses[end_rows[:-1]]) @ poses[end_rows[1:]],
+    )
     # A motion is kept by the base's trajectory alone, so that noise of the sensor does not select.
     has_rotated = se3.rotation_angle(first[:, :3, :3]) >= _LEAST_RAD
     has_translated = np.linalg.norm(first[:, :3, 3], axis=1) >= _LEAST_M
     is_used = has_rotated | has_translated
-    return MotionPairs(first[is_used], second[is_used], stamps[ends[1:]][is_used])
+    return MotionPairs(first[is_used], second[is_used], stamps[end_rows[1:]][is_used])
 
 
 def _interpolate_poses(

@@ -63,9 +63,9 @@ def wheel_scales(pairs: MotionPairs, mount: FloatArray) -> WheelScales:
     wheel angles. With the ratios ``s`` of distances and ``k`` of yaws, true over odometry, the radius is
     ``s`` times and the track width ``s / k`` times the used one.
     """
-    moved = mount @ pairs.sensor @ se3.inverse(mount)
-    true_rad, odometry_rad = (se3.log_so3(m[:, :3, :3])[:, 2] for m in (moved, pairs.base))
-    true_m, odometry_m = _arc_m(moved, true_rad), _arc_m(pairs.base, odometry_rad)
+    sensor_motions = mount @ pairs.sensor @ se3.inverse(mount)
+    true_rad, odometry_rad = (se3.log_so3(m[:, :3, :3])[:, 2] for m in (sensor_motions, pairs.base))
+    true_m, odometry_m = _arc_m(sensor_motions, true_rad), _arc_m(pairs.base, odometry_rad)
     distance_m, yaw_rad = float(np.abs(true_m).sum()), float(np.abs(true_rad).sum())
     missing = tuple(
         n for n, short in (("radius", distance_m < LEAST_M), ("track", yaw_rad < LEAST_RAD)) if short

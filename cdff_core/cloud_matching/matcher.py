@@ -147,8 +147,8 @@ class CloudMatcher:
         filtered = self._filter.process(PointCloudFilteringInputs(points=points_m)).filtered_points
         if len(filtered) < _MIN_POINTS:
             raise InputError(f"{name}: {len(filtered)} points remain, expected at least {_MIN_POINTS}")
-        thinned = self._thin.process(PointCloudDownsamplingInputs(points=filtered)).points
-        points = self._outliers.process(PointCloudFilteringInputs(points=thinned)).filtered_points
+        thinned_points = self._thin.process(PointCloudDownsamplingInputs(points=filtered)).points
+        points = self._outliers.process(PointCloudFilteringInputs(points=thinned_points)).filtered_points
         voxel_m = voxel_choice.process(PointCloudDownsamplingInputs(points=points)).voxel_m
         voxel_m = voxel_m or voxel_for(points, len(points) // 2)
         return Cloud(points, voxel_m, self._estimate_normals)

@@ -59,10 +59,10 @@ class AlignmentSearch:
         """Yield acceptable registrations without the part of the target that a registration explains."""
         from cdff_common.geometry.kdtree import kd_tree, nearest
 
-        explained = kd_tree(se3.transform_points(registration.T_target_source, self._coarse[0].points_m))
+        tree_of_model = kd_tree(se3.transform_points(registration.T_target_source, self._coarse[0].points_m))
         for voxels in self._gates.support_voxels:
             source, target = self._describe(voxels)
-            is_unexplained = nearest(explained, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
+            is_unexplained = nearest(tree_of_model, target.keypoints_m)[0] > _EXPLAINED_VOXELS * self._voxel_m
             unexplained = DescribedKeypoints(
                 target.keypoints_m[is_unexplained], target.descriptors[is_unexplained]
             )

@@ -74,10 +74,10 @@ def ground_plane(points_m: NDArray[np.floating], expected: FloatArray) -> Ground
     counts = (np.abs(points @ normals.T - offsets) < limit_m[:, None]).sum(axis=0)
     if not len(counts):
         return None
-    near = normals @ expected > _EXPECTED_COSINE
+    is_expected = normals @ expected > _EXPECTED_COSINE
     best = int(np.argmax(counts))
-    if near.any() and counts[near].max() >= _EXPECTED_FRACTION * counts[best]:
-        best = int(np.flatnonzero(near)[np.argmax(counts[near])])
+    if is_expected.any() and counts[is_expected].max() >= _EXPECTED_FRACTION * counts[best]:
+        best = int(np.flatnonzero(is_expected)[np.argmax(counts[is_expected])])
     return _fit_plane(points, limit_m, normals[best], float(offsets[best]))
 
 
@@ -91,8 +91,8 @@ def _surroundings(points_m: NDArray[np.floating]) -> FloatArray:
     if not len(points):
         return np.zeros((0, 3))
     radius_2 = min(float(np.quantile(range_2, _NEAR_FRACTION)), _GREATEST_RADIUS_M**2)
-    near: FloatArray = points[range_2 <= radius_2]
-    return np.asarray(near[:: max(1, -(-len(near) // _POINTS))])
+    near_points: FloatArray = points[range_2 <= radius_2]
+    return np.asarray(near_points[:: max(1, -(-len(near_points) // _POINTS))])
 
 
 def _fit_plane(
@@ -107,9 +107,9 @@ def _fit_plane(
         if np.count_nonzero(inliers) < _LEAST_POINTS:
             return None
         weights = 1.0 / limit_m[inliers] ** 2
-        near = points[inliers]
-        mean = weights @ near / weights.sum()
-        scatter = ((near - mean) * weights[:, None]).T @ (near - mean)
+        plane_points = points[inliers]
+        mean = weights @ plane_points / weights.sum()
+        scatter = ((plane_points - mean) * weights[:, None]).T @ (plane_points - mean)
         normal = np.linalg.eigh(scatter)[1][:, 0]
         offset_m = float(normal @ mean)
         if offset_m > 0.0:  # the normal points from the ground to the sensor, the origin

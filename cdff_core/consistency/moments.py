@@ -126,9 +126,9 @@ def fitted_rotation(groups: tuple[Moments, ...]) -> FloatArray:
     starts = np.broadcast_to(cube[:, None], (len(cube), k, 3, 3))
     likelihood = total_log_likelihood(groups, starts)
     best = cube[np.argmax(likelihood, axis=0)]
-    refined = _refine_rotations(groups, np.stack([np.broadcast_to(np.eye(3), (k, 3, 3)), best]))
-    most_likely = np.argmax(total_log_likelihood(groups, refined), axis=0)
-    return np.asarray(refined[most_likely, np.arange(k)])
+    refined_rotations = _refine_rotations(groups, np.stack([np.broadcast_to(np.eye(3), (k, 3, 3)), best]))
+    most_likely = np.argmax(total_log_likelihood(groups, refined_rotations), axis=0)
+    return np.asarray(refined_rotations[most_likely, np.arange(k)])
 
 
 def rotation_information(groups: tuple[Moments, ...], R: FloatArray) -> FloatArray:

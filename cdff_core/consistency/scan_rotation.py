@@ -117,12 +117,15 @@ class _LocalPlanes:
         occupied = counts >= _LEAST_POINTS
         rows = np.flatnonzero(occupied)
         rows = rows[(rows >= _SIDE + 1) & (rows < _SIDE * (_SIDE - 1) - 1)]
-        near = rows[:, None] + np.array(_NEIGHBOURS)
-        weight = occupied[near].astype(np.float64)
-        offsets = self.means_m[near] - self.means_m[rows][:, None]
-        x = np.concatenate([np.ones((*near.shape, 1)), offsets[..., :2]], axis=-1) * weight[..., None]
+        neighbour_rows = rows[:, None] + np.array(_NEIGHBOURS)
+        weight = occupied[neighbour_rows].astype(np.float64)
+        offsets = self.means_m[neighbour_rows] - self.means_m[rows][:, None]
+        x = (
+            np.concatenate([np.ones((*neighbour_rows.shape, 1)), offsets[..., :2]], axis=-1)
+            * weight[..., None]
+        )
         normal = np.einsum("nkj,nkl->njl", x, x)
-        right = np.einsum("nkj,nk->nj", x, self.means_m[near][..., 2])
+        right = np.einsum("nkj,nk->nj", x, self.means_m[neighbour_rows][..., 2])
         usable = (weight.sum(axis=1) >= _LEAST_CELLS) & (np.linalg.det(normal) > 1e-3)
         rows = rows[usable]
         self.planes[rows] = np.linalg.solve(normal[usable], right[usable][..., None])[..., 0]
@@ -140,12 +143,12 @@ def _register_rotation(planes: _LocalPlanes, points_m: FloatArray) -> FloatArray
     """Return the rotation (3, 3) from the axes of points to those of planes; None if they do not fit."""
     T, sigma_m = np.eye(4), np.inf
     for _ in range(_STEPS):
-        moved = points_m @ T[:3, :3].T + T[:3, 3]
-        cells, inside = _cells(moved)
+        points_in_map = points_m @ T[:3, :3].T + T[:3, 3]
+        cells, inside = _cells(points_in_map)
         usable = inside & planes.valid[cells]
         if np.count_nonzero(usable) < _LEAST_ROWS:
             return None
-        q, cells = moved[usable], cells[usable]
+        q, cells = points_in_map[usable], cells[usable]
         plane, mean = planes.planes[cells], planes.means_m[cells]
         residual = q[:, 2] - plane[:, 0] - np.einsum("ij,ij->i", plane[:, 1:], q[:, :2] - mean[:, :2])
         normal = np.column_stack([-plane[:, 1], -plane[:, 2], np.ones(len(q))])

@@ -70,8 +70,8 @@ class StreamStatistics:
         if len(steps) < _LEAST_SAMPLES - 1:
             return None
         usual = median_low(steps)
-        lost = sum(max(round(step / usual) - 1, 0) for step in steps)
-        return lost / (lost + len(steps) + 1)
+        lost_samples = sum(max(round(step / usual) - 1, 0) for step in steps)
+        return lost_samples / (lost_samples + len(steps) + 1)
 
     def findings(self) -> list[Finding]:
         """Return the differences from the profile."""
@@ -79,15 +79,16 @@ class StreamStatistics:
 
     def _lost(self) -> Finding | None:
         """Return the finding about lost samples; None at or below the limit."""
-        lost = self.lost_fraction
-        if lost is None or lost <= self._max_lost:
+        lost_fraction = self.lost_fraction
+        if lost_fraction is None or lost_fraction <= self._max_lost:
             return None
         what = (
-            f"{100.0 * lost:.0f} % of the samples of {self.sensor} are lost (gaps of their numbers), "
+            f"{100.0 * lost_fraction:.0f} % of the samples of {self.sensor} are lost "
+            "(gaps of their numbers), "
             f"expected at most {100.0 * self._max_lost:g} %"
         )
         remedy = f"check link, queue and processor load of {self.sensor}"
-        return Finding(SAMPLES, (self.sensor,), f"{lost:.2f}_lost", what, remedy)
+        return Finding(SAMPLES, (self.sensor,), f"{lost_fraction:.2f}_lost", what, remedy)
 
     def _rate(self) -> Finding | None:
         """Return the finding about a rate that no mode of the profile states; None without one."""

@@ -78,9 +78,9 @@ class Vertical:
         length = float(np.linalg.norm(mean))
         if length < 0.5:  # the directions have no common mean
             return None
-        measured = max(self._squares / self._n - length**2, 0.0) / 2.0
+        measured_scatter = max(self._squares / self._n - length**2, 0.0) / 2.0
         weight = _PRIOR_DIRECTIONS / (_PRIOR_DIRECTIONS + self._n)
-        scatter = weight * _PRIOR_SCATTER + (1.0 - weight) * measured
+        scatter = weight * _PRIOR_SCATTER + (1.0 - weight) * measured_scatter
         sigma_rad = float(np.sqrt(scatter * _CORRELATION / self._n)) / length
         angle_rad = float(np.arccos(np.clip(mean[2] / length, -1.0, 1.0)))
         allowed_rad = self._limit_rad + NormalDist().inv_cdf(1.0 - limits.false_alarm) * sigma_rad

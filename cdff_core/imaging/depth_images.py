@@ -131,6 +131,6 @@ def points_near(
     xy = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]], axis=-1)
     points = np.concatenate([xy, np.ones((*part.shape, 1))], axis=-1) * part[..., None]
     with np.errstate(invalid="ignore"):
-        near = np.linalg.norm(points - centre_m, axis=-1) < radius_m
-    step = max(1, int(np.ceil(np.sqrt(np.count_nonzero(near) / max(max_points, 1)))))
-    return np.ascontiguousarray(points[::step, ::step][near[::step, ::step]]), step
+        is_near = np.linalg.norm(points - centre_m, axis=-1) < radius_m
+    step = max(1, int(np.ceil(np.sqrt(np.count_nonzero(is_near) / max(max_points, 1)))))
+    return np.ascontiguousarray(points[::step, ::step][is_near[::step, ::step]]), step

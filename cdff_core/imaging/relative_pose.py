@@ -92,7 +92,7 @@ def fit_in_front(
     in_front = ~behind
     if not (behind & fit.inliers).any() or in_front.sum() < 5:
         return fit, R, t
-    refined, R, t = fit_essential(R, t, K, source[in_front], sink[in_front], gate_sigmas, floor_px, lenses)
+    refit, R, t = fit_essential(R, t, K, source[in_front], sink[in_front], gate_sigmas, floor_px, lenses)
     inliers, residuals = fit.inliers & in_front, fit.residuals.copy()
-    inliers[in_front], residuals[in_front] = refined.inliers, refined.residuals
-    return replace(refined, inliers=inliers, residuals=residuals), R, t
+    inliers[in_front], residuals[in_front] = refit.inliers, refit.residuals
+    return replace(refit, inliers=inliers, residuals=residuals), R, t

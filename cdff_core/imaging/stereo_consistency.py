@@ -107,8 +107,8 @@ def stereo_consistency(left: ByteArray, right: ByteArray, disparity: Float32Arra
         return StereoConsistency(len(corners), float("nan"), float("nan"))
     start = points - np.column_stack([disparities, np.zeros(len(points))])
     matches, scores = _align_patches(smoothed(left), smoothed(right), points, start)
-    near = np.abs(matches[:, 0] - start[:, 0]) <= _MAX_DISTANCE_PX
-    agrees = (scores >= _MIN_CORRELATION) & near
+    is_near_start = np.abs(matches[:, 0] - start[:, 0]) <= _MAX_DISTANCE_PX
+    agrees = (scores >= _MIN_CORRELATION) & is_near_start
     row_error_px = _robust_rms(matches[agrees, 1] - points[agrees, 1])
     return StereoConsistency(len(corners), float(agrees.sum() / len(corners)), row_error_px)
 

@@ -130,12 +130,12 @@ def _homography_derivative(H: FloatArray, source: FloatArray) -> FloatArray:
     of H.
     """
     x = homogeneous(source)
-    moved = x @ H.T
+    transformed = x @ H.T
     J = np.zeros((len(x), 2, 9))
     with np.errstate(divide="ignore", invalid="ignore"):
-        scaled = x / (np.sqrt(2.0) * moved[:, 2:])
+        scaled = x / (np.sqrt(2.0) * transformed[:, 2:])
         J[:, 0, 0:3], J[:, 1, 3:6] = scaled, scaled
-        J[:, :, 6:9] = -(moved[:, :2] / moved[:, 2:])[:, :, None] * scaled[:, None, :]
+        J[:, :, 6:9] = -(transformed[:, :2] / transformed[:, 2:])[:, :, None] * scaled[:, None, :]
     return np.where(np.isfinite(J), J, 0.0)
 
 
@@ -372,8 +372,14 @@ def _fit(model: _Model, gate: float, floor_px: float) -> Fit:
         r = model.residuals(matrix)
         size = _size(r)
         core = size < 4.0 * sigma if iteration else size < np.inf
-        near = size[core][size[core] < 8.0 * floor_px]
-        sigma = float(np.clip(_MAD * np.median(near) if len(near) else floor_px, 0.25 * floor_px, floor_px))
+        small_residuals = size[core][size[core] < 8.0 * floor_px]
+        sigma = float(
+            np.clip(
+                _MAD * np.median(small_residuals) if len(small_residuals) else floor_px,
+                0.25 * floor_px,
+                floor_px,
+            )
+        )
         leverage = leverage if iteration else np.zeros(len(size))
         inliers = size / (1.0 - leverage) < gate * sigma
         if inliers.sum() * r.shape[1] <= dimension:

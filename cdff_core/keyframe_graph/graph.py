@@ -251,9 +251,12 @@ class KeyframeGraph(Generic[K]):
                 pair = (rows[min(a, b)], rows[max(a, b)])
                 length_m = float(np.linalg.norm(T.matrix[:3, 3]))
                 lengths[pair] = min(length_m, lengths.get(pair, np.inf))
-            ends = np.array(list(lengths), dtype=np.int64).reshape(-1, 2)
+            edge_rows = np.array(list(lengths), dtype=np.int64).reshape(-1, 2)
             values = np.array(list(lengths.values()))
-            self._distances = rows, csr_matrix((values, (ends[:, 0], ends[:, 1])), shape=(len(rows),) * 2)
+            self._distances = (
+                rows,
+                csr_matrix((values, (edge_rows[:, 0], edge_rows[:, 1])), shape=(len(rows),) * 2),
+            )
         return self._distances
 
 

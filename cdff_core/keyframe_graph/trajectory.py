@@ -68,11 +68,11 @@ class Trajectory:
         Only poses from ``t0_ns`` to ``t1_ns`` (negative: unbounded), relative to keyframes connected with the
         root, are returned.
         """
-        linked = keyframes.component(keyframes.root)
+        connected_keys = keyframes.component(keyframes.root)
         rows = [
             i
             for i, (t, key) in enumerate(zip(self._stamps_ns, self._keys, strict=True))
-            if (t0_ns < 0 or t >= t0_ns) and (t1_ns < 0 or t <= t1_ns) and key in linked
+            if (t0_ns < 0 or t >= t0_ns) and (t1_ns < 0 or t <= t1_ns) and key in connected_keys
         ]
         stamps = np.array([self._stamps_ns[i] for i in rows], dtype=np.int64)
         if not rows:

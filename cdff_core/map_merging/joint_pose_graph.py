@@ -60,8 +60,8 @@ class MapMerger:
         ids = {
             keyframe: self._first_id[m.robot] + row for m in maps for row, keyframe in enumerate(m.keyframes)
         }
-        linked = [c for c in closures if c.first in ids and c.second in ids]
-        graph = _joint_graph(maps, linked, ids)
+        linking_closures = [c for c in closures if c.first in ids and c.second in ids]
+        graph = _joint_graph(maps, linking_closures, ids)
         roots = np.array([self._first_id[m.robot] + m.root for m in maps], dtype=np.int64)
         solution = self._optimise.process(PoseGraphOptimizationInputs(graph=graph, wanted=roots))
         is_accepted = solution.weights > 0.5
@@ -78,7 +78,11 @@ class MapMerger:
             at_root = UncertainTransform(optimised_poses[root], covariance)
             anchors[m.robot] = UncertainTransform(T, (at_root @ T_map_root.inverse()).covariance)
         rejected = tuple(
-            c for c, ok in zip(linked, is_accepted[len(is_accepted) - len(linked) :], strict=True) if not ok
+            c
+            for c, ok in zip(
+                linking_closures, is_accepted[len(is_accepted) - len(linking_closures) :], strict=True
+            )
+            if not ok
         )
         return MergedMaps(_with_edges(solution.graph, is_accepted), anchors, deformation_m, rejected)
 
@@ -119,23 +123,23 @@ def _joint_graph(
     maps: Sequence[RobotMap], closures: Sequence[Closure], ids: Mapping[KeyframeId, int]
 ) -> PoseGraph:
     """Return the graph of all maps: their vertices and edges, a prior on each root, then the closures."""
-    ends, Ts, information, kinds = [], [], [], []
+    edge_ends, Ts, information, kinds = [], [], [], []
     for m in maps:
         ids_of_map = [ids[keyframe] for keyframe in m.keyframes]
         joint_ids = dict(zip(m.graph.vertices.ids.tolist(), ids_of_map, strict=True))
         e = m.graph.edges
-        ends += [(joint_ids[a], joint_ids[b]) for a, b in e.ends.tolist()]
+        edge_ends += [(joint_ids[a], joint_ids[b]) for a, b in e.ends.tolist()]
         Ts += list(e.matrices)
         information += list(e.information_matrices)
         kinds += e.kinds.tolist()
         root = ids_of_map[m.root]
         T_site_root = m.survey @ UncertainTransform.exact(m.graph.vertices.matrices[m.root])
-        ends.append((root, root))
+        edge_ends.append((root, root))
         Ts.append(T_site_root.matrix)
         information.append(_information(T_site_root))
         kinds.append(PRIOR)
     for closure in closures:
-        ends.append((ids[closure.first], ids[closure.second]))
+        edge_ends.append((ids[closure.first], ids[closure.second]))
         Ts.append(closure.T.matrix)
         information.append(_information(closure.T))
         kinds.append(LOOP_CLOSURE)
@@ -144,7 +148,7 @@ def _joint_graph(
         list(ids.values()),
         [keyframe.stamp_ns for keyframe in ids],
         np.array([se3.normalise_transform(T) for T in start]),
-        np.array(ends),
+        np.array(edge_ends),
         np.array([se3.normalise_transform(T) for T in Ts]),
         np.array(information),
         kinds,

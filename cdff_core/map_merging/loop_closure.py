@@ -41,7 +41,7 @@ class InterRobotCloser:
         A refused pair is compared again when both maps together have grown by two keyframes.
         """
         closures = tuple(closures)
-        linked = {closure.ends for closure in closures}
+        closed_pairs = {closure.ends for closure in closures}
         closed = Counter(keyframe for closure in closures for keyframe in closure.ends)
         pairs: list[tuple[float, Pair]] = []
         for one, other in combinations(sorted(maps, key=lambda m: m.robot), 2):
@@ -52,7 +52,7 @@ class InterRobotCloser:
                     distance_m = np.linalg.norm(
                         (one.anchor.matrix @ T_one_a)[:3, 3] - (other.anchor.matrix @ T_other_b)[:3, 3]
                     )
-                    is_closed = (a, b) in linked or min(closed[a], closed[b]) >= self._config.candidates
+                    is_closed = (a, b) in closed_pairs or min(closed[a], closed[b]) >= self._config.candidates
                     if (
                         distance_m < radius_m
                         and not is_closed

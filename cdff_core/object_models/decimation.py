@@ -49,8 +49,8 @@ def decimate(
 
 def _clusters(vertices: FloatArray, cell: float) -> IntArray:
     """Return the number of the cluster of each vertex, from 0."""
-    at = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-    key = at @ np.array([1, 1 << 20, 1 << 40])
+    cell_indices = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
+    key = cell_indices @ np.array([1, 1 << 20, 1 << 40])
     return np.unique(key, return_inverse=True)[1].reshape(-1)
 
 

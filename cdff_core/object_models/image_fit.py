@@ -105,7 +105,7 @@ class ImageFitter:
         )
         state = predicted
         for _ in range(self._rounds):
-            measured = self._edges.process(
+            edge_offsets = self._edges.process(
                 ModelEdgeMeasurementInputs(
                     image=image,
                     camera_matrix=camera_matrix,
@@ -115,17 +115,19 @@ class ImageFitter:
                     range_px=range_px,
                 )
             )
-            if len(measured.points) < self._min_points:
+            if len(edge_offsets.points) < self._min_points:
                 raise RefusedError(
-                    f"{len(measured.points)} edge points in the image",
-                    [f"few_edges:{len(measured.points)}<{self._min_points}"],
+                    f"{len(edge_offsets.points)} edge points in the image",
+                    [f"few_edges:{len(edge_offsets.points)}<{self._min_points}"],
                 )
             state, outputs = corrected_state(
-                self._refine, state, predicted, measured, camera_matrix, range_px
+                self._refine, state, predicted, edge_offsets, camera_matrix, range_px
             )
             range_px = max(0.5 * range_px, _MIN_RANGE_PX)
         distance = state.squared_distance(predicted)
-        return ImageFit(state, distance, outputs.agreement, outputs.sigma_px, len(measured.points), first_px)
+        return ImageFit(
+            state, distance, outputs.agreement, outputs.sigma_px, len(edge_offsets.points), first_px
+        )
 
 
 def search_range_px(

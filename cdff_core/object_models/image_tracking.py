@@ -236,10 +236,10 @@ class ImageTracking(BodyTracking):
         if self._state is None:
             yield from self._without_track(view, model)
             return
-        predicted, transition = self._filter.prediction(self._state, sample.stamp_ns)
-        fit = self._fit(view, model, predicted, transition)
+        predicted_state, transition = self._filter.prediction(self._state, sample.stamp_ns)
+        fit = self._fit(view, model, predicted_state, transition)
         if fit.used:
-            yield from self._used_fit(view, predicted, fit, reasons)
+            yield from self._used_fit(view, predicted_state, fit, reasons)
             return
         self._seen = None
         self._not_used(fit.state, is_contradiction=fit.is_contradiction)

@@ -119,10 +119,10 @@ def _drawn_edges(edges: MeshEdges, T: FloatArray) -> IntArray:  # pragma: no cov
         for k in range(2):
             p = edges.ends_m[i, k]
             largest = max(largest, T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3])
-    near = 1e-3 * largest
+    near_depth = 1e-3 * largest
     rows = np.empty(len(edges.ends_m), np.int64)
     count = 0
-    if near <= 0.0:
+    if near_depth <= 0.0:
         return rows[:0]
     # Position of the camera in the frame of the model.
     x = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
@@ -138,7 +138,7 @@ def _drawn_edges(edges: MeshEdges, T: FloatArray) -> IntArray:  # pragma: no cov
                 continue
         depth = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
         other = T[2, 0] * q[0] + T[2, 1] * q[1] + T[2, 2] * q[2] + T[2, 3]
-        if depth > near and other > near:
+        if depth > near_depth and other > near_depth:
             rows[count] = i
             count += 1
     return rows[:count]

@@ -227,9 +227,9 @@ def registration_covariance(
     to_sensor = np.zeros((6, 6))
     to_sensor[:3, 3:] = to_sensor[3:, :3] = R
     information = about_centre.T @ A @ about_centre / sigma_m**2
-    least = np.concatenate([np.full(3, _LEAST), np.full(3, _LEAST * diameter_m)])
+    min_information = np.concatenate([np.full(3, _LEAST), np.full(3, _LEAST * diameter_m)])
     weakest = 1.0 / (0.2 * np.concatenate([np.ones(3), np.full(3, diameter_m)])) ** 2
-    covariance = np.linalg.inv(information + np.diag(weakest)) + np.diag(least**2)
+    covariance = np.linalg.inv(information + np.diag(weakest)) + np.diag(min_information**2)
     return symmetrised(to_sensor @ covariance @ to_sensor.T)
 
 

@@ -84,7 +84,7 @@ class RegionFitter:
         camera_matrix : ndarray, shape (3, 3)
             Pixels; (0, 0) is the centre of the first pixel.
         """
-        old = self._colours
+        previous_colours = self._colours
         learned: RegionColourLearningOutputs = self._learn.process(
             RegionColourLearningInputs(
                 image=image,
@@ -92,8 +92,8 @@ class RegionFitter:
                 pose=T,
                 vertices=model.drawn_vertices,
                 triangles=model.drawn_triangles,
-                body_colours=None if old is None else old.body_colours,
-                background_colours=None if old is None else old.background_colours,
+                body_colours=None if previous_colours is None else previous_colours.body_colours,
+                background_colours=None if previous_colours is None else previous_colours.background_colours,
             )
         )
         if learned.body_colours.any() and learned.background_colours.any():
@@ -133,7 +133,7 @@ class RegionFitter:
             raise RefusedError("no pixel is on one side of the outline in the image", ["no_colours"])
         state = predicted
         for k in range(_ROUNDS):
-            measured = self._regions.process(
+            line_offsets = self._regions.process(
                 ModelRegionMeasurementInputs(
                     image=image,
                     camera_matrix=camera_matrix,
@@ -145,16 +145,16 @@ class RegionFitter:
                     range_px=range_px,
                 )
             )
-            if len(measured.points) < _MIN_LINES:
+            if len(line_offsets.points) < _MIN_LINES:
                 raise RefusedError(
-                    f"{len(measured.points)} lines across the outline in the image",
-                    [f"few_lines:{len(measured.points)}<{_MIN_LINES}"],
+                    f"{len(line_offsets.points)} lines across the outline in the image",
+                    [f"few_lines:{len(line_offsets.points)}<{_MIN_LINES}"],
                 )
             state, outputs = corrected_state(
-                self._refine, state, predicted, measured, camera_matrix, range_px
+                self._refine, state, predicted, line_offsets, camera_matrix, range_px
             )
             if k > 0 and range_px <= _MIN_RANGE_PX:
                 break
             range_px = max(0.5 * range_px, _MIN_RANGE_PX)
         distance = state.squared_distance(predicted)
-        return RegionFit(state, distance, outputs.agreement, len(measured.points))
+        return RegionFit(state, distance, outputs.agreement, len(line_offsets.points))

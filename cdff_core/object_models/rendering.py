@@ -156,17 +156,17 @@ def draw(
         for k in range(3):
             scratch[i, k] = T[k, 0] * p + T[k, 1] * q + T[k, 2] * r + T[k, 3]
         largest = max(largest, scratch[i, 2])
-    near = _NEAR * largest
-    if near <= 0.0:
+    near_depth = _NEAR * largest
+    if near_depth <= 0.0:
         return
     clipped = np.empty((4, 3))
     for f in range(len(triangles)):
         a, b, c = triangles[f, 0], triangles[f, 1], triangles[f, 2]
         za, zb, zc = scratch[a, 2], scratch[b, 2], scratch[c, 2]
-        if za > near and zb > near and zc > near:
+        if za > near_depth and zb > near_depth and zc > near_depth:
             _triangle(scratch[a], scratch[b], scratch[c], f, w, inverse_depth, face)
-        elif za > near or zb > near or zc > near:
-            n = _clip(scratch, triangles[f], near, clipped)
+        elif za > near_depth or zb > near_depth or zc > near_depth:
+            n = _clip(scratch, triangles[f], near_depth, clipped)
             for i in range(1, n - 1):
                 _triangle(clipped[0], clipped[i], clipped[i + 1], f, w, inverse_depth, face)
 

@@ -110,7 +110,7 @@ class ScanDetector:
         _check_size(model, scan_m)
         sigma_m = limits.sigma_m or bounded_noise(range_noise(scan_m), model.diameter_m)
         surface = surface_ports(model)
-        searched = self._search.process(
+        pose_search = self._search.process(
             ModelPoseSearchInputs(
                 scan=scan_m,
                 view_directions=model.view_directions,
@@ -119,10 +119,10 @@ class ScanDetector:
                 **surface,
             )
         )
-        refined = self._refine.process(
+        refined_poses = self._refine.process(
             ModelPoseRefinementInputs(
                 scan=scan_m,
-                poses=searched.poses,
+                poses=pose_search.poses,
                 drawn_vertices=model.drawn_vertices,
                 drawn_triangles=model.drawn_triangles,
                 centre_m=model.centre_m,
@@ -131,15 +131,19 @@ class ScanDetector:
                 **surface,
             )
         )
-        scores = refined.rays[:, 0] / np.maximum(refined.rays.sum(axis=1), 1.0)
-        metrics |= {"score": float(scores[0]), "sigma_m": refined.sigma_m, "cost": float(refined.costs[0])}
+        scores = refined_poses.rays[:, 0] / np.maximum(refined_poses.rays.sum(axis=1), 1.0)
+        metrics |= {
+            "score": float(scores[0]),
+            "sigma_m": refined_poses.sigma_m,
+            "cost": float(refined_poses.costs[0]),
+        }
         if scores[0] < limits.min_score:
             raise RefusedError(
                 f"{name}: score {scores[0]:.2f}", [f"low_score:{scores[0]:.2f}<{limits.min_score:g}"]
             )
         return [
-            Hypothesis(name, refined.poses[i], refined.covariances[i], float(scores[i]), i > 0)
-            for i in self._alternatives(model, refined)
+            Hypothesis(name, refined_poses.poses[i], refined_poses.covariances[i], float(scores[i]), i > 0)
+            for i in self._alternatives(model, refined_poses)
         ]
 
     def _alternatives(self, model: ModelPreparationOutputs, refined: ModelPoseRefinementOutputs) -> list[int]:

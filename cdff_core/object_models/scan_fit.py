@@ -92,8 +92,8 @@ class ScanFitter:
         RefusedError
             ``no_overlap`` or ``sensor_inside``.
         """
-        near = near_body(model, predicted, points_m, times_s)
-        points_m, times_s = points_m[near], times_s[near]
+        is_near_body = near_body(model, predicted, points_m, times_s)
+        points_m, times_s = points_m[is_near_body], times_s[is_near_body]
         duration_s = float(np.ptp(times_s)) if len(times_s) else 0.0
         state, J = predicted, pose_and_rate_jacobian(predicted)
         prior = predicted.covariance

@@ -32,13 +32,15 @@ def bodies(points_m: FloatArray, diameter_m: float) -> list[IntArray]:
     from scipy.sparse.csgraph import connected_components
 
     step = -(-len(points_m) // _MAX_LINKED)
-    linked = points_m[::step]
-    start, index = radius_neighbours(linked, linked, _LINK * diameter_m)
-    graph = csr_matrix((np.ones(len(index), np.int8), index, start), shape=(len(linked), len(linked)))
+    sampled_points = points_m[::step]
+    start, index = radius_neighbours(sampled_points, sampled_points, _LINK * diameter_m)
+    graph = csr_matrix(
+        (np.ones(len(index), np.int8), index, start), shape=(len(sampled_points), len(sampled_points))
+    )
     labels = connected_components(graph, directed=False)[1]
     is_isolated = np.diff(start) <= _MIN_NEIGHBOURS
     if step > 1:
-        distance, row = nearest(kd_tree(linked), points_m)
+        distance, row = nearest(kd_tree(sampled_points), points_m)
         labels, is_isolated = labels[row], is_isolated[row] | (distance > _LINK * diameter_m)
     rows = [np.flatnonzero((labels == label) & ~is_isolated) for label in range(labels.max() + 1)]
     largest = max((len(r) for r in rows), default=0)

@@ -88,8 +88,8 @@ def scan_view(points_m: FloatArray, diameter_m: float) -> ScanView:
     last = np.minimum(np.floor(position + reach), [columns - 1, rows - 1]).astype(np.int64)
     for i in range(int((last - first).max()) + 1):
         for j in range(int((last - first).max()) + 1):
-            at = np.minimum(first + np.array([i, j]), last)
-            hit[at[:, 1], at[:, 0]] = True
+            cell = np.minimum(first + np.array([i, j]), last)
+            hit[cell[:, 1], cell[:, 0]] = True
     return ScanView(
         R, np.ascontiguousarray(p), tangents, place[:, ::-1].copy(), hit, window, max(step, pixel)
     )

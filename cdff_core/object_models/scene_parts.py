@@ -124,11 +124,11 @@ def _plane(points_m: FloatArray, diameter_m: float, rng: np.random.Generator) ->
     best = int(np.argmax(counts))
     normal, offset = normals[best], float(normals[best] @ a[best])
     for _ in range(_ROUNDS):
-        near = sample[np.abs(sample @ normal - offset) < _thickness(sample, diameter_m)]
-        if len(near) < 3:
+        plane_points = sample[np.abs(sample @ normal - offset) < _thickness(sample, diameter_m)]
+        if len(plane_points) < 3:
             break
-        mean = near.mean(axis=0)
-        normal = np.linalg.eigh((near - mean).T @ (near - mean))[1][:, 0]
+        mean = plane_points.mean(axis=0)
+        normal = np.linalg.eigh((plane_points - mean).T @ (plane_points - mean))[1][:, 0]
         offset = float(normal @ mean)
     return normal, offset
 

@@ -113,12 +113,12 @@ class ShadingFitter:
                     f"{count} of {len(features)} points were tracked from the rendering to the image",
                     [f"few_features:{count}<{_MIN_POINTS}"],
                 )
-            measured = PointOffsets.of_matches(points_m[is_valid], features[is_valid], matches[is_valid])
+            point_offsets = PointOffsets.of_matches(points_m[is_valid], features[is_valid], matches[is_valid])
             limit_px = search_range_px(
                 model, state.T, state.covariance[:6, :6], camera_matrix, self._max_range_px
             )
             state, outputs = corrected_state(
-                self._refine, state, predicted, measured, camera_matrix, limit_px
+                self._refine, state, predicted, point_offsets, camera_matrix, limit_px
             )
         correlation = self._rendered(model, state, image, camera_matrix, sun).correlation
         distance = state.squared_distance(predicted)

@@ -122,7 +122,7 @@ class StateFilter:
                 duration_s=1e-9 * (stamp_ns - state.stamp_ns),
             )
         )
-        predicted = TrackedState(
+        predicted_state = TrackedState(
             stamp_ns,
             outputs.pose,
             outputs.velocity,
@@ -132,7 +132,7 @@ class StateFilter:
             outputs.covariance,
             state.noise_scales,
         )
-        return predicted, outputs.transition
+        return predicted_state, outputs.transition
 
     def corrected(
         self, predicted: TrackedState, T_measured: FloatArray, covariance: FloatArray
@@ -179,5 +179,5 @@ def with_rejection(predicted: TrackedState) -> TrackedState:
 
 def _scale_noise(scales: FloatArray, excess: FloatArray) -> FloatArray:
     """Return the noise scales, moved towards the excess of the residuals within bounds."""
-    changed = scales * np.exp(_GAIN * np.clip(excess, -1.0, _MAX_EXCESS))
-    return np.asarray(np.clip(changed, _MIN_SCALE, _MAX_SCALE))
+    changed_scales = scales * np.exp(_GAIN * np.clip(excess, -1.0, _MAX_EXCESS))
+    return np.asarray(np.clip(changed_scales, _MIN_SCALE, _MAX_SCALE))

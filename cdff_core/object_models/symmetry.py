@@ -107,10 +107,10 @@ class _SurfaceTest:
 
     def holds(self, T: FloatArray) -> bool:
         """Return whether nearly all points are on the surface after T, across it within the tolerance."""
-        moved = se3.transform_points(T, self._points)
-        distance, rows = nearest(self._tree, moved)
+        moved_points = se3.transform_points(T, self._points)
+        distance, rows = nearest(self._tree, moved_points)
         normals = self._surface.normals[rows]
-        across = np.abs(np.einsum("ij,ij->i", normals, moved - self._surface.points_m[rows]))
+        across = np.abs(np.einsum("ij,ij->i", normals, moved_points - self._surface.points_m[rows]))
         aligned = np.einsum("ij,ij->i", normals, self._normals @ T[:3, :3].T) > _NORMAL
         on_surface = (distance < self._limit_m) & ((across < self._tolerance_m) | ~aligned)
         return bool(np.mean(on_surface) >= _FRACTION)

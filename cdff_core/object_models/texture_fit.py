@@ -106,14 +106,14 @@ class TextureFitter:
                 f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
                 [f"few_features:{np.count_nonzero(is_valid)}<{_MIN_POINTS}"],
             )
-        measured = PointOffsets.of_matches(points_m[is_valid], pixels[is_valid], matches[is_valid])
+        point_offsets = PointOffsets.of_matches(points_m[is_valid], pixels[is_valid], matches[is_valid])
         prior = relative_prior(seen_body.state, predicted, transition)
         outputs = self._refine.process(
             MeasuredPoseRefinementInputs(
-                points=measured.points,
-                pixels=measured.pixels,
-                normals=measured.normals,
-                offsets=measured.offsets,
+                points=point_offsets.points,
+                pixels=point_offsets.pixels,
+                normals=point_offsets.normals,
+                offsets=point_offsets.offsets,
                 camera_matrix=camera_matrix,
                 pose=predicted.T,
                 limit_px=search_range_px(

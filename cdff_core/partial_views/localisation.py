@@ -143,9 +143,9 @@ class ViewLocaliser:
         target = _Surface(target_m, normals)
         T = T_scene_view @ best.T @ T_centre_model
         registration = refine_and_assess(self._refine, self._assess, source, target, T, metrics)
-        refined = se3.inverse(T_scene_view) @ registration.T_target_source @ se3.inverse(T_centre_model)
-        score = float(search.comparison(surface, choice.factor).scores(refined[None])[0])
-        if score >= best.score - 0.5 * self._cfg.min_margin and search.is_same(refined, best.T):
+        refined_pose = se3.inverse(T_scene_view) @ registration.T_target_source @ se3.inverse(T_centre_model)
+        score = float(search.comparison(surface, choice.factor).scores(refined_pose[None])[0])
+        if score >= best.score - 0.5 * self._cfg.min_margin and search.is_same(refined_pose, best.T):
             return registration
         return self._without_refinement(source, target, T, search.pose_covariance(), model, metrics)
 

@@ -210,8 +210,8 @@ def _vote(
             for b in range(ROTATIONS):
                 smooth[m, b] = votes[m, b] + 0.5 * votes[m, (b + 1) % ROTATIONS] + 0.5 * votes[m, b - 1]
         for peak in range(peaks):
-            at = int(np.argmax(smooth))
-            m, b = at // ROTATIONS, at % ROTATIONS
+            highest_bin = int(np.argmax(smooth))
+            m, b = highest_bin // ROTATIONS, highest_bin % ROTATIONS
             row = r * peaks + peak
             angle = b * 2.0 * math.pi / ROTATIONS
             # R_scene^T Rx(angle) R_model

@@ -74,8 +74,8 @@ class ViewModel:
 
     def is_symmetry(self, T: FloatArray, tolerance_m: float) -> bool:
         """Return whether a transform (4, 4) about ``centre_m`` maps the model to itself."""
-        moved = se3.transform_points(T, self.sides[0].surface.points_m)
-        distance_m, _ = nearest(self._tree, moved, tolerance_m)
+        moved_points = se3.transform_points(T, self.sides[0].surface.points_m)
+        distance_m, _ = nearest(self._tree, moved_points, tolerance_m)
         return bool(np.mean(np.isfinite(distance_m)) > _SYMMETRIC)
 
     @cached_property
@@ -174,13 +174,13 @@ class ViewSearch:
         Poses that agree equally well with the view within the tolerance are distinguished by a smaller one.
         """
         perturbations = _LAST_REFINEMENT.scaled(factor * self._model.diameter_m, factor)
-        refined = []
+        refined_candidates = []
         for candidate in candidates:
             coarse = self.comparison(candidate.side.coarse, factor)
             T, _ = coarse.refine(candidate.T, perturbations, self._seed)
             score = self.comparison(candidate.side.surface, factor).scores(T[None])[0]
-            refined.append(replace(candidate, T=T, score=float(score)))
-        return sorted(refined, key=lambda candidate: -candidate.score)
+            refined_candidates.append(replace(candidate, T=T, score=float(score)))
+        return sorted(refined_candidates, key=lambda candidate: -candidate.score)
 
     def comparison(self, surface: ModelSurface, factor: float = 1.0) -> ViewComparison:
         """Return the comparison of a surface with the view."""
@@ -226,19 +226,19 @@ class ViewSearch:
         coarse = self.comparison(side.coarse, cfg.coarse_factor)
         best = np.argsort(-coarse.scores(poses), kind="stable")[: cfg.hypotheses]
         first, last = (p.scaled(diameter_m) for p in (_FIRST_REFINEMENT, _LAST_REFINEMENT))
-        refined = sorted(
+        poses_and_scores = sorted(
             (coarse.refine(poses[i], first, self._seed) for i in best), key=lambda pair: -pair[1]
         )
         distinct: list[FloatArray] = []
-        for T, _ in refined:
+        for T, _ in poses_and_scores:
             if not any(self.is_same(T, other) for other in distinct):
                 distinct.append(T)
             if len(distinct) == cfg.finalists:
                 break
         exact = self.comparison(side.coarse)
-        final = np.stack([exact.refine(T, last, self._seed)[0] for T in distinct])
-        scores = self.comparison(side.surface).scores(final)
-        return [ViewCandidate(T, float(score), side) for T, score in zip(final, scores, strict=True)]
+        final_poses = np.stack([exact.refine(T, last, self._seed)[0] for T in distinct])
+        scores = self.comparison(side.surface).scores(final_poses)
+        return [ViewCandidate(T, float(score), side) for T, score in zip(final_poses, scores, strict=True)]
 
 
 def _is_same(first: FloatArray, second: FloatArray, diameter_m: float, factor: float) -> bool:

@@ -272,13 +272,13 @@ class _Orientations:
             step = fit.step * min(1.0, _MAX_STEP / max(float(np.abs(fit.step / model.scale).max()), 1e-12))
             objective = self._objective(model, part, weights, ratio)
             for _ in range(_MAX_HALVINGS):
-                changed = model.moved(step)
-                if self._objective(changed, part, weights, ratio) <= objective:
+                changed_model = model.moved(step)
+                if self._objective(changed_model, part, weights, ratio) <= objective:
                     break
                 step = 0.5 * step
             else:
                 return model, weights
-            model = changed
+            model = changed_model
             if fixed_weights is None:
                 squared = weights[part] * np.einsum("ni,ni->n", fit.normalised, fit.normalised)
                 weights[part] = _student_weights(squared)

@@ -64,8 +64,8 @@ class StereoMeasurement:
     def positions(self, errors_px: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the positions (n, 3) and the standard deviations of the depths (n,) for errors (2,)."""
         K = self.camera_matrix
-        least = K[0, 0] / _MAX_BASELINES
-        disparities = np.maximum(self.measurements[:, 2] + self.basis @ errors_px, least)
+        min_disparity_px = K[0, 0] / _MAX_BASELINES
+        disparities = np.maximum(self.measurements[:, 2] + self.basis @ errors_px, min_disparity_px)
         depths = K[0, 0] * self.baseline_m / disparities
         rays = np.column_stack(
             [
@@ -168,8 +168,8 @@ def measured_by_pair(
         )
     depths = camera.fx * camera.baseline_m / disparities
     sigmas = depths * _DISPARITY_SIGMA_PX / disparities
-    measured = _points(features, usable, depths, sigmas)
-    return replace(measured, stereo=stereo)
+    measured_points = _points(features, usable, depths, sigmas)
+    return replace(measured_points, stereo=stereo)
 
 
 def measured_by_depth(

@@ -150,9 +150,9 @@ class ChangeRecorder:
             for change in map(Change.parse, self.files):
                 if change.ordinal == last and _contains(connection, change):
                     common = last
-        lost = int(self._note["changes"]) + max(newest.ordinal - common, 1)
-        reason = f"{lost} acknowledged changes are missing in the database"
-        self._write_note(reason, changes=lost, newest=key, common=common)
+        lost_changes = int(self._note["changes"]) + max(newest.ordinal - common, 1)
+        reason = f"{lost_changes} acknowledged changes are missing in the database"
+        self._write_note(reason, changes=lost_changes, newest=key, common=common)
         return common
 
     def _read_note(self) -> dict[str, Any]:

@@ -122,9 +122,9 @@ def _exchange(directory: Path, replaced: Path) -> None:
     shutil.rmtree(
         directory / tile_files.FOLDER, ignore_errors=True
     )  # they refer to events of the old database
-    new = directory / _PART / EMBEDDED.FILE_NAME
-    fsync(new)
-    new.rename(directory / EMBEDDED.FILE_NAME)
+    new_database = directory / _PART / EMBEDDED.FILE_NAME
+    fsync(new_database)
+    new_database.rename(directory / EMBEDDED.FILE_NAME)
     fsync(directory)
     (directory / FOLDER).rename(replaced / FOLDER)
     fsync(directory)

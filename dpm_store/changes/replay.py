@@ -100,20 +100,20 @@ class Replay:
         tombstone.
         """
         p = schema.products.c
-        known: set[str] = set()
+        known_ids: set[str] = set()
         for (
             change
         ) in changes:  # products occur twice if a database created with --new started a second history
             if connection.execute(select(p.id).where(p.id == change.fields["id"])).first() is not None:
-                known.add(change.fields["id"])
-        new = {c.fields["id"]: c for c in changes if c.fields["id"] not in known}
-        for change in new.values():
+                known_ids.add(change.fields["id"])
+        new_changes = {c.fields["id"]: c for c in changes if c.fields["id"] not in known_ids}
+        for change in new_changes.values():
             item, inserted_ns = self._restore_payload(connection, change)
             if item is None:
                 self._insert_tombstone(connection, change)
             else:
                 self._inserter.insert_rows(connection, [item], inserted_ns)
-        return list(new.values())
+        return list(new_changes.values())
 
     def _restore_payload(self, connection: Connection, change: Change) -> tuple[PreparedProduct | None, int]:
         """Return the product of a record with its payload, and the time of its insertion.

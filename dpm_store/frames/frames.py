@@ -261,8 +261,8 @@ class FrameTable:
         f = schema.frames.c
         newest = select(f.frame, func.max(f.revision).label("revision")).group_by(f.frame)
         last = newest.where(*_view_conditions(view)).subquery()
-        joined = and_(f.frame == last.c.frame, f.revision == last.c.revision)
-        rows = connection.execute(_SELECT.join(last, joined)).all()
+        is_last_revision = and_(f.frame == last.c.frame, f.revision == last.c.revision)
+        rows = connection.execute(_SELECT.join(last, is_last_revision)).all()
         return {row.frame: _revision(row) for row in rows}
 
     def edge_in(

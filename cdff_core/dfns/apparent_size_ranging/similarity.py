@@ -56,14 +56,20 @@ def register_similarity(
     for blur in blurs_px:
         target, source = _smooth(image, blur), _smooth(template, blur)
         for _ in range(_ITERATIONS):
-            moved = _scale_and_shift(source, origin_px, scale, shift)
+            warped_source = _scale_and_shift(source, origin_px, scale, shift)
             gx, gy = (
-                cv2.Sobel(moved, cv2.CV_64F, 1, 0, scale=0.125),
-                cv2.Sobel(moved, cv2.CV_64F, 0, 1, scale=0.125),
+                cv2.Sobel(warped_source, cv2.CV_64F, 1, 0, scale=0.125),
+                cv2.Sobel(warped_source, cv2.CV_64F, 0, 1, scale=0.125),
             )
             x, y = columns - origin_px[0] - shift[0], rows - origin_px[1] - shift[1]
             A = np.stack(
-                [-(gx * x + gy * y).ravel(), -gx.ravel(), -gy.ravel(), moved.ravel(), np.ones(moved.size)],
+                [
+                    -(gx * x + gy * y).ravel(),
+                    -gx.ravel(),
+                    -gy.ravel(),
+                    warped_source.ravel(),
+                    np.ones(warped_source.size),
+                ],
                 axis=1,
             )
             weights = np.ones(len(A))
@@ -81,7 +87,11 @@ def register_similarity(
                 return Similarity(scale, shift, float("inf"), 0.0)
             if abs(step[0]) < _CONVERGED and np.abs(step[1:]).max() < 1e-2:
                 break
-        agreement = float(np.corrcoef(target.ravel(), moved.ravel())[0, 1]) if moved.std() > 0.0 else 0.0
+        agreement = (
+            float(np.corrcoef(target.ravel(), warped_source.ravel())[0, 1])
+            if warped_source.std() > 0.0
+            else 0.0
+        )
         information = A.T @ (A * weights[:, None])
         covariance = np.linalg.pinv(information) * spread**2
         sigma = float(np.sqrt(max(covariance[0, 0], 0.0)) / abs(gain))

@@ -57,8 +57,8 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
         )
         for k, scale in enumerate(inputs.scales):
             match = self._at_scale(inputs, float(scale))
-            least = best.score + (self.config.scale_gain if k == 1 else 0.0)
-            if match is not None and match.score > least:
+            min_score = best.score + (self.config.scale_gain if k == 1 else 0.0)
+            if match is not None and match.score > min_score:
                 best = match
         return best
 

@@ -127,8 +127,10 @@ class TorqueFree(Interface[TorqueFreeConfig]):
                 reasons=[f"few_poses:{len(t_s)}"],
             )
         if (np.diff(t_s) <= 0.0).any():
-            at = int(np.argmax(np.diff(t_s) <= 0.0)) + 1
-            raise InputError(f"times_s[{at}]={t_s[at]:.6f} after {t_s[at - 1]:.6f}: expected ascending times")
+            row = int(np.argmax(np.diff(t_s) <= 0.0)) + 1
+            raise InputError(
+                f"times_s[{row}]={t_s[row]:.6f} after {t_s[row - 1]:.6f}: expected ascending times"
+            )
         if len(inputs.queries_s) and inputs.queries_s.min() < t_s[-1]:
             raise InputError(
                 f"queries_s: {inputs.queries_s.min():.6f} s precedes the last pose at {t_s[-1]:.6f} s"

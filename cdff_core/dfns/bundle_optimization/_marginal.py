@@ -47,11 +47,14 @@ def marginalise(problem: BundleProblem, dropped: IntArray, loss: int, scale: flo
     S, b, _, _ = system.eliminate_points(system.normal(estimate, r, weights), 0.0)
     S = np.tril(S) + np.tril(S, -1).T
     is_prior_camera = ~is_dropped & (system.pose_column >= 0)
-    out = _pose_columns(system, is_dropped & (system.pose_column >= 0))
+    dropped_columns = _pose_columns(system, is_dropped & (system.pose_column >= 0))
     keep = _pose_columns(system, is_prior_camera)
-    dropped_inverse = np.linalg.pinv(S[np.ix_(out, out)], rcond=1e-13, hermitian=True)
-    H = S[np.ix_(keep, keep)] - S[np.ix_(keep, out)] @ dropped_inverse @ S[np.ix_(out, keep)]
-    gradient = b[keep] - S[np.ix_(keep, out)] @ dropped_inverse @ b[out]
+    dropped_inverse = np.linalg.pinv(S[np.ix_(dropped_columns, dropped_columns)], rcond=1e-13, hermitian=True)
+    H = (
+        S[np.ix_(keep, keep)]
+        - S[np.ix_(keep, dropped_columns)] @ dropped_inverse @ S[np.ix_(dropped_columns, keep)]
+    )
+    gradient = b[keep] - S[np.ix_(keep, dropped_columns)] @ dropped_inverse @ b[dropped_columns]
     H, gradient = _remove_gauge_information(
         H, gradient, Gauge.of(system, estimate), estimate.c[is_prior_camera]
     )

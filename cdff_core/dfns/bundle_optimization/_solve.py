@@ -68,20 +68,20 @@ def minimise(system: System, initial_estimate: Estimate, max_iterations: int, to
         if step is not None:
             candidate = system.apply_step(estimate, step, point_step)
             evaluated = system.residuals(candidate)
-            predicted = _predicted_decrease(normal, step, point_step, damping)
+            predicted_decrease = _predicted_decrease(normal, step, point_step, damping)
             decrease = current.minimised_cost - evaluated.minimised_cost
-            if np.isfinite(evaluated.minimised_cost) and decrease > 0.0 and 0.0 < predicted < np.inf:
+            if np.isfinite(evaluated.minimised_cost) and decrease > 0.0 and 0.0 < predicted_decrease < np.inf:
                 converged = (
                     decrease <= tolerance * current.minimised_cost
                     or evaluated.minimised_cost <= _ZERO_COST_RATIO * initial.minimised_cost
                 )
                 estimate, current = candidate, evaluated
-                gain_ratio = decrease / predicted
+                gain_ratio = decrease / predicted_decrease
                 damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * gain_ratio - 1.0) ** 3), 2.0
                 if not converged:
                     normal = system.normal(estimate, current.residuals, current.weights)
                 continue
-            if 0.0 <= predicted <= tolerance * current.minimised_cost:
+            if 0.0 <= predicted_decrease <= tolerance * current.minimised_cost:
                 converged = True  # the model predicts no decrease
                 continue
         damping, growth = damping * growth, 2.0 * growth

@@ -35,7 +35,7 @@ class RollingWindow(Interface[WindowConfig]):
         InputError
             If the cells of the patch are not aligned with those of the window, or no call had a patch yet.
         """
-        patch, cleared = inputs.patch, 0
+        patch, cleared_cells = inputs.patch, 0
         if patch is not None:
             patch_cells = MapCells.of_map(patch, self.config.resolution_m)
             centre_m = middle_of(patch.geometry) if inputs.centre is None else np.asarray(inputs.centre)
@@ -43,7 +43,7 @@ class RollingWindow(Interface[WindowConfig]):
             geometry = window_around(patch.frame, resolution_m, centre_m, self.config.size_m)
             cells = self._move(geometry, patch.t0_ns, patch.t1_ns)
             if inputs.rays is not None:
-                cleared = visibility.clear_seen_through(
+                cleared_cells = visibility.clear_seen_through(
                     cells, inputs.rays, patch.t0_ns, self.config.clear_margin_m
                 )
             cells.add(patch_cells)
@@ -53,7 +53,7 @@ class RollingWindow(Interface[WindowConfig]):
         if inputs.bounds is not None and np.all(np.isfinite(inputs.bounds)):
             g = cells.geometry
             cells = cells.window(GridGeometry.aligned(g.frame, g.resolution_m, bounds_of(inputs.bounds)))
-        return Outputs(map=cells.to_map(*self._span_ns), cleared=cleared, forgotten=0)
+        return Outputs(map=cells.to_map(*self._span_ns), cleared=cleared_cells, forgotten=0)
 
     def _move(self, geometry: GridGeometry, t0_ns: int, t1_ns: int) -> MapCells:
         """Return the moved window, or an empty one if the frame or the cell size has changed."""

@@ -63,7 +63,7 @@ class TiledMap(Interface[TiledMapConfig]):
         InputError
             If the cells of the patch are not aligned with those of the map, or no call had a patch yet.
         """
-        patch, cleared, forgotten = inputs.patch, 0, 0
+        patch, cleared_cells, forgotten_tiles = inputs.patch, 0, 0
         if patch is not None:
             patch_cells = MapCells.of_map(patch, self.config.resolution_m)
             self._start_or_extend(patch_cells.geometry, patch.t0_ns, patch.t1_ns)
@@ -71,11 +71,11 @@ class TiledMap(Interface[TiledMapConfig]):
                 self._centre = middle_of(patch.geometry)
             if inputs.rays is not None:
                 for tile in self._tiles_below(inputs.rays):
-                    cleared += visibility.clear_seen_through(
+                    cleared_cells += visibility.clear_seen_through(
                         tile, inputs.rays, patch.t0_ns, self.config.clear_margin_m
                     )
             for key in product(*_tiles_of(patch_cells.geometry)):
-                forgotten += self._add(key, patch_cells)
+                forgotten_tiles += self._add(key, patch_cells)
         if inputs.centre is not None:
             self._centre = np.asarray(inputs.centre, dtype=np.float64)
         output = MapCells.empty(self._output_grid(inputs.bounds))
@@ -84,7 +84,7 @@ class TiledMap(Interface[TiledMapConfig]):
         for (i, j), tile in self._tiles.items():
             if i in rows and j in cols:
                 output.add(tile.coarsened(factor))
-        return Outputs(map=output.to_map(*self._span_ns), cleared=cleared, forgotten=forgotten)
+        return Outputs(map=output.to_map(*self._span_ns), cleared=cleared_cells, forgotten=forgotten_tiles)
 
     @property
     def _grid(self) -> GridGeometry:

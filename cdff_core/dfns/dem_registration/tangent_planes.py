@@ -83,8 +83,8 @@ class TangentPlanes(Interface[TangentPlanesConfig]):
         correction = np.zeros(6)
         posterior_information = prior_information
         for _ in range(cfg.iterations):
-            moved = se3.transform_points(_transform_about(inputs.centre, correction), points)
-            planes = self._fit_planes(moved, inputs.map.layer("mean"), grid)
+            corrected_points = se3.transform_points(_transform_about(inputs.centre, correction), points)
+            planes = self._fit_planes(corrected_points, inputs.map.layer("mean"), grid)
             height_above_m, gradient, plane_variance_m2 = planes
             on_map = np.isfinite(height_above_m)
             matched = int(np.count_nonzero(on_map))
@@ -94,13 +94,13 @@ class TangentPlanes(Interface[TangentPlanesConfig]):
             variance = (
                 noise[on_map] * (1.0 + (slopes**2).sum(axis=1))
                 + plane_variance_m2[on_map]
-                + self._map_variance(inputs.map, moved[on_map])
+                + self._map_variance(inputs.map, corrected_points[on_map])
             )
             scale = max(median_sigma(residuals_m / np.sqrt(variance)), 1.0)
             scaled = residuals_m / (_BIWEIGHT * scale * np.sqrt(variance))
             biweight = np.where(np.abs(scaled) < 1.0, (1.0 - scaled**2) ** 2, 0.0)
             weight = biweight / (variance * scale**2)
-            J = _jacobian(moved[on_map] - inputs.centre, slopes)
+            J = _jacobian(corrected_points[on_map] - inputs.centre, slopes)
             JW = J * weight[:, None]
             posterior_information = prior_information + JW.T @ J / _INFLATION
             gradient_of_cost = JW.T @ residuals_m / _INFLATION + prior_information @ correction

@@ -61,5 +61,5 @@ def select_strongest_per_cell(
     # Rank of each feature within its cell, from the position at which the cell starts in the order.
     _, cell_start, cell_size = np.unique(cell[order], return_index=True, return_counts=True)
     rank = np.arange(len(order)) - np.repeat(cell_start, cell_size)
-    selected = order[rank < _FEATURES_PER_CELL]
-    return np.column_stack([x[selected], y[selected]]).astype(np.float64), scores[selected]
+    strongest_rows = order[rank < _FEATURES_PER_CELL]
+    return np.column_stack([x[strongest_rows], y[strongest_rows]]).astype(np.float64), scores[strongest_rows]

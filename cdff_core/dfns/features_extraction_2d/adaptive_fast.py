@@ -57,8 +57,8 @@ class AdaptiveFast(Interface[AdaptiveFastConfig]):
         is_inside = ((points > lower_px) & (points < upper_px)).all(axis=1)
         order = np.flatnonzero(is_inside)
         order = order[np.lexsort((points[order, 0], points[order, 1], -scores[order]))]
-        selected = order[self._suppress(points[order].astype(np.int64), (rows, columns))]
-        return Outputs(features=self._refine(image, points[selected]), scores=scores[selected])
+        selected_rows = order[self._suppress(points[order].astype(np.int64), (rows, columns))]
+        return Outputs(features=self._refine(image, points[selected_rows]), scores=scores[selected_rows])
 
     @staticmethod
     def _refine(image: ByteArray, points: FloatArray) -> FloatArray:

@@ -32,16 +32,20 @@ class RectifiedProjection(Interface[DfnConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the projected points; raises InputError on an invalid camera."""
         camera = RectifiedCamera.from_matrix(inputs.camera_matrix, inputs.baseline)
-        moved = se3.transform_points(inputs.pose, inputs.points)
-        in_front = moved[:, 2] > _MIN_DEPTH_M
-        moved[~in_front, 2] = _MIN_DEPTH_M
-        uvd = camera.project(moved)
+        points_in_camera = se3.transform_points(inputs.pose, inputs.points)
+        in_front = points_in_camera[:, 2] > _MIN_DEPTH_M
+        points_in_camera[~in_front, 2] = _MIN_DEPTH_M
+        uvd = camera.project(points_in_camera)
         rows, columns = inputs.image.shape
         is_inside = np.all(
             (uvd[:, :2] >= _BORDER_PX) & (uvd[:, :2] < np.array([columns, rows]) - _BORDER_PX), axis=1
         )
-        magnification = np.asarray(inputs.points)[:, 2] / moved[:, 2]
-        slopes = np.zeros((len(moved), 2)) if inputs.slopes is None else np.asarray(inputs.slopes, np.float64)
+        magnification = np.asarray(inputs.points)[:, 2] / points_in_camera[:, 2]
+        slopes = (
+            np.zeros((len(points_in_camera), 2))
+            if inputs.slopes is None
+            else np.asarray(inputs.slopes, np.float64)
+        )
         warps, predicted_slopes = _warps_and_slopes(
             camera, np.asarray(inputs.points, np.float64), inputs.pose, slopes
         )
@@ -78,13 +82,13 @@ def _warps_and_slopes(
     normals[:, :2] = slopes * focal / (camera.fx * camera.baseline_m)
     normals[:, 2] = 1.0 / z - np.sum(normals[:, :2] * bearings[:, :2], axis=1)
     H = pose[:3, :3] + pose[:3, 3][:, None] * normals[:, None, :]
-    moved = np.einsum("nij,nj->ni", H, bearings)
-    depth_ratio = np.maximum(moved[:, 2], _MIN_DEPTH_M)
+    warped_bearings = np.einsum("nij,nj->ni", H, bearings)
+    depth_ratio = np.maximum(warped_bearings[:, 2], _MIN_DEPTH_M)
     warps = np.tile(np.eye(3), (len(points), 1, 1))
     perspective = H[:, 2, :2] / depth_ratio[:, None]
     warps[:, :2, :2] = (
         H[:, :2, :2] / depth_ratio[:, None, None]
-        - (moved[:, :2] / depth_ratio[:, None])[:, :, None] * perspective[:, None]
+        - (warped_bearings[:, :2] / depth_ratio[:, None])[:, :, None] * perspective[:, None]
     )
     warps[:, :2, :2] *= focal[:, None] / focal
     warps[:, 2, :2] = perspective / focal

@@ -104,7 +104,7 @@ class WarpedKlt(Interface[WarpedKltConfig]):
             scale = 2.0**level
             level_warps = warps.copy()
             level_warps[:, 2, :2] *= scale  # these elements are per pixel, of this level
-            refined, scores = align_patches(
+            refined_positions, scores = align_patches(
                 reference[level],
                 image[level],
                 points / scale,
@@ -114,5 +114,5 @@ class WarpedKlt(Interface[WarpedKltConfig]):
                 cfg.iterations,
                 TOLERANCE_PX * (1.0 if level == 0 else 5.0),
             )
-            positions = np.where((scores > 0.5)[:, None] | (level == 0), refined * scale, positions)
+            positions = np.where((scores > 0.5)[:, None] | (level == 0), refined_positions * scale, positions)
         return positions, scores

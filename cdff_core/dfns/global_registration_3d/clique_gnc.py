@@ -87,10 +87,10 @@ class CliqueGnc(Interface[CliqueGncConfig]):
         )
 
     def _refuse_few(self, count: int, total: int, noise_m: float) -> None:
-        least = self.config.least_inliers
-        if count < least:
-            text = f"{count} of {total} pairs agree within {noise_m:.3g} m, expected at least {least}"
-            raise RefusedError(text, [f"too_few_consistent:{count}<{least}"])
+        min_inliers = self.config.least_inliers
+        if count < min_inliers:
+            text = f"{count} of {total} pairs agree within {noise_m:.3g} m, expected at least {min_inliers}"
+            raise RefusedError(text, [f"too_few_consistent:{count}<{min_inliers}"])
 
     def _maximum_clique(self, source: FloatArray, target: FloatArray, noise_m: float) -> IntArray:
         """Return the rows of the maximum clique."""

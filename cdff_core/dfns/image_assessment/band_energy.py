@@ -42,15 +42,15 @@ class BandEnergy(Interface[BandEnergyConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the assessment of one image; raises InputError on an image that is too small."""
         image = checked_image(inputs.image)
-        thinned = image[:: self.config.step, :: self.config.step]
-        low, high = np.percentile(thinned, [2.0, 98.0])
+        sampled_pixels = image[:: self.config.step, :: self.config.step]
+        low, high = np.percentile(sampled_pixels, [2.0, 98.0])
         change = np.nan
         if inputs.previous is not None:
             change = float(cv2.absdiff(image, np.ascontiguousarray(inputs.previous)).mean())
         return Outputs(
             contrast=high - low,
             sharpness=float(_sharpness(image)),
-            saturation=float((thinned == 255).mean()),
+            saturation=float((sampled_pixels == 255).mean()),
             change=change,
         )
 

@@ -63,8 +63,8 @@ class BoxFilter(Interface[BoxFilterConfig]):
         inside = np.all(
             (points_m >= self.config.min_corner_m) & (points_m <= self.config.max_corner_m), axis=1
         )
-        selected = inside if self.config.remove == "inside" else ~inside
-        removed = selected & np.isfinite(points_m).all(axis=1)
+        is_selected = inside if self.config.remove == "inside" else ~inside
+        removed = is_selected & np.isfinite(points_m).all(axis=1)
         return Outputs(filtered_scans=replace_ranges(scan, removed, LaserRangeErrors.OTHER_RANGE_ERRORS))
 
 

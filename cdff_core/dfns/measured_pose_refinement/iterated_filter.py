@@ -110,10 +110,10 @@ def residuals_and_jacobian(inputs: Inputs, T: FloatArray, scale: FloatArray) -> 
     z = np.where(z > 0.0, z, np.nan)
     u, v = K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]
     nu, nv = inputs.normals.T
-    moved = nu * (u - inputs.pixels[:, 0]) + nv * (v - inputs.pixels[:, 1])
-    distances = np.abs(inputs.offsets - moved[:, None])
+    distance_along_normal = nu * (u - inputs.pixels[:, 0]) + nv * (v - inputs.pixels[:, 1])
+    distances = np.abs(inputs.offsets - distance_along_normal[:, None])
     nearest = np.argmin(np.where(np.isnan(distances), np.inf, distances), axis=1)
-    r = inputs.offsets[np.arange(len(moved)), nearest] - moved
+    r = inputs.offsets[np.arange(len(distance_along_normal)), nearest] - distance_along_normal
     gx, gy = nu * K[0, 0] / z, nv * K[1, 1] / z
     g = np.stack([gx, gy, -(gx * x + gy * y) / z], axis=1)
     J = np.nan_to_num(np.hstack([g, np.cross(arms, g)]))

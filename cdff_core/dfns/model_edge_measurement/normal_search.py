@@ -69,8 +69,8 @@ class NormalSearch(Interface[NormalSearchConfig]):
         step = -(-len(points) // cfg.max_points) if len(points) else 1
         points, normals = points[::step], normals[::step]
         pixels = pixels[::step] + np.array([column, row])
-        least = cfg.contrast * max(float(np.ptp(inputs.image)), 1e-30)
-        offsets = search(inputs.image, pixels, normals, inputs.range_px, cfg.hypotheses, least)
+        min_contrast = cfg.contrast * max(float(np.ptp(inputs.image)), 1e-30)
+        offsets = search(inputs.image, pixels, normals, inputs.range_px, cfg.hypotheses, min_contrast)
         return Outputs(points=points, pixels=pixels, normals=normals, offsets=offsets)
 
     def _edges_of(self, inputs: Inputs) -> MeshEdges:
@@ -90,12 +90,12 @@ def search(
     normals: FloatArray,
     range_px: float,
     hypotheses: int,
-    least: float,
+    min_contrast: float,
 ) -> FloatArray:  # pragma: no cover - compiled
     """Return the offsets (n, hypotheses) of the strongest edges along the normals; NaN where there are fewer.
 
     The profile is sampled every pixel by bilinear interpolation and averaged over three pixels along the
-    edge. An edge is an extremum of the smoothed derivative with a step of at least ``least``.
+    edge. An edge is an extremum of the smoothed derivative with a step of at least ``min_contrast``.
     """
     half = int(np.ceil(range_px)) + 3
     count = 2 * half + 1
@@ -125,7 +125,7 @@ def search(
         for k in range(3, count - 3):
             s = abs(slope[k])
             before, after = abs(slope[k - 1]), abs(slope[k + 1])
-            if not (2.0 * s >= least and s >= before and s > after):
+            if not (2.0 * s >= min_contrast and s >= before and s > after):
                 continue
             offset = k - half + 0.5 * (before - after) / (before - 2.0 * s + after)
             if abs(offset) > range_px:

@@ -65,14 +65,14 @@ class DepthLikelihood(Interface[DepthLikelihoodConfig]):
         T_sensor_view = T_view_sensor.T
         to_origin = se3.transform(np.eye(3), -inputs.centre_m)
         covariances = []
-        for refined in refined_poses:
-            at_centre = refined.T @ se3.transform(np.eye(3), inputs.centre_m)
-            in_view = compose_covariance(at_centre, refined.covariance, to_origin, np.zeros((6, 6)))
+        for refined_pose in refined_poses:
+            at_centre = refined_pose.T @ se3.transform(np.eye(3), inputs.centre_m)
+            in_view = compose_covariance(at_centre, refined_pose.covariance, to_origin, np.zeros((6, 6)))
             covariances.append(rotate_covariance(in_view, T_sensor_view[:3, :3]))
         return Outputs(
-            poses=np.stack([T_sensor_view @ refined.T for refined in refined_poses]),
+            poses=np.stack([T_sensor_view @ refined_pose.T for refined_pose in refined_poses]),
             covariances=np.stack(covariances),
-            costs=np.array([refined.cost for refined in refined_poses]),
-            rays=np.stack([refined.rays for refined in refined_poses]),
+            costs=np.array([refined_pose.cost for refined_pose in refined_poses]),
+            rays=np.stack([refined_pose.rays for refined_pose in refined_poses]),
             sigma_m=sigma_m,
         )

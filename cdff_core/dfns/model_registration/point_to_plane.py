@@ -102,8 +102,8 @@ class PointToPlane(Interface[PointToPlaneConfig]):
         widest = 2.0 if first_m > _WIDE * last_m else 1.0
         for widening in np.linspace(widest, 1.0, cfg.rendered_iterations):
             A, b, weight, residuals = fit.rendered(float(widening) * limit_m)
-            moved = fit.step(A, b, weight, constrained_only=True)
-            if widening == 1.0 and moved < _CONVERGED:
+            step_length = fit.step(A, b, weight, constrained_only=True)
+            if widening == 1.0 and step_length < _CONVERGED:
                 break
         agrees = np.abs(residuals) < _SIGMAS * fit.sigma_m
         in_front = np.count_nonzero(residuals < -limit_m)
@@ -263,9 +263,9 @@ class _Fit:
         to_origin[:3, 3:] = se3.skew(self.T[:3, :3] @ self._centre_m)
         to_origin[:, 3:] /= half_m
         values, vectors = np.linalg.eigh(symmetrised(to_origin.T @ A @ to_origin))
-        least = self._config.min_information * max(weight, 1e-9)
+        min_information = self._config.min_information * max(weight, 1e-9)
         # The information of a direction near the limit comes from wrong pairs: it decreases to 0.
-        shares = np.clip(values / max(least, 1e-300) - 1.0, 0.0, 1.0)
+        shares = np.clip(values / max(min_information, 1e-300) - 1.0, 0.0, 1.0)
         from_origin = np.linalg.inv(to_origin)
         projection, root = (
             (to_origin @ (vectors * factor) @ vectors.T @ from_origin).T

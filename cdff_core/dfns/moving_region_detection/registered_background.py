@@ -114,8 +114,8 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
         raw = inputs.image
         if self._mean is not None and raw.shape != self._mean.shape:
             raise InputError(f"image {raw.shape}: expected the size of the previous ones, {self._mean.shape}")
-        for reason, lost in (("saturated", raw == 255), ("dark", raw <= 1)):
-            if (fraction := float(lost.mean())) > _MAX_LOST:
+        for reason, is_unusable in (("saturated", raw == 255), ("dark", raw <= 1)):
+            if (fraction := float(is_unusable.mean())) > _MAX_LOST:
                 raise RefusedError(
                     f"image: {fraction:.2f} of the pixels {reason}, expected at most {_MAX_LOST}",
                     reasons=[reason],
@@ -156,15 +156,17 @@ class RegisteredBackground(Interface[RegisteredBackgroundConfig]):
             return mean, count
         assert inputs.places is not None  # the caller has checked it
         u, v = inputs.places[..., 0].copy(), inputs.places[..., 1].copy()
-        moved = cv2.remap(mean, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        moved_mean = cv2.remap(mean, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         left = cv2.remap(count, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-        return np.asarray(moved, np.float32), np.minimum(left, self.config.moving_memory).astype(np.float32)
+        return np.asarray(moved_mean, np.float32), np.minimum(left, self.config.moving_memory).astype(
+            np.float32
+        )
 
     @staticmethod
     def _gain(image: Float32Array, mean: Float32Array) -> float:
         a, b = image[::_STRIDE, ::_STRIDE], mean[::_STRIDE, ::_STRIDE]
-        good = (a > 4.0) & (a < 250.0) & (b > 4.0)
-        return float(np.median(a[good] / b[good])) if good.sum() > 100 else 1.0
+        is_usable = (a > 4.0) & (a < 250.0) & (b > 4.0)
+        return float(np.median(a[is_usable] / b[is_usable])) if is_usable.sum() > 100 else 1.0
 
     def _learn_noise(
         self, mean: Float32Array, difference: Float32Array, gradient: Float32Array, count: Float32Array
@@ -363,12 +365,14 @@ def _merge_parts(part_labels: IntArray, count: int, gap: float) -> tuple[IntArra
         rows, cols = np.nonzero(part_labels == k + 1)
         boxes[k] = cols.min(), cols.max() + 1, rows.min(), rows.max() + 1
     side = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
-    between = np.zeros((count, count))
+    gaps = np.zeros((count, count))
     for low, high in ((0, 1), (2, 3)):
-        apart = np.maximum(boxes[:, None, low] - boxes[:, high], boxes[:, low] - boxes[:, None, high])
-        between = np.maximum(between, apart)
-    near = between <= np.clip(gap * np.maximum(side[:, None], side), 1.5, _MAX_GAP_PX)
-    _, group = connected_components(csr_matrix(near), directed=False)
+        gap_along_axis = np.maximum(
+            boxes[:, None, low] - boxes[:, high], boxes[:, low] - boxes[:, None, high]
+        )
+        gaps = np.maximum(gaps, gap_along_axis)
+    is_near = gaps <= np.clip(gap * np.maximum(side[:, None], side), 1.5, _MAX_GAP_PX)
+    _, group = connected_components(csr_matrix(is_near), directed=False)
     number = np.concatenate([[0], group + 1]).astype(np.int64)
     members: list[list[int]] = [[] for _ in range(int(group.max(initial=-1)) + 1)]
     for k, g in enumerate(group):
@@ -404,9 +408,9 @@ def _vacated_pixels(differs: BoolArray, image: Float32Array, mean: Float32Array,
     border = differs & (cv2.erode(mask, np.ones((3, 3), np.uint8)) == 0)
     gained, lost = _gradient(image), _gradient(mean)
     size = (_VACATED_PX, _VACATED_PX)
-    new = cv2.blur(np.maximum(gained - lost, 0.0), size)
-    old = cv2.blur(np.maximum(lost - gained, 0.0), size)
-    is_old: BoolArray = border & (old > _VACATED * new + 0.5 * noise)
+    gain_of_edges = cv2.blur(np.maximum(gained - lost, 0.0), size)
+    loss_of_edges = cv2.blur(np.maximum(lost - gained, 0.0), size)
+    is_old: BoolArray = border & (loss_of_edges > _VACATED * gain_of_edges + 0.5 * noise)
     if not is_old.any():
         return is_old
     _, nearest = cv2.distanceTransformWithLabels(
@@ -421,10 +425,10 @@ def _sharpness(mask: BoolArray, difference: Float32Array) -> float:
     """Return the ratio of the largest gradient of the difference, in and around a region, to its largest
     value.
     """
-    near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    is_near_mask = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     d = cv2.GaussianBlur(difference, (3, 3), 0)
     gradient = cv2.magnitude(cv2.Sobel(d, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(d, cv2.CV_32F, 0, 1) / 8)
-    return float(np.percentile(gradient[near], 95.0) / max(float(np.abs(d[mask]).max()), 1e-6))
+    return float(np.percentile(gradient[is_near_mask], 95.0) / max(float(np.abs(d[mask]).max()), 1e-6))
 
 
 def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Shape:
@@ -434,26 +438,26 @@ def _shape(mask: BoolArray, difference: Float32Array, offset: FloatArray) -> _Sh
     largest one of its neighbours.
     """
     strength = np.abs(difference)
-    filled = _fill_holes(mask)
-    inner = cv2.erode(filled.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    local = cv2.dilate(np.where(filled, strength, np.float32(0.0)), np.ones((3, 3), np.uint8))
+    filled_mask = _fill_holes(mask)
+    inner = cv2.erode(filled_mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    local = cv2.dilate(np.where(filled_mask, strength, np.float32(0.0)), np.ones((3, 3), np.uint8))
     part = np.clip(strength / np.maximum(local, 1e-3), 0.0, 1.0)
-    weight = np.where(inner, 1.0, np.where(filled, part, 0.0))
+    weight = np.where(inner, 1.0, np.where(filled_mask, part, 0.0))
     area = float(weight.sum())
     v, u = np.mgrid[0 : mask.shape[0], 0 : mask.shape[1]]
     centroid = np.array([float((weight * u).sum()), float((weight * v).sum())]) / area
     # The object covers an unknown part, from 0 to 1, of each pixel of the edge: its variance is 1/12.
-    edge = filled & ~inner
+    edge = filled_mask & ~inner
     du, dv = u[edge] - centroid[0], v[edge] - centroid[1]
     moments = np.array([[float(du @ du), float(du @ dv)], [float(du @ dv), float(dv @ dv)]])
     covariance = moments / 12.0 / area**2 + 0.02**2 * np.eye(2)
     rows, cols = strength.shape
     box = np.array(
         [
-            cols - 1 - _last_edge(filled[:, ::-1].T, strength[:, ::-1].T),
-            _last_edge(filled.T, strength.T),
-            rows - 1 - _last_edge(filled[::-1], strength[::-1]),
-            _last_edge(filled, strength),
+            cols - 1 - _last_edge(filled_mask[:, ::-1].T, strength[:, ::-1].T),
+            _last_edge(filled_mask.T, strength.T),
+            rows - 1 - _last_edge(filled_mask[::-1], strength[::-1]),
+            _last_edge(filled_mask, strength),
         ]
     )
     return _Shape(centroid + offset, covariance, area, box + np.repeat(offset, 2))
@@ -465,8 +469,8 @@ def _last_edge(mask: BoolArray, strength: Float32Array) -> float:
     """
     last = int(np.flatnonzero(mask.any(axis=1))[-1])
     first = max(last - 3, 0)
-    near = mask[max(last - 1, 0) : last + 1].any(axis=0)
-    profile = strength[first : last + 2, near].mean(axis=1)
+    is_edge_column = mask[max(last - 1, 0) : last + 1].any(axis=0)
+    profile = strength[first : last + 2, is_edge_column].mean(axis=1)
     level = 0.5 * float(profile.max())
     above = int(np.flatnonzero(profile >= level)[-1])
     if above + 1 >= len(profile):

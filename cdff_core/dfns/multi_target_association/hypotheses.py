@@ -180,8 +180,8 @@ def extend_with_sources(
     variance = np.trace(position, axis1=1, axis2=2)
     noise = np.trace(sources.covariances, axis1=1, axis2=2)
     distance2 = 2.0 - 2.0 * np.clip(hypotheses.states.directions @ sources.directions.T, -1.0, 1.0)
-    near = (distance2 < gate * (variance[:, None] + noise)) & is_open[:, None]
-    parents, source_rows = np.nonzero(near)
+    is_in_gate = (distance2 < gate * (variance[:, None] + noise)) & is_open[:, None]
+    parents, source_rows = np.nonzero(is_in_gate)
     if len(parents) == 0:
         return without_source
     states, nis, log_det = update_states(
@@ -190,18 +190,18 @@ def extend_with_sources(
     inside = nis < gate
     parents, source_rows, states = parents[inside], source_rows[inside], states.selected(inside)
     gain = log_detected - log_density - np.log(2.0 * np.pi) - 0.5 * (log_det + nis)[inside]
-    old = hypotheses.selected(parents)
+    parent_hypotheses = hypotheses.selected(parents)
     extended = replace(
-        old,
+        parent_hypotheses,
         states=states,
-        scores=old.scores + gain,
+        scores=parent_hypotheses.scores + gain,
         sources=sources.indices[source_rows],
-        hits=old.hits + 1,
+        hits=parent_hypotheses.hits + 1,
         misses=np.zeros(len(parents), np.int64),
-        evidence=old.evidence + sources.evidence[source_rows],
-        low_px=np.minimum(old.low_px, sources.pixels[source_rows]),
-        high_px=np.maximum(old.high_px, sources.pixels[source_rows]),
-        history=_shift_history(old.history, old.sources),
+        evidence=parent_hypotheses.evidence + sources.evidence[source_rows],
+        low_px=np.minimum(parent_hypotheses.low_px, sources.pixels[source_rows]),
+        high_px=np.maximum(parent_hypotheses.high_px, sources.pixels[source_rows]),
+        history=_shift_history(parent_hypotheses.history, parent_hypotheses.sources),
     )
     return joined_hypotheses([without_source, extended])
 
@@ -270,12 +270,12 @@ def _shift_history(history: IntArray, sources: IntArray) -> IntArray:
 def is_repeated(hypotheses: Hypotheses, best: IntArray) -> BoolArray:
     """Return which of the best hypotheses share their last sources with a better one of another object."""
     earlier_histories: set[tuple[int, ...]] = set()
-    repeated = np.zeros(len(best), bool)
+    is_repetition = np.zeros(len(best), bool)
     for k in np.argsort(-hypotheses.scores[best], kind="stable"):
         row = best[k]
         recent = (*hypotheses.history[row, -2:].tolist(), int(hypotheses.sources[row]))
         if min(recent) < 0:
             continue
-        repeated[k] = recent in earlier_histories
+        is_repetition[k] = recent in earlier_histories
         earlier_histories.add(recent)
-    return repeated
+    return is_repetition

@@ -227,9 +227,9 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         is_confirmed = self._is_confirmed(h)
         best = best_assignment(h, is_confirmed)
         is_confirmed = is_confirmed[best]
-        ends = ~is_confirmed & ((h.misses[best] > self.config.max_misses) | (h.evidence[best] > 20.0))
-        ends |= is_repeated(h, best) & ~is_confirmed
-        best = best[~ends]
+        is_ended = ~is_confirmed & ((h.misses[best] > self.config.max_misses) | (h.evidence[best] > 20.0))
+        is_ended |= is_repeated(h, best) & ~is_confirmed
+        best = best[~is_ended]
         self._hypotheses, best = prune(h, best, self.config.max_hypotheses, self.config.score_width)
         return best
 
@@ -247,10 +247,10 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         removed = np.zeros(len(best), bool)
         # A coasting object is no repetition of a new one: that may continue it, see _continue_coasting.
         for i in np.flatnonzero(is_confirmed & (h.misses <= self.config.max_misses)):
-            near = candidates[
+            nearby_hypotheses = candidates[
                 np.linalg.norm(h.states.directions[candidates] - h.states.directions[i], axis=1) < 0.01
             ]
-            for j in near:
+            for j in nearby_hypotheses:
                 if (
                     j == i
                     or removed[i]
@@ -366,10 +366,10 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         for _, i, j in pairs:
             if best[i] in removed or best[j] in removed or int(h.objects[j]) not in self._objects:
                 continue
-            old, new = int(h.objects[j]), int(h.objects[i])
+            coasting_id, new_id = int(h.objects[j]), int(h.objects[i])
             # The new object, with its own state, takes the number of the old one.
-            self._objects[new].number = self._objects[old].number
-            del self._objects[old]
+            self._objects[new_id].number = self._objects[coasting_id].number
+            del self._objects[coasting_id]
             removed.append(int(best[j]))
         if not removed:
             return best

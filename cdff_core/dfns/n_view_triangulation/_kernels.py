@@ -145,20 +145,20 @@ def _angle_cosine(lo: int, hi: int, cam: IntArray, C: FloatArray, X: Three) -> f
     """Return the smallest cosine between two rays of a point, searched in two passes: the ray at the widest
     angle from the first ray, then the ray at the widest angle from that one.
     """
-    at, cosine = lo, 1.0
+    row, cosine = lo, 1.0
     for _ in range(2):
-        c = C[cam[at]]
+        c = C[cam[row]]
         ax, ay, az = c[0] - X[0], c[1] - X[1], c[2] - X[2]
         na = ax * ax + ay * ay + az * az
-        far = at
+        farthest_row = row
         for k in range(lo, hi):
             c = C[cam[k]]
             bx, by, bz = c[0] - X[0], c[1] - X[1], c[2] - X[2]
             nb = bx * bx + by * by + bz * bz
             value = (ax * bx + ay * by + az * bz) / np.sqrt(max(na * nb, 1e-300))
             if value < cosine:
-                cosine, far = value, k
-        at = far
+                cosine, farthest_row = value, k
+        row = farthest_row
     return cosine
 
 

@@ -103,9 +103,9 @@ class P3pRansac(Interface[P3pRansacConfig]):
                 T[:3, :3], T[:3, 3] = cv2.Rodrigues(rvec)[0], t[:, 0]
                 poses.append(T)
         stacked = np.array(poses).reshape(-1, 4, 4)
-        ends = np.cumsum(counts)[:-1]
-        near = self._inliers(stacked, points, pixels, K)
-        yield from zip(np.split(stacked, ends), np.split(near, ends), strict=True)
+        split_rows = np.cumsum(counts)[:-1]
+        inliers = self._inliers(stacked, points, pixels, K)
+        yield from zip(np.split(stacked, split_rows), np.split(inliers, split_rows), strict=True)
 
     def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> BoolArray:
         """Return which points are in front of the camera and project near their pixels, shape (..., n)."""
@@ -113,5 +113,5 @@ class P3pRansac(Interface[P3pRansacConfig]):
         depth = points_camera[..., 2]
         projected = (points_camera / np.where(depth > 1e-6, depth, np.inf)[..., None]) @ K.T
         offsets = projected[..., :2] - pixels
-        near: BoolArray = (offsets**2).sum(axis=-1) < self.config.threshold_px**2
-        return near & (depth > 1e-6)
+        is_near: BoolArray = (offsets**2).sum(axis=-1) < self.config.threshold_px**2
+        return is_near & (depth > 1e-6)

@@ -69,10 +69,10 @@ class ElevationCorrelation(Interface[ElevationCorrelationConfig]):
         map_points = checked_points(inputs.map_points, "map_points", 1)
         sweep = checked_points(inputs.sweep_points, "sweep_points", _MIN_GROUND_POINTS)
         T_foot_robot = _locate_foot(sweep, cfg.foot_m)
-        near = sweep[np.linalg.norm(sweep, axis=1) <= cfg.range_m]
+        near_points = sweep[np.linalg.norm(sweep, axis=1) <= cfg.range_m]
         # The density is made even, so that the dense rings around the robot do not outweigh distant points.
-        thinned = voxel_means(se3.transform_points(T_foot_robot, near), 2.0 * cfg.cell_m)
-        points = thinned[np.random.default_rng(0).permutation(len(thinned))[: cfg.points]]
+        thinned_points = voxel_means(se3.transform_points(T_foot_robot, near_points), 2.0 * cfg.cell_m)
+        points = thinned_points[np.random.default_rng(0).permutation(len(thinned_points))[: cfg.points]]
         heights, origin = _rasterise(map_points, cfg.cell_m)
         starts = self._starts(heights, origin)
         rotations = np.radians(np.arange(0.0, 360.0, _HEADING_STEP_DEG))
@@ -147,7 +147,7 @@ def _locate_foot(sweep: FloatArray, foot_m: float) -> FloatArray:
         If too few points lie within twice ``foot_m``.
     """
     distance_m = np.linalg.norm(sweep[:, :2], axis=1)
-    near = next(
+    near_ground = next(
         (
             sweep[distance_m < radius_m]
             for radius_m in (foot_m, 2.0 * foot_m)
@@ -155,18 +155,18 @@ def _locate_foot(sweep: FloatArray, foot_m: float) -> FloatArray:
         ),
         None,
     )
-    if near is None:
+    if near_ground is None:
         raise RefusedError(
             f"fewer than {_MIN_GROUND_POINTS} points within {2 * foot_m:g} m of the robot", ["no_ground"]
         )
     # The plane is fitted repeatedly, each time without the points that lie above or below the previous one.
-    ground = near
+    ground = near_ground
     for _ in range(_PLANE_FITS):
         A = np.column_stack([ground[:, :2], np.ones(len(ground))])
         plane = np.linalg.lstsq(A, ground[:, 2], rcond=None)[0]
-        residual_m = near[:, 2] - near[:, :2] @ plane[:2] - plane[2]
+        residual_m = near_ground[:, 2] - near_ground[:, :2] @ plane[:2] - plane[2]
         limit_m = 2.0 * max(median_sigma(residual_m), 1e-3)
-        ground = near[np.abs(residual_m) < limit_m]
+        ground = near_ground[np.abs(residual_m) < limit_m]
     normal = np.array([-plane[0], -plane[1], 1.0]) / np.sqrt(plane[0] ** 2 + plane[1] ** 2 + 1.0)
     R = rotations_to_z(normal[None])[0]
     return se3.transform(R, [0.0, 0.0, -normal[2] * plane[2]])

@@ -148,8 +148,10 @@ def _inverse_of_lower(L: FloatArray) -> FloatArray:  # pragma: no cover - compil
                 S[i, c] /= row[i]
         X[first:end, first:end] = S
         if first:
-            known = np.ascontiguousarray(X[:first, :first])
-            X[first:end, :first] = -np.dot(S, np.dot(np.ascontiguousarray(L[first:end, :first]), known))
+            inverse_of_first = np.ascontiguousarray(X[:first, :first])
+            X[first:end, :first] = -np.dot(
+                S, np.dot(np.ascontiguousarray(L[first:end, :first]), inverse_of_first)
+            )
     return X
 
 

@@ -70,12 +70,12 @@ def minimise(
         if float(np.sum(equations.gradient**2 / scale)) <= tolerance * max(chi2, 1e-12):
             return Solution(poses, chi2, iteration, True)
         while True:
-            moved = _step(problem, poses, equations, damping * scale)
-            new_chi2 = np.inf if moved is None else float(weights @ problem.squared_errors(moved))
+            moved_poses = _step(problem, poses, equations, damping * scale)
+            new_chi2 = np.inf if moved_poses is None else float(weights @ problem.squared_errors(moved_poses))
             if new_chi2 <= chi2 * (1.0 + 1e-12):
                 break
             if damping >= _MAX_DAMPING:
-                if moved is None:
+                if moved_poses is None:
                     raise DegenerateGeometryError(
                         "pose graph: the information leaves poses unconstrained, even with damping",
                         ["free_poses"],
@@ -83,9 +83,9 @@ def minimise(
                 return Solution(poses, chi2, iteration + 1, True)
             damping = max(10.0 * damping, _MIN_DAMPING)
         damping = 0.1 * damping if damping > _MIN_DAMPING else 0.0
-        assert moved is not None
+        assert moved_poses is not None
         has_converged = chi2 - new_chi2 <= tolerance * chi2
-        poses, chi2 = moved, new_chi2
+        poses, chi2 = moved_poses, new_chi2
         if has_converged:
             return Solution(poses, chi2, iteration + 1, True)
     return Solution(poses, chi2, max_iterations, False)
@@ -129,6 +129,6 @@ def _step(
     x = solve(factors, -equations.gradient.reshape(-1, 1)).reshape(-1, d)
     step = np.zeros((len(problem.free), 6))
     step[:, problem.rows] = x[problem.position[problem.free]]
-    moved = poses.copy()
-    moved[problem.free] = poses[problem.free] @ se3.exp_se3(step)
-    return moved if np.isfinite(moved).all() else None
+    moved_poses = poses.copy()
+    moved_poses[problem.free] = poses[problem.free] @ se3.exp_se3(step)
+    return moved_poses if np.isfinite(moved_poses).all() else None

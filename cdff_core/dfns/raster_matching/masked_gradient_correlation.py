@@ -326,8 +326,8 @@ def _gradient(heights: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArra
 
 def _peaks(volume: FloatArray, count: int) -> list[tuple[int, int, int]]:
     """Return rotation, row and column of the highest correlations that are not adjacent, best first."""
-    best = np.nan_to_num(volume, nan=-2.0)
-    highest, rotation = best.max(axis=0), best.argmax(axis=0)
+    finite_volume = np.nan_to_num(volume, nan=-2.0)
+    highest, rotation = finite_volume.max(axis=0), finite_volume.argmax(axis=0)
     rows, cols = np.indices(highest.shape)
     peaks = []
     for _ in range(count):

@@ -95,8 +95,8 @@ class Ndt(Interface[NdtConfig]):
         tolerance_m = cfg.tolerance_m or cell_m / 2500.0
         gate_m = final_gate_m
         if is_coarsest:
-            moved = se3.transform_points(T, source)
-            gate_m = max(gate_m, _surface.initial_gate_m(cells.tree, moved, 0.0))
+            moved_points = se3.transform_points(T, source)
+            gate_m = max(gate_m, _surface.initial_gate_m(cells.tree, moved_points, 0.0))
         gate_m = min(gate_m, cfg.max_distance_m or gate_m)
         pairs = _kernels.no_pairs(len(source))
         steps = np.empty((cfg.max_iterations, 6))

@@ -77,8 +77,8 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
         final_gate_m = cfg.max_distance_m or cfg.gate_spacings * spacing_m
         gate_m = max(final_gate_m, cfg.first_distance_m or 0.0)
         if cfg.first_distance_m is None:
-            moved = se3.transform_points(T, source)
-            gate_m = max(gate_m, _surface.initial_gate_m(tree, moved, cfg.first_radii))
+            moved_points = se3.transform_points(T, source)
+            gate_m = max(gate_m, _surface.initial_gate_m(tree, moved_points, cfg.first_radii))
         limits = Limits(
             first_gate_m=gate_m,
             final_gate_m=final_gate_m,

@@ -54,15 +54,15 @@ def best_guesses(
 
 def _best_distinct(poses: FloatArray, support: FloatArray) -> list[int]:
     """Return the indices of the poses with the largest support that are not close to a better one."""
-    selected: list[int] = []
+    selected_rows: list[int] = []
     for i in np.argsort(-support, kind="stable"):
         if support[i] < _MIN_SUPPORT_RATIO * support.max():
             break
-        E = se3.inverse(poses[i]) @ poses[selected]
+        E = se3.inverse(poses[i]) @ poses[selected_rows]
         distance_m = np.linalg.norm(E[:, :3, 3], axis=1)
         angle_rad = np.linalg.norm(se3.log_so3(E[:, :3, :3]), axis=1)
         if np.all((distance_m > _MIN_DISTANCE_M) | (angle_rad > _MIN_ANGLE_RAD)):
-            selected.append(int(i))
-        if len(selected) == _MAX_GUESSES:
+            selected_rows.append(int(i))
+        if len(selected_rows) == _MAX_GUESSES:
             break
-    return selected
+    return selected_rows

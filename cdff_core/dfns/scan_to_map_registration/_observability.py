@@ -28,8 +28,8 @@ def observability(
     points: the normals of planes through a few distant points of a new map are noisy, and their long lever
     arm would hide the information of the near ground on rotations.
     """
-    selected = _voxel_table.first_in_voxels(points, local_map.voxel_m)
-    points, point_times = points[selected], point_times[selected]
+    sampled_rows = _voxel_table.first_in_voxels(points, local_map.voxel_m)
+    points, point_times = points[sampled_rows], point_times[sampled_rows]
     R = se3.exp_so3(point_times[:, None] * pose_estimate.motion[None, 3:])
     deskewed = np.einsum("nij,nj->ni", R, points) + point_times[:, None] * pose_estimate.motion[:3]
     H, cross_information, total_weight = _kernels.common_information(

@@ -141,9 +141,9 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         )
         if not len(points):
             return _outputs_without_points(T, sweep)
-        selected = _voxel_table.first_in_voxels(points, self.config.points_voxel_m)
+        sampled_rows = _voxel_table.first_in_voxels(points, self.config.points_voxel_m)
         motion = np.concatenate([-sweep[:3, 3], -se3.log_so3(sweep[:3, :3])])
-        points, point_times = points[selected], point_times[selected]
+        points, point_times = points[sampled_rows], point_times[sampled_rows]
         prior = Prior.from_inputs(inputs, T, motion)
         if inputs.alternative_guesses is None:
             return self._register(points, point_times, prior, inputs.guess_covariance)

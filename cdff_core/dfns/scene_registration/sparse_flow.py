@@ -136,13 +136,13 @@ class SparseFlow(Interface[SparseFlowConfig]):
         distances, near = distances.reshape(-1, count), near.reshape(-1, count)
         values = residuals[near]
         values[distances > _REACH_PX] = np.nan
-        known = (distances <= _REACH_PX).sum(axis=1) >= 3
+        has_neighbours = (distances <= _REACH_PX).sum(axis=1) >= 3
         median = np.zeros((len(near), 2))
         spread = np.full(len(near), _FLOOR_PX)
-        if known.any():
-            median[known] = np.nanmedian(values[known], axis=1)
-            deviation = np.abs(values[known] - median[known][:, None]).max(axis=2)
-            spread[known] = np.maximum(1.4826 * np.nanmedian(deviation, axis=1), _FLOOR_PX)
+        if has_neighbours.any():
+            median[has_neighbours] = np.nanmedian(values[has_neighbours], axis=1)
+            deviation = np.abs(values[has_neighbours] - median[has_neighbours][:, None]).max(axis=2)
+            spread[has_neighbours] = np.maximum(1.4826 * np.nanmedian(deviation, axis=1), _FLOOR_PX)
         shape = nodes.shape[:2]
         return median.reshape(*shape, 2), spread.reshape(shape)
 

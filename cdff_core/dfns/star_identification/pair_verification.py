@@ -169,9 +169,14 @@ class PairVerification(Interface[PairVerificationConfig]):
         # Rotation vectors across the line of sight that bring each source to each of its stars.
         turns = np.cross(expected[sources], self._catalogue.directions[stars])  # type: ignore[union-attr]
         votes = cKDTree(turns).query_ball_point(turns, 2.0 * self.config.tolerance_rad, return_length=True)
-        best = turns[int(np.argmax(votes))]
+        best_turn = turns[int(np.argmax(votes))]
         first = np.eye(3) + np.array(
-            [[0, -best[2], best[1]], [best[2], 0, -best[0]], [-best[1], best[0], 0]], dtype=float
+            [
+                [0, -best_turn[2], best_turn[1]],
+                [best_turn[2], 0, -best_turn[0]],
+                [-best_turn[1], best_turn[0], 0],
+            ],
+            dtype=float,
         )
         return self._refine_rotation(directions, first @ R)
 

@@ -185,11 +185,11 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         reference[:, 2] = np.maximum(reference[:, 2] + problem.reference_basis @ theta, 0.05)
         current[:, 2] += problem.current_basis @ theta
         rotated = camera.triangulate(reference) @ T[:3, :3].T
-        moved = rotated + T[:3, 3]
-        behind = moved[:, 2] < 0.05
-        moved[behind, 2] = 0.05
-        residuals = current - camera.project(moved)
-        J_point = camera.projection_jacobian(moved)
+        points_in_camera = rotated + T[:3, 3]
+        behind = points_in_camera[:, 2] < 0.05
+        points_in_camera[behind, 2] = 0.05
+        residuals = current - camera.project(points_in_camera)
+        J_point = camera.projection_jacobian(points_in_camera)
         # Derivative of the prediction with respect to the reference disparity, through the depth of the
         # point.
         J_reference = J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)

@@ -53,20 +53,20 @@ class VoxelBlocks:
             Number of blocks beyond the limit.
         """
         keys = np.unique(_keys(coordinates))
-        new = np.setdiff1d(keys, self._keys, assume_unique=True)
+        new_keys = np.setdiff1d(keys, self._keys, assume_unique=True)
         room = self._max_blocks - len(self)
-        added = new[:room]
-        if len(added):
+        added_keys = new_keys[:room]
+        if len(added_keys):
             n = len(self)
-            if n + len(added) > len(self.weights):
-                self._resize(min(max(2 * len(self.weights), n + len(added)), self._max_blocks))
-            merged = np.concatenate([self._keys, added])
-            slots = np.concatenate([self._slots, n + np.arange(len(added))])
+            if n + len(added_keys) > len(self.weights):
+                self._resize(min(max(2 * len(self.weights), n + len(added_keys)), self._max_blocks))
+            merged = np.concatenate([self._keys, added_keys])
+            slots = np.concatenate([self._slots, n + np.arange(len(added_keys))])
             order = np.argsort(merged, kind="stable")
             self._keys, self._slots = merged[order], slots[order]
         slots = self._find(keys)
-        stored = slots >= 0
-        return _coordinates(keys[stored]), slots[stored], len(new) - len(added)
+        is_stored = slots >= 0
+        return _coordinates(keys[is_stored]), slots[is_stored], len(new_keys) - len(added_keys)
 
     def all(self) -> tuple[IntArray, IntArray]:
         """Return the coordinates ``(m, 3)`` and slots ``(m,)`` of all blocks."""
@@ -85,8 +85,8 @@ class VoxelBlocks:
     def _find(self, keys: IntArray) -> IntArray:
         if not len(self):
             return np.full(len(keys), -1)
-        at = np.minimum(np.searchsorted(self._keys, keys), len(self) - 1)
-        return np.where(self._keys[at] == keys, self._slots[at], -1)
+        positions = np.minimum(np.searchsorted(self._keys, keys), len(self) - 1)
+        return np.where(self._keys[positions] == keys, self._slots[positions], -1)
 
     def _resize(self, capacity: int) -> None:
         """Give each array room for ``capacity`` blocks; existing blocks keep their values."""

@@ -203,8 +203,8 @@ def _large_parts(vertices: FloatArray, triangles: IntArray, min_part: float) -> 
     n = len(vertices)
     if not len(triangles):
         return vertices[:0], triangles
-    ends = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
-    graph = coo_array((np.ones(len(ends[0]), bool), ends), shape=(n, n))
+    edge_vertices = triangles[:, [0, 1, 2]].ravel(), triangles[:, [1, 2, 0]].ravel()
+    graph = coo_array((np.ones(len(edge_vertices[0]), bool), edge_vertices), shape=(n, n))
     _, labels = connected_components(graph, directed=False)
     sizes = np.bincount(labels)
     is_kept = sizes[labels] >= max(3.0, min_part * n)

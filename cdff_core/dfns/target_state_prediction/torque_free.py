@@ -82,9 +82,9 @@ class TorqueFree(Interface[TorqueFreeConfig]):
             noise[value : value + 3, rate : rate + 3] = density * dt**2 / 2.0 * axes
             noise[rate : rate + 3, value : value + 3] = density * dt**2 / 2.0 * axes.T
             noise[rate : rate + 3, rate : rate + 3] = density * dt * np.eye(3)
-        moved = np.eye(20)
-        moved[:3, 3:6] = se3.skew(arm)
-        return np.asarray(moved @ noise @ moved.T)
+        J_arm = np.eye(20)
+        J_arm[:3, 3:6] = se3.skew(arm)
+        return np.asarray(J_arm @ noise @ J_arm.T)
 
 
 class _Body:

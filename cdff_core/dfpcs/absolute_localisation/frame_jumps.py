@@ -67,14 +67,18 @@ class FrameJumpDetector:
     def _compare(self, start_ns: int, T_start: FloatArray, end_ns: int, T_end: FloatArray) -> Step:
         """Compare a step with the odometry or, without odometry, with the previous step."""
         distance_m = _distance(T_start, T_end)
-        measured = self._odometry.motion(start_ns, end_ns)
-        expected = self._poses.motion(2 * start_ns - end_ns, start_ns) if measured is None else measured
+        odometry_motion = self._odometry.motion(start_ns, end_ns)
+        expected = (
+            self._poses.motion(2 * start_ns - end_ns, start_ns)
+            if odometry_motion is None
+            else odometry_motion
+        )
         if expected is None or end_ns <= start_ns:
             return Step(distance_m)
         T_expected = T_start @ expected
         expected_m = float(np.linalg.norm(expected[:3, 3]))
         error_m = _distance(T_expected, T_end)
-        if measured is None:
+        if odometry_motion is None:
             started_m = _STARTING_M * max(1.0, (end_ns - start_ns) * 1e-9)
             jumped = error_m > started_m + _STEERING_RATIO * expected_m
             return Step(expected_m, True) if jumped else Step(distance_m)

@@ -109,12 +109,12 @@ def fuse(
 
 def _prune(hypotheses: Iterable[Hypothesis], separation_m: float) -> tuple[Hypothesis, ...]:
     """Return the most probable hypotheses at separate positions, weights relative to the first."""
-    selected: list[Hypothesis] = []
+    distinct: list[Hypothesis] = []
     for h in sorted(hypotheses, key=lambda h: -h.log_weight):
-        if all(np.hypot(*(h.position - o.position)[:2]) > separation_m for o in selected if o.matches):
-            selected.append(h)
-    best = selected[0].log_weight
-    return tuple(replace(h, log_weight=h.log_weight - best) for h in selected[:_MAX_HYPOTHESES])
+        if all(np.hypot(*(h.position - o.position)[:2]) > separation_m for o in distinct if o.matches):
+            distinct.append(h)
+    best = distinct[0].log_weight
+    return tuple(replace(h, log_weight=h.log_weight - best) for h in distinct[:_MAX_HYPOTHESES])
 
 
 def probability(hypotheses: Sequence[Hypothesis]) -> float:

@@ -70,9 +70,12 @@ def shift_cells(
 
     With rotation or different cell sizes they are those of the cell at ``point`` (3,) of the rover map.
     """
-    at = T_orbital_map[:3, :3] @ point + T_orbital_map[:3, 3]
-    columns = (at[0] - orbital.xmin_m) / orbital.resolution_m - (point[0] - rover.xmin_m) / rover.resolution_m
-    rows = (orbital.ymax_m - at[1]) / orbital.resolution_m - (rover.ymax_m - point[1]) / rover.resolution_m
+    orbital_x_m, orbital_y_m, _ = T_orbital_map[:3, :3] @ point + T_orbital_map[:3, 3]
+    rover_x_m, rover_y_m, _ = point
+    columns = (orbital_x_m - orbital.xmin_m) / orbital.resolution_m
+    columns -= (rover_x_m - rover.xmin_m) / rover.resolution_m
+    rows = (orbital.ymax_m - orbital_y_m) / orbital.resolution_m
+    rows -= (rover.ymax_m - rover_y_m) / rover.resolution_m
     return float(columns), float(rows)
 
 

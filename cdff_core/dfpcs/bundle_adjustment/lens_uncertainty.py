@@ -34,9 +34,11 @@ def lens_covariances(
     values = np.array(lenses.values, np.float64)
     values[is_fixed, :2] *= 1.0 + focal_length_ratio
     longer = replace(adjusted, lenses=replace(lenses, values=values))
-    changed: BundleProblem = adjust.process(BundleOptimizationInputs(problem=longer)).problem
-    pose_change = np.array([pose_error(a, b) for a, b in zip(poses, changed.cameras.matrices, strict=True)])
-    point_change = np.asarray(changed.points.positions - points)
+    adjusted_problem: BundleProblem = adjust.process(BundleOptimizationInputs(problem=longer)).problem
+    pose_change = np.array(
+        [pose_error(a, b) for a, b in zip(poses, adjusted_problem.cameras.matrices, strict=True)]
+    )
+    point_change = np.asarray(adjusted_problem.points.positions - points)
     return (
         pose_change[:, :, None] * pose_change[:, None, :],
         point_change[:, :, None] * point_change[:, None, :],

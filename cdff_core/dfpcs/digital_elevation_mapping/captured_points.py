@@ -93,14 +93,20 @@ class CaptureProjector:
         T_map_body = self._poses.at(t1_ns)
         if sample.port == "stereo" and not self.pairs.is_due(t1_ns, T_map_body.matrix[:3, 3]):
             return None
-        measured = self._sensor_points(sample)
-        raw_points = len(measured.points_m)
-        range_m = np.linalg.norm(measured.points_m, axis=1)
+        sensor_points = self._sensor_points(sample)
+        raw_points = len(sensor_points.points_m)
+        range_m = np.linalg.norm(sensor_points.points_m, axis=1)
         near_m, far_m = self._ranges_m(sample)
         in_range = (range_m >= c.min_range_m) & (range_m <= far_m)  # false for NaN
         points, stamps, sigma_m, intensity, range_m = (
             a[in_range]
-            for a in (measured.points_m, measured.stamps_ns, measured.sigma_m, measured.intensity, range_m)
+            for a in (
+                sensor_points.points_m,
+                sensor_points.stamps_ns,
+                sensor_points.sigma_m,
+                sensor_points.intensity,
+                range_m,
+            )
         )
         if len(points) == 0:
             empty, frame = np.empty(0), self._poses.map_frame
@@ -134,7 +140,7 @@ class CaptureProjector:
         noise_m2 = (sigma_m * above_m / range_m) ** 2  # vertical part of the noise along the ray
         pose_m2 = deskewed.height_variance
         if sample.port == "stereo":
-            pose_m2 = pose_m2 + _STEREO_COMMON**2 * noise_m2 + (measured.scale_sigma * above_m) ** 2
+            pose_m2 = pose_m2 + _STEREO_COMMON**2 * noise_m2 + (sensor_points.scale_sigma * above_m) ** 2
         lowest_m = -np.inf if c.min_height_m is None else c.min_height_m
         highest_m = np.inf if c.max_height_m is None else c.max_height_m
         keep = (above_m >= lowest_m) & (above_m <= highest_m)
@@ -151,7 +157,7 @@ class CaptureProjector:
             frame=self._poses.map_frame,
             pose=T_map_body,
             origin_m=origin_m,
-            notes=measured.notes,
+            notes=sensor_points.notes,
         )
 
     def _extrinsics(self, sample: Sample) -> UncertainTransform:

@@ -118,8 +118,8 @@ class LocalMaps:
             DemFusionInputs(patch=raster, centre=position, rays=rays)
         )
         if self._config.far_factor:
-            far = self._rasterise(points, frame, self._config.far_factor)
-            inputs = DemFusionInputs(patch=far, centre=position, rays=rays)
+            far_patch = self._rasterise(points, frame, self._config.far_factor)
+            inputs = DemFusionInputs(patch=far_patch, centre=position, rays=rays)
             self.far = self._far_fusion.process(inputs).map
         self.local, self.patch = fused.map, raster
         return raster, fused
@@ -133,8 +133,8 @@ class LocalMaps:
 
     def whole(self) -> ElevationMap:
         """Return all cells of the fusion, in larger cells above its limit."""
-        whole: ElevationMap = self._fusion.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
-        return whole
+        complete_map: ElevationMap = self._fusion.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+        return complete_map
 
     def _rasterise(self, points: MapPoints, frame: str, factor: int) -> ElevationMap:
         """Return the elevation map of points in cells ``factor`` times the map's."""

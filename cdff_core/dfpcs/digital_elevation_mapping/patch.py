@@ -68,8 +68,8 @@ class PendingCaptures:
             self.drops["no_points"] += 1
         if len(points.points_m):
             self.captures.append(points)
-            known = {note.split(":")[0] for note in self.notes}
-            self.notes |= {note for note in points.notes if note.split(":")[0] not in known}
+            names_of_notes = {note.split(":")[0] for note in self.notes}
+            self.notes |= {note for note in points.notes if note.split(":")[0] not in names_of_notes}
 
     @property
     def points(self) -> int:
@@ -110,19 +110,21 @@ class PendingCaptures:
         """Return the quality: DEGRADED with dropped captures, degraded poses or removed tiles."""
         poses = [p for c in self.captures for p in c.poses]
         variance = np.concatenate([c.pose_variance_m2 for c in self.captures])
-        known = variance[np.isfinite(variance)]
+        known_variances = variance[np.isfinite(variance)]
         reasons = [f"dropped_{why}:{count}" for why, count in sorted(self.drops.items())]
         if any_degraded(poses):
             reasons.append("poses_degraded")
         if tiles_removed:
             reasons.append(f"tiles_forgotten:{tiles_removed}")
         status = Status.DEGRADED if reasons or self.notes else Status.OK
-        if len(known) < len(variance):
+        if len(known_variances) < len(variance):
             reasons.append("pose_covariance_unknown")
         return Quality(
             status=status,
             reasons=(*reasons, *sorted(self.notes)),
-            covariance_kind=covariance_kind_of(poses) if len(known) == len(variance) else CovarianceKind.NONE,
+            covariance_kind=covariance_kind_of(poses)
+            if len(known_variances) == len(variance)
+            else CovarianceKind.NONE,
             metrics={
                 "captures": len(self.captures),
                 "captures_dropped": sum(self.drops.values()),
@@ -134,7 +136,9 @@ class PendingCaptures:
                 "noise_height_sigma_m": float(
                     np.sqrt(np.concatenate([c.noise_variance_m2 for c in self.captures]).mean())
                 ),
-                "pose_height_sigma_m": float(np.sqrt(known.mean())) if len(known) else 0.0,
+                "pose_height_sigma_m": float(np.sqrt(known_variances.mean()))
+                if len(known_variances)
+                else 0.0,
                 "captures_aligned": sum(c.correction_m > 0.0 for c in self.captures),
                 "correction_m": max((c.correction_m for c in self.captures), default=0.0),
             },

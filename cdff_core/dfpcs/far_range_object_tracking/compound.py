@@ -309,9 +309,9 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         frame = self._frame or INERTIAL
         outputs = []
         detections = []
-        known = attitude.rotation is not None or frame != INERTIAL
+        is_frame_known = attitude.rotation is not None or frame != INERTIAL
         positions_px = np.full((len(association.ids), 2), np.nan)
-        if known:
+        if is_frame_known:
             positions_px = attitude.pixels(camera, association.object_directions)
         position, _ = across(
             BearingStates(association.object_directions, association.rates, association.object_covariances)

@@ -162,16 +162,16 @@ class SourceExtractor:
             )
         )
         points = detections.points + first
-        near = np.linalg.norm(points - position_px, axis=1) < reach_px
-        near &= ~detections.is_trail & ~detections.is_extended
-        if len(known) and near.any():
+        is_near = np.linalg.norm(points - position_px, axis=1) < reach_px
+        is_near &= ~detections.is_trail & ~detections.is_extended
+        if len(known) and is_near.any():
             distances = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
-            near &= distances > _SAME_PX
+            is_near &= distances > _SAME_PX
         sources = self._fit_sources(
-            points[near],
-            detections.snr[near],
-            detections.is_extended[near],
-            detections.boxes[near],
+            points[is_near],
+            detections.snr[is_near],
+            detections.is_extended[is_near],
+            detections.boxes[is_near],
             first,
             is_weak=True,
         )
@@ -227,15 +227,15 @@ class SourceExtractor:
         if is_star.sum() < _SPREAD_STARS:
             return
         uu, uv, vv = np.median(spreads[is_star], axis=0)
-        measured = np.array([[uu, uv], [uv, vv]])
-        low, high = np.linalg.eigvalsh(measured)
+        measured_spread = np.array([[uu, uv], [uv, vv]])
+        low, high = np.linalg.eigvalsh(measured_spread)
         if low < 0.04:
             return
         if high < _SMEARED**2 * low:
-            measured = np.diag([uu, vv])
+            measured_spread = np.diag([uu, vv])
         is_first = np.allclose(self.point_spread, self.point_spread[0, 0] * np.eye(2))
         gain = 1.0 if is_first or high > _SMEARED**2 * low else _SPREAD_GAIN
-        self.point_spread = self.point_spread + gain * (measured - self.point_spread)
+        self.point_spread = self.point_spread + gain * (measured_spread - self.point_spread)
 
 
 def linear_grey(frame: Frame) -> tuple[Float32Array, float]:

@@ -202,14 +202,14 @@ def continue_attitude(previous: Observer, homography: FloatArray | None, camera:
     R_current_previous = np.eye(3)
     if homography is not None:
         R_current_previous = _rotation_of(homography, camera)
-    old = previous.attitude
+    previous_attitude = previous.attitude
     has_turned = homography is None or not np.allclose(homography, np.eye(3))
     drift = _DRIFT_RAD2 if has_turned else 0.0
     attitude = replace(
-        old,
+        previous_attitude,
         rotation=previous.rotation @ R_current_previous.T,
         covariance=np.eye(3) * _DRIFT_RAD2,
-        bias_rad=float(np.sqrt(old.bias_rad**2 + drift)),
+        bias_rad=float(np.sqrt(previous_attitude.bias_rad**2 + drift)),
         inputs=(),
     )
     reasons = () if previous.is_camera else ("attitude_from_images",)
@@ -223,10 +223,10 @@ def _rotation_of(homography: FloatArray, camera: CameraModel) -> FloatArray:
     """
     u, v = np.meshgrid(np.linspace(0.0, camera.cols - 1.0, _GRID), np.linspace(0.0, camera.rows - 1.0, _GRID))
     pixels = np.column_stack([u.ravel(), v.ravel()])
-    moved = np.column_stack([pixels, np.ones(len(pixels))]) @ homography.T
-    before, after = camera.rays(pixels), camera.rays(moved[:, :2] / moved[:, 2:])
-    known = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
-    return wahba.rotation(before[known], after[known], np.ones(int(known.sum())))
+    transformed_pixels = np.column_stack([pixels, np.ones(len(pixels))]) @ homography.T
+    before, after = camera.rays(pixels), camera.rays(transformed_pixels[:, :2] / transformed_pixels[:, 2:])
+    has_rays = np.isfinite(before).all(axis=1) & np.isfinite(after).all(axis=1)
+    return wahba.rotation(before[has_rays], after[has_rays], np.ones(int(has_rays.sum())))
 
 
 def rotation_homography(previous: Observer, current: Observer, camera: CameraModel) -> FloatArray:

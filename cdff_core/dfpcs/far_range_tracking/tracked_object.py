@@ -68,10 +68,12 @@ class Appearance:
         h, w = self.template.shape
         M = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        moved = cv2.warpAffine(newer.template, M, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        warped_template = cv2.warpAffine(
+            newer.template, M, (w, h), flags=flags, borderMode=cv2.BORDER_REPLICATE
+        )
         warped_weights = cv2.warpAffine(newer.weights, M, (w, h), flags=flags)
         part = np.float32(_APPEARANCE_GAIN) * np.minimum(warped_weights, 1.0)
-        template = self.template + part * (moved - self.template)
+        template = self.template + part * (warped_template - self.template)
         weights = self.weights + np.float32(_APPEARANCE_GAIN) * (warped_weights - self.weights)
         return Appearance(
             np.asarray(template, np.float32), np.asarray(weights, np.float32), self.offset, self.size_px
@@ -154,16 +156,20 @@ class TrackedObject:
         """
         if appearance is None:
             return
-        old = self.appearance
-        ratio = 1.0 if old is None else float(np.max(appearance.size_px / old.size_px))
-        if old is None or middle is None or not 1.0 / _NEW_SCALE < ratio < _NEW_SCALE:
+        previous_appearance = self.appearance
+        ratio = (
+            1.0
+            if previous_appearance is None
+            else float(np.max(appearance.size_px / previous_appearance.size_px))
+        )
+        if previous_appearance is None or middle is None or not 1.0 / _NEW_SCALE < ratio < _NEW_SCALE:
             self.appearance = appearance
             self.anchor_variance = max(self.anchor_variance, _ANCHOR_NEW_PX**2)
             return
         newer_middle = position_px - appearance.offset
-        first_old = middle - 0.5 * (np.array(old.template.shape[::-1]) - 1.0)
+        first_old = middle - 0.5 * (np.array(previous_appearance.template.shape[::-1]) - 1.0)
         first_new = newer_middle - 0.5 * (np.array(appearance.template.shape[::-1]) - 1.0)
-        self.appearance = old.blended(appearance, first_old - first_new)
+        self.appearance = previous_appearance.blended(appearance, first_old - first_new)
 
     def anchored(
         self,
@@ -214,10 +220,10 @@ class TrackedObject:
             return None
         result = np.zeros(2)
         for axis, (low, high) in enumerate(((box[0], box[1]), (box[2], box[3]))):
-            whole = float(self.size_px[axis])
-            middles = np.array([low + 0.5 * whole, high - 0.5 * whole]) + self.centre[axis] * whole
+            size_px = float(self.size_px[axis])
+            middles = np.array([low + 0.5 * size_px, high - 0.5 * size_px]) + self.centre[axis] * size_px
             nearest = middles[np.argmin(np.abs(middles - expected[axis]))]
-            result[axis] = nearest if size[axis] < 0.95 * whole - 0.5 else middles.mean()
+            result[axis] = nearest if size[axis] < 0.95 * size_px - 0.5 else middles.mean()
         return result
 
     def is_similar_size(self, size_px: FloatArray) -> bool:

@@ -167,9 +167,13 @@ class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
                 best = coarse
         if best is None:
             return failed, quality
-        refined = self._coarse_to_fine(scene, model, best.T_scene_model)
-        refined_quality = alignment_quality(refined, self.config, self._covariance_kind)
-        return (failed, quality) if refined_quality.status is Status.FAILED else (refined, refined_quality)
+        refined_alignment = self._coarse_to_fine(scene, model, best.T_scene_model)
+        refined_quality = alignment_quality(refined_alignment, self.config, self._covariance_kind)
+        return (
+            (failed, quality)
+            if refined_quality.status is Status.FAILED
+            else (refined_alignment, refined_quality)
+        )
 
     def _is_confirmed(self, scene: Pyramid, model: Pyramid, alignment: Alignment) -> bool:
         """Return whether no displaced start leads to another, equally good alignment (medium level)."""

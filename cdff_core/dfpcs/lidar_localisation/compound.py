@@ -152,19 +152,21 @@ class LidarLocalisation(LidarLocalisationInterface):
         """Run the control sequence for one sweep."""
         scan: LidarScan = sample.value
         T_base_lidar, self._child = self._mount(scan.frame, scan.t1_ns)
-        predicted = self._predict(scan.t1_ns)
+        predicted_pose = self._predict(scan.t1_ns)
         try:
             if not self._map:
                 raise RefusedError("there is no map", ["no_map"])
             sweep = self._prepare(scan, T_base_lidar)
             pose, quality = (
-                self._track(sweep, predicted) if predicted is not None else (None, Quality(Status.FAILED))
+                self._track(sweep, predicted_pose)
+                if predicted_pose is not None
+                else (None, Quality(Status.FAILED))
             )
             if pose is None:
                 pose, quality = self._search(sweep, quality)
         except (InputError, RefusedError) as error:
             pose, quality = None, Quality.from_error(error)
-        return self._output(sample, predicted, pose, quality)
+        return self._output(sample, predicted_pose, pose, quality)
 
     def _predict(self, stamp_ns: int) -> UncertainTransform | None:
         """Return the last pose with the motion since then; None without a pose."""
@@ -174,8 +176,8 @@ class LidarLocalisation(LidarLocalisationInterface):
 
     def _prepare(self, scan: LidarScan, T_base_lidar: se3.FloatArray) -> Sweep:
         """Select points in range, deskew them into the base's frame at the end of the sweep, thin them."""
-        near = self._range.process(PointCloudFilteringInputs(points=scan.points_m.astype(np.float64)))
-        points, is_near = near.filtered_points, near.kept
+        filtered = self._range.process(PointCloudFilteringInputs(points=scan.points_m.astype(np.float64)))
+        points, is_near = filtered.filtered_points, filtered.kept
         if len(points) < _MIN_POINTS:
             raise InputError(f"scan: {len(points)} points within range, expected at least {_MIN_POINTS}")
         if scan.t1_ns > scan.t0_ns:

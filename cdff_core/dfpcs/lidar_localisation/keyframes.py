@@ -56,18 +56,18 @@ class Keyframes:
         )
         last_id = -1 if self._map is None else max(self._map.vertices.ids, default=-1)
         ids = last_id + 1 + np.arange(n)
-        ends = np.column_stack([ids, ids])
+        keyframe_pairs = np.column_stack([ids, ids])
         kinds = np.full(n, PRIOR)
         if self._map is None:
             return PoseGraph.from_arrays(
-                ids, self._stamps, run_poses, ends, run_poses, information, kinds, frame=frame
+                ids, self._stamps, run_poses, keyframe_pairs, run_poses, information, kinds, frame=frame
             )
         v, e = self._map.vertices, self._map.edges
         return PoseGraph.from_arrays(
             np.concatenate([v.ids, ids]),
             np.concatenate([v.stamps_ns, np.array(self._stamps, dtype=np.int64)]),
             np.concatenate([v.matrices, run_poses]),
-            np.concatenate([e.ends, ends]),
+            np.concatenate([e.ends, keyframe_pairs]),
             np.concatenate([e.matrices, run_poses]),
             np.concatenate([e.information_matrices, information]),
             np.concatenate([e.kinds, kinds]),

@@ -114,8 +114,10 @@ class LoopCloser:
             for k in path_lengths_m
             if k != key and k not in excluded and keyframes.keyframes[k].descriptor is not None
         }
-        near = [k for k, distance_m in distances.items() if distance_m < self._gates.search_radius_m]
-        return sorted(near, key=lambda k: (distances[k], k))[: self._gates.max_loop_candidates]
+        nearby_keyframes = [
+            k for k, distance_m in distances.items() if distance_m < self._gates.search_radius_m
+        ]
+        return sorted(nearby_keyframes, key=lambda k: (distances[k], k))[: self._gates.max_loop_candidates]
 
     def _similar(
         self, keyframes: KeyframeMap, key: int, path_lengths_m: dict[int, float], excluded: Collection[int]

@@ -128,9 +128,9 @@ class ScanTracker:
         deskewed_m = self._deskew(points_m, point_times, T_end_start)
         drift, pose_covariance = np.zeros((6, 6)), np.zeros((6, 6))
         if not is_first:
-            predicted = rotate_covariance(prediction.covariance, T_previous[:3, :3])
+            predicted_covariance = rotate_covariance(prediction.covariance, T_previous[:3, :3])
             drift, pose_covariance = self._update_covariances(
-                accepted, predicted, increment, prediction.used_odometry
+                accepted, predicted_covariance, increment, prediction.used_odometry
             )
         if self._stamp_ns is not None:
             self._velocity = se3.vector_from_transform(increment) / prediction.interval_s
@@ -264,7 +264,7 @@ class ScanTracker:
     def _update_covariances(
         self,
         registration: ScanToMapRegistrationOutputs | None,
-        predicted: Float,
+        predicted_covariance: Float,
         increment: Float,
         used_odometry: bool,
     ) -> tuple[Float, Float]:
@@ -300,7 +300,7 @@ class ScanTracker:
         drift_ratio = c.noise.drift_ratio + (_INITIAL_DRIFT if newness > 0.0 else 0.0)
         _, last_growth = growth(self._unconstrained_sweeps, by_odometry=used_odometry)
         unmeasured = degenerate.projection(1.0 - degenerate.gains)
-        prediction_drift = last_growth * (unmeasured @ predicted @ unmeasured.T)
+        prediction_drift = last_growth * (unmeasured @ predicted_covariance @ unmeasured.T)
         is_predicted = np.any(degenerate.gains < _MEASURED_GAIN)
         self._unconstrained_sweeps = self._unconstrained_sweeps + 1 if is_predicted else 0
         path_drift = path_m * (drift_ratio * pose_covariance + calibration / _CALIBRATION_RENEWAL_M)

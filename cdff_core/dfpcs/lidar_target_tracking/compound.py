@@ -88,16 +88,18 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         reasons = self._start_from_guess(model, sample.stamp_ns)
         if self._state is None:
             return self._detect_body(sample, model, points_m, times_s, [])
-        predicted = self._filter.predicted(self._state, sample.stamp_ns)
-        fit, fault = self._fit(model, predicted, points_m, times_s)
+        predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
+        fit, fault = self._fit(model, predicted_state, points_m, times_s)
         if fit is not None and fault and self._is_underestimated(fit):
-            predicted = replace(predicted, covariance=4.0 * fit.distance / self._gate * predicted.covariance)
+            predicted_state = replace(
+                predicted_state, covariance=4.0 * fit.distance / self._gate * predicted_state.covariance
+            )
             reasons.append(fault)
-            fit, fault = self._fit(model, predicted, points_m, times_s)
+            fit, fault = self._fit(model, predicted_state, points_m, times_s)
         if fit is not None and not fault:
-            return self._used_fit(sample, model, predicted, fit, reasons)
-        self._not_used(predicted, is_contradiction=fit is not None and fit.distance > self._gate)
-        is_uncertain = float(np.diag(predicted.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
+            return self._used_fit(sample, model, predicted_state, fit, reasons)
+        self._not_used(predicted_state, is_contradiction=fit is not None and fit.distance > self._gate)
+        is_uncertain = float(np.diag(predicted_state.covariance)[3:6].max()) > _UNCERTAIN_RAD**2
         if self._unused >= self.config.detect_after or (is_uncertain and len(points_m)):
             return self._detect_body(sample, model, points_m, times_s, [fault])
         return self._published(sample, ["coasting", fault], self._metrics(fit))
@@ -106,12 +108,16 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         self,
         sample: Sample,
         model: ModelPreparationOutputs,
-        predicted: TrackedState,
+        predicted_state: TrackedState,
         fit: ScanFit,
         reasons: list[str],
     ) -> Iterable[Output]:
         """Use a corrected state and publish it."""
-        self._state, self._unused, self._last_used_ns = adapt_noise(predicted, fit.state), 0, sample.stamp_ns
+        self._state, self._unused, self._last_used_ns = (
+            adapt_noise(predicted_state, fit.state),
+            0,
+            sample.stamp_ns,
+        )
         self._used += 1
         if not self.config.sigma_m:
             noise_m = bounded_noise(fit.sigma_m, model.diameter_m)
@@ -134,7 +140,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
     def _fit(
         self,
         model: ModelPreparationOutputs,
-        predicted: TrackedState,
+        predicted_state: TrackedState,
         points_m: FloatArray,
         times_s: FloatArray,
     ) -> tuple[ScanFit | None, str]:
@@ -147,7 +153,7 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         if not self._sigma_m:
             self._sigma_m = bounded_noise(range_noise(points_m), model.diameter_m)
         try:
-            fit = self._fitter.fit(model, predicted, points_m, times_s, self._sigma_m)
+            fit = self._fitter.fit(model, predicted_state, points_m, times_s, self._sigma_m)
         except RefusedError as error:
             return None, error.reasons[0]
         if fit.points < cfg.min_points:
@@ -177,12 +183,12 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
         names = [*self._use_detection(model, hypotheses, stamp_ns), *reasons]
         assert self._state is not None
-        predicted = self._filter.predicted(self._state, sample.stamp_ns)
-        fit, fault = self._fit(model, predicted, points_m, times_s)
+        predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
+        fit, fault = self._fit(model, predicted_state, points_m, times_s)
         if fit is None or fault:
-            self._state, self._last_used_ns = predicted, sample.stamp_ns
+            self._state, self._last_used_ns = predicted_state, sample.stamp_ns
             return self._published(sample, [*names, fault], self._metrics(fit))
-        return self._used_fit(sample, model, predicted, fit, names)
+        return self._used_fit(sample, model, predicted_state, fit, names)
 
     def _detect(self, model: ModelPreparationOutputs, points_m: FloatArray) -> list[Hypothesis]:
         """Return the hypotheses of the body of the scan that agrees best; RefusedError if none does."""

@@ -86,16 +86,18 @@ class ModelTracking(ImageTracking, ModelTrackingInterface):
         stamp_ns = view.newest.stamp_ns
         reasons = [*self._use_detection(model, hypotheses, stamp_ns), *faults]
         assert self._state is not None
-        predicted, transition = self._filter.prediction(self._state, stamp_ns)
-        fit = self._fit(view, model, predicted, transition)
+        predicted_state, transition = self._filter.prediction(self._state, stamp_ns)
+        fit = self._fit(view, model, predicted_state, transition)
         if fit.used:
-            return self._used_fit(view, predicted, fit, reasons)
+            return self._used_fit(view, predicted_state, fit, reasons)
         self._state, self._last_used_ns = fit.state, stamp_ns
         return self._published(view.newest, [*reasons, *fit.faults], fit.metrics)
 
     def _detect(self, view: RgbdSamples, model: ModelPreparationOutputs) -> list[Hypothesis]:
         """Return the hypotheses of the best detection; raises RefusedError if there is none."""
         assert view.depth is not None
-        best, *_ = self._detector.detect(self._name, model, view.depth.value)
+        best_detection, *_ = self._detector.detect(self._name, model, view.depth.value)
         offset_m = np.array(self.config.depth_offset_m)
-        return [replace(hypothesis, T=moved(hypothesis.T, offset_m)) for hypothesis in best.hypotheses]
+        return [
+            replace(hypothesis, T=moved(hypothesis.T, offset_m)) for hypothesis in best_detection.hypotheses
+        ]

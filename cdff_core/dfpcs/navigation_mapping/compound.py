@@ -105,8 +105,10 @@ class NavigationMapping(NavigationMappingInterface):
     def get_route(self, from_x_m: float, from_y_m: float, to_x_m: float, to_y_m: float) -> PoseTrajectory:
         """Return the route of least cost; raises InputError, or RefusedError if no route exists."""
         rated, dem = self.get_map(), self._dem
-        ends = np.array([[from_x_m, from_y_m], [to_x_m, to_y_m]])
-        route = self._route.process(RouteSearchInputs(map=rated, start=ends[0], goal=ends[1]))
+        start_and_goal = np.array([[from_x_m, from_y_m], [to_x_m, to_y_m]])
+        route = self._route.process(
+            RouteSearchInputs(map=rated, start=start_and_goal[0], goal=start_and_goal[1])
+        )
         row, col, _ = rated.geometry.cells_of(route.route[:, 0], route.route[:, 1])
         heights = dem.layer("mean")[row, col].astype(np.float64) if dem is not None else np.zeros(len(row))
         forward = np.diff(route.route, axis=0, append=route.route[-1:])

@@ -65,12 +65,12 @@ def _changed_cells(dem: ElevationMap, previous: ElevationMap, common: GridGeomet
     """Return the mask of cells that are new or changed, or at an edge beyond which cells were removed."""
     geometry, old = dem.geometry, previous.geometry
     in_new, in_previous = geometry.slices_of(common), old.slices_of(common)
-    changed: Mask = np.isfinite(dem.layer("mean"))
+    is_changed: Mask = np.isfinite(dem.layer("mean"))
     same = np.ones(common.shape, dtype=np.bool_)
     for name in _RATED_LAYERS:
         a, b = _layer(dem, name)[in_new], _layer(previous, name)[in_previous]
         same &= (a == b) | (np.isnan(a) & np.isnan(b))
-    changed[in_new] = ~same
+    is_changed[in_new] = ~same
     for side, is_cut_off in (
         (np.s_[0, :], old.top > geometry.top),
         (np.s_[-1, :], old.top - old.rows < geometry.top - geometry.rows),
@@ -78,7 +78,7 @@ def _changed_cells(dem: ElevationMap, previous: ElevationMap, common: GridGeomet
         (np.s_[:, -1], old.left + old.cols > geometry.left + geometry.cols),
     ):
         if is_cut_off:
-            changed[side] = True
+            is_changed[side] = True
     # Beyond the border of the previous map no cell counted as a hole. Where this border is now inside the
     # map, unobserved cells beyond it are holes: the cells at the border are rated again.
     rows, cols = in_new
@@ -89,8 +89,8 @@ def _changed_cells(dem: ElevationMap, previous: ElevationMap, common: GridGeomet
         (np.s_[rows, cols.stop - 1], cols.stop < geometry.cols),
     ):
         if is_inside:
-            changed[side] = True
-    return changed
+            is_changed[side] = True
+    return is_changed
 
 
 def _layer(dem: ElevationMap, name: str) -> NDArray[np.float32]:

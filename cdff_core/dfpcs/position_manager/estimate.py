@@ -127,18 +127,20 @@ class Estimate:
         not change with the state, is therefore preserved after a measurement that ``is_relative``. An
         absolute pose measures the position itself; its covariance does not depend on the corrected rotation.
         """
-        new = self.with_correction(correction)
+        corrected_estimate = self.with_correction(correction)
         cross = self.cross_covariance - gain_H @ self.cross_covariance
         if not is_relative:
-            return replace(new, covariance=covariance, cross_covariance=cross)
+            return replace(corrected_estimate, covariance=covariance, cross_covariance=cross)
         J = np.eye(len(correction))
-        J[POSITION, ROTATION] = -se3.skew(new.pose[:3, 3] - self.pose[:3, 3])
-        J[VELOCITY, ROTATION] = -se3.skew(new.velocity - self.velocity)
+        J[POSITION, ROTATION] = -se3.skew(corrected_estimate.pose[:3, 3] - self.pose[:3, 3])
+        J[VELOCITY, ROTATION] = -se3.skew(corrected_estimate.velocity - self.velocity)
         for name, clone in self.clones.items():
             first = self.clone_errors(name).start
-            moved = new.clones[name].pose[:3, 3] - clone.pose[:3, 3]
-            J[first : first + 3, first + 3 : first + 6] = -se3.skew(moved)
-        return replace(new, covariance=symmetrised(J @ covariance @ J.T), cross_covariance=J @ cross)
+            translation_change = corrected_estimate.clones[name].pose[:3, 3] - clone.pose[:3, 3]
+            J[first : first + 3, first + 3 : first + 6] = -se3.skew(translation_change)
+        return replace(
+            corrected_estimate, covariance=symmetrised(J @ covariance @ J.T), cross_covariance=J @ cross
+        )
 
     def with_correction(self, correction: FloatArray) -> Estimate:
         """Return the state after adding a correction (n,) to it; the covariances do not change."""

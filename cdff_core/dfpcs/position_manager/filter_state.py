@@ -100,7 +100,7 @@ class Checkpoint:
                 trajectory.stamps_ns, trajectory.matrices, covariances, crosses, strict=True
             )
         ]
-        measured = [
+        measured_poses = [
             UncertainTransform(T, _from_row(C))
             for T, C in zip(unpack_poses(f.measured, _FIELD), f.measured_covariances, strict=True)
         ]
@@ -112,7 +112,7 @@ class Checkpoint:
             for name, pose, m, stamp, noise, velocity in zip(
                 f.names,
                 poses,
-                measured,
+                measured_poses,
                 f.stamps,
                 f.vectors[_VECTORS::2],
                 f.vectors[_VECTORS + 1 :: 2],

@@ -54,7 +54,7 @@ class FixCorrection:
         noise = np.asarray(T.covariance) * m.scale
         T_site_frame = self._frames.site_pose(m.frame)
         if T_site_frame is not None:
-            measured, expected = T_site_frame @ T.matrix, estimate.pose
+            T_measured, T_expected = T_site_frame @ T.matrix, estimate.pose
             noise = rotate_covariance(noise, T_site_frame[:3, :3])
             R = T_site_frame[:3, :3] @ m.T_origin_sensor.matrix[:3, :3]
             noise = noise + rotate_covariance(inverse_covariance(mount, mount_covariance), R)
@@ -64,11 +64,11 @@ class FixCorrection:
             if name not in estimate.clones:
                 return estimate.with_clone(name, T), MeasurementResult(False, ("fix_attached",))
             first = estimate.clones[name].measured.matrix
-            measured = se3.inverse(first) @ T.matrix
-            J = increment_jacobian(measured, mount[:3, 3])
+            T_measured = se3.inverse(first) @ T.matrix
+            J = increment_jacobian(T_measured, mount[:3, 3])
             noise = rotate_covariance(noise, first[:3, :3].T) + J @ mount_covariance @ J.T
-            expected, H = estimate.relative_motion(name)
-        residual, is_relative = pose_error(measured, expected), T_site_frame is None
+            T_expected, H = estimate.relative_motion(name)
+        residual, is_relative = pose_error(T_measured, T_expected), T_site_frame is None
         try:
             if self._config.fixes.weighting == "kalman":
                 corrected = kalman_corrected(
@@ -76,7 +76,7 @@ class FixCorrection:
                 )
             else:
                 corrected = self._intersect(
-                    estimate, expected, measured, residual, H, noise, is_relative=is_relative
+                    estimate, T_expected, T_measured, residual, H, noise, is_relative=is_relative
                 )
         except RefusedError as error:
             return estimate, MeasurementResult(False, ("fix_refused", *error.reasons))
@@ -101,13 +101,13 @@ class FixCorrection:
         self._correction.process(
             KalmanCorrectionInputs(residual=residual, jacobian=np.eye(6), noise=noise, covariance=S)
         )
-        joined = self._weighting.process(
+        weighting = self._weighting.process(
             PoseWeightingInputs(first=expected, first_covariance=S, second=measured, second_covariance=noise)
         )
-        if joined.weight >= 1.0:
+        if weighting.weight >= 1.0:
             return estimate
         G = np.linalg.solve(S + _JITTER, PH.T).T
-        W = joined.covariance @ ((1.0 - joined.weight) * np.linalg.inv(noise + _JITTER))
-        covariance = P - G @ PH.T + G @ joined.covariance @ G.T
+        W = weighting.covariance @ ((1.0 - weighting.weight) * np.linalg.inv(noise + _JITTER))
+        covariance = P - G @ PH.T + G @ weighting.covariance @ G.T
         K = G @ W
         return estimate.corrected(K @ residual, covariance, K @ H, is_relative=is_relative)

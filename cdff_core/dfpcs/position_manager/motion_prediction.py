@@ -48,11 +48,11 @@ class MotionPrediction:
         """Predict in one step: the robot is assumed to be at rest, and its pose becomes nearly unknown."""
         previous = estimate.covariance[POSE, POSE]
         at_rest = replace(estimate, velocity=np.zeros(3)).with_velocity_sigma(0.0)
-        predicted = self._integrate(at_rest, end_ns)
-        P = predicted.covariance.copy()
-        lost = np.diag(np.square([_LOST_M] * 3 + [_LOST_RAD] * 3))
-        P[POSE, POSE] = previous + np.minimum(P[POSE, POSE] - previous, lost)
-        return replace(predicted, covariance=P).with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
+        predicted_estimate = self._integrate(at_rest, end_ns)
+        P = predicted_estimate.covariance.copy()
+        covariance_of_lost_pose = np.diag(np.square([_LOST_M] * 3 + [_LOST_RAD] * 3))
+        P[POSE, POSE] = previous + np.minimum(P[POSE, POSE] - previous, covariance_of_lost_pose)
+        return replace(predicted_estimate, covariance=P).with_velocity_sigma(UNKNOWN_SPEED_SIGMA_M_S)
 
     def _integrate(self, estimate: Estimate, end_ns: int) -> Estimate:
         """Integrate the IMU readings to a time (prediction)."""
@@ -83,7 +83,7 @@ class MotionPrediction:
         P[range(15, 18), range(15, 18)] += np.square(self._config.wheels.slip_sigma) * (1.0 - decay**2)
         cross[:15] = out.transition @ cross[:15]
         cross[SLIP] *= decay
-        predicted = replace(
+        predicted_estimate = replace(
             estimate,
             stamp_ns=end_ns,
             pose=out.pose,
@@ -92,4 +92,8 @@ class MotionPrediction:
             covariance=P,
             cross_covariance=cross,
         )
-        return with_imu_mount_error(estimate, predicted, self.gravity_m_s2) if out.inertial else predicted
+        return (
+            with_imu_mount_error(estimate, predicted_estimate, self.gravity_m_s2)
+            if out.inertial
+            else predicted_estimate
+        )

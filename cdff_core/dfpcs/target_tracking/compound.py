@@ -48,22 +48,22 @@ class TargetTracking(TargetTrackingInterface):
 
     def on_measurement(self, sample: Sample) -> Iterable[Output]:
         """Use a measured pose; publish the state at its time."""
-        measured: UncertainTransform = sample.value.transform
-        reason = self._fault(sample, measured)
+        measured_pose: UncertainTransform = sample.value.transform
+        reason = self._fault(sample, measured_pose)
         if reason:
             return self._outputs(sample, None, Quality.failed(reason))
         if self._state is None:
-            self._start(sample, measured)
+            self._start(sample, measured_pose)
             return self._published(sample, ["new_track"])
-        predicted = self._filter.predicted(self._state, sample.stamp_ns)
-        corrected, reason = self._correct_state(predicted, measured)
-        if corrected is not None:
-            self._state, self._rival, self._rival_count = corrected, None, 0
+        predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
+        corrected_state, reason = self._correct_state(predicted_state, measured_pose)
+        if corrected_state is not None:
+            self._state, self._rival, self._rival_count = corrected_state, None, 0
             self._used += 1
             self._last_used_ns = sample.stamp_ns
             return self._published(sample, [])
-        self._state = with_rejection(predicted)
-        if self._agrees_with_rival(sample, measured):
+        self._state = with_rejection(predicted_state)
+        if self._agrees_with_rival(sample, measured_pose):
             self._state, self._used = self._rival, self._rival_count
             self._rival, self._rival_count, self._last_used_ns = None, 0, sample.stamp_ns
             self._track_id += 1
@@ -102,12 +102,12 @@ class TargetTracking(TargetTrackingInterface):
 
     def _agrees_with_rival(self, sample: Sample, measured: UncertainTransform) -> bool:
         """Return True if enough rejected measurements in succession agree with each other."""
-        updated = None
+        updated_rival = None
         if self._rival is not None:
-            predicted = self._filter.predicted(self._rival, sample.stamp_ns)
-            updated, _ = self._correct_state(predicted, measured)
-        self._rival_count = self._rival_count + 1 if updated is not None else 1
-        self._rival = updated if updated is not None else self._new(sample, measured)
+            predicted_state = self._filter.predicted(self._rival, sample.stamp_ns)
+            updated_rival, _ = self._correct_state(predicted_state, measured)
+        self._rival_count = self._rival_count + 1 if updated_rival is not None else 1
+        self._rival = updated_rival if updated_rival is not None else self._new(sample, measured)
         return self._rival_count >= self.config.restart_after
 
     def _published(self, sample: Sample, reasons: list[str]) -> Iterable[Output]:

@@ -143,7 +143,7 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         bounds = self._prior.bounds(keyframe.view.stamp_ns, view.stamp_ns)
         try:
             T_current_keyframe = se3.inverse(self._path.predict(view.stamp_ns)) @ keyframe.pose.matrix
-            refined, metrics, reasons = self._tracker.locate(
+            refined_motion, metrics, reasons = self._tracker.locate(
                 view, keyframe, T_current_keyframe, bounds, is_continued=self._path.has_velocity
             )
         except RefusedError:
@@ -152,16 +152,16 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         reasons += blur_reasons(sharpness, keyframe.sharpness)
         reasons += rectification_reasons(keyframe.row_offset_px)
         reasons += ["gap"] if self._gaps.is_open else []
-        motion = ConsiderState.from_motion(refined)
-        change = refined.calibration - self._calibration.mean_px
+        motion = ConsiderState.from_motion(refined_motion)
+        change = refined_motion.calibration - self._calibration.mean_px
         state = keyframe.pose.with_calibration_change(change) @ motion
         scene_points = metrics["features"] - metrics["other_motion_points"]
         is_renewed = metrics["inliers"] < self.config.keyframe_survival * scene_points
         is_renewed |= is_scene_uncertain(metrics)
         if is_renewed:
             state = self._keyframes.locate(motion, change, partial(self._locate, view)) or state
-        pose = state.to_transform(refined.calibration_covariance)
-        self._calibration.store(refined.calibration, refined.calibration_covariance)
+        pose = state.to_transform(refined_motion.calibration_covariance)
+        self._calibration.store(refined_motion.calibration, refined_motion.calibration_covariance)
         self._path.add(view.stamp_ns, pose, after_gap=self._gaps.is_open)
         self._gaps.close()
         if is_renewed:
@@ -178,8 +178,8 @@ class VisualOdometrySparse(VisualOdometrySparseInterface):
         self, view: StereoView, keyframe: Keyframe, T_keyframe_current: FloatArray
     ) -> ConsiderState | None:
         """Return the motion from an older keyframe; None if it has deficiencies."""
-        refined, _, reasons = self._tracker.locate(view, keyframe, se3.inverse(T_keyframe_current))
-        return None if reasons else ConsiderState.from_motion(refined)
+        refined_motion, _, reasons = self._tracker.locate(view, keyframe, se3.inverse(T_keyframe_current))
+        return None if reasons else ConsiderState.from_motion(refined_motion)
 
     def _bridge_gap(self, view: StereoView, sharpness: float) -> None:
         """Count a refused pair; after several in a row make a keyframe at the predicted pose."""

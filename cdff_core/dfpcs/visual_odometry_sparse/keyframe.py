@@ -133,10 +133,10 @@ class KeyframeWindow:
         for old, T_old_next in reversed(self._older):
             estimate = T_old_next @ estimate
             try:
-                measured = locate(old, estimate.matrix)
+                measured_state = locate(old, estimate.matrix)
             except RefusedError:
                 continue
-            if measured is not None:
-                estimate = estimate.fused(measured)
+            if measured_state is not None:
+                estimate = estimate.fused(measured_state)
         oldest, _ = self._older[0]
         return oldest.pose @ estimate

@@ -111,30 +111,34 @@ class KeyframeTracker:
                 motion_of_second_selection = select(merged, competing=continued)
                 if competing or any(other.is_distinct for other in motion_of_second_selection.others):
                     tracked, motion = merged, motion_of_second_selection
-        predicted = self._predict(view, keyframe, motion.scene.pose)
+        predicted_features = self._predict(view, keyframe, motion.scene.pose)
         agreeing = np.isin(np.arange(len(keyframe.points)), tracked.points[motion.scene.inliers])
-        motion = self._competing.update(motion, keyframe.features, predicted.visible, agreeing, elapsed_s)
+        motion = self._competing.update(
+            motion, keyframe.features, predicted_features.visible, agreeing, elapsed_s
+        )
         inliers = tracked.first_of_each(motion.scene.inliers)
-        refined, disparities = self._refine(
+        refined_motion, disparities = self._refine(
             view, keyframe, tracked.points[inliers], tracked.matches[inliers], motion.scene.pose
         )
-        refined = _with_covariance(refined, motion.selection_covariance())
+        refined_motion = _with_covariance(refined_motion, motion.selection_covariance())
         counts = {
             "features": len(keyframe.features),
             "visible": tracked.visible,
             "tracked": tracked.count,
             "other_motion_points": tracked.count_others(motion),
         }
-        lost = LostPoints.of_motion(keyframe, predicted, tracked, motion)
-        metrics = quality.motion_metrics(refined, disparities, counts) | quality.hypothesis_metrics(motion)
-        metrics["lost_ratio"] = lost.ratio(view.left.shape, only_still=True)
-        return refined, metrics, quality.motion_reasons(metrics)
+        lost_points = LostPoints.of_motion(keyframe, predicted_features, tracked, motion)
+        metrics = quality.motion_metrics(refined_motion, disparities, counts) | quality.hypothesis_metrics(
+            motion
+        )
+        metrics["lost_ratio"] = lost_points.ratio(view.left.shape, only_still=True)
+        return refined_motion, metrics, quality.motion_reasons(metrics)
 
     def _predict(
         self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray
     ) -> FeaturesPrediction2DOutputs:
         """Predict position and appearance of the features of a keyframe in the current view."""
-        out: FeaturesPrediction2DOutputs = self._prediction.process(
+        prediction: FeaturesPrediction2DOutputs = self._prediction.process(
             FeaturesPrediction2DInputs(
                 points=keyframe.points,
                 pose=T_current_keyframe,
@@ -144,7 +148,7 @@ class KeyframeTracker:
                 slopes=keyframe.slopes,
             )
         )
-        return out
+        return prediction
 
     def _track(self, view: StereoView, keyframe: Keyframe, T_current_keyframe: FloatArray) -> TrackedPoints:
         """Return the points tracked near their predicted pixels, without those on the robot."""
@@ -194,14 +198,16 @@ class KeyframeTracker:
 
         In a static scene, lost points are scattered; those of a whole region moved differently.
         """
-        predicted = self._predict(view, keyframe, motion.scene.pose)
-        lost = LostPoints.of_motion(keyframe, predicted, tracked, motion)
-        is_still_lost = lost.ratio(view.left.shape, only_still=True) > quality.MAX_LOST_RATIO
-        if not is_still_lost and lost.ratio(view.left.shape) <= _SEARCH_LOST_RATIO:
+        predicted_features = self._predict(view, keyframe, motion.scene.pose)
+        lost_points = LostPoints.of_motion(keyframe, predicted_features, tracked, motion)
+        is_still_lost = lost_points.ratio(view.left.shape, only_still=True) > quality.MAX_LOST_RATIO
+        if not is_still_lost and lost_points.ratio(view.left.shape) <= _SEARCH_LOST_RATIO:
             return []
         try:
             return [
-                self._search(view, keyframe, np.flatnonzero(lost.is_lost & view.is_on_scene(lost.pixels)))
+                self._search(
+                    view, keyframe, np.flatnonzero(lost_points.is_lost & view.is_on_scene(lost_points.pixels))
+                )
             ]
         except RefusedError:
             return []
@@ -221,14 +227,14 @@ class KeyframeTracker:
                 source=reference.descriptors[reference.valid], sink=current.descriptors[current.valid]
             )
         ).matches
-        out: PerspectiveNPointSolvingOutputs = self._pnp.process(
+        solution: PerspectiveNPointSolvingOutputs = self._pnp.process(
             PerspectiveNPointSolvingInputs(
                 points=keyframe.points[candidates[pairs[:, 0]]],
                 projections=corners[pairs[:, 1]],
                 camera_matrix=view.camera_matrix,
             )
         )
-        return out.camera
+        return solution.camera
 
     def _refine(
         self,
@@ -242,8 +248,8 @@ class KeyframeTracker:
 
         Return the result, and the disparities (k,) of its points in the keyframe.
         """
-        predicted = self._predict(view, keyframe, T_current_keyframe)
-        expected = predicted.disparities[candidates]
+        predicted_features = self._predict(view, keyframe, T_current_keyframe)
+        expected = predicted_features.disparities[candidates]
         field = self._refinement.process(
             RectificationRefinementInputs(
                 features=matches, disparities=expected, camera_matrix=view.camera_matrix
@@ -256,14 +262,14 @@ class KeyframeTracker:
                 right=view.right,
                 features=matches,
                 guess=expected - offsets,
-                slopes=predicted.slopes[candidates],
+                slopes=predicted_features.slopes[candidates],
             )
         )
         valid = stereo_matches.valid & view.is_on_scene(matches, stereo_matches.disparities)
         min_matched = max(quality.MIN_INLIERS, int(quality.MIN_PAIRING_FRACTION * len(candidates)))
         quality.require(int(valid.sum()), min_matched, "stereo_mismatch")
         points = candidates[valid]
-        refined = self._motion.process(
+        refined_motion = self._motion.process(
             StereoMotionEstimationInputs(
                 reference=np.column_stack([keyframe.features[points], keyframe.disparities[points]]),
                 current=np.column_stack(
@@ -278,15 +284,15 @@ class KeyframeTracker:
                 calibration_covariance=self._calibration.covariance_px2,
             )
         )
-        return refined, keyframe.disparities[points]
+        return refined_motion, keyframe.disparities[points]
 
 
 def _with_covariance(
-    refined: StereoMotionEstimationOutputs, added: FloatArray
+    motion: StereoMotionEstimationOutputs, added_covariance: FloatArray
 ) -> StereoMotionEstimationOutputs:
     """Return a motion with an additional covariance (6, 6), [x y z rx ry rz]."""
     return replace(
-        refined,
-        covariance=refined.covariance + added,
-        noise_covariance=refined.noise_covariance + added,
+        motion,
+        covariance=motion.covariance + added_covariance,
+        noise_covariance=motion.noise_covariance + added_covariance,
     )

@@ -253,8 +253,8 @@ def _distance_m(pose: FloatArray, inputs: PerspectiveNPointSolvingInputs) -> flo
     """Return the median distance, metres, between the points at a pose (4, 4) and at the predicted pose."""
     if inputs.guess is None:
         return 0.0
-    moved, expected = (se3.transform_points(T, inputs.points) for T in (pose, inputs.guess))
-    return float(np.median(np.linalg.norm(moved - expected, axis=1)))
+    points_by_pose, points_by_guess = (se3.transform_points(T, inputs.points) for T in (pose, inputs.guess))
+    return float(np.median(np.linalg.norm(points_by_pose - points_by_guess, axis=1)))
 
 
 def _likelihoods(ratios: list[float]) -> FloatArray:

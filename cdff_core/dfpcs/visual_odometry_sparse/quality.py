@@ -73,16 +73,16 @@ def rectification_reasons(row_offset_px: float) -> list[str]:
 
 def motion_reasons(metrics: dict[str, float]) -> list[str]:
     """Return the deficiencies of a motion from its metrics; raises RefusedError if it is unusable."""
-    near, inliers = int(metrics["near_points"]), int(metrics["inliers"])
+    near_points, inliers = int(metrics["near_points"]), int(metrics["inliers"])
     require(inliers, MIN_INLIERS, "few_inliers")
-    require(near, MIN_NEAR, "few_near_points")
+    require(near_points, MIN_NEAR, "few_near_points")
     if metrics["unit_variance"] > MAX_UNIT_VARIANCE:
         reason = f"residuals:{metrics['unit_variance']:.1f}>{MAX_UNIT_VARIANCE:.1f}"
         raise RefusedError("the points do not move as one rigid scene", [reason])
     reasons = [
         *below(inliers, GOOD_INLIERS, "few_inliers"),
         *below(metrics["inlier_fraction"], GOOD_INLIER_FRACTION, "inlier_fraction"),
-        *below(near, GOOD_NEAR, "few_near_points"),
+        *below(near_points, GOOD_NEAR, "few_near_points"),
     ]
     if metrics["ambiguity"] > MAX_AMBIGUITY:
         reasons.append(f"competing_motion:{metrics['ambiguity']:.2f}>{MAX_AMBIGUITY:.2f}")

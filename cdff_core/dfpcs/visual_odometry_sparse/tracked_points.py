@@ -72,17 +72,19 @@ class LostPoints:
     def of_motion(
         cls,
         keyframe: Keyframe,
-        predicted: FeaturesPrediction2DOutputs,
+        prediction: FeaturesPrediction2DOutputs,
         tracked: TrackedPoints,
         motion: SelectedMotion,
     ) -> LostPoints:
         """Return the points given their prediction by the motion of the scene."""
         is_found = np.zeros(len(keyframe.points), bool)
         is_found[tracked.points[motion.scene.inliers | motion.other_inliers]] = True
-        moved_px = np.hypot(*(predicted.features - keyframe.features).T)
-        change = np.abs(predicted.disparities - keyframe.disparities)
+        moved_px = np.hypot(*(prediction.features - keyframe.features).T)
+        change = np.abs(prediction.disparities - keyframe.disparities)
         is_still = (moved_px < _STILL_PX) & (change < _STILL_RATIO * keyframe.disparities)
-        return cls(predicted.features, is_found & predicted.visible, predicted.visible & ~is_found, is_still)
+        return cls(
+            prediction.features, is_found & prediction.visible, prediction.visible & ~is_found, is_still
+        )
 
     def ratio(self, shape: tuple[int, ...], *, only_still: bool = False) -> float:
         """Return the number of cells of the image with lost points only, divided by that with found points.

@@ -44,8 +44,12 @@ def adjust(
     is_kept = usable[camera]
     camera, rows = camera[is_kept], rows[is_kept]
     _, point, observation_counts = np.unique(point[is_kept], return_inverse=True, return_counts=True)
-    repeated = observation_counts[point] > 1
-    camera, rows, point = camera[repeated], rows[repeated], np.unique(point[repeated], return_inverse=True)[1]
+    is_repeated = observation_counts[point] > 1
+    camera, rows, point = (
+        camera[is_repeated],
+        rows[is_repeated],
+        np.unique(point[is_repeated], return_inverse=True)[1],
+    )
     cameras, camera = np.unique(camera, return_inverse=True)
     adjusted_keys = [keys[c] for c in cameras]
     is_fixed = cameras >= len(free)
@@ -93,11 +97,11 @@ def _tracks(keyframes: VisualKeyframeMap, keys: Sequence[int]) -> tuple[IntArray
     if not pairs:
         none = np.zeros(0, np.int64)
         return none, none, none
-    ends = np.concatenate(pairs)
+    pair_nodes = np.concatenate(pairs)
     n = int(starts[-1])
-    graph = coo_matrix((np.ones(len(ends), bool), (ends[:, 0], ends[:, 1])), shape=(n, n))
+    graph = coo_matrix((np.ones(len(pair_nodes), bool), (pair_nodes[:, 0], pair_nodes[:, 1])), shape=(n, n))
     _, labels = connected_components(graph, directed=False)
-    nodes = np.unique(ends)
+    nodes = np.unique(pair_nodes)
     points = np.unique(labels[nodes], return_inverse=True)[1]
     cameras = np.searchsorted(starts, nodes, side="right") - 1
     observed = np.unique(np.column_stack([points, cameras]), axis=0, return_inverse=True, return_counts=True)

@@ -151,13 +151,13 @@ class KeyframeMapper:
         """Connect the parts of the map as far as possible, and adjust all keyframes of the root's part."""
         self.connect(sorted(set(self.keyframes.keyframes) - self.keyframes.linked))
         root = self.keyframes.root
-        linked = self.keyframes.linked
-        if root is None or len(linked) < 2:
+        linked_keys = self.keyframes.linked
+        if root is None or len(linked_keys) < 2:
             return
         self.keyframes.optimise(self._optimiser)
-        linked = self.keyframes.linked
-        if len(linked) <= self._config.max_adjusted:
-            free = sorted(linked - {root})
+        linked_keys = self.keyframes.linked
+        if len(linked_keys) <= self._config.max_adjusted:
+            free = sorted(linked_keys - {root})
             adjust(self.keyframes, free, [root], self._adjust_map, self._config.poses.sigma_px)
 
     def points_m(self, max_sigma_ratio: float) -> FloatArray:
@@ -247,9 +247,9 @@ class KeyframeMapper:
 
     def _start_part(self, view: CameraView, reasons: tuple[str, ...]) -> Tracking:
         """Start a separate part of the map, or the map, with an image; too few points are refused."""
-        measured = self._measure_points(view)
+        measured_points = self._measure_points(view)
         is_first = self.current is None
-        if measured is None:
+        if measured_points is None:
             if is_first:
                 raise RefusedError(
                     "too few features with a depth to start a map",
@@ -260,12 +260,12 @@ class KeyframeMapper:
         pose = np.eye(4)
         if self.current is not None:
             pose = self.keyframes.poses[self.current] @ self.T_keyframe_camera.matrix
-        keyframe = self._keyframe(view, measured)
+        keyframe = self._keyframe(view, measured_points)
         self.current = self.keyframes.insert_component(keyframe, pose)
         self.T_keyframe_camera = UncertainTransform.identity()
         self._is_lost = False
         self._index.insert(self.current, keyframe.points.descriptors)
-        self._tracker.start(self.current, view, measured.features)
+        self._tracker.start(self.current, view, measured_points.features)
         self._velocity, self._last_ns = np.zeros(6), view.stamp_ns
         self.trajectory.append(view.stamp_ns, self.current, self.T_keyframe_camera)
         return Tracking(None, None, is_lost=not is_first, reasons=reasons)
@@ -275,13 +275,13 @@ class KeyframeMapper:
         found.
         """
         assert self.current is not None  # the image is located
-        measured = self._measure_points(view)
-        if measured is None:
+        measured_points = self._measure_points(view)
+        if measured_points is None:
             return False
-        keyframe = self._keyframe(view, measured)
+        keyframe = self._keyframe(view, measured_points)
         key = self.keyframes.insert_successor(self.current, keyframe, self.T_keyframe_camera)
         row_of_feature = np.full(len(view.features), -1)
-        row_of_feature[measured.features] = np.arange(len(measured.features))
+        row_of_feature[measured_points.features] = np.arange(len(measured_points.features))
         for other, (features, rows) in located_view.shared.items():
             mine = row_of_feature[features]
             self.keyframes.link(other, key, rows[mine >= 0], mine[mine >= 0])
@@ -290,7 +290,7 @@ class KeyframeMapper:
         is_changed = self._close_loops(key)
         if self.current == key:
             self._index.insert(key, keyframe.points.descriptors)
-            self._tracker.start(key, view, measured.features)
+            self._tracker.start(key, view, measured_points.features)
             self._adjust_around(key)
         self._limit_count()
         return is_changed
@@ -333,8 +333,8 @@ class KeyframeMapper:
         T_graph = se3.inverse(keyframes.poses[old]) @ keyframes.poses[new]
         distance_m, angle = relative_motion(T_graph, loop.T.matrix)
         keyframes.link(old, new, loop.rows_old, loop.rows_new)
-        refined = self.calibration.motion(keyframes, old, new, loop.T.matrix, is_estimated=False)
-        keyframes.add_loop(old, new, loop.T if refined is None else refined)
+        refined_motion = self.calibration.motion(keyframes, old, new, loop.T.matrix, is_estimated=False)
+        keyframes.add_loop(old, new, loop.T if refined_motion is None else refined_motion)
         depth_m = keyframes.keyframes[old].median_depth_m
         return not is_connected or distance_m > _LARGE_CORRECTION * depth_m or angle > _LARGE_ROTATION
 

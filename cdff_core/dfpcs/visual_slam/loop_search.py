@@ -49,11 +49,11 @@ class LoopSearch:
     def of_keyframe(self, keyframes: VisualKeyframeMap, key: int) -> Iterator[VerifiedLoop]:
         """Yield the verified loops of a keyframe: with near keyframes first, then with similar ones."""
         lengths_m = keyframes.path_lengths_m(key)
-        known = {key, *keyframes.linked_with(key)}
-        near = self._near(keyframes, key, known, lengths_m)
+        linked_keys = {key, *keyframes.linked_with(key)}
+        nearby_keys = self._near(keyframes, key, linked_keys, lengths_m)
         descriptors = keyframes.keyframes[key].points.descriptors
-        similar = self._index.nearest(descriptors, self._gates.similar, {*known, *near})
-        for old in [*near, *similar]:
+        similar = self._index.nearest(descriptors, self._gates.similar, {*linked_keys, *nearby_keys})
+        for old in [*nearby_keys, *similar]:
             if loop := self.verify(keyframes, old, key, lengths_m):
                 yield loop
 

@@ -81,7 +81,7 @@ class StereoCalibration:
         if len(rows_a) < _MIN_INLIERS:
             return None
         try:
-            refined = self._motion.process(
+            refined_motion = self._motion.process(
                 StereoMotionEstimationInputs(
                     reference=a.measurements[rows_a],
                     current=b.measurements[rows_b],
@@ -96,11 +96,11 @@ class StereoCalibration:
             )
         except RefusedError:  # the matches do not determine the motion: the one of the locator remains
             return None
-        if int(refined.inliers.sum()) < _MIN_INLIERS:
+        if int(refined_motion.inliers.sum()) < _MIN_INLIERS:
             return None
         if is_estimated:
-            self._estimate.store(refined.calibration, refined.calibration_covariance)
-        return UncertainTransform(refined.motion, refined.covariance)
+            self._estimate.store(refined_motion.calibration, refined_motion.calibration_covariance)
+        return UncertainTransform(refined_motion.motion, refined_motion.covariance)
 
     def metrics(self) -> dict[str, float]:
         """Return the estimate by name."""
