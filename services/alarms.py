@@ -16,6 +16,7 @@ from cdff_common.errors import CodecError
 
 logger = logging.getLogger(__name__)
 
+#: Largest number of characters of a text of an alarm.
 _MAX_TEXT = 2000
 
 

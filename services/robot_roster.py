@@ -28,6 +28,7 @@ logger = logging.getLogger(__name__)
 LEAVE_S = 2.0
 #: Pause before the next attempt to read a profile, seconds.
 _RETRY_S = 0.3
+#: Timeout of a call, and time after which the thread counts as hung.
 _CALL_S, _BUSY_LIMIT_S = 3.0, 120.0
 _SERVICE = "supervisor"
 

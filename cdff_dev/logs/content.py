@@ -13,6 +13,7 @@ from pathlib import Path
 from cdff_common.errors import CdffError
 from cdff_dev.logs.formats import LogLocation
 
+#: Number of bytes at the start of a file by which its content is recognised.
 _HEAD_BYTES = 1 << 16
 #: Description of a text without a known structure.
 TEXT = "text"

@@ -14,6 +14,7 @@ from cdff_common.types.message import ChoiceMessage, Message
 #: Relative and absolute difference within which numbers are equal after a conversion, for example of a
 #: rotation from a quaternion to a matrix and back.
 ROUNDING = (1e-9, 1e-12)
+#: Relative and absolute difference of equal numbers without rounding.
 EXACT = (0.0, 0.0)
 
 

@@ -28,6 +28,7 @@ _CLOUDS = ("LidarScan", "Pointcloud")
 _IMAGES = ("Frame", "FramePair", "DistanceImage")
 #: Largest number of elements of an array that is written to a table, each in a column of its own.
 _MAX_COLUMNS = 64
+#: Depth images of 16 bits contain millimetres.
 _MILLIMETRES = 1000.0
 _NS_PER_S = 1_000_000_000
 #: Intensities of 16 bits are written as 0 to 255, which drivers and viewers expect.

@@ -19,6 +19,7 @@ from cdff_dev.logs.image_streams import Stamps
 _SEPARATOR = re.compile(r"[,\s]+")
 _UNITS_NS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 _TIME_UNIT = re.compile(r"[\[(_](s|ms|us|ns)(?:ec)?[\])]?$")
+#: Times since 1970 are between this time (in 2001) and its tenfold; integers below a million are seconds.
 _FIRST_DATE_S, _MAX_WHOLE_S = 1e9, 1e6
 _NUMBER = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d{1,2})?", re.IGNORECASE)
 _MAX_NS = int(np.iinfo(np.int64).max) - 1000

@@ -37,6 +37,7 @@ from services.orchestrator.service import Orchestrator
 
 #: Period of the status of the DFPCs, virtual seconds; capacity of the orchestrator, jobs.
 _STATUS_PERIOD_S = 1.0
+#: Largest number of open requests.
 _CAPACITY = 64
 
 

@@ -27,6 +27,7 @@ from cdff_dev.ports import split_address
 
 #: Longest time until the system is ready, and until it has ended, seconds.
 READY_S = 90.0
+#: Longest time for the processes to end, seconds: more than the supervisor's own limits.
 END_S = 3.5
 #: Longest time for simulated rovers to end and to write the true poses, seconds.
 DRIVE_END_S = 30.0

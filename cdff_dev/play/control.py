@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 PARAMETERS = {"speed": "x", "seek": "to", "loop": "on"}
 VERBS = ("status", "pause", "resume", "step", "speed", "seek", "loop", "stop")
 HELP = "space or p: pause or resume, s or →: step, + and - or ↑ and ↓: speed, < and >: seek by 10 s, l: loop, q: end"
+#: Limits of the speed, and of a position relative to the start of the log.
 _MIN_SPEED, _MAX_SPEED = 0.001, 1000.0
 _MAX_SEEK_S = 1e9
 _SEEK_KEYS = {"<": "-10", ">": "+10"}

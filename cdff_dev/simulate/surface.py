@@ -26,6 +26,7 @@ Float32Array = NDArray[np.float32]
 #: Period of the detail texture, texels. It is used twice, the second time scaled and rotated, so that no
 #: pattern repeats visibly.
 _TILE_TEXELS = 1024
+#: Scale and rotation of the second use of the texture: no simple ratio, so that the patterns do not coincide.
 _SECOND_TILE_SCALE = 0.731
 _SECOND_TILE_ROTATION_RAD = 0.65
 #: Root mean square slope of the grains in the detail texture.

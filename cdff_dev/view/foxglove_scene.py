@@ -35,6 +35,7 @@ from cdff_dev.view.drawings import (
 
 #: Thickness of lines, pixels of the user interface.
 _LINE_PX, _MARK_PX = 2.0, 4.0
+#: Opacity of colours: of lines, and of boxes through which the points remain visible.
 _OPAQUE, _TRANSPARENT = 1.0, 0.4
 _LEVELS = {
     "INFO": messages.LogLevel.Info,

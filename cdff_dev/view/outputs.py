@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from cdff_dev.view.feed import Contents
 
 _LOOPBACK = "127.0.0.1"
+#: Default port of Foxglove's own WebSocket servers.
 FOXGLOVE_PORT = 8765
 #: Longest start of the viewer, seconds.
 _START_S = 60.0

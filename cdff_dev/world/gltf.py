@@ -18,6 +18,7 @@ from cdff_dev.world.export import pose_in
 
 #: Constants of the specification: component types, targets of buffer views, modes of primitives.
 _FLOAT, _UINT32, _UINT8 = 5126, 5125, 5121
+#: Constants of glTF 2.0: targets of buffers, then modes of primitives.
 _ARRAY, _ELEMENTS = 34962, 34963
 _POINTS, _LINE_STRIP, _TRIANGLES = 0, 3, 4
 #: Rotation about x that turns z up, as in a frame of the ground, to y up, as in glTF.

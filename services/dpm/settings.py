@@ -17,6 +17,7 @@ from cdff_common.errors import ConfigurationError
 from cdff_common.process import data_dir_of
 
 DEFAULT_HTTP = "127.0.0.1:8080"
+#: Largest body of a request.
 DEFAULT_MAX_BODY_MB = 256
 
 

@@ -27,6 +27,7 @@ from services.keys.authority import Authority, Issued, key_pem, pem, write_secre
 if TYPE_CHECKING:
     from cdff_common.interfaces.profile import Profile
 
+#: Validity of the authority and of the certificates of identities.
 AUTHORITY_DAYS = 3650
 CERTIFICATE_DAYS = 365
 #: Time before its expiry at which a certificate raises an alarm, at most a fifth of its validity.

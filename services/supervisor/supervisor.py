@@ -32,6 +32,7 @@ _ROTATION_S = 10.0
 STAGGER_S = 0.4
 #: Time for processes to end after SIGTERM, seconds.
 GRACE_S = 2.5
+#: Time for the router to end after SIGTERM, once all other processes have ended.
 ROUTER_GRACE_S = 0.7
 
 

@@ -31,6 +31,7 @@ _QUALITY = (
 
 #: Names of the configuration of a DFPC whose results are among those of another.
 _CONFIGURATION = frozenset({"parameters", "config_hash", "dfpc", "implementation"})
+#: Largest number of points whose nearest neighbours are searched; more points are subsampled evenly.
 _MAX_POINTS = 200_000
 
 

@@ -20,6 +20,7 @@ from cdff_dev.compare.trajectory.track import Float, Track
 PAIR_TOLERANCE = 0.1
 #: KITTI uses every tenth pose as the start of a segment.
 _SEGMENT_STEP = 10
+#: Lengths of the segments of the KITTI odometry benchmark, and those for shorter paths of rovers.
 _KITTI_SEGMENTS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 _ROVER_SEGMENTS_M = (5.0, 10.0, 20.0, 50.0, 100.0)
 

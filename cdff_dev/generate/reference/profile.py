@@ -18,6 +18,7 @@ _UNITS = {
     "_m": "m", "_s": "s", "_deg": "°", "_hz": "Hz", "_px": "px", "_mb": "MB", "_m_s": "m/s", "_bytes": "B",
     "_cores": "s/s",
 }  # fmt: skip
+#: Largest number of characters of a default that a table contains.
 _LONGEST_DEFAULT = 60
 
 

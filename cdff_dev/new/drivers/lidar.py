@@ -13,6 +13,7 @@ from cdff_common.types import LidarScan
 ROBOT = "mana"
 SENSOR = "lidar"
 FRAME = f"{ROBOT}/{SENSOR}"  # x forward, y left, z up; its mount is in the profile
+#: Simulated device: height above flat ground, and numbers of rings and columns.
 HEIGHT_M, RINGS, COLUMNS = 0.85, 16, 360
 
 

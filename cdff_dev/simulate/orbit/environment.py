@@ -18,6 +18,7 @@ from cdff_dev.simulate.orbit.eclipse import EARTH_RADIUS_M
 
 #: Apparent magnitude V of the Sun at 1 au. Source: Willmer (2018), doi:10.3847/1538-4365/aabfdf.
 SUN_MAGNITUDE = -26.74
+#: Epoch J2000 (2000-01-01 12:00) as seconds since 1970.
 _J2000_UNIX_S = 946_728_000.0
 _DAY_S = 86_400.0
 #: Spacing of the times of the ephemeris, between which the position of the Sun is interpolated linearly,

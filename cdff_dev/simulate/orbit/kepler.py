@@ -25,6 +25,7 @@ from cdff_common.geometry.se3 import FloatArray
 
 #: Gravitational parameter of the Earth (WGS 84), m³/s².
 MU_EARTH = 3.986004418e14
+#: Largest number of Newton iterations.
 _ITERATIONS = 60
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from cdff_common.bus import Bus
 
 _CALL_S = 10.0
+#: Number of events in one answer of the DPM.
 _PAGE = 1000
 
 

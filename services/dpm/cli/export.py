@@ -26,6 +26,7 @@ _SINGLE_FILE = {
     "g2o": "pose_graph",
 }
 _TIMEOUT_S = 60.0
+#: Number of products in one answer of a search.
 _PAGE = 500
 
 

@@ -12,6 +12,7 @@ from dpm_store import ProductRecord, Query, Store
 from dpm_store.history.maintenance import Problem
 from services.signatures import SignatureVerifier
 
+#: Number of products that are read from the store at once.
 _PAGE = 1000
 
 

@@ -27,6 +27,7 @@ _NOTE = "alarm_acknowledgements"
 _SILENCE_S = 10.0
 #: Time for which an acknowledgement outlives its alarm, seconds.
 KEPT_S = 120.0
+#: Largest number of alarms of one service.
 _MAX_ALARMS = 100
 
 Key = tuple[str, str]

@@ -20,6 +20,7 @@ from dpm_store import Store
 
 #: Largest difference between the clocks of a robot and of the ground, seconds.
 MAX_SKEW_S = 60.0
+#: Limits of a header: ids of inputs, reasons and metrics of the quality, and characters of a text.
 _MAX_INPUTS = 10_000
 _MAX_REASONS, _MAX_METRICS = 64, 256
 _MAX_TEXT = 256

@@ -20,6 +20,7 @@ RGBA = NDArray[np.uint8]
 DRAWN_TYPES = ("ElevationMap", "NavigationMap", "Pointcloud", "PoseTrajectory")
 #: Longest side of a picture, pixels; larger rasters are subsampled.
 MAX_SIDE_PX = 1024
+#: Side of the picture of a cloud or a path, and number of points below which a point has 3 x 3 pixels.
 _CLOUD_SIDE_PX = 320
 _FEW_POINTS = 20_000
 _GROUND = np.array(GROUND, dtype=np.float64)

@@ -106,6 +106,7 @@ _ANALYSIS_PARAMETERS = {
 }
 #: Default of the heights of the observer, and of the longest line of sight, metres.
 EYE_M, RANGE_M = 2.0, 50.0
+#: Largest number of cells of a viewshed, beyond which its cells are larger; number of viewsheds in memory.
 _MOST_VIEWSHED_CELLS, _VIEWSHEDS = 1 << 17, 4
 #: No parameters of an analysis.
 NO_ANALYSIS = TileAnalysis()

@@ -57,6 +57,7 @@ MEDIA_TYPES = {
     "tif": "image/tiff; application=geotiff",
     "bin": "application/octet-stream",
 }
+#: Memory for encoded tiles.
 _CACHE_BYTES = 32 << 20
 #: Largest number of tiles of a body's grid and of earlier states that are kept in memory.
 _MOST_OTHERS = 128

@@ -30,8 +30,10 @@ from cdff_dev.logs.source import Unconverted
 
 ROBOT = "bop"
 _COLOUR, _DEPTH = f"/{ROBOT}/colour.frame", f"/{ROBOT}/depth.depth"
+#: Translations and depths of BOP are in millimetres; metres of one.
 _MM = 1e-3
 _MASKS = ("mask", "mask_visib")
+#: Largest JSON file of a scene: a larger one would need much memory to parse.
 _MAX_JSON_BYTES = 1 << 26
 
 

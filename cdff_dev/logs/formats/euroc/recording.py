@@ -24,6 +24,7 @@ from cdff_dev.logs.source import Unconverted
 from cdff_dev.logs.tables import poses_of_rows, read_rows, read_table, read_times
 
 _IMU = f"/{ROBOT}/imu.imu"
+#: Times of EuRoC are in nanoseconds.
 _NS = 1
 
 

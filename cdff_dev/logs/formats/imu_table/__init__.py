@@ -12,6 +12,7 @@ from cdff_dev.logs.formats import LogFormat, LogLocation
 if TYPE_CHECKING:
     from cdff_dev.logs.indexed import IndexedLog
 
+#: Number of bytes at the start of a file in which the line with the names of the columns is expected.
 _HEAD_BYTES = 4096
 
 

@@ -24,6 +24,7 @@ from cdff_dev.logs.indexed import IndexedStream, headers
 _POSITION, _ATTITUDE = slice(0, 3), slice(3, 6)
 _FORCE, _RATE = slice(11, 14), slice(17, 20)
 _FEWEST_COLUMNS = 25
+#: Radius of the sphere of the Mercator projection by which KITTI's development kit computes positions.
 _EARTH_RADIUS_M = 6_378_137.0
 
 

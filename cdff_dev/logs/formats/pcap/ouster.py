@@ -26,6 +26,7 @@ from cdff_dev.logs.source import Unconverted
 _STANDARD_GRAVITY = 9.80665  # m/s2
 #: Times of the sensor before 2000 count from its start.
 _FIRST_DATE_NS = 946_684_800_000_000_000
+#: Largest time that is converted, so that an offset can be added to it in 64 bits.
 _LAST_DATE_NS = 1 << 62
 #: Times further than this from the start of a sweep are damaged.
 _MAX_SWEEP_NS = 10_000_000_000

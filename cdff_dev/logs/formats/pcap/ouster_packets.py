@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from cdff_common.errors import InputError
 from cdff_dev.logs.formats.pcap.ouster_sensor import OusterSensor
 
+#: Sizes of the header and the footer of a packet, of the NMEA sentence and of a measurement in an IMU packet.
 _HEADER_BYTES = _FOOTER_BYTES = 32
 _NMEA_BYTES, _IMU_BLOCK_BYTES = 100, 36
 #: Size of a legacy IMU packet.

@@ -19,6 +19,7 @@ import numpy as np
 from cdff_common.errors import CodecError
 from cdff_common.geometry.se3 import FloatArray
 
+#: Largest metadata file of a sensor.
 _MAX_BYTES = 1 << 22
 _SECTIONS = (
     "beam_intrinsics",
@@ -34,8 +35,10 @@ _MODE = re.compile(r"(\d{3,4})x\d{1,2}$")
 _LEGACY = {"pixels_per_column": 64, "columns_per_packet": 16, "udp_profile_lidar": "LEGACY"}
 #: Distance between the axis of the lidar and the origin of its beams, mm, by product, where it is not stated.
 _BEAM_ORIGINS_MM = {"OS-0-": 27.67, "OS-1-": 15.806, "OS-2-": 13.762}
+#: Distance for products that are not listed, and the pose of the lidar in the sensor, row by row, mm.
 _BEAM_ORIGIN_MM = 12.163
 _LIDAR_TO_SENSOR = (-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1)
+#: Limits of damaged metadata: numbers of beams and of columns, and magnitude of a number.
 _MAX_BEAMS, _MAX_COLUMNS = 512, 8192
 _MAX_NUMBER = 1e6
 

@@ -16,6 +16,7 @@ from cdff_dev.logs.formats.pcap.records import DamagedRecordError, RecordReader
 from cdff_dev.logs.source import Unconverted
 
 _log = logging.getLogger(__name__)
+#: EtherType of IPv4 and protocol number of UDP in an IPv4 header.
 _IP_V4, _UDP = b"\x08\x00", 17
 _VLAN_TAGS = (b"\x81\x00", b"\x88\xa8")
 #: Length of the header of each type of link (https://www.tcpdump.org/linktypes.html), and the position of
@@ -30,6 +31,7 @@ _LINKS: dict[int, tuple[int, int | None]] = {
     101: (0, None),
     228: (0, None),
 }
+#: Largest number of datagrams with missing fragments; the oldest is given up.
 _MAX_PENDING = 64
 _NOT_UDP, _INCOMPLETE = "packets other than UDP over IPv4", "datagrams with lost fragments"
 

@@ -17,9 +17,12 @@ from typing import BinaryIO, NamedTuple
 from cdff_common.errors import CodecError
 
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
+#: Size of the header of a PCAP file, and largest record, which is the largest snapshot length of tcpdump.
 _HEADER_BYTES, _MAX_RECORD_BYTES = 24, 1 << 18
+#: PCAPNG: types of the blocks with an interface and with a packet, and the number that shows the byte order.
 _INTERFACE, _PACKET = 1, 6
 _ORDER_MAGIC = 0x1A2B3C4D
+#: PCAPNG: codes of options of an interface.
 _END_OF_OPTIONS, _TIME_RESOLUTION = 0, 9
 
 

@@ -30,6 +30,7 @@ _DATA_BYTES, _POSITION_BYTES = 1206, 512
 #: Last bytes of the packets of models other than HDL-64E, whose calibration is in its packets: HDL-32E,
 #: VLP-16, Puck Lite and Hi-Res, VLP-32C, VLS-128.
 _MODEL_IDS = (0x21, 0x22, 0x24, 0x28, 0xA1)
+#: Factor from intensities of 8 bits to 16 bits.
 _INTENSITY_FACTOR = 257.0
 
 

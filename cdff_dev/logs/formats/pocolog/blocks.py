@@ -23,6 +23,7 @@ _PROLOGUE = struct.Struct("<8sII")
 BLOCK = struct.Struct("<BBHI")
 #: Real and logical time (each seconds and microseconds), size of the sample, and whether it is compressed.
 SAMPLE = struct.Struct("<IIIIIB")
+#: Types of blocks.
 DECLARATION_BLOCK, SAMPLE_BLOCK, CONTROL_BLOCK = 1, 2, 3
 #: Largest declaration; definitions of the types of one stream of ROCK need some 10 kB.
 _MAX_DECLARATION_BYTES = 16 << 20

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cdff_dev.logs.indexed import IndexedLog
 
 _SUFFIXES = (".tum", ".txt", ".csv")
+#: Number of bytes at the start of a file by which the format of poses is recognised.
 _HEAD_BYTES = 1 << 16
 
 

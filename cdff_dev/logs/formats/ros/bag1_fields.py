@@ -12,6 +12,7 @@ LENGTH = struct.Struct("<L")
 #: Length and name of the field with the type of a record, and the type of a chunk, as bytes; and largest
 #: distance of that field from the start of its record.
 _CHUNK_FIELD, _MAX_DISTANCE = b"\x04\x00\x00\x00op=\x05", 64
+#: Size of the parts in which a file is searched.
 _BLOCK_BYTES = 1 << 20
 
 

@@ -25,6 +25,7 @@ from cdff_dev.logs.formats.ros.decoders import (
 from cdff_dev.logs.formats.ros.file_recording import FileRecording
 from cdff_dev.logs.formats.ros.recording import Channel, Encoded
 
+#: Largest row of the database, and largest message after decompression.
 _MAX_BYTES = 256 << 20
 #: Number of rows after damage that are tried one by one, because a page of a table has hundreds of rows;
 #: then the distance doubles, up to the last row.

@@ -36,6 +36,7 @@ PARSER_ERRORS = (
 #: Bytes of the stamp of a message that begins with a header: seconds and nanoseconds, in ROS 1 after the
 #: sequence number, in CDR after the encapsulation, whose second byte is the byte order.
 _STAMP = slice(4, 12)
+#: Messages below this size are copied, so that they do not keep their whole chunk in memory.
 _SMALL_BYTES = 1 << 16
 #: Beginning of a message of Foxglove in JSON.
 _JSON_STAMP = re.compile(rb'\{\s*"timestamp":\s*\{\s*"sec":\s*(\d{1,10}),\s*"nsec":\s*(\d{1,9})\s*\}')

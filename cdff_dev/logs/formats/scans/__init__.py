@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _SUFFIXES = (".bin", ".ply", ".pcd", ".las", ".laz", ".npz", ".npy", ".e57")
 #: Suffixes of clouds as text; ``.txt`` files are clouds if their first lines are points.
 _TEXT_SUFFIXES = (".xyz", ".asc", ".pts", ".txt")
+#: Number of bytes at the start of a text file that are read to recognise points.
 _HEAD_BYTES = 4096
 
 

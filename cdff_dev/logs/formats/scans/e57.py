@@ -15,6 +15,7 @@ from cdff_common.formats.cloud import CloudArrays
 MAGIC = b"ASTM-E57"
 #: A file of n bytes has at most 8 n points, each of at least one bit; more are refused.
 _MAX_POINTS_PER_BYTE = 8
+#: Largest number of points of a scan, whatever the size of the file.
 _MAX_POINTS = 20_000_000
 
 

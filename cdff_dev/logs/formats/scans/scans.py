@@ -30,6 +30,7 @@ SCAN = f"/{ROBOT}/lidar.scan"
 _FRAME = f"{ROBOT}/lidar"
 #: Factors of intensities for 16 bits: KITTI's are at most 1, those of LAS have 16 bits, of others 8 bits.
 _INTENSITY_FACTORS = {"bin": 65535.0, "las": 1.0}
+#: Factor from intensities of 8 bits to 16 bits.
 _OF_8_BITS = 257.0
 #: Suffixes of clouds as text.
 TEXT_SUFFIXES = (".xyz", ".txt", ".asc", ".pts")

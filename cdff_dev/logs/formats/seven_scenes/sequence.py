@@ -28,6 +28,7 @@ _COLOUR, _DEPTH, _TRUTH = (f"/{ROBOT}/{name}" for name in ("colour.frame", "dept
 #: Nominal cameras of the Kinect; colour and depth are not registered.
 _COLOUR_CAMERA = CameraModel(480, 640, 525.0, 525.0, 320.0, 240.0)
 _DEPTH_CAMERA = CameraModel(480, 640, 585.0, 585.0, 320.0, 240.0)
+#: Depth images contain millimetres; numbers of frames have at most six digits.
 _DEPTH_UNIT_M = 1e-3
 _MAX_DIGITS = 6
 #: Folder of the images of an extract, and the table of poses next to it.

@@ -23,7 +23,9 @@ from shapely.geometry.base import BaseGeometry
 from cdff_common.geodesy import Body
 
 MEDIA_TYPE = "application/geopackage+sqlite3"
+#: "GPKG" in ASCII and version 1.3: the header of a GeoPackage (OGC 12-128).
 _APPLICATION_ID, _VERSION = 0x47504B47, 10300
+#: Identifier of a CRS other than EPSG:4326 in the file; EPSG codes are smaller.
 _SRS_ID = 100_000
 _TABLES = """
 CREATE TABLE gpkg_spatial_ref_sys (srs_name TEXT NOT NULL, srs_id INTEGER PRIMARY KEY,

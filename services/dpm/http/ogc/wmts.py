@@ -18,6 +18,7 @@ _WMTS, _OWS, _XLINK = (
     "http://www.opengis.net/ows/1.1",
     "http://www.w3.org/1999/xlink",
 )
+#: Size of a pixel on which the scale denominators of WMTS are based (OGC 07-057r7).
 _PIXEL_M = 0.00028
 #: Name of the tile matrix set of a frame.
 GRID = "grid"
