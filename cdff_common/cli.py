@@ -168,27 +168,27 @@ def add_plot_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the value: .png or .svg")
 
 
-def key_values(items: Sequence[str], what: str, expected: str, *, empty: bool = False) -> dict[str, str]:
+def key_values(items: Sequence[str], subject: str, expected: str, *, empty: bool = False) -> dict[str, str]:
     """Return ``KEY=VALUE`` items as a mapping; raises InputError on a malformed or repeated one.
 
-    ``what`` and ``expected`` are the name and the form of an item in messages; ``empty`` allows empty values.
+    ``subject`` and ``expected`` are the name and the form of an item in messages; ``empty`` allows empty values.
     """
     mapping: dict[str, str] = {}
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key or not (value or empty):
-            raise InputError(f"{what} {item!r}: expected {expected}")
+            raise InputError(f"{subject} {item!r}: expected {expected}")
         if key in mapping:
-            raise InputError(f"{what} {key} is given twice")
+            raise InputError(f"{subject} {key} is given twice")
         mapping[key] = value
     return mapping
 
 
-def repeated_key_values(items: Sequence[str], what: str, expected: str) -> dict[str, list[str]]:
+def repeated_key_values(items: Sequence[str], subject: str, expected: str) -> dict[str, list[str]]:
     """Return ``KEY=VALUE`` items as lists by key; raises InputError on a malformed one."""
     mapping: dict[str, list[str]] = {}
     for item in items:
-        for key, value in key_values([item], what, expected).items():
+        for key, value in key_values([item], subject, expected).items():
             mapping.setdefault(key, []).append(value)
     return mapping
 

@@ -138,9 +138,13 @@ def _map_lines(value: Any, layer: str, unit: str) -> list[str]:
     ]
     if layer in value.layer_names:
         cells = np.asarray(value.layer(layer), dtype=np.float64)
-        known = cells[np.isfinite(cells)]
-        share = 100.0 * known.size / max(cells.size, 1)
-        spread = f", {known.min():.3g} to {known.max():.3g} {unit}".rstrip() if known.size else ""
+        known_cells = cells[np.isfinite(cells)]
+        share = 100.0 * known_cells.size / max(cells.size, 1)
+        spread = (
+            f", {known_cells.min():.3g} to {known_cells.max():.3g} {unit}".rstrip()
+            if known_cells.size
+            else ""
+        )
         lines.append(f"{layer}: {share:.0f} % of the cells known{spread}")
     return lines
 

@@ -59,13 +59,15 @@ def key_argument(key: str) -> str:
     return key
 
 
-def _check_size(what: str, text: str, limit: int) -> None:
+def _check_size(subject: str, text: str, limit: int) -> None:
     try:
         size = len(text.encode())
     except UnicodeEncodeError as error:
-        raise InputError(f"{what} {text[:40]!r}: {error}; expected text that UTF-8 can represent") from error
+        raise InputError(
+            f"{subject} {text[:40]!r}: {error}; expected text that UTF-8 can represent"
+        ) from error
     if size > limit:
-        raise InputError(f"{what} {text[:40]!r}: {size} bytes, expected at most {limit}")
+        raise InputError(f"{subject} {text[:40]!r}: {size} bytes, expected at most {limit}")
 
 
 @dataclass(frozen=True, slots=True)

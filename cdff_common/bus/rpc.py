@@ -341,8 +341,8 @@ def call_in_background(
 
     def finish() -> None:
         if not is_over:
-            what = _BROKEN_OFF if answered else _NO_SERVICE
-            end(NoAnswerError(f"{key}: {what}"))
+            reason = _BROKEN_OFF if answered else _NO_SERVICE
+            end(NoAnswerError(f"{key}: {reason}"))
 
     _get(session, key, parameters, zenoh.handlers.Callback(take, finish, indirect=False), options)
 

@@ -162,11 +162,11 @@ class BitReader:
         last = (end + 7) >> 3
         return (int.from_bytes(self._data[begin >> 3 : last], "big") >> (8 * last - end)) & ((1 << bits) - 1)
 
-    def require(self, bits: int, what: str) -> None:
+    def require(self, bits: int, element: str) -> None:
         """Raise CodecError if the rest of the message is shorter than ``bits``."""
         if bits > self.remaining_bits:
             raise CodecError(
-                f"bit {self._position}: {what} needs {bits} bits at least, {self.remaining_bits} left"
+                f"bit {self._position}: {element} needs {bits} bits at least, {self.remaining_bits} left"
             )
 
     def get_length(self) -> tuple[int, bool]:

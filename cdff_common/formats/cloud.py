@@ -72,12 +72,12 @@ class CloudArrays:
         return out
 
     @classmethod
-    def from_columns(cls, columns: Mapping[str, NDArray[np.generic]], what: str) -> CloudArrays:
+    def from_columns(cls, columns: Mapping[str, NDArray[np.generic]], subject: str) -> CloudArrays:
         """Return the columns with known names, in any order; raises CodecError if x, y or z is missing.
 
         Names in capital letters are those in small letters, if both do not exist.
         """
-        check_axes(columns, what)
+        check_axes(columns, subject)
         columns = {name.lower(): column for name, column in columns.items()} | dict(columns)
         intensity = next((columns[k] for k in _INTENSITY_NAMES if k in columns), None)
         normals = next((n for n in _NORMAL_NAMES if set(n) <= set(columns)), None)
@@ -94,12 +94,12 @@ _INTENSITY_NAMES = ("intensity", "scalar_intensity", "i", "reflectance", "remiss
 _NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 
 
-def check_axes(names: Iterable[str], what: str) -> None:
+def check_axes(names: Iterable[str], subject: str) -> None:
     """Raise CodecError if x, y or z is not among the names of the columns of a file."""
     known = list(names)
     if not {"x", "y", "z"} <= {name.lower() for name in known}:
         raise CodecError(
-            f"{what}: has {', '.join(known) or 'no columns'}, expected x, y and z among them: rename the "
+            f"{subject}: has {', '.join(known) or 'no columns'}, expected x, y and z among them: rename the "
             "columns of the coordinates"
         )
 

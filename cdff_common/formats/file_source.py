@@ -42,40 +42,40 @@ class Source:
         """Return an error with the file name and the expectation."""
         return CodecError(f"{self.name}: {expected}")
 
-    def report_truncation(self, complete: int, expected: int, what: str) -> None:
+    def report_truncation(self, complete: int, expected: int, unit: str) -> None:
         """Report that the file ends early.
 
         Parameters
         ----------
         complete, expected : int
             Number of complete elements, and that of the header.
-        what : str
-            Elements, such as ``vertices``.
+        unit : str
+            Name of the elements, such as ``vertices``.
 
         Raises
         ------
         CodecError
             If such files are refused, or no element is complete.
         """
-        end = f"ends at byte {len(self.data)} after {complete} of {expected} {what}"
+        end = f"ends at byte {len(self.data)} after {complete} of {expected} {unit}"
         if self.on_truncation is None or not complete:
             raise self.error(end)
         self.on_truncation(f"{self.name}: {end}; these are read")
 
-    def check_claim(self, claimed_bytes: int, what: str) -> None:
+    def check_claim(self, claimed_bytes: int, subject: str) -> None:
         """Refuse a file whose header states an implausible or too large size, before any allocation.
 
         Parameters
         ----------
         claimed_bytes : int
             Decompressed size according to the file header.
-        what : str
-            For the message, e.g. ``"30000 x 30000 pixels"``.
+        subject : str
+            Content of the file for the message, e.g. ``"30000 x 30000 pixels"``.
         """
         limit = min(max(_HARMLESS_BYTES, _RATIO * len(self.data)), _MAX_BYTES)
         if claimed_bytes > limit:
             raise self.error(
-                f"{what} would take {claimed_bytes} bytes out of a file of {len(self.data)}, "
+                f"{subject} would take {claimed_bytes} bytes out of a file of {len(self.data)}, "
                 f"expected at most {limit}"
             )
 

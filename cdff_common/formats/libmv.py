@@ -103,8 +103,8 @@ def write_libmv(problem: BundleProblem) -> bytes:
     )
 
 
-def _rows(ids: NDArray[np.int32], s: Source, what: str) -> dict[int, int]:
+def _rows(ids: NDArray[np.int32], s: Source, subject: str) -> dict[int, int]:
     rows = {int(i): row for row, i in enumerate(ids)}
     if len(rows) != len(ids) or min(rows, default=0) < 0:
-        raise s.error(f"{what} numbers: expected unique numbers from 0")
+        raise s.error(f"{subject} numbers: expected unique numbers from 0")
     return rows

@@ -51,18 +51,18 @@ class PoseValue:
         }
 
     @classmethod
-    def from_json(cls, data: Any, what: str) -> PoseValue:
+    def from_json(cls, data: Any, subject: str) -> PoseValue:
         """Return the pose of a JSON form; only ``T`` is required. Raises InputError with the name
-        ``what``.
+        ``subject``.
         """
         if not isinstance(data, dict) or "T" not in data:
             raise InputError(
-                f'{what}: expected a pose {{"parent", "child", "stamp_ns", "T": 4x4 rows, "covariance"}}'
+                f'{subject}: expected a pose {{"parent", "child", "stamp_ns", "T": 4x4 rows, "covariance"}}'
             )
         try:
             covariance = data.get("covariance")
             T = UncertainTransform(
-                checked_transform(data["T"], f"{what}: T"),
+                checked_transform(data["T"], f"{subject}: T"),
                 None if covariance is None else np.array(covariance, dtype=np.float64),
             )
             return cls(
@@ -73,7 +73,7 @@ class PoseValue:
                 str(data.get("covariance_kind") or "none"),
             )
         except (TypeError, ValueError) as error:
-            raise InputError(f"{what}: {error}") from error
+            raise InputError(f"{subject}: {error}") from error
 
 
 def read_pose(source: Readable) -> PoseValue:

@@ -99,10 +99,10 @@ def read_urdf(text: str) -> RobotModel:
         raise ConfigurationError(f"URDF: root element <{robot.tag}>, expected <robot>")
     links = [_required_attribute(link, "name", "link") for link in robot.findall("link")]
     joints = [_joint(element) for element in robot.findall("joint")]
-    for names, what in ((links, "link"), ([j.name for j in joints], "joint")):
+    for names, kind in ((links, "link"), ([j.name for j in joints], "joint")):
         repeated = {n for n in names if names.count(n) > 1}
         if repeated:
-            raise ConfigurationError(f"URDF: {what} {min(repeated)!r} is repeated")
+            raise ConfigurationError(f"URDF: {kind} {min(repeated)!r} is repeated")
     movable = {j.name for j in joints if j.movable}
     for joint in joints:
         if joint.mimic is not None and joint.mimic[0] not in movable:

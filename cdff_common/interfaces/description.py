@@ -288,10 +288,10 @@ class DfpcDescription(StrictModel):
         return snake_case(self.name)
 
 
-def _check_unique(path: Path, what: str, names: list[str]) -> None:
+def _check_unique(path: Path, subject: str, names: list[str]) -> None:
     repeated = sorted({n for n in names if names.count(n) > 1})
     if repeated:
-        raise ConfigurationError(f"{path}: {what} {repeated[0]!r} is repeated")
+        raise ConfigurationError(f"{path}: {subject} {repeated[0]!r} is repeated")
 
 
 def read_dfn_description(path: Path) -> DfnDescription:

@@ -288,11 +288,11 @@ def _checked_signature(signature: object) -> str | None:
 _HEADER_FIELDS = frozenset({"v", *(f.name for f in fields(Header))})
 
 
-def _check_fields(what: str, data: Mapping[Any, Any], known: frozenset[str]) -> None:
+def _check_fields(subject: str, data: Mapping[Any, Any], known: frozenset[str]) -> None:
     unknown = sorted(str(name) for name in data if name not in known)
     if unknown:
         raise InputError(
-            f"{what}: unknown field {unknown[0][:80]!r}, expected some of {', '.join(sorted(known))}"
+            f"{subject}: unknown field {unknown[0][:80]!r}, expected some of {', '.join(sorted(known))}"
         )
 
 

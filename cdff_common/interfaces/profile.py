@@ -217,14 +217,14 @@ class Robot(StrictModel):
         if len(set(names)) != len(names):
             raise ValueError(f"robot {self.id} names a DFPC twice: {names}")
         for entry in self.dfpcs:
-            for sensor, need in entry.modes.items():
+            for sensor, required in entry.modes.items():
                 modes = self.sensors.get(sensor, _NO_SENSOR).modes
                 unknown_modes = (
-                    [m for m in mode_names(need) if m not in modes] if isinstance(need, str) else []
+                    [m for m in mode_names(required) if m not in modes] if isinstance(required, str) else []
                 )
                 if sensor not in self.sensors or unknown_modes or not self.modes_of(entry)[sensor]:
                     raise ValueError(
-                        f"{self.id}.{entry.name} needs mode {sensor}:{need}, which no sensor has"
+                        f"{self.id}.{entry.name} needs mode {sensor}:{required}, which no sensor has"
                     )
             for port, wiring in entry.inputs.items():
                 for source in Wiring.parse(wiring).sources:
@@ -239,10 +239,10 @@ class Robot(StrictModel):
     def modes_of(self, entry: DfpcEntry) -> dict[str, str]:
         """Return the sensors with a required mode and the accepted modes, ``|``-separated."""
         return {
-            name: need
-            if isinstance(need, str)
-            else "|".join(m for m, mode in self.sensors[name].modes.items() if need.is_met_by(mode))
-            for name, need in entry.modes.items()
+            name: required
+            if isinstance(required, str)
+            else "|".join(m for m, mode in self.sensors[name].modes.items() if required.is_met_by(mode))
+            for name, required in entry.modes.items()
             if name in self.sensors
         }
 

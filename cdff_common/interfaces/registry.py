@@ -136,19 +136,19 @@ class Registry:
         )
 
     def _find(
-        self, packages: dict[str, DiscoveredPackage], name: str, what: str, others: Collection[str] = ()
+        self, packages: dict[str, DiscoveredPackage], name: str, kind: str, others: Collection[str] = ()
     ) -> DiscoveredPackage:
         """Return a package by a name or alias; raises ConfigurationError, which also names ``others``."""
         folder = self._folder(packages, name)
         if folder in packages:
             return packages[folder]
         if folder in self.failures:
-            raise ConfigurationError(f"{what} {name!r} did not load: {self.failures[folder]}")
+            raise ConfigurationError(f"{kind} {name!r} did not load: {self.failures[folder]}")
         from cdff_common.command_parser import suggestion
 
         known = sorted({*packages, *others})
         raise ConfigurationError(
-            f"no {what} {name!r}; expected one of {', '.join(known) or 'none'}{suggestion(name, known)}"
+            f"no {kind} {name!r}; expected one of {', '.join(known) or 'none'}{suggestion(name, known)}"
         )
 
     def _add(self, package: str, path: Path, kind: str) -> None:

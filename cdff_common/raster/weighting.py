@@ -236,9 +236,9 @@ def _by_certainty(heights: Sequence[Grid], variances: Sequence[Grid]) -> list[in
     """Return the robots with known errors, the most certain one first."""
     medians = {}
     for i, (height, variance) in enumerate(zip(heights, variances, strict=True)):
-        known = variance[np.isfinite(height) & np.isfinite(variance)]
-        if len(known):
-            medians[i] = float(np.median(known))
+        known_variances = variance[np.isfinite(height) & np.isfinite(variance)]
+        if len(known_variances):
+            medians[i] = float(np.median(known_variances))
     is_alone = dict.fromkeys(medians, False)
     for i in medians:
         differs = []

@@ -149,8 +149,8 @@ class World:
         for item in self.items:
             if item.name == name:
                 return item
-        known = ", ".join(item.name for item in self.items) or "none"
-        raise ProductNotFoundError(f"no item {name!r} in the world; it has {known}")
+        known_names = ", ".join(item.name for item in self.items) or "none"
+        raise ProductNotFoundError(f"no item {name!r} in the world; it has {known_names}")
 
     def difference_to(self, later: World) -> WorldDifference:
         """Return the changes from this world to a later one."""

@@ -253,12 +253,12 @@ class SensorMonitor:
             sensor = sensors_of_type[0] if len(sensors_of_type) == 1 else port
             nearest = nearest_frame(frame, self._known)
             hint = f"; did you mean {nearest}?" if nearest else ""
-            what = (
+            description = (
                 f"{count} samples of {sensor} have the frame {frame!r}, which the robot does not have; known "
                 f"are {', '.join(sorted(self._known))}{hint}"
             )
             remedy = f"correct frame_id in the driver of {sensor}, or add the frame to the profile"
-            findings.append(Finding(FRAME, (sensor,), frame, what, remedy))
+            findings.append(Finding(FRAME, (sensor,), frame, description, remedy))
         return findings
 
     def _rotation_finding(
@@ -280,19 +280,19 @@ class SensorMonitor:
         unknown = [axis for axis, s in zip(("x", "y", "z"), sigma_deg, strict=True) if s > 10.0]
         angle_deg = float(np.degrees(np.linalg.norm(se3.log_so3(suspects.rotation))))
         known_deg = ", ".join(f"{s:.1f}" for s in sigma_deg)
-        what = (
+        description = (
             f"{' or '.join(suspects.sensors)} disagrees with the other sensors by a rotation of "
             f"{angle_deg:.0f} deg: expected rpy_deg {roll_pitch_yaw_deg(R_base_sensor)} of {sensor} in the "
             f"base, observed {roll_pitch_yaw_deg(suspects.rotation @ R_base_sensor)}, sigma about x, y, z of "
             f"the base [{known_deg}] deg"
         )
         if unknown:
-            what += f"; not observable about {', '.join(unknown)} with this motion"
+            description += f"; not observable about {', '.join(unknown)} with this motion"
         remedy = (
             f"correct the rotation of the frame of {sensor} in the profile (quaternions are [x, y, z, w], a "
             "positive pitch lowers the x axis), or its driver"
         )
-        return Finding(ROTATION, suspects.sensors, f"{angle_deg:.0f}_deg", what, remedy)
+        return Finding(ROTATION, suspects.sensors, f"{angle_deg:.0f}_deg", description, remedy)
 
     def _clock_finding(self, relations: Mapping[tuple[str, str], MotionEstimate]) -> Finding | None:
         """Return the finding about the streams whose stamps are shifted; None within the limit."""
@@ -303,14 +303,14 @@ class SensorMonitor:
         if abs(offset_s) <= limit_s:
             return None
         side = "ahead of" if offset_s > 0.0 else "behind"
-        what = (
+        description = (
             f"stamps of {' or '.join(names)} are {abs(offset_s):.2f} s (sigma {sigma_s:.2f} s) {side} the "
             f"other sensors, expected at most {limit_s:g} s"
         )
         remedy = (
             f"synchronise the clock of {names[0]}, or correct the time that its driver states as capture time"
         )
-        return Finding(CLOCK, names, f"{offset_s:+.2f}_s", what, remedy)
+        return Finding(CLOCK, names, f"{offset_s:+.2f}_s", description, remedy)
 
 
 def _frame_of(sample: Sample) -> str:

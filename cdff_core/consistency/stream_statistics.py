@@ -82,13 +82,13 @@ class StreamStatistics:
         lost_fraction = self.lost_fraction
         if lost_fraction is None or lost_fraction <= self._max_lost:
             return None
-        what = (
+        description = (
             f"{100.0 * lost_fraction:.0f} % of the samples of {self.sensor} are lost "
             "(gaps of their numbers), "
             f"expected at most {100.0 * self._max_lost:g} %"
         )
         remedy = f"check link, queue and processor load of {self.sensor}"
-        return Finding(SAMPLES, (self.sensor,), f"{lost_fraction:.2f}_lost", what, remedy)
+        return Finding(SAMPLES, (self.sensor,), f"{lost_fraction:.2f}_lost", description, remedy)
 
     def _rate(self) -> Finding | None:
         """Return the finding about a rate that no mode of the profile states; None without one."""
@@ -98,9 +98,9 @@ class StreamStatistics:
         if any(r / self._max_ratio <= rate <= r * self._max_ratio for r in self._stated_hz):
             return None
         stated_rates = " or ".join(f"{r:g} Hz" for r in self._stated_hz)
-        what = f"{self.sensor} sends {rate:.3g} Hz, the profile states {stated_rates}"
+        description = f"{self.sensor} sends {rate:.3g} Hz, the profile states {stated_rates}"
         remedy = f"correct rate_hz of the modes of {self.sensor} in the profile, or its driver"
-        return Finding(SAMPLES, (self.sensor,), f"{rate:.3g}_hz", what, remedy)
+        return Finding(SAMPLES, (self.sensor,), f"{rate:.3g}_hz", description, remedy)
 
     def _lead(self) -> Finding | None:
         """Return the finding about stamps ahead of the mission clock at their arrival; None within the
@@ -109,12 +109,12 @@ class StreamStatistics:
         leads = list(self._leads_s)
         if len(leads) < 3 or (lead_s := median(leads)) <= self._max_offset_s:
             return None
-        what = (
+        description = (
             f"stamps of {self.sensor} are ahead of the mission clock by {lead_s:.1f} s at their arrival, "
             f"expected at most {self._max_offset_s:g} s"
         )
         remedy = f"synchronise the clock of {self.sensor} with the mission clock"
-        return Finding(CLOCK, (self.sensor,), f"ahead_{lead_s:.1f}_s", what, remedy)
+        return Finding(CLOCK, (self.sensor,), f"ahead_{lead_s:.1f}_s", description, remedy)
 
 
 def _limit(entry: Mapping[str, Any], name: str, default: float) -> float:

@@ -76,6 +76,6 @@ def camera_entry(sensors: Mapping[str, Mapping[str, Any]], frame: str) -> Mappin
     if entries_of_frame or len(cameras) == 1:
         return (entries_of_frame or cameras)[0]
     if any(entry.get("mask") or entry.get("mask_right") for entry in cameras):
-        known = ", ".join(str(entry.get("frame")) for entry in cameras)
-        raise InputError(f"image of frame {frame!r}: expected one of the cameras with a mask, {known}")
+        known_frames = ", ".join(str(entry.get("frame")) for entry in cameras)
+        raise InputError(f"image of frame {frame!r}: expected one of the cameras with a mask, {known_frames}")
     return {}

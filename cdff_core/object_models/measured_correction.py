@@ -56,7 +56,7 @@ def corrected_state(
     refine: Dfn[Any, Any, Any],
     state: TrackedState,
     predicted: TrackedState,
-    measured: PointOffsets | ModelEdgeMeasurementOutputs | ModelRegionMeasurementOutputs,
+    offsets: PointOffsets | ModelEdgeMeasurementOutputs | ModelRegionMeasurementOutputs,
     camera_matrix: FloatArray,
     limit_px: float,
 ) -> tuple[TrackedState, MeasuredPoseRefinementOutputs]:
@@ -74,11 +74,11 @@ def corrected_state(
     """
     outputs: MeasuredPoseRefinementOutputs = refine.process(
         MeasuredPoseRefinementInputs(
-            points=measured.points,
-            pixels=measured.pixels,
-            normals=measured.normals,
-            offsets=measured.offsets,
-            sigmas=measured.sigmas if isinstance(measured, ModelRegionMeasurementOutputs) else None,
+            points=offsets.points,
+            pixels=offsets.pixels,
+            normals=offsets.normals,
+            offsets=offsets.offsets,
+            sigmas=offsets.sigmas if isinstance(offsets, ModelRegionMeasurementOutputs) else None,
             camera_matrix=camera_matrix,
             pose=state.T,
             limit_px=limit_px,

@@ -82,7 +82,7 @@ class TextureFitter:
         image: ByteArray,
         camera_matrix: FloatArray,
     ) -> TextureFit:
-        """Return the state corrected with a grey image (r, c), which is later than the image of ``seen``.
+        """Return the state corrected with a grey image (r, c), which is later than that of ``seen_body``.
 
         Parameters
         ----------

@@ -73,22 +73,24 @@ class CentreFit:
         positions = fit.state[:3] + dt * fit.state[3:] + arms
         velocities = fit.state[3:] + np.cross(rates, arms)
         eye = np.eye(3)
-        pick = np.concatenate([np.repeat(eye[None], len(t_s), axis=0), dt[:, :, None] * eye], axis=2)
-        spin = se3.skew(rates)
-        by_offset = -(pick @ fit.state_derivatives) - orientations
-        rate_by_offset = -fit.state_derivatives[3:] - spin @ orientations
-        walk = fit.intensity * dt[:, :, None] * eye
+        state_to_position = np.concatenate(
+            [np.repeat(eye[None], len(t_s), axis=0), dt[:, :, None] * eye], axis=2
+        )
+        rate_matrices = se3.skew(rates)
+        by_offset = -(state_to_position @ fit.state_derivatives) - orientations
+        rate_by_offset = -fit.state_derivatives[3:] - rate_matrices @ orientations
+        walk_variance = fit.intensity * dt[:, :, None] * eye
         arm_matrices = se3.skew(arms)
         position_covariances = (
-            pick @ fit.state_covariance @ np.swapaxes(pick, 1, 2)
-            + walk * dt[:, :, None] ** 2 / 3.0
+            state_to_position @ fit.state_covariance @ np.swapaxes(state_to_position, 1, 2)
+            + walk_variance * dt[:, :, None] ** 2 / 3.0
             + by_offset @ fit.covariance @ np.swapaxes(by_offset, 1, 2)
             + arm_matrices @ angle_covariances @ np.swapaxes(arm_matrices, 1, 2)
         )
-        swept = spin @ arm_matrices
+        swept = rate_matrices @ arm_matrices
         velocity_covariances = (
             fit.state_covariance[3:, 3:]
-            + walk
+            + walk_variance
             + rate_by_offset @ fit.covariance @ np.swapaxes(rate_by_offset, 1, 2)
             + swept @ angle_covariances @ np.swapaxes(swept, 1, 2)
             + arm_matrices @ rate_covariances @ np.swapaxes(arm_matrices, 1, 2)

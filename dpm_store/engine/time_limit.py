@@ -27,12 +27,12 @@ def time_limit(seconds: float) -> Iterator[None]:
         _LIMIT.reset(token)
 
 
-def check_time(done: int, total: int, what: str) -> None:
+def check_time(read_count: int, total: int, unit: str) -> None:
     """Raise OverloadedError if the time of the current request is over, with the part that is done."""
     limit = _LIMIT.get()
     if limit is not None and monotonic_s() > limit[1]:
         raise OverloadedError(
-            f"{done} of {total} {what} were read in {limit[0]:g} s; ask for a smaller region or a shorter "
+            f"{read_count} of {total} {unit} were read in {limit[0]:g} s; ask for a smaller region or a shorter "
             "time, or repeat the request when fewer others run",
             _RETRY_S,
         )

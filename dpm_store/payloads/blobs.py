@@ -53,7 +53,7 @@ def chunk_range(offset: int, length: int) -> tuple[int, int]:
     return offset // CHUNK_BYTES, -(-(offset + length) // CHUNK_BYTES)
 
 
-def check_chunks(data: bytes, first_chunk: int, sums: bytes, what: str) -> None:
+def check_chunks(data: bytes, first_chunk: int, sums: bytes, subject: str) -> None:
     """Compare chunk-aligned ``data`` with the sums written at insertion.
 
     Raises
@@ -65,7 +65,7 @@ def check_chunks(data: bytes, first_chunk: int, sums: bytes, what: str) -> None:
         chunk = first_chunk + i // CHUNK_BYTES
         (expected,) = struct.unpack_from("<I", sums, 4 * chunk)
         if zlib.crc32(memoryview(data)[i : i + CHUNK_BYTES]) != expected:
-            raise StorageError(f"{what}: bytes {chunk * CHUNK_BYTES}… are corrupt on the disk")
+            raise StorageError(f"{subject}: bytes {chunk * CHUNK_BYTES}… are corrupt on the disk")
 
 
 class _State(NamedTuple):
@@ -132,7 +132,7 @@ class BlobFiles:
                 f"payload of {len(payload)} bytes not stored: {why} ({error.strerror})"
             ) from error
 
-    def read(self, sha256: str, size: int, sums: bytes, offset: int, length: int, what: str) -> bytes:
+    def read(self, sha256: str, size: int, sums: bytes, offset: int, length: int, subject: str) -> bytes:
         """Return ``length`` bytes from ``offset`` after comparison with the sums.
 
         Raises
@@ -143,8 +143,8 @@ class BlobFiles:
         first, last = chunk_range(offset, length)
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
-            data = self._read_chunks(sha256, size, first, last, what)
-            check_chunks(data, first, sums, what)
+            data = self._read_chunks(sha256, size, first, last, subject)
+            check_chunks(data, first, sums, subject)
         except StorageError:
             with self._lock:
                 self._written.pop(sha256, None)
@@ -155,7 +155,7 @@ class BlobFiles:
             else data[offset - start : offset - start + length]
         )
 
-    def _read_chunks(self, sha256: str, size: int, first: int, last: int, what: str) -> bytes:
+    def _read_chunks(self, sha256: str, size: int, first: int, last: int, subject: str) -> bytes:
         """Return the chunks ``first`` to ``last`` (exclusive) without a checksum; raises StorageError."""
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
@@ -166,14 +166,14 @@ class BlobFiles:
                 file.seek(start)
                 data = file.read(stop - start)
         except OSError as error:
-            raise StorageError(f"{what}: payload file not readable ({error.strerror})") from error
+            raise StorageError(f"{subject}: payload file not readable ({error.strerror})") from error
         except CodecError as error:
             raise StorageError(
-                f"{what}: payload file of {stored} bytes is corrupt on the disk ({error}); not served"
+                f"{subject}: payload file of {stored} bytes is corrupt on the disk ({error}); not served"
             ) from error
         if len(data) != stop - start:
             raise StorageError(
-                f"{what}: payload file ends at byte {start + len(data)}, expected {size}; not served"
+                f"{subject}: payload file ends at byte {start + len(data)}, expected {size}; not served"
             )
         return data
 

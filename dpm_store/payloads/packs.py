@@ -111,7 +111,7 @@ class PackFiles:
         with self._discarding_on_error():
             self._sync()
 
-    def read(self, span: Span, sums: bytes, what: str) -> bytes:
+    def read(self, span: Span, sums: bytes, subject: str) -> bytes:
         """Return a payload after comparison with its sums.
 
         Raises
@@ -125,10 +125,12 @@ class PackFiles:
             with self.path(pack_of(location)).open("rb", buffering=0) as file:
                 data = os.pread(file.fileno(), size, start)
         except OSError as error:
-            raise StorageError(f"{what}: pack not readable ({error.strerror})") from error
+            raise StorageError(f"{subject}: pack not readable ({error.strerror})") from error
         if len(data) != size:
-            raise StorageError(f"{what}: its pack ends at byte {start + len(data)}, expected {start + size}")
-        check_chunks(data, 0, sums, what)
+            raise StorageError(
+                f"{subject}: its pack ends at byte {start + len(data)}, expected {start + size}"
+            )
+        check_chunks(data, 0, sums, subject)
         return data
 
     def reclaim(self, number: int, live: Sequence[Span]) -> bool:

@@ -109,14 +109,14 @@ class Payloads:
         ]
         add_to_tallies(connection, schema.blob_tallies, new_sizes)
 
-    def read(self, row: Any, offset: int, length: int, what: str) -> bytes:
+    def read(self, row: Any, offset: int, length: int, subject: str) -> bytes:
         """Return checked bytes of a payload from its row of ``blobs``; raises StorageError if corrupt."""
         if length == 0:
             return b""
         try:
             if row.location is None:
-                return self.files.read(row.sha256, row.size, row.chunk_sums, offset, length, what)
-            payload = self.packs.read((row.location, row.size), row.chunk_sums, what)
+                return self.files.read(row.sha256, row.size, row.chunk_sums, offset, length, subject)
+            payload = self.packs.read((row.location, row.size), row.chunk_sums, subject)
         except StorageError as error:
             self.damaged[row.sha256] = str(error)
             raise

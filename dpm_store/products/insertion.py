@@ -331,9 +331,9 @@ def prepare(product: NewProduct) -> PreparedProduct:
 
 def _check_product(header: Header, payload: bytes, names: dict[str, str], type_name: str, codec: str) -> str:
     """Return the SHA-256 of the payload; raises InputError or CodecError for a product that is not valid."""
-    for what, name in names.items():
+    for field, name in names.items():
         if not _NAME.match(name):
-            raise InputError(f"{what}={name[:80]!r}: expected lower case letters, digits and _, at most 64")
+            raise InputError(f"{field}={name[:80]!r}: expected lower case letters, digits and _, at most 64")
     if not _TYPE.match(type_name):
         raise InputError(f"type {type_name[:80]!r}: expected the name of an ASN.1 type")
     if codec not in CODECS:

@@ -29,14 +29,14 @@ def guided(data: bytes, node: Node | Alias) -> Any:
     buffer = np.frombuffer(data, dtype=np.uint8)
     end = int(kernels.skip(buffer, 0))
     if end != len(data):
-        what = (
+        problem = (
             "cut off"
             if end == kernels.TRUNCATED
             else "malformed"
             if end < 0
             else f"followed by {len(data) - end} more"
         )
-        raise CodecError(f"not MessagePack: {what}")
+        raise CodecError(f"not MessagePack: {problem}")
     return _object(data, buffer, 0, end, node)
 
 

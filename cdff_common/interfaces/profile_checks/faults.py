@@ -100,10 +100,10 @@ def one_of(known: Iterable[str]) -> str:
     return f"one of {', '.join(names[:_MOST_NAMES]) or 'none'}{remainder}"
 
 
-def unknown_name(location: Location, name: object, what: str, known: Iterable[str]) -> Finding:
+def unknown_name(location: Location, name: object, kind: str, known: Iterable[str]) -> Finding:
     """Return the finding of a name that is not known."""
     names = list(known)
-    return Finding(location, f"no such {what}; expected {one_of(names)}", name, nearest_name(name, names))
+    return Finding(location, f"no such {kind}; expected {one_of(names)}", name, nearest_name(name, names))
 
 
 def short(value: Any) -> str:

@@ -78,7 +78,7 @@ def _unknown_limit(place: Location, limit: str) -> Finding:
 
 def _mode_findings(reading: Reading, robot: Robot, entry: DfpcEntry, place: Location) -> Iterator[Finding]:
     """Yield the findings about sensors and modes that a DFPC needs."""
-    for sensor_name, need in entry.modes.items():
+    for sensor_name, required in entry.modes.items():
         at = (*place, sensor_name)
         if reading.is_unreadable(*place[:2], "sensors", sensor_name):
             continue
@@ -86,14 +86,14 @@ def _mode_findings(reading: Reading, robot: Robot, entry: DfpcEntry, place: Loca
             yield unknown_name(at, sensor_name, f"sensor of {robot.id}", robot.sensors)
             continue
         modes = robot.sensors[sensor_name].modes
-        if not isinstance(need, str):
-            if need.max_rate_hz is not None and need.max_rate_hz < need.min_rate_hz:
-                yield Finding(at, f"max_rate_hz {need.max_rate_hz:g} is less than min_rate_hz", ABSENT)
-            elif not any(need.is_met_by(mode) for mode in modes.values()):
+        if not isinstance(required, str):
+            if required.max_rate_hz is not None and required.max_rate_hz < required.min_rate_hz:
+                yield Finding(at, f"max_rate_hz {required.max_rate_hz:g} is less than min_rate_hz", ABSENT)
+            elif not any(required.is_met_by(mode) for mode in modes.values()):
                 offered = ", ".join(f"{name} ({_properties(mode)})" for name, mode in modes.items())
                 yield Finding(at, f"no mode of {sensor_name} meets this; it has {offered}", ABSENT)
             continue
-        for mode in mode_names(need):
+        for mode in mode_names(required):
             if mode not in modes:
                 yield unknown_name(at, mode, f"mode of {sensor_name}", modes)
             elif not modes[mode].on or modes[mode].rate_hz == 0.0:
@@ -128,8 +128,8 @@ def _history_findings(reading: Reading) -> Iterator[Finding]:
         if policy.sensor not in sensors:
             yield unknown_name(("history", k, "sensor"), policy.sensor, "sensor", sensors)
         elif policy.stream not in streams:
-            what = f"stream of {policy.sensor}"
-            yield unknown_name(("history", k, "stream"), policy.stream, what, dict.fromkeys(streams))
+            kind = f"stream of {policy.sensor}"
+            yield unknown_name(("history", k, "stream"), policy.stream, kind, dict.fromkeys(streams))
 
 
 def _retention_findings(reading: Reading) -> Iterator[Finding]:

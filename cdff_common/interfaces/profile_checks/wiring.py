@@ -100,8 +100,8 @@ def _source_findings(
         if source.owner not in robot.sensors:
             yield _unknown_source(at, source, source.owner, f"sensor of {robot.id}", list(robot.sensors))
             return
-        offered = robot.sensors[source.owner].streams
-        what = f"stream of sensor {source.owner}"
+        known_names = robot.sensors[source.owner].streams
+        kind = f"stream of sensor {source.owner}"
     elif source.kind == "product":
         names = [entry.name for entry in robot.dfpcs]
         description = description_of(source.owner)
@@ -112,14 +112,14 @@ def _source_findings(
             return
         if description is None:  # reported at its entry
             return
-        offered = {port.attribute: port.type_name for port in description.output_ports}
-        what = f"output port of {source.owner}"
+        known_names = {port.attribute: port.type_name for port in description.output_ports}
+        kind = f"output port of {source.owner}"
     else:
-        offered = {name: product.type_name or "" for name, product in product_types().items()}
-        what = "product type"
-    type_name = offered.get(source.item)
+        known_names = {name: product.type_name or "" for name, product in product_types().items()}
+        kind = "product type"
+    type_name = known_names.get(source.item)
     if type_name is None:
-        yield _unknown_source(at, source, source.item, what, list(offered))
+        yield _unknown_source(at, source, source.item, kind, list(known_names))
     elif type_name in message_types() and type_name != port.type_name:
         yield Finding(at, _type_problem(robot, source, port, type_name), str(source))
 
@@ -130,11 +130,11 @@ def _has_unreadable_dfpcs(reading: Reading, at: Location) -> bool:
     return any(r[: len(dfpcs)] == dfpcs and len(r) <= len(dfpcs) + 2 for r in reading.removed)
 
 
-def _unknown_source(at: Location, source: Source, name: str, what: str, known: list[str]) -> Finding:
+def _unknown_source(at: Location, source: Source, name: str, kind: str, known: list[str]) -> Finding:
     """Return the finding of an unknown part of a source, with the whole source as the nearest name."""
     nearest = nearest_name(name, known)
-    whole = str(source).replace(f"/{name}", f"/{nearest}", 1) if nearest else ""
-    return Finding(at, f"no {what} {name!r}; expected {one_of(known)}", str(source), whole)
+    suggestion = str(source).replace(f"/{name}", f"/{nearest}", 1) if nearest else ""
+    return Finding(at, f"no {kind} {name!r}; expected {one_of(known)}", str(source), suggestion)
 
 
 def _type_problem(robot: Robot, source: Source, port: InputPort, type_name: str) -> str:

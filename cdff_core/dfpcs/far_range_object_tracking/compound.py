@@ -171,8 +171,8 @@ class FarRangeObjectTracking(FarRangeObjectTrackingInterface):
         """
         last_tracks = self._tracked
         if last_tracks is None or id not in last_tracks.ids:
-            known = [] if last_tracks is None else last_tracks.ids.tolist()
-            raise ProductNotFoundError(f"object {id}: expected one of {known}")
+            known_ids = [] if last_tracks is None else last_tracks.ids.tolist()
+            raise ProductNotFoundError(f"object {id}: expected one of {known_ids}")
         t_ns = last_tracks.stamp_ns if t_ns < 0 else t_ns
         states = self._predict_states(last_tracks, t_ns)
         i = int(np.flatnonzero(last_tracks.ids == id)[0])

@@ -265,8 +265,8 @@ class _Window:
     ) -> UncertainTransform:
         """Return T_camera_body with covariance."""
         middle = 0.5 * (np.array(self.image.shape[::-1]) - 1.0)
-        place = middle if R_window_body is None else size_range.origin
-        ray = np.append((place - middle) / self.focal_px, 1.0)
+        position_px = middle if R_window_body is None else size_range.origin
+        ray = np.append((position_px - middle) / self.focal_px, 1.0)
         ray = self.R_window_camera.T @ (ray / np.linalg.norm(ray))
         # Across the line of sight: the error of an edge; without attitude a part of the extent.
         across_px = 0.25 * size_range.extent if R_window_body is None else 0.5

@@ -77,8 +77,8 @@ class RobotFrames:
         if frame == self.base:
             return True
         if frame != "site" and frame not in self._graph.frames:
-            known = ", ".join(sorted({*self._graph.frames, self.base}))
-            raise FrameNotFoundError(f"frame {frame!r}: unknown, expected one of {known}")
+            known_frames = ", ".join(sorted({*self._graph.frames, self.base}))
+            raise FrameNotFoundError(f"frame {frame!r}: unknown, expected one of {known_frames}")
         root = frame
         while (parent := self._graph.parent_of(root)) is not None:
             root = parent
@@ -124,8 +124,8 @@ class RobotFrames:
         values = {name: state.position for name, state in zip(joints.names, joints.elements, strict=True)}
         unknown = sorted(set(values) - set(self._joints))
         if unknown:
-            known = ", ".join(self.movable_joints) or "none"
-            raise InputError(f"joint {unknown[0]!r} is not movable in the URDF; movable are {known}")
+            movable_names = ", ".join(self.movable_joints) or "none"
+            raise InputError(f"joint {unknown[0]!r} is not movable in the URDF; movable are {movable_names}")
         for name, (track, joint) in self._joints.items():
             value = values.get(name)
             if joint.mimic is not None and joint.mimic[0] in values:

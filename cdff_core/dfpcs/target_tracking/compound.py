@@ -100,14 +100,14 @@ class TargetTracking(TargetTrackingInterface):
         except RefusedError as error:
             return None, error.reasons[0]
 
-    def _agrees_with_rival(self, sample: Sample, measured: UncertainTransform) -> bool:
+    def _agrees_with_rival(self, sample: Sample, measured_pose: UncertainTransform) -> bool:
         """Return True if enough rejected measurements in succession agree with each other."""
         updated_rival = None
         if self._rival is not None:
             predicted_state = self._filter.predicted(self._rival, sample.stamp_ns)
-            updated_rival, _ = self._correct_state(predicted_state, measured)
+            updated_rival, _ = self._correct_state(predicted_state, measured_pose)
         self._rival_count = self._rival_count + 1 if updated_rival is not None else 1
-        self._rival = updated_rival if updated_rival is not None else self._new(sample, measured)
+        self._rival = updated_rival if updated_rival is not None else self._new(sample, measured_pose)
         return self._rival_count >= self.config.restart_after
 
     def _published(self, sample: Sample, reasons: list[str]) -> Iterable[Output]:

@@ -74,8 +74,8 @@ class RobotBody:
         values = {name: state.position for name, state in zip(joints.names, joints.elements, strict=True)}
         movable = {joint.name for joint in self._model.joints if joint.movable}
         if unknown := sorted(set(values) - movable):
-            known = ", ".join(sorted(movable)) or "none"
-            raise InputError(f"joint {unknown[0]!r} is not movable in the URDF; movable are {known}")
+            movable_names = ", ".join(sorted(movable)) or "none"
+            raise InputError(f"joint {unknown[0]!r} is not movable in the URDF; movable are {movable_names}")
         self._values |= values
 
     def masks(self, pair: FramePair, camera: str) -> tuple[BoolArray, BoolArray]:
