@@ -134,12 +134,13 @@ def table(figures: dict[str, Any]) -> str:
         "|---" * 8 + "|",
     ]
     for name, row in rows.items():
-        m, d, nees = row["error_m"], row["error_deg"], row["nees"]
+        translation, rotation, nees = row["error_m"], row["error_deg"], row["nees"]
         low, high = nees["band_95"]
         lines.append(
-            f"| `{name}` | {m['count'] + row['refused']}, {row['refused']} refused "
-            f"| {1e3 * m['median']:.2f} mm, {d['median']:.4f}° "
-            f"| {1e3 * m['p95']:.1f} mm, {d['p95']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
+            f"| `{name}` | {translation['count'] + row['refused']}, {row['refused']} refused "
+            f"| {1e3 * translation['median']:.2f} mm, {rotation['median']:.4f}° "
+            f"| {1e3 * translation['p95']:.1f} mm, {rotation['p95']:.3f}° "
+            f"| {1e3 * translation['max']:.1f} mm, {rotation['max']:.3f}° "
             f"| {1e3 * row['cpu_s']['median']:.0f} | {nees['mean']:.2f} ({low:.2f}–{high:.2f}) "
             f"| {1e3 * row['mean_sigma_m']:.2f} mm, {row['mean_sigma_deg']:.4f}° |"
         )
@@ -153,12 +154,13 @@ def table(figures: dict[str, Any]) -> str:
         )
         lines.append(f"| {name.replace('_', ' ')} | {entry['status']}, {answer} |")
     devon = measured["devon_island"]
-    m, d = devon["translation_m"], devon["rotation_deg"]
+    translation, rotation = devon["translation_m"], devon["rotation_deg"]
     lines.append(
         f"| Devon Island, errors of the guess up to {MAX_GUESS_M} m and {MAX_GUESS_DEG:g}° | within 2 cm and "
         f"0.1°: {rate_text(devon['within_2_cm_and_0.1_deg'])}, wrong {rate_text(devon['wrong'])}; median "
-        f"{1e3 * m['median']:.1f} mm, {d['median']:.3f}°, maximum {1e3 * m['max']:.1f} mm, "
-        f"{d['max']:.3f}°; mean NEES {devon['mean_nees']} |"
+        f"{1e3 * translation['median']:.1f} mm, {rotation['median']:.3f}°, maximum "
+        f"{1e3 * translation['max']:.1f} mm, "
+        f"{rotation['max']:.3f}°; mean NEES {devon['mean_nees']} |"
     )
     return "\n".join(lines)
 

@@ -209,8 +209,8 @@ def covariance(
         if output.quality.status is Status.FAILED:
             continue
         result = output.value.transform
-        e = pose_error(T, result.matrix)
-        nees.append(float(e @ np.linalg.solve(result.covariance, e)))
+        error = pose_error(T, result.matrix)
+        nees.append(float(error @ np.linalg.solve(result.covariance, error)))
         sigma = np.sqrt(np.diag(result.covariance))
         sigma_m.append(sigma[:3].mean())
         sigma_deg.append(np.degrees(sigma[3:]).mean())
@@ -234,13 +234,14 @@ def table(figures: dict[str, Any]) -> str:
     ]
     for name in ("from 2 m and 20 deg off", "without a guess"):
         row = figures[name]
-        m, d = row["translation_m"], row["rotation_deg"]
+        translation, rotation = row["translation_m"], row["rotation_deg"]
         result = row["trials"] - row["refused"] - row["wrong"]
         start = name.replace(" deg", "°")
         lines.append(
             f"| {start} | {_rate(result, row['trials'], bounds(result, row['trials']))} "
             f"| {_rate(row['within_3_cm_and_0.1_deg'], row['trials'], row['within_95'])} "
-            f"| {1e3 * m['median']:.1f} mm, {d['median']:.3f}° | {1e3 * m['max']:.1f} mm, {d['max']:.3f}° "
+            f"| {1e3 * translation['median']:.1f} mm, {rotation['median']:.3f}° "
+            f"| {1e3 * translation['max']:.1f} mm, {rotation['max']:.3f}° "
             f"| {row['refused']} | {_rate(row['wrong'], row['trials'], row['wrong_95'])} |"
         )
     other = figures["other ground"]

@@ -254,11 +254,11 @@ def table(figures: dict[str, Any]) -> str:
         "|---" * 7 + "|",
     ]
     for name, row in figures["drives"].items():
-        m, d = row["error_m"], row["error_deg"]
-        answered = m["count"] > 0
+        translation, rotation = row["error_m"], row["error_deg"]
+        answered = translation["count"] > 0
         cells = [
-            f"{1e3 * m['median']:.1f} mm, {d['median']:.3f}°" if answered else "–",
-            f"{1e3 * m['max']:.1f} mm, {d['max']:.3f}°" if answered else "–",
+            f"{1e3 * translation['median']:.1f} mm, {rotation['median']:.3f}°" if answered else "–",
+            f"{1e3 * translation['max']:.1f} mm, {rotation['max']:.3f}°" if answered else "–",
             f"{row['refused']}",
             rate_text(row["wrong"]),
             f"{1e3 * row['from_site_m']['median']:.1f} mm" if answered else "–",

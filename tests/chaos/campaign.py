@@ -35,8 +35,8 @@ class ResourceUse:
     def _run(self) -> None:
         start_s = time.monotonic()
         while not self._stop.wait(2.0):
-            for name, used in self._mission.resources().items():
-                self._samples.setdefault(name, []).append((time.monotonic() - start_s, *used))
+            for name, resources in self._mission.resources().items():
+                self._samples.setdefault(name, []).append((time.monotonic() - start_s, *resources))
 
     def stop(self) -> None:
         """End the thread."""
@@ -64,7 +64,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
     with Mission(folder) as mission:
         traffic = Traffic(mission, oracle, seed)
         time.sleep(_SETTLED_S)
-        before_mb, used = mission.memory_mb(), ResourceUse(mission)
+        before_mb, resource_use = mission.memory_mb(), ResourceUse(mission)
         counts = disturb(mission, oracle, minutes, seed)
         traffic.stop()
         if not mission.wait_ready():
@@ -72,7 +72,7 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
         if not wait_until(lambda: not _missing(mission, oracle), _DELIVERED_S):
             oracle.violate(f"at the end: products not delivered within {_DELIVERED_S:g} s")
         time.sleep(_SETTLED_S)
-        used.stop()
+        resource_use.stop()
         after_mb = mission.memory_mb()
         oracle.check_products(stored_products(mission))
         oracle.check_requests()
@@ -80,10 +80,10 @@ def run(folder: Path, minutes: float, seed: int) -> dict[str, Any]:
     memory_mb = {
         name: {
             "before": before_mb[name],
-            "peak": used.peak_mb(name),
+            "peak": resource_use.peak_mb(name),
             "after": after_mb[name],
             "limit": round(memory_limit_mb(name, before_mb[name])),
-            "slopes_per_hour": used.slopes_per_hour(name),
+            "slopes_per_hour": resource_use.slopes_per_hour(name),
         }
         for name in after_mb
     }

@@ -199,7 +199,7 @@ class Mission:
 
     def memory_mb(self) -> dict[str, float]:
         """Return the resident memory of the running services."""
-        return {name: used[0] for name, used in self.resources().items()}
+        return {name: resources[0] for name, resources in self.resources().items()}
 
     def is_ready(self) -> bool:
         """Return whether every service is alive and the DPM answers."""

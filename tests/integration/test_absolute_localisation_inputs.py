@@ -65,8 +65,8 @@ def test_plain_geotiffs_of_one_band_are_localised_by_the_names_of_the_contract(
     z = cell_m * gaussian_filter(rng.normal(0.0, 20.0, (120, 120)), 4.0)
     band = {"height": z.astype(np.float32)}
     corner = (round(5.13e5 / cell_m) * cell_m, round(5.4e6 / cell_m) * cell_m)
-    whole = GridGeometry("site", cell_m, *corner, 120, 120)
-    (tmp_path / "orbital.tif").write_bytes(write_bands(band, whole))
+    whole_geometry = GridGeometry("site", cell_m, *corner, 120, 120)
+    (tmp_path / "orbital.tif").write_bytes(write_bands(band, whole_geometry))
     part = {"height": band["height"][30:80, 40:90]}
     # The rover map lies 3 columns and 5 rows off its true place.
     wrong = GridGeometry("site", cell_m, corner[0] + 37 * cell_m, corner[1] - 25 * cell_m, 50, 50)

@@ -352,9 +352,11 @@ def test_owslib_reads_a_tile_in_both_encodings_of_wmts(server: Server) -> None:
             format="image/png",
         )
         assert tile.read().startswith(b"\x89PNG")
-    rest = service.contents["hillshade"].resourceURLs[0]["template"]
-    rest = rest.replace("{TileMatrixSet}", "grid").replace("{Time}", "current")
-    url = rest.replace("{TileMatrix}", "17").replace("{TileRow}", "65535").replace("{TileCol}", "65536")
+    resource_url = service.contents["hillshade"].resourceURLs[0]["template"]
+    resource_url = resource_url.replace("{TileMatrixSet}", "grid").replace("{Time}", "current")
+    url = (
+        resource_url.replace("{TileMatrix}", "17").replace("{TileRow}", "65535").replace("{TileCol}", "65536")
+    )
     with urllib.request.urlopen(url, timeout=20) as answer:
         assert answer.read().startswith(b"\x89PNG")
 

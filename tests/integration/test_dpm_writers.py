@@ -49,11 +49,11 @@ def notes(system: System, product_id: str) -> str:
 def test_eight_processes_lose_no_update_over_http(system: System, tmp_path: Path) -> None:
     ids = [system.put(cloud(), "pointcloud", seq) for seq in range(WRITERS + 1)]
     command = [sys.executable, "-c", WRITER, f"{system.http}/api/v1/products/", ids[0]]
-    writers = [subprocess.Popen([*command, own, str(TIMES)]) for own in ids[1:]]
+    writers = [subprocess.Popen([*command, product_id, str(TIMES)]) for product_id in ids[1:]]
     result = backup(tmp_path / "data", tmp_path / "copy")
     assert [writer.wait(120) for writer in writers] == [0] * WRITERS
     assert notes(system, ids[0]) == str(WRITERS * TIMES)
-    assert [notes(system, own) for own in ids[1:]] == [str(TIMES)] * WRITERS
+    assert [notes(system, product_id) for product_id in ids[1:]] == [str(TIMES)] * WRITERS
     assert result.products == WRITERS + 1
     backup(tmp_path / "copy", tmp_path / "restored")
     with open_store(f"sqlite:///{tmp_path}/restored") as restored:

@@ -63,8 +63,8 @@ def test_a_replay_from_a_position_gives_the_bytes_of_a_log_that_begins_there(
     log: Path, tmp_path: Path
 ) -> None:
     part = tmp_path / "part.msg"
-    with closing(open_log(log)) as whole, LogWriter(part) as writer:
-        for sample in list(whole.samples())[3:]:
+    with closing(open_log(log)) as whole_log, LogWriter(part) as writer:
+        for sample in list(whole_log.samples())[3:]:
             header = recorded_header(sample.stream, sample.seq, sample.stamp_ns)
             writer.write(sample.stream, sample.value, sample.stamp_ns, header)
     from_start = _replay(log, tmp_path / "a", "1", "--start", "0.3")

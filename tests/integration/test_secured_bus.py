@@ -102,22 +102,22 @@ def test_no_certificate_and_plain_tcp_are_refused(mission: Mission) -> None:
 def test_a_robot_publishes_below_its_own_scope_only(mission: Mission) -> None:
     mana, alice = mission.bus("mana"), mission.bus("alice")
     with collected(alice, "cdff/@v1/*/product/**") as received:
-        own, foreign = keys.product("mana", "test", "out"), keys.product("minnie", "test", "out")
-        wait_until(lambda: (mana.publish(own, b"1"), received)[1], 5)
+        own_key, foreign = keys.product("mana", "test", "out"), keys.product("minnie", "test", "out")
+        wait_until(lambda: (mana.publish(own_key, b"1"), received)[1], 5)
         mana.publish(foreign, FORGED)
         raw(mana).delete(foreign)
         raw(mana).declare_publisher(foreign).put(FORGED)
         mission.expect_refusal("mana.", "Put", foreign)
         mission.expect_refusal("mana.", "Delete", foreign)
-        assert {key for key, _ in received} == {own}
-        raw(mana).delete(own)
-        wait_until(lambda: (own, "SampleKind.DELETE") in received or len({k for _, k in received}) > 1, 5)
+        assert {key for key, _ in received} == {own_key}
+        raw(mana).delete(own_key)
+        wait_until(lambda: (own_key, "SampleKind.DELETE") in received or len({k for _, k in received}) > 1, 5)
 
 
 def test_a_robot_answers_below_its_own_scope_only(mission: Mission) -> None:
     mana, minnie, client = mission.bus("mana"), mission.bus("minnie"), mission.bus("autonomy")
-    own, foreign = (keys.dfpc_rpc(robot, "test", "call/ask") for robot in ("mana", "minnie"))
-    mana.serve(own, lambda _: Reply(b"mine"))
+    own_key, foreign = (keys.dfpc_rpc(robot, "test", "call/ask") for robot in ("mana", "minnie"))
+    mana.serve(own_key, lambda _: Reply(b"mine"))
     mana.serve(foreign, lambda _: Reply(FORGED))
     mana.declare_alive("minnie", "forged")
     mana.declare_alive("mana", "test")
@@ -125,7 +125,7 @@ def test_a_robot_answers_below_its_own_scope_only(mission: Mission) -> None:
     wait_until(
         lambda: client.alive(keys.alive("*", "test")) == {keys.alive(r, "test") for r in PROFILE.robot_ids}
     )
-    assert client.call(own).payload == b"mine"
+    assert client.call(own_key).payload == b"mine"
     with pytest.raises(NoAnswerError):
         client.call(foreign)
     assert not client.alive(keys.alive("*", "forged"))
@@ -241,15 +241,15 @@ def test_the_last_access_control_list_stays_valid_while_its_file_is_lost_or_malf
     path = mission.keys.folder / "ground" / "access.json"
     content = path.read_bytes()
     mana, alice = mission.bus("mana"), mission.bus("alice")
-    own, foreign = keys.product("mana", "test", "out"), keys.product("minnie", "test", "out")
+    own_key, foreign = keys.product("mana", "test", "out"), keys.product("minnie", "test", "out")
     try:
         for malformed in (None, b"{", b'{"enabled": "perhaps"}'):
             path.unlink() if malformed is None else path.write_bytes(malformed)
             time.sleep(2.5)
             with collected(alice, "cdff/@v1/*/product/**") as received:
                 mana.publish(foreign, FORGED)
-                wait_until(lambda: (mana.publish(own, b"1"), received)[1], 5)
-            assert {key for key, _ in received} == {own}
+                wait_until(lambda: (mana.publish(own_key, b"1"), received)[1], 5)
+            assert {key for key, _ in received} == {own_key}
     finally:
         path.write_bytes(content)
     wait_until(lambda: _sees_router(alice), 20)

@@ -41,11 +41,11 @@ def depth_image(
     K = CAMERA_MATRIX
     window = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], ROWS, COLUMNS)
     depth_m = np.full((ROWS, COLUMNS), np.inf)
-    shown = list(bodies)
+    visible_bodies = list(bodies)
     if with_table:
         corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-        shown.append(((corners, np.array([[0, 1, 2], [0, 2, 3]])), T_CAMERA_TABLE))
-    for (vertices, triangles), T in shown:
+        visible_bodies.append(((corners, np.array([[0, 1, 2], [0, 2, 3]])), T_CAMERA_TABLE))
+    for (vertices, triangles), T in visible_bodies:
         depth_m = np.minimum(depth_m, render(vertices, triangles, T, window).depth_m)
     noisy_m = depth_m + rng.normal(0.0, sigma_m, depth_m.shape)
     return DistanceImage(

@@ -40,9 +40,9 @@ def view(T_world_camera: np.ndarray, seed: int = 0) -> np.ndarray:
         # Pixel of the texture to point on the wall, to pixel of the image.
         wall = np.array([[1 / _PIXELS_PER_M, 0, x], [0, 1 / _PIXELS_PER_M, -1.5], [0, 0, z], [0, 0, 1]])
         H = K @ (T[:3] @ wall)
-        drawn = cv2.warpPerspective(picture, H, SIZE, flags=cv2.INTER_LINEAR)
+        warped = cv2.warpPerspective(picture, H, SIZE, flags=cv2.INTER_LINEAR)
         covers = cv2.warpPerspective(np.full_like(picture, 255), H, SIZE, flags=cv2.INTER_NEAREST)
-        image[covers > 0] = drawn[covers > 0]
+        image[covers > 0] = warped[covers > 0]
     return image
 
 

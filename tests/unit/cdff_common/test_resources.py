@@ -18,9 +18,9 @@ def test_a_shipped_file_is_found_by_name() -> None:
 
 
 def test_an_existing_path_precedes_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    own = tmp_path / "own.yaml"
-    own.write_text("name: own\n")
-    assert resolve("profiles", own) == own
+    own_file = tmp_path / "own.yaml"
+    own_file.write_text("name: own\n")
+    assert resolve("profiles", own_file) == own_file
     (tmp_path / "rover_traverse").write_text("name: own\n")
     monkeypatch.chdir(tmp_path)
     assert resolve("profiles", "rover_traverse") == Path("rover_traverse")

@@ -97,10 +97,10 @@ def test_a_sample_is_repeated_by_its_seed(monkeypatch: pytest.MonkeyPatch, tmp_p
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "ramp.py").write_bytes(SOURCE)
         (tmp_path / folder / "commands.py").write_bytes(SOURCE)
-    drawn = [[m.key for _, m in mutation.sample(tmp_path, seed, 8)] for seed in (1, 1, 2)]
-    assert drawn[0] == drawn[1] != drawn[2]
+    samples = [[m.key for _, m in mutation.sample(tmp_path, seed, 8)] for seed in (1, 1, 2)]
+    assert samples[0] == samples[1] != samples[2]
     assert Counter(part for part, _ in mutation.sample(tmp_path, 1, 8)) == {"a": 6, "b": 2}
-    assert not any("commands" in key for key in itertools.chain(*drawn))
+    assert not any("commands" in key for key in itertools.chain(*samples))
 
 
 def test_a_sample_of_one_module_is_repeated_by_its_seed_and_has_no_other_files(
@@ -110,11 +110,11 @@ def test_a_sample_of_one_module_is_repeated_by_its_seed_and_has_no_other_files(
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "ramp.py").write_bytes(SOURCE)
-    drawn = [
+    samples = [
         [m.key for _, m in mutation.sample(tmp_path, s, n, "b/ramp.py")] for s, n in ((1, 8), (1, 4), (2, 8))
     ]
-    assert drawn[0][:4] == drawn[1]
-    assert drawn[0] != drawn[2]
+    assert samples[0][:4] == samples[1]
+    assert samples[0] != samples[2]
     assert {part for part, _ in mutation.sample(tmp_path, 1, 8, "b/ramp.py")} == {"b"}
     everything = list(mutation.sample(tmp_path, 1, 1000, "b/ramp.py"))
     assert {m.key for _, m in everything} == {m.key for m in mutants("b/ramp.py", SOURCE)}

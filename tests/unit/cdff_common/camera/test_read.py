@@ -156,10 +156,10 @@ def chain(*links: bool) -> str:
     """Return a Kalibr chain; each entry states if that camera has a pose relative to the previous one."""
     camera = KALIBR[KALIBR.index("cam1:") :]
     first = "cam0:\n" + camera[camera.index("  camera_model") :]
-    rest = (camera.replace("cam1", f"cam{n}") for n in range(1, len(links) + 1))
+    further_cameras = (camera.replace("cam1", f"cam{n}") for n in range(1, len(links) + 1))
     return first + "".join(
         text if is_linked else text.replace("T_cn_cnm1", "T_unknown")
-        for text, is_linked in zip(rest, links, strict=True)
+        for text, is_linked in zip(further_cameras, links, strict=True)
     )
 
 

@@ -22,18 +22,21 @@ TWO = load_profile(deploy_folder() / "profiles" / "two_rovers.yaml")
 def test_the_profile_of_each_robot_is_the_same_after_its_transport(path: Any) -> None:
     profile = load_profile(path)
     for robot in profile.robot_ids:
-        own = RobotProfile.of(profile, robot)
-        received = RobotProfile.from_dict(unpack(pack(own.to_dict())), robot)
-        assert received.profile == own.profile
-        assert received.revision == own.revision
+        robot_profile = RobotProfile.of(profile, robot)
+        received = RobotProfile.from_dict(unpack(pack(robot_profile.to_dict())), robot)
+        assert received.profile == robot_profile.profile
+        assert received.revision == robot_profile.revision
         assert received.robot == profile.robot(robot)
 
 
 def test_another_mount_is_another_revision() -> None:
-    own = RobotProfile.of(TWO, "mana")
-    edge = own.robot.frames[-1].model_copy(update={"translation_m": (0.0, 0.0, 0.123)})
-    robot = own.robot.model_copy(update={"frames": (*own.robot.frames[:-1], edge)})
-    assert RobotProfile(own.profile.model_copy(update={"robots": (robot,)})).revision != own.revision
+    robot_profile = RobotProfile.of(TWO, "mana")
+    edge = robot_profile.robot.frames[-1].model_copy(update={"translation_m": (0.0, 0.0, 0.123)})
+    robot = robot_profile.robot.model_copy(update={"frames": (*robot_profile.robot.frames[:-1], edge)})
+    assert (
+        RobotProfile(robot_profile.profile.model_copy(update={"robots": (robot,)})).revision
+        != robot_profile.revision
+    )
 
 
 def test_a_joined_robot_is_added_or_replaces_its_own_entry() -> None:

@@ -84,9 +84,9 @@ def test_the_ellipse_of_a_pose_holds_95_percent_of_the_positions() -> None:
 
 
 def test_several_values_are_panels_and_others_are_omitted() -> None:
-    shown = dict(list(VALUES.items())[:9])  # a figure has at most nine panels
-    figure = figure_of({"text": types.Time(0), **shown})
-    assert {axes.get_title() for axes in figure.axes} >= set(shown)
+    nine_values = dict(list(VALUES.items())[:9])  # a figure has at most nine panels
+    figure = figure_of({"text": types.Time(0), **nine_values})
+    assert {axes.get_title() for axes in figure.axes} >= set(nine_values)
     with pytest.raises(InputError, match="nothing to draw"):
         figure_of({"t": types.Time(0)})
 

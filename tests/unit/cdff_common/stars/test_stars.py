@@ -61,8 +61,8 @@ def test_proper_motion_moves_groombridge_1830_by_seven_arcseconds_a_year() -> No
     fast = catalogue.selected(np.flatnonzero(catalogue.hip == 57_939))
     later = fast.at(parse_stamp("2026-08-01T00:00:00Z", "t"))
     years = (later.epoch_ns - fast.epoch_ns) / 31_557_600e9
-    moved = np.linalg.norm(later.directions - fast.directions)
-    np.testing.assert_allclose(moved / years, 7.059 * ARCSEC, rtol=1e-3)
+    displacements = np.linalg.norm(later.directions - fast.directions)
+    np.testing.assert_allclose(displacements / years, 7.059 * ARCSEC, rtol=1e-3)
 
 
 def test_stars_within_an_angle_are_those_with_a_larger_cosine() -> None:

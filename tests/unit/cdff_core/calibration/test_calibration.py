@@ -164,14 +164,14 @@ def inertial_drive(
     R_unit = R @ matrix_from_rpy_deg(rpy_deg)
     force = np.einsum("nji,nj->ni", R_unit, acceleration + np.array([0, 0, 9.81]))
     rate = se3.log_so3(np.swapaxes(R_unit[:-1], 1, 2) @ R_unit[1:]) * rate_hz
-    own, wheels = slice(50, -50, 5), slice(50, -50, 50)
-    force, rate = force[own], rate[own]
+    imu_rows, wheel_rows = slice(50, -50, 5), slice(50, -50, 50)
+    force, rate = force[imu_rows], rate[imu_rows]
     return (
-        ((t[own] - offset_s) * 1e9).astype(np.int64),
+        ((t[imu_rows] - offset_s) * 1e9).astype(np.int64),
         force + rng.normal(0, 0.02, force.shape),
         rate + rng.normal(0, 0.002, rate.shape),
-        (t[wheels] * 1e9).astype(np.int64),
-        se3.transform(heading[wheels], position[wheels]),
+        (t[wheel_rows] * 1e9).astype(np.int64),
+        se3.transform(heading[wheel_rows], position[wheel_rows]),
     )
 
 

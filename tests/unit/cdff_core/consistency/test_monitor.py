@@ -85,8 +85,8 @@ def test_a_lidar_with_a_wrong_tilt_is_found_with_expected_and_observed_rotation(
 def test_a_wrong_mount_is_found_and_its_sensor_named_by_comparison_with_the_others(
     frame: str, wrong: np.ndarray, sensor: str
 ) -> None:
-    stated = MOUNTS[frame] @ wrong
-    _, first = found("position_manager", Drive(duration_s=16.0), POSITION, {frame: stated})
+    T_stated = MOUNTS[frame] @ wrong
+    _, first = found("position_manager", Drive(duration_s=16.0), POSITION, {frame: T_stated})
     after_s, finding = first["sensor_rotation"]
     assert after_s <= 10.0
     assert finding.sensors == (sensor,)

@@ -283,8 +283,8 @@ def test_robust_losses_reduce_the_effect_of_outliers() -> None:
     problem = replace(
         problem, observations=BundleObservations(observations.cameras, observations.points, pixels)
     )
-    fixed = np.zeros(8)
-    fixed[:2] = 1
+    is_fixed = np.zeros(8)
+    is_fixed[:2] = 1
     T = problem.cameras.matrices
     T[:2] = T_true[:2]
     problem = BundleProblem.from_arrays(
@@ -294,7 +294,7 @@ def test_robust_losses_reduce_the_effect_of_outliers() -> None:
         (observations.cameras, observations.points),
         pixels,
         frame="site",
-        fixed=fixed,
+        fixed=is_fixed,
     )
     errors = {}
     for loss in ("none", "huber", "cauchy"):
@@ -338,9 +338,9 @@ def test_marginalised_cameras_become_an_equivalent_prior() -> None:
 def test_a_fixed_camera_that_is_dropped_leaves_the_other_cameras_in_place() -> None:
     """Its pose is known, so that nothing is eliminated but the points that it observed."""
     problem, *_ = ring(6, 80, 6, 0.5, 1)
-    fixed = np.zeros(6, np.uint8)
-    fixed[[0, 5]] = 1
-    full, _ = solve(replace(problem, cameras=replace(problem.cameras, fixed=fixed)), tolerance=1e-12)
+    is_fixed = np.zeros(6, np.uint8)
+    is_fixed[[0, 5]] = 1
+    full, _ = solve(replace(problem, cameras=replace(problem.cameras, fixed=is_fixed)), tolerance=1e-12)
     remaining = solve(full.problem, dropped=[5], max_iterations=0)[0].remaining
     assert remaining is not None
     assert remaining.prior.cameras.tolist() == [1, 2, 3, 4]
@@ -491,10 +491,10 @@ def test_the_gauge_is_determined_with_memory_linear_in_the_points(
     rows[:, :3] = rng.normal(size=(6000, 3))
     tracemalloc.start()
     try:
-        free = null_motions(rows)
+        gauge_motions = null_motions(rows)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert free.shape == (4, 7)
-    assert np.abs(free[:, :3]).max() < 1e-9
+    assert gauge_motions.shape == (4, 7)
+    assert np.abs(gauge_motions[:, :3]).max() < 1e-9
     assert peak < 10 * rows.nbytes

@@ -144,8 +144,8 @@ def test_the_eliminated_system_has_the_steps_and_covariances_of_the_dense_one(da
     s = scene(4)
     (H, g, Hp, gp, W), dense_H, dense_g = linearised(s, np.array([0, 0, 1], np.uint8))
     H += 100.0 * np.eye(SIZE)
-    free = np.r_[0 : SIZE + 6]
-    dense_H = dense_H[np.ix_(free, free)] + np.diag([100.0] * SIZE + [0.0] * 6)
+    free_parameters = np.r_[0 : SIZE + 6]
+    dense_H = dense_H[np.ix_(free_parameters, free_parameters)] + np.diag([100.0] * SIZE + [0.0] * 6)
     system = dense_H + damping * np.diag(np.diag(dense_H))
     S, b, inverses, is_regular = kernels.eliminate_points(
         START, CAM, COLUMNS, COUNT, H, g, Hp, gp, W, damping

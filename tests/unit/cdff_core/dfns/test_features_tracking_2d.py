@@ -29,9 +29,9 @@ def make_node(implementation: type[FeaturesTracking2DInterface]) -> FeaturesTrac
 
 @TRACKERS
 def test_points_are_tracked_beyond_the_patch_size_without_a_guess(implementation: type) -> None:
-    moved = np.roll(IMAGE, (6, 11), axis=(0, 1))
+    moved_image = np.roll(IMAGE, (6, 11), axis=(0, 1))
     out = make_node(implementation).process(
-        FeaturesTracking2DInputs(reference=IMAGE, image=moved, features=POINTS)
+        FeaturesTracking2DInputs(reference=IMAGE, image=moved_image, features=POINTS)
     )
     assert out.valid.mean() > 0.8
     assert np.percentile(np.abs(out.matches[out.valid] - POINTS[out.valid] - [11, 6]), 95) < 0.1

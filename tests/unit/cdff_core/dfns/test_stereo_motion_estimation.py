@@ -250,9 +250,9 @@ def test_a_rotation_of_the_right_camera_shifts_disparities_as_stated(
     points = scene(rng)
     exact, rotated = (right_camera_rotated(points, r) for r in ([0.0, 0.0, 0.0], rotation))
     camera = RectifiedCamera.from_matrix(CAMERA, BASELINE_M)
-    stated = 1e-4 * measurement_errors(camera, exact, corner_radius_px(camera))[:, :, mode]
+    stated_shift = 1e-4 * measurement_errors(camera, exact, corner_radius_px(camera))[:, :, mode]
     scale_px = float(np.abs(rotated - exact).max())
-    np.testing.assert_allclose(rotated - exact, stated, atol=0.02 * scale_px)
+    np.testing.assert_allclose(rotated - exact, stated_shift, atol=0.02 * scale_px)
 
 
 @pytest.mark.parametrize("mode", range(8))

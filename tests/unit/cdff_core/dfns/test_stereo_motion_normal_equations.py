@@ -74,9 +74,9 @@ def sums(inputs: StereoMotionEstimationInputs, T: Array, theta: Array) -> Sums:
         def difference(
             x: Array, reference=reference, current=current, b_r=b_reference, b_c=b_current
         ) -> Array:
-            moved = se3.transform(se3.exp_so3(x[3:6]) @ T[:3, :3], T[:3, 3] + x[:3])
+            T_moved = se3.transform(se3.exp_so3(x[3:6]) @ T[:3, :3], T[:3, 3] + x[:3])
             shifted = reference + np.array([0.0, 0.0, b_r @ (theta + x[6:])])
-            return predicted(shifted, moved) - current - [0.0, 0.0, b_c @ (theta + x[6:])]
+            return predicted(shifted, T_moved) - current - [0.0, 0.0, b_c @ (theta + x[6:])]
 
         x0 = np.zeros(6 + k)
         residual, J = -difference(x0), derivative(difference, x0)
@@ -188,9 +188,11 @@ def test_the_outputs_follow_their_definitions_at_the_estimate(noise_px: float, p
 
 
 def moved_error(T: Array, x: Array) -> Array:
-    moved = se3.inverse(se3.transform(se3.exp_so3(x[3:]) @ T[:3, :3], T[:3, 3] + x[:3]))
+    T_moved = se3.inverse(se3.transform(se3.exp_so3(x[3:]) @ T[:3, :3], T[:3, 3] + x[:3]))
     original = se3.inverse(T)
-    return np.concatenate([moved[:3, 3] - original[:3, 3], se3.log_so3(moved[:3, :3] @ original[:3, :3].T)])
+    return np.concatenate(
+        [T_moved[:3, 3] - original[:3, 3], se3.log_so3(T_moved[:3, :3] @ original[:3, :3].T)]
+    )
 
 
 def expected_common_response(

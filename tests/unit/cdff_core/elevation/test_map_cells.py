@@ -85,8 +85,8 @@ def test_tiles_store_cells_outside_a_moving_window_and_contain_the_same_cells_in
     distant = DemFusionInputs(patch=raster(ground(rng, 60.0), 9 * S))
     in_window = window.process(distant).map
     tiles.process(distant)
-    whole = tiles.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
-    assert np.nansum(whole.layer("count")) == 16000
+    whole_map = tiles.process(DemFusionInputs(bounds=np.full(4, np.nan))).map
+    assert np.nansum(whole_map.layer("count")) == 16000
     assert np.nansum(in_window.layer("count")) < 16000
 
 

@@ -16,8 +16,10 @@ from tests.support.corridor import texture
 def shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.uint8]:
     """Return the periodic image shifted by a fraction of a pixel, without interpolation error."""
     fy, fx = np.fft.fftfreq(image.shape[0])[:, None], np.fft.rfftfreq(image.shape[1])[None, :]
-    moved = np.fft.irfft2(np.fft.rfft2(image) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), s=image.shape)
-    return np.asarray(np.clip(np.rint(moved), 0, 255), dtype=np.uint8)
+    shifted_image = np.fft.irfft2(
+        np.fft.rfft2(image) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), s=image.shape
+    )
+    return np.asarray(np.clip(np.rint(shifted_image), 0, 255), dtype=np.uint8)
 
 
 def magnifications(n: int, scale: float = 1.0) -> NDArray[np.float64]:

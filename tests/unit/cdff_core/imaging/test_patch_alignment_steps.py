@@ -41,8 +41,8 @@ def template(image: Array, centre: Array) -> tuple[Array, Array]:
 
 def warped(W: Array) -> Array:
     """Return the pixels of a patch, moved by a homography (3, 3)."""
-    moved = np.column_stack([OFFSETS, np.ones(len(OFFSETS))]) @ W.T
-    return moved[:, :2] / moved[:, 2:]
+    warped_offsets = np.column_stack([OFFSETS, np.ones(len(OFFSETS))]) @ W.T
+    return warped_offsets[:, :2] / warped_offsets[:, 2:]
 
 
 def correlation_and_errors(image: Array, W: Array, values: Array) -> tuple[float, Array]:

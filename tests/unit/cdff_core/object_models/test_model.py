@@ -65,8 +65,8 @@ def test_the_symmetry_group_is_found(mesh: satellite.Mesh, order: int) -> None:
     np.testing.assert_array_equal(group.transforms[0], np.eye(4))
     for T in group.transforms:
         corners = mesh[0][:8] if order > 1 else np.zeros((1, 3))
-        moved = se3.transform_points(T, corners)
-        assert np.linalg.norm(moved[:, None] - corners[None], axis=2).min(axis=1).max() < 0.03
+        moved_corners = se3.transform_points(T, corners)
+        assert np.linalg.norm(moved_corners[:, None] - corners[None], axis=2).min(axis=1).max() < 0.03
 
 
 def test_a_cylinder_has_a_continuous_symmetry_about_its_axis_and_can_be_reversed() -> None:

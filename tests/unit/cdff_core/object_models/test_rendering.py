@@ -55,10 +55,10 @@ def test_triangles_behind_and_around_the_camera_are_clipped() -> None:
 
 def test_a_cropped_window_shows_the_same_pixels() -> None:
     mesh, T = satellite.satellite(), satellite.random_pose(np.random.default_rng(3), 3.0)
-    whole = render(*mesh, T, WINDOW)
+    whole_window = render(*mesh, T, WINDOW)
     part = render(*mesh, T, WINDOW.cropped(20, 30, 40, 50))
-    np.testing.assert_allclose(part.depth_m, whole.depth_m[20:60, 30:80], rtol=1e-12)
-    np.testing.assert_array_equal(part.face, whole.face[20:60, 30:80])
+    np.testing.assert_allclose(part.depth_m, whole_window.depth_m[20:60, 30:80], rtol=1e-12)
+    np.testing.assert_array_equal(part.face, whole_window.face[20:60, 30:80])
 
 
 def test_normals_point_to_the_camera_whatever_the_order_of_the_corners() -> None:

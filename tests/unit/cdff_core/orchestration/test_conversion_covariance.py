@@ -32,10 +32,10 @@ def draws(T: UncertainTransform, rng: np.random.Generator) -> FloatArray:
     """Return ``(DRAWS, 4, 4)`` samples of a transform, with errors in the parent frame."""
     assert T.covariance is not None
     errors = rng.multivariate_normal(np.zeros(6), T.covariance, DRAWS)
-    drawn = np.tile(T.matrix, (DRAWS, 1, 1))
-    drawn[:, :3, :3] = np.stack([se3.exp_so3(e) for e in errors[:, 3:]]) @ T.matrix[:3, :3]
-    drawn[:, :3, 3] += errors[:, :3]
-    return drawn
+    drawn_poses = np.tile(T.matrix, (DRAWS, 1, 1))
+    drawn_poses[:, :3, :3] = np.stack([se3.exp_so3(e) for e in errors[:, 3:]]) @ T.matrix[:3, :3]
+    drawn_poses[:, :3, 3] += errors[:, :3]
+    return drawn_poses
 
 
 def sample_covariance(drawn: FloatArray, mean: FloatArray) -> FloatArray:

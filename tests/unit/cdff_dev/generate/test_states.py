@@ -16,9 +16,11 @@ def arrows(text: str) -> set[tuple[str, str]]:
 
 def test_exactly_the_transitions_of_the_tables_are_drawn() -> None:
     job, dfpc = page().split("```mermaid")[1:3]
-    drawn = arrows(job)
+    drawn_arrows = arrows(job)
     ends = {s for s in FINAL_STATES if s != "done"}
-    assert drawn == {(str(a), str(b)) for a, following in JOB_TRANSITIONS.items() for b in following - ends}
+    assert drawn_arrows == {
+        (str(a), str(b)) for a, following in JOB_TRANSITIONS.items() for b in following - ends
+    }
     assert arrows(dfpc) == {(start, end) for (start, _), end in DFPC_TRANSITIONS.items()}
 
 

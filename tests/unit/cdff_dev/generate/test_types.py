@@ -83,9 +83,9 @@ def test_attributes_are_snake_case(asn1: str, python: str) -> None:
 
 
 def test_fields_become_nodes_with_their_bounds(model: ModelReader) -> None:
-    thing = model.types["Thing-data-t"]
-    assert isinstance(thing.node, Struct)
-    nodes = {f.attribute: f.node for f in thing.node.fields}
+    thing_model = model.types["Thing-data-t"]
+    assert isinstance(thing_model.node, Struct)
+    nodes = {f.attribute: f.node for f in thing_model.node.fields}
     assert nodes["msg_version"] == Integer(0, 255)
     assert nodes["name"] == Text(256)
     assert nodes["points"] == Array(Real(), ((0, 70000), (3, 3)), ("Point", "T-Double"))
@@ -101,10 +101,10 @@ def test_fields_become_nodes_with_their_bounds(model: ModelReader) -> None:
 
 
 def test_comments_and_versions_are_kept(model: ModelReader) -> None:
-    thing = model.types["Thing-data-t"]
-    assert thing.comment == "Measured thing. In two lines."
-    assert thing.field_comments == {"name": "of the thing", "points": "m"}
-    assert thing.version == 3
+    thing_model = model.types["Thing-data-t"]
+    assert thing_model.comment == "Measured thing. In two lines."
+    assert thing_model.field_comments == {"name": "of the thing", "points": "m"}
+    assert thing_model.version == 3
 
 
 def test_a_type_follows_the_types_that_it_refers_to(model: ModelReader) -> None:

@@ -90,10 +90,10 @@ def test_a_part_is_cut_by_seconds_after_the_first_sample(
     out = str(tmp_path / "part.msg")
     assert _run("cut", str(log), "--out", out, "--start", "1", "--duration", "2") == 0
     assert capsys.readouterr().out.startswith(f"{out}: ")
-    with open_log(log) as whole, open_log(out) as part:
-        first_ns = min(info.t0_ns for info in whole.streams.values())
+    with open_log(log) as whole_log, open_log(out) as part:
+        first_ns = min(info.t0_ns for info in whole_log.streams.values())
         stamps_ns = [sample.stamp_ns for sample in part.samples()]
-        expected = [s.stamp_ns for s in whole.samples() if 10**9 <= s.stamp_ns - first_ns < 3 * 10**9]
+        expected = [s.stamp_ns for s in whole_log.samples() if 10**9 <= s.stamp_ns - first_ns < 3 * 10**9]
     assert stamps_ns == expected
     with pytest.raises(InputError, match="'/no/such'"):
         _run("cut", str(log), "--out", out, "--start", "1", "--stream", "/no/such")

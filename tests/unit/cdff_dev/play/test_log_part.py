@@ -121,12 +121,12 @@ def test_a_log_is_read_from_a_stamp_on_like_its_rest(log: LogSource) -> None:
 
 
 def test_a_repeated_log_is_read_from_a_stamp_of_a_later_lap_on(log: LogSource) -> None:
-    whole = list(islice(LoopedLog(log).samples(), 300))
-    chosen = whole[250]
+    whole_samples = list(islice(LoopedLog(log).samples(), 300))
+    chosen = whole_samples[250]
     later = next(iter(LoopedLog(log).samples_from(chosen.stamp_ns)))
     assert (later.stream, later.seq, later.stamp_ns) == (chosen.stream, chosen.seq, chosen.stamp_ns)
     poses = (s for s in LoopedLog(log).samples_from(chosen.stamp_ns) if s.stream == ODOMETRY)
-    expected = next(s for s in whole[250:] if s.stream == ODOMETRY)
+    expected = next(s for s in whole_samples[250:] if s.stream == ODOMETRY)
     np.testing.assert_array_equal(next(poses).value.transform.matrix, expected.value.transform.matrix)
 
 

@@ -157,11 +157,11 @@ def test_several_clouds_make_one_map(tmp_path: Path, rng: np.random.Generator) -
         ("pattern", [f"cloud={tmp_path}/scan*.ply"]),
     ):
         assert cdff_run("digital_elevation_mapping", *clouds, *options, tmp_path / name) == 0
-    whole, in_parts, by_pattern = (
+    whole_map, in_parts, by_pattern = (
         read_map(tmp_path / name / report_of(tmp_path / name)["outputs"]["map"]["file"])
         for name in ("whole", "parts", "pattern")
     )
-    counts = [float(np.nansum(dem.layer("count"))) for dem in (in_parts, whole)]
+    counts = [float(np.nansum(dem.layer("count"))) for dem in (in_parts, whole_map)]
     assert counts[0] == pytest.approx(counts[1], rel=0.05)
     np.testing.assert_array_equal(by_pattern.layer("mean"), in_parts.layer("mean"))
 

@@ -18,16 +18,16 @@ from cdff_dev.slam.voxel_means import VoxelMeans
 def test_means_are_those_of_all_points_of_a_voxel_whatever_the_parts() -> None:
     rng = np.random.default_rng(1)
     points_m, values = rng.uniform(-3.0, 3.0, (5000, 3)), rng.uniform(0.0, 255.0, 5000)
-    whole, parts = VoxelMeans(1.0), VoxelMeans(1.0)
-    whole.add(points_m, values)
+    whole_means, parts = VoxelMeans(1.0), VoxelMeans(1.0)
+    whole_means.add(points_m, values)
     for part in np.array_split(np.arange(5000), 7):
         parts.add(points_m[part], values[part])
-    for first, second in zip(whole.means(), parts.means(), strict=True):
+    for first, second in zip(whole_means.means(), parts.means(), strict=True):
         np.testing.assert_allclose(first, second, atol=1e-9)
-    assert len(whole.means()[0]) == 6**3
+    assert len(whole_means.means()[0]) == 6**3
     in_first = (points_m >= -3.0).all(axis=1) & (points_m < -2.0).all(axis=1)
-    np.testing.assert_allclose(whole.means()[0][0], points_m[in_first].mean(axis=0))
-    assert whole.means()[1][0] == pytest.approx(values[in_first].mean())
+    np.testing.assert_allclose(whole_means.means()[0][0], points_m[in_first].mean(axis=0))
+    assert whole_means.means()[1][0] == pytest.approx(values[in_first].mean())
 
 
 def test_the_number_of_voxels_is_limited_by_larger_ones(monkeypatch: pytest.MonkeyPatch) -> None:

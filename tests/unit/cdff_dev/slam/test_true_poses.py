@@ -58,12 +58,12 @@ def write(path: Path, T_base_sensor: np.ndarray, *, as_stream: bool) -> Path:
 def test_true_poses_of_the_base_become_those_of_the_sensor(tmp_path: Path, as_stream: bool) -> None:
     with open_log(write(tmp_path / "run.msg", T_BASE_CAMERA, as_stream=as_stream)) as log:
         truth = true_poses(log, "mana/navcam_left")
-        own = true_poses(log, "mana/base")
+        base_truth = true_poses(log, "mana/base")
     assert truth.track is not None
-    assert own.track is not None
-    assert (truth.frame, own.frame) == ("mana/navcam_left", "mana/base")
+    assert base_truth.track is not None
+    assert (truth.frame, base_truth.frame) == ("mana/navcam_left", "mana/base")
     np.testing.assert_allclose(truth.track.matrices, T_WORLD_BASE @ T_BASE_CAMERA, atol=1e-12)
-    np.testing.assert_allclose(own.track.matrices, T_WORLD_BASE, atol=1e-12)
+    np.testing.assert_allclose(base_truth.track.matrices, T_WORLD_BASE, atol=1e-12)
 
 
 def test_without_the_place_of_the_sensor_the_frame_of_the_true_poses_is_stated(tmp_path: Path) -> None:

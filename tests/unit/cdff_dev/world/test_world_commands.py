@@ -71,8 +71,8 @@ def test_export_writes_a_file_that_shows_the_same(
     assert read_world(out.read_bytes()).stamp_ns == 2 * S
     capsys.readouterr()
     assert main(["world", "show", str(out), "--type", "Pointcloud", "--json"]) == EXIT_DONE
-    shown = json.loads(capsys.readouterr().out)
-    assert [item["name"] for item in shown["items"]] == ["/mana/lidar.cloud"]
+    world_json = json.loads(capsys.readouterr().out)
+    assert [item["name"] for item in world_json["items"]] == ["/mana/lidar.cloud"]
     assert main(["world", "show", str(out), "--at", "+1"]) == EXIT_ERROR
     assert "holds one time only" in capsys.readouterr().err
 

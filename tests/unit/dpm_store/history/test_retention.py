@@ -98,15 +98,15 @@ def test_in_a_random_provenance_graph_exactly_the_needed_inputs_stay(
     for product_id in deleted:
         store.delete(product_id)
 
-    old = {h.id for h in headers if h.t1_ns < clock.now_ns() - 35 * S}
+    old_ids = {h.id for h in headers if h.t1_ns < clock.now_ns() - 35 * S}
     needed: set[str] = set()
     for h in reversed(headers):  # a product has only earlier inputs
-        stays = h.id not in deleted and (h.id not in old or h.id in pinned)
+        stays = h.id not in deleted and (h.id not in old_ids or h.id in pinned)
         if stays or h.id in needed:
             needed |= set(h.inputs)
     plan = store.retention.plan([Rule(product="dem", max_age_s=35)])
-    assert {v.id for v in plan.retired} == old - deleted - pinned - needed
-    assert {v.id for v in plan.decisions} == old - deleted
+    assert {v.id for v in plan.retired} == old_ids - deleted - pinned - needed
+    assert {v.id for v in plan.decisions} == old_ids - deleted
 
 
 def test_without_a_rule_everything_stays(aged_store: Store) -> None:

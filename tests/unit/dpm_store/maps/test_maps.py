@@ -95,17 +95,17 @@ def test_a_window_in_strips_equals_the_window_as_a_whole(
     put_patch_with_all_layers(store, rng, (0.0, 0.0, 4.0, 4.0), 1, "mana", overhang_m=1.5)
     put_patch(store, rng, (0.0, 0.0, 2.0, 4.0), 2, offset_m=0.5)
     query = WindowQuery(parse_region("circle:2,2,2"))
-    whole = store.maps.elevation_window(query)
+    whole_window = store.maps.elevation_window(query)
     monkeypatch.setattr(elevation, "STRIP_CELLS", 200)
     strips = store.maps.elevation_window(query)
-    assert strips.map.layer_names == whole.map.layer_names
-    for name in whole.map.layer_names:
+    assert strips.map.layer_names == whole_window.map.layer_names
+    for name in whole_window.map.layer_names:
         # cells without neighbours have the typical relief of their strip
         share = 0.05 if name == "error_variance" else 0.0
-        differs = ~np.isclose(strips.map.layer(name), whole.map.layer(name), rtol=1e-5, equal_nan=True)
+        differs = ~np.isclose(strips.map.layer(name), whole_window.map.layer(name), rtol=1e-5, equal_nan=True)
         assert np.mean(differs) <= share, name
-    assert strips.manifest() == whole.manifest()
-    assert strips.header.inputs == whole.header.inputs
+    assert strips.manifest() == whole_window.manifest()
+    assert strips.header.inputs == whole_window.header.inputs
 
 
 def test_a_window_of_patches_without_auxiliary_layers_has_six_layers(

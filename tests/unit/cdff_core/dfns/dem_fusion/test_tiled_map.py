@@ -87,9 +87,9 @@ def test_a_map_without_observed_cells_covers_the_unobserved_patch() -> None:
     g = GridGeometry.aligned("site", 0.1, (0.0, -5.0, 10.0, 5.0))
     layers = CellStatistics.from_points(g, np.zeros((0, 3)), stamps_ns=0).to_layers(0)
     unobserved = ElevationMap.from_layers(g, layers, t0_ns=0, t1_ns=0)
-    whole = node.process(DemFusionInputs(patch=unobserved, bounds=np.full(4, np.nan))).map
-    assert whole.geometry == g
-    assert np.nansum(whole.layer("count")) == 0
+    whole_map = node.process(DemFusionInputs(patch=unobserved, bounds=np.full(4, np.nan))).map
+    assert whole_map.geometry == g
+    assert np.nansum(whole_map.layer("count")) == 0
 
 
 def test_a_map_is_available_after_the_first_patch_and_a_patch_in_another_frame_starts_a_new_one() -> None:

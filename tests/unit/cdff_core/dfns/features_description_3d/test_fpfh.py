@@ -47,8 +47,8 @@ def test_histograms_agree_with_open3d(rng: np.random.Generator) -> None:
 def test_descriptors_do_not_depend_on_the_pose(rng: np.random.Generator) -> None:
     points, normals = cloud(rng)
     T = se3.exp_se3([5.0, -2.0, 1.0, 1.0, -0.5, 2.0])
-    moved = se3.transform_points(T, points)
+    moved_points = se3.transform_points(T, points)
     descriptors = describe(points, normals, points[::20])
-    descriptors_moved = describe(moved, normals @ T[:3, :3].T, moved[::20])
+    descriptors_moved = describe(moved_points, normals @ T[:3, :3].T, moved_points[::20])
     # Rounding may move a value at the edge of a bin to the neighbouring bin.
     assert np.mean(np.abs(descriptors - descriptors_moved) < 0.5) > 0.99

@@ -107,10 +107,10 @@ def test_descriptors_do_not_depend_on_the_pose_and_have_unit_length(rng: np.rand
     original = make_node().process(
         FeaturesDescription3DInputs(points=points, normals=normals, keypoints=points[::60], radius_m=RADIUS_M)
     )
-    moved, moved_normals = se3.transform_points(T, points), normals @ T[:3, :3].T
+    moved_points, moved_normals = se3.transform_points(T, points), normals @ T[:3, :3].T
     of_moved = make_node().process(
         FeaturesDescription3DInputs(
-            points=moved, normals=moved_normals, keypoints=moved[::60], radius_m=RADIUS_M
+            points=moved_points, normals=moved_normals, keypoints=moved_points[::60], radius_m=RADIUS_M
         )
     )
     assert np.allclose(np.linalg.norm(original.descriptors, axis=1), 1.0, atol=1e-5)

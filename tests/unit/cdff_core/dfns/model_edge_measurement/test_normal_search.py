@@ -31,9 +31,9 @@ def measure(image: np.ndarray, T: np.ndarray, **changes: Any) -> ModelEdgeMeasur
 
 
 def test_the_offsets_are_those_of_a_box_that_is_seen_elsewhere(rng: np.random.Generator) -> None:
-    moved = T_BOX.copy()
-    moved[0, 3] += 0.03
-    outputs = measure(image_of(BOX, moved, rng), T_BOX)
+    T_moved = T_BOX.copy()
+    T_moved[0, 3] += 0.03
+    outputs = measure(image_of(BOX, T_moved, rng), T_BOX)
     assert len(outputs.points) > 100
     expected = 400.0 * 0.03 / 4.0 * outputs.normals[:, 0]
     nearest = np.nan_to_num(np.abs(outputs.offsets - expected[:, None]), nan=99.0).min(axis=1)

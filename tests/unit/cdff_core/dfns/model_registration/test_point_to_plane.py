@@ -95,10 +95,10 @@ def test_points_with_times_determine_the_rate(rng: np.random.Generator) -> None:
     times_s = np.linspace(-1.0, 0.0, len(points))
     rate = np.radians([0.0, 0.0, 2.0])
     origin = T[:3, 3]
-    moved = points + times_s[:, None] * np.cross(rate, points - origin)
+    moved_points = points + times_s[:, None] * np.cross(rate, points - origin)
     prior = np.diag([0.02**2] * 6 + [0.02**2] * 3 + [0.1**2] * 3)
     outputs = register(
-        moved, T, times_s=times_s, prior_covariance=prior, state_jacobian=np.eye(12), capture_m=0.1
+        moved_points, T, times_s=times_s, prior_covariance=prior, state_jacobian=np.eye(12), capture_m=0.1
     )
     np.testing.assert_allclose(outputs.correction[9:], rate, atol=0.004)
     assert np.sqrt(np.diag(outputs.covariance))[9:].max() < 0.01

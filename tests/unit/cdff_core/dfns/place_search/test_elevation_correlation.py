@@ -47,8 +47,8 @@ def test_candidates_differ_in_position_or_heading(rng: np.random.Generator) -> N
 
 def test_a_map_smaller_than_the_scan_gives_no_candidates(rng: np.random.Generator) -> None:
     hills = Hills()
-    whole = hills.map(rng, 0.4)
-    small_map = whole[(np.abs(whole[:, 0]) < 1.0) & (np.abs(whole[:, 1]) < 1.0)]
+    whole_map = hills.map(rng, 0.4)
+    small_map = whole_map[(np.abs(whole_map[:, 0]) < 1.0) & (np.abs(whole_map[:, 1]) < 1.0)]
     assert len(search(small_map, hills.scan(rng, hills.pose(0, 0, 0))).transforms) == 0
 
 

@@ -17,11 +17,11 @@ CELL_M, ORIGIN, CUTOFF_M = 0.5, np.array([-3.0, 2.0]), 0.5
 def mean_difference(heights: Array, T: Array, turn: Array, points: Array, min_covered: float) -> float:
     """Return the mean of the limited differences over the points on known cells, or infinity."""
     c, s = turn
-    moved = se3.transform_points(T, points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
-    cells = np.floor((moved[:, :2] - ORIGIN) / CELL_M).astype(int)
+    moved_points = se3.transform_points(T, points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
+    cells = np.floor((moved_points[:, :2] - ORIGIN) / CELL_M).astype(int)
     inside = np.all((cells >= 0) & (cells < heights.shape), axis=1)
     known = heights[tuple(cells[inside].T)]
-    differences = np.minimum(np.abs(moved[inside, 2] - known), CUTOFF_M)
+    differences = np.minimum(np.abs(moved_points[inside, 2] - known), CUTOFF_M)
     differences = differences[~np.isnan(known)]
     if len(differences) == 0 or len(differences) < min_covered * len(points):
         return np.inf

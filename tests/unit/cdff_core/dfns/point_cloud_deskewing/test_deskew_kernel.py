@@ -22,10 +22,10 @@ def test_points_and_variances_follow_the_interpolated_poses(angle_scale: float) 
     points, interval = rng.normal(0.0, 5.0, (n, 3)), rng.integers(0, poses - 1, n)
     fraction = rng.random(n)
     fraction[:2] = [0.0, 1.0]
-    fixed, variance = deskew(points, interval, fraction, R, t, phi, cov)
+    deskewed, variance = deskew(points, interval, fraction, R, t, phi, cov)
     for i, (k, f) in enumerate(zip(interval, fraction, strict=True)):
         arm = R[k] @ se3.exp_so3(f * phi[k]) @ points[i]
-        np.testing.assert_allclose(fixed[i], arm + (1 - f) * t[k] + f * t[k + 1], rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(deskewed[i], arm + (1 - f) * t[k] + f * t[k + 1], rtol=1e-12, atol=1e-13)
         J = np.array([0.0, 0.0, 1.0, arm[1], -arm[0], 0.0])
         expected = J @ ((1 - f) * cov[k] + f * cov[k + 1]) @ J
         assert variance[i] == pytest.approx(expected, rel=1e-11)

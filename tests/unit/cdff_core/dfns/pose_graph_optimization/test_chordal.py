@@ -38,7 +38,7 @@ def nearest_rotation(M: np.ndarray) -> np.ndarray:
 
 def dense(g: PoseGraph) -> np.ndarray:
     """Return the poses by two dense problems, with the mean information of each edge's measurement frame."""
-    Z, poses, free = g.edges.matrices, g.vertices.matrices, [1, 2, 3, 4]
+    Z, poses, free_vertices = g.edges.matrices, g.vertices.matrices, [1, 2, 3, 4]
     problem = make_problem(g)  # only for the information of the edges in its axes
     kappa = WEIGHTS * np.diagonal(problem.information, axis1=1, axis2=2)[:, 3:].mean(axis=1)
     tau = WEIGHTS * np.diagonal(problem.information, axis1=1, axis2=2)[:, :3].mean(axis=1)
@@ -47,29 +47,29 @@ def dense(g: PoseGraph) -> np.ndarray:
         rows, root = slice(9 * m, 9 * m + 9), np.sqrt(kappa[m])
         times = np.kron(np.eye(3), Z[m, :3, :3].T)  # of a rotation's entries, row by row: R_a -> R_a R_ab
         if a == b:
-            A[rows, 9 * free.index(a) : 9 * free.index(a) + 9] = root * np.eye(9)
+            A[rows, 9 * free_vertices.index(a) : 9 * free_vertices.index(a) + 9] = root * np.eye(9)
             B[rows] = root * Z[m, :3, :3].ravel()
             continue
         for vertex, block in ((b, np.eye(9)), (a, -times)):
-            if vertex in free:
-                A[rows, 9 * free.index(vertex) : 9 * free.index(vertex) + 9] = root * block
+            if vertex in free_vertices:
+                A[rows, 9 * free_vertices.index(vertex) : 9 * free_vertices.index(vertex) + 9] = root * block
             else:
                 B[rows] -= root * block @ poses[vertex, :3, :3].ravel()
     solution = np.linalg.lstsq(A, B, rcond=None)[0].reshape(4, 3, 3)
     R = poses[:, :3, :3].copy()
-    R[free] = [nearest_rotation(M) for M in solution]
+    R[free_vertices] = [nearest_rotation(M) for M in solution]
     A, B = np.zeros((3 * len(ENDS), 12)), np.zeros(3 * len(ENDS))
     for m, (a, b) in enumerate(ENDS):
         rows, root = slice(3 * m, 3 * m + 3), np.sqrt(tau[m])
         B[rows] = root * (Z[m, :3, 3] if a == b else R[a] @ Z[m, :3, 3])
         for vertex, sign in ((b, 1.0), (a, -1.0)) if a != b else ((b, 1.0),):
-            if vertex in free:
-                k = 3 * free.index(vertex)
+            if vertex in free_vertices:
+                k = 3 * free_vertices.index(vertex)
                 A[rows, k : k + 3] += sign * root * np.eye(3)
             else:
                 B[rows] -= sign * root * poses[vertex, :3, 3]
     t = poses[:, :3, 3].copy()
-    t[free] = np.linalg.lstsq(A, B, rcond=None)[0].reshape(4, 3)
+    t[free_vertices] = np.linalg.lstsq(A, B, rcond=None)[0].reshape(4, 3)
     return se3.transform(R, t)
 
 

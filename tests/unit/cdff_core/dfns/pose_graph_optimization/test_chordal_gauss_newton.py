@@ -174,15 +174,15 @@ def test_the_solution_of_a_planar_graph_is_planar(real_data: Callable[[str], Pat
 
 def test_given_fixed_vertices_are_unchanged(rng: np.random.Generator) -> None:
     graph, _ = drive_on_a_circle(rng)
-    fixed = np.zeros(40, np.uint8)
-    fixed[[7, 20]] = 1
+    is_fixed = np.zeros(40, np.uint8)
+    is_fixed[[7, 20]] = 1
     with_fixed = make_graph(
         graph.vertices.matrices,
         graph.edges.ends,
         graph.edges.matrices,
         graph.edges.information_matrices,
         graph.edges.kinds.tolist(),
-        fixed,
+        is_fixed,
     )
     _, outputs = solve(with_fixed)
     assert outputs.gauge.tolist() == [7, 20]

@@ -35,9 +35,9 @@ def make_graph(seed: int, noise: float, planar: bool = False) -> PoseGraph:
     measured = np.array(exact) @ se3.exp_se3(noise * rng.normal(size=(len(ENDS), 6)) * mask)
     root = rng.normal(size=(len(ENDS), 6, 6)) + 2.0 * np.eye(6)
     information = (root @ np.swapaxes(root, 1, 2)) * np.outer(mask, mask)
-    fixed = [True] + [False] * 4
+    is_fixed = [True] + [False] * 4
     return PoseGraph.from_arrays(
-        range(5), [0] * 5, poses, ENDS, measured, information, KINDS, frame="map", fixed=fixed
+        range(5), [0] * 5, poses, ENDS, measured, information, KINDS, frame="map", fixed=is_fixed
     )
 
 
@@ -68,9 +68,9 @@ def dense_system(graph: PoseGraph, planar: bool) -> tuple[Float, Float, Float]:
         residuals(graph, moved(poses, h * u)) - residuals(graph, moved(poses, -h * u)) for u in np.eye(24)
     ]
     J = np.stack(columns, axis=1) / (2.0 * h)
-    used = np.array([6 * i + r for i in range(4) for r in ((0, 1, 5) if planar else range(6))])
-    J = J[:, used]
-    return J.T @ J, J.T @ residuals(graph, poses), used
+    used_rows = np.array([6 * i + r for i in range(4) for r in ((0, 1, 5) if planar else range(6))])
+    J = J[:, used_rows]
+    return J.T @ J, J.T @ residuals(graph, poses), used_rows
 
 
 @pytest.mark.parametrize("planar", [False, True])
@@ -79,14 +79,14 @@ def test_a_step_solves_the_dense_damped_normal_equations(planar: bool, damping: 
     graph = make_graph(seed=1, noise=0.1, planar=planar)
     problem, poses = make_problem(graph), graph.vertices.matrices
     assert problem.rows.tolist() == ([0, 1, 5] if planar else [0, 1, 2, 3, 4, 5])
-    H, g, used = dense_system(graph, planar)
+    H, g, used_rows = dense_system(graph, planar)
     equations = normal_equations(problem, poses, WEIGHTS)
     d = len(problem.rows)
     at = problem.position[1:]
     np.testing.assert_allclose(equations.gradient[at].ravel(), g, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(equations.scale[at].ravel(), np.diag(H), rtol=1e-6)
     x = np.zeros(24)
-    x[used] = np.linalg.solve(H + damping * np.diag(np.diag(H)), -g)
+    x[used_rows] = np.linalg.solve(H + damping * np.diag(np.diag(H)), -g)
     step = _step(problem, poses, equations, damping * equations.scale)
     assert step is not None
     np.testing.assert_allclose(step, moved(poses, x), atol=1e-6)

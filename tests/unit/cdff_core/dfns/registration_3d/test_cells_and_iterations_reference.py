@@ -63,10 +63,10 @@ def planes(rng: np.random.Generator) -> tuple[Float, Float]:
 
 def reference_step(target: Float, normals: Float, source: Float, T: Float, gate: float) -> Float:
     """Return the transform after one damped Gauss-Newton step with equal weights."""
-    moved = source @ T[:3, :3].T + T[:3, 3]
-    distance = np.linalg.norm(moved[:, None] - target, axis=2)
+    moved_points = source @ T[:3, :3].T + T[:3, 3]
+    distance = np.linalg.norm(moved_points[:, None] - target, axis=2)
     row, is_near = distance.argmin(axis=1), distance.min(axis=1) < gate
-    p, q, n = moved[is_near], target[row[is_near]], normals[row[is_near]]
+    p, q, n = moved_points[is_near], target[row[is_near]], normals[row[is_near]]
     centre = p.mean(axis=0)
     radius = np.sqrt(np.mean(np.sum((p - centre) ** 2, axis=1)))
     J = np.hstack([n, np.cross((p - centre) / radius, n)])
@@ -89,10 +89,10 @@ def test_one_iteration_is_the_gauss_newton_step_of_the_pairs_within_the_gate() -
     source = planes(rng)[0]
     result = iterate(tree, normals[tree.order], source, T, limits(0.4, 1))
     np.testing.assert_allclose(result.T, reference_step(target, normals, source, T, 0.4), atol=1e-9)
-    moved = source @ T[:3, :3].T + T[:3, 3]
-    distance = np.linalg.norm(moved[:, None] - target, axis=2)
+    moved_points = source @ T[:3, :3].T + T[:3, 3]
+    distance = np.linalg.norm(moved_points[:, None] - target, axis=2)
     row, is_near = distance.argmin(axis=1), distance.min(axis=1) < 0.4
-    r = np.sum((moved - target[row]) * normals[row], axis=1)[is_near]
+    r = np.sum((moved_points - target[row]) * normals[row], axis=1)[is_near]
     assert result.scale_m == pytest.approx(1.4826 * np.median(np.abs(r)), rel=1e-9)
     assert (result.pairs, result.iterations, result.converged) == (is_near.sum(), 1, False)
     # The gate remains at six robust standard deviations.

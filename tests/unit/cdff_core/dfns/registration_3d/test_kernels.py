@@ -23,8 +23,8 @@ from cdff_core.dfns.registration_3d._kernels import (
 Array = np.ndarray
 
 
-def distances(points: Array, moved: Array) -> Array:
-    return np.linalg.norm(points[None] - moved[:, None], axis=2)
+def distances(points: Array, moved_points: Array) -> Array:
+    return np.linalg.norm(points[None] - moved_points[:, None], axis=2)
 
 
 @pytest.mark.parametrize("gate", [0.25, 0.6, 5.0])
@@ -42,11 +42,11 @@ def test_pairs_of_each_iteration_are_those_of_an_exhaustive_search(gate: float) 
     for step in [*steps, *steps[::-1]]:
         T = se3.exp_se3(step) @ T
         count = pair(tree, source, T, gate, pairs)
-        moved = source @ T[:3, :3].T + T[:3, 3]
-        d = distances(tree.points, moved)
+        moved_points = source @ T[:3, :3].T + T[:3, 3]
+        d = distances(tree.points, moved_points)
         nearest = np.sort(d, axis=1)
         is_paired = nearest[:, 0] < gate
-        np.testing.assert_allclose(pairs.moved, moved, atol=1e-13)
+        np.testing.assert_allclose(pairs.moved, moved_points, atol=1e-13)
         np.testing.assert_array_equal(pairs.row, np.where(is_paired, d.argmin(axis=1), -1))
         assert count == is_paired.sum()
         others = np.where(is_paired, nearest[:, 1], nearest[:, 0])
@@ -114,23 +114,23 @@ def matched() -> tuple[Array, Array, Array, Array]:
 
 
 def test_plane_distances_are_signed_and_in_the_order_of_the_source(matched: tuple[Array, ...]) -> None:
-    points, normals, row, moved = matched
-    expected = [(p - points[j]) @ normals[j] for p, j in zip(moved, row, strict=True) if j >= 0]
-    np.testing.assert_allclose(plane_distances(points, normals, row, moved), expected, rtol=1e-12)
-    assert len(plane_distances(points, normals, np.full(12, -1), moved)) == 0
-    assert len(plane_distances(points, normals, np.zeros(1, np.int64), moved[:1])) == 1
+    points, normals, row, moved_points = matched
+    expected = [(p - points[j]) @ normals[j] for p, j in zip(moved_points, row, strict=True) if j >= 0]
+    np.testing.assert_allclose(plane_distances(points, normals, row, moved_points), expected, rtol=1e-12)
+    assert len(plane_distances(points, normals, np.full(12, -1), moved_points)) == 0
+    assert len(plane_distances(points, normals, np.zeros(1, np.int64), moved_points[:1])) == 1
 
 
 def test_centre_and_radius_are_those_of_the_paired_points(matched: tuple[Array, ...]) -> None:
-    _, _, row, moved = matched
-    centre, radius = centre_and_radius(row, moved)
-    paired = moved[row >= 0]
+    _, _, row, moved_points = matched
+    centre, radius = centre_and_radius(row, moved_points)
+    paired = moved_points[row >= 0]
     np.testing.assert_allclose(centre, paired.mean(axis=0), rtol=1e-13)
     assert radius == pytest.approx(np.sqrt(np.mean(np.sum((paired - paired.mean(axis=0)) ** 2, axis=1))))
-    centre, radius = centre_and_radius(np.full(12, -1), moved)
+    centre, radius = centre_and_radius(np.full(12, -1), moved_points)
     assert (centre.tolist(), radius) == ([0.0, 0.0, 0.0], 1e-9)
-    centre, radius = centre_and_radius(np.zeros(1, np.int64), moved[1:2])
-    assert (centre.tolist(), radius) == (moved[1].tolist(), 1e-9)
+    centre, radius = centre_and_radius(np.zeros(1, np.int64), moved_points[1:2])
+    assert (centre.tolist(), radius) == (moved_points[1].tolist(), 1e-9)
 
 
 #: Weights of Babin et al. 2019, table I, at u = 0, 0.5, 1 and 2 kernel widths.
@@ -162,10 +162,10 @@ def expected_system(jacobians: Array, errors: Array, information: Array) -> tupl
 
 @pytest.mark.parametrize("name", KERNELS)
 def test_plane_equations_are_the_weighted_sum_over_the_pairs(name: str, matched: tuple[Array, ...]) -> None:
-    points, normals, row, moved = matched
+    points, normals, row, moved_points = matched
     centre, radius, width = np.array([0.5, 2.0, -1.0]), 1.7, 2.5
     J, errors, weights = [], [], []
-    for p, j in zip(moved, row, strict=True):
+    for p, j in zip(moved_points, row, strict=True):
         if j >= 0:
             q, n = points[j], normals[j]
             J.append([[*n, *np.cross((p - centre) / radius, n)]])
@@ -176,36 +176,38 @@ def test_plane_equations_are_the_weighted_sum_over_the_pairs(name: str, matched:
             weights.append([[w]])
     assert min(abs(np.ravel(errors))) < width < max(abs(np.ravel(errors)))
     H, g = expected_system(np.array(J), np.array(errors), np.array(weights))
-    actual_H, actual_g = plane_equations(points, normals, row, moved, centre, radius, width, KERNELS[name])
+    actual_H, actual_g = plane_equations(
+        points, normals, row, moved_points, centre, radius, width, KERNELS[name]
+    )
     np.testing.assert_allclose(actual_H, H, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(actual_g, g, rtol=1e-11, atol=1e-13)
 
 
 def test_distribution_equations_are_the_weighted_sum_over_the_pairs(matched: tuple[Array, ...]) -> None:
-    means, _, row, moved = matched
+    means, _, row, moved_points = matched
     rng = np.random.default_rng(5)
     factors = rng.normal(size=(15, 3, 3))
     information = factors @ np.swapaxes(factors, 1, 2) + 0.1 * np.eye(3)
     centre, radius, width = np.array([0.5, 2.0, -1.0]), 1.7, 4.0
     J, errors, weights = [], [], []
-    for p, j in zip(moved, row, strict=True):
+    for p, j in zip(moved_points, row, strict=True):
         if j >= 0:
             e = p - means[j]
             J.append(np.hstack([np.eye(3), -se3.skew((p - centre) / radius)]))
             errors.append(e)
             weights.append(np.exp(-(e @ information[j] @ e) / (2.0 * width**2)) * information[j])
     H, g = expected_system(np.array(J), np.array(errors), np.array(weights))
-    actual_H, actual_g = distribution_equations(means, information, row, moved, centre, radius, width)
+    actual_H, actual_g = distribution_equations(means, information, row, moved_points, centre, radius, width)
     np.testing.assert_allclose(actual_H, H, rtol=1e-11, atol=1e-13)
     np.testing.assert_allclose(actual_g, g, rtol=1e-11, atol=1e-13)
 
 
 def test_without_pairs_the_equations_are_zero(matched: tuple[Array, ...]) -> None:
-    points, normals, row, moved = matched
+    points, normals, row, moved_points = matched
     none, centre = np.full(len(row), -1), np.zeros(3)
     for H, g in (
-        plane_equations(points, normals, none, moved, centre, 1.0, 1.0, 0),
-        distribution_equations(points, np.tile(np.eye(3), (15, 1, 1)), none, moved, centre, 1.0, 1.0),
+        plane_equations(points, normals, none, moved_points, centre, 1.0, 1.0, 0),
+        distribution_equations(points, np.tile(np.eye(3), (15, 1, 1)), none, moved_points, centre, 1.0, 1.0),
     ):
         assert not H.any()
         assert not g.any()

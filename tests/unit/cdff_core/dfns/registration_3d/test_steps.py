@@ -27,11 +27,11 @@ def test_a_transform_is_moved_about_the_centre(angle: float) -> None:
     T = se3.exp_se3([1.0, 2.0, 3.0, 0.3, -0.2, 0.1])
     axis, centre, radius = np.array([2.0, -1.0, 2.0]) / 3.0, np.array([5.0, 1.0, -2.0]), 2.5
     translation = np.array([0.1, -0.2, 0.3])
-    moved = moved_by(T, np.concatenate([translation, angle * radius * axis]), centre, radius)
+    T_moved = moved_by(T, np.concatenate([translation, angle * radius * axis]), centre, radius)
     R = se3.exp_so3(angle * axis)
-    np.testing.assert_allclose(moved[:3, :3], R @ T[:3, :3], atol=1e-14)
-    np.testing.assert_allclose(moved[:3, 3], R @ (T[:3, 3] - centre) + centre + translation, atol=1e-13)
-    np.testing.assert_array_equal(moved[3], [0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(T_moved[:3, :3], R @ T[:3, :3], atol=1e-14)
+    np.testing.assert_allclose(T_moved[:3, 3], R @ (T[:3, 3] - centre) + centre + translation, atol=1e-13)
+    np.testing.assert_array_equal(T_moved[3], [0.0, 0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize(

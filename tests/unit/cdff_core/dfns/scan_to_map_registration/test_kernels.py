@@ -119,10 +119,10 @@ def test_a_point_is_moved_by_the_motion_after_its_measurement(
 ) -> None:
     theta, rho, point = angle_rad * np.array([0.6, 0.0, -0.8]), rng.normal(size=3), rng.normal(size=3)
     for fraction in (-1.0, -0.3, 0.0):
-        moved = np.empty(3)
-        kernels.deskew_point(point, fraction, theta, rho, moved)
+        moved_point = np.empty(3)
+        kernels.deskew_point(point, fraction, theta, rho, moved_point)
         expected = se3.exp_so3(fraction * theta) @ point + fraction * rho
-        np.testing.assert_allclose(moved, expected, atol=1e-10)
+        np.testing.assert_allclose(moved_point, expected, atol=1e-10)
 
 
 @pytest.mark.parametrize("offset", [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])

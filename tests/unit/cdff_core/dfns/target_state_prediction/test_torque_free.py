@@ -65,10 +65,10 @@ def test_the_covariance_follows_the_numerical_derivatives() -> None:
     reference = predict(8.0, moments=MOMENTS, **QUIET)
     step, J = 1e-6, np.eye(20)
     for i in range(20):
-        moved = predict(8.0, step * np.eye(20)[i], moments=MOMENTS, **QUIET)
-        J[:6, i] = pose_error(moved.pose, reference.pose) / step
-        J[6:9, i] = (moved.velocity - reference.velocity) / step
-        J[9:12, i] = (moved.rate - reference.rate) / step
+        moved_state = predict(8.0, step * np.eye(20)[i], moments=MOMENTS, **QUIET)
+        J[:6, i] = pose_error(moved_state.pose, reference.pose) / step
+        J[6:9, i] = (moved_state.velocity - reference.velocity) / step
+        J[9:12, i] = (moved_state.rate - reference.rate) / step
     np.testing.assert_allclose(reference.covariance, J @ J.T, rtol=2e-3, atol=2e-3 * np.abs(J @ J.T).max())
 
 

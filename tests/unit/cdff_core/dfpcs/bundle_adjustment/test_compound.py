@@ -81,12 +81,12 @@ def test_more_noise_than_stated_is_degraded_and_an_empty_problem_fails() -> None
 
 def test_the_covariances_contain_the_error_of_fixed_focal_lengths() -> None:
     problem, true_poses, truth = ring(8, 60, 6)
-    fixed = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 6, np.uint8))
+    cameras = replace(problem.cameras, fixed=np.array([1, 1] + [0] * 6, np.uint8))
     poses = np.concatenate([true_poses[:2], problem.cameras.matrices[2:]])
-    fixed = replace(fixed, poses=pack_poses(poses, "cameras"))
+    cameras = replace(cameras, poses=pack_poses(poses, "cameras"))
     values = np.array(problem.lenses.values)
     values[:, :2] *= 1.01
-    longer = replace(problem, cameras=fixed, lenses=replace(problem.lenses, values=values))
+    longer = replace(problem, cameras=cameras, lenses=replace(problem.lenses, values=values))
     ratios = {}
     for ratio in (0.0, 0.005):
         *_, landmarks = make_configured_dfpc(focal_length_ratio=ratio).step(Sample("problem", 0, 0, longer))

@@ -133,14 +133,14 @@ def test_a_sweep_with_only_one_pose_is_used_without_deskewing_and_reported(rng: 
 def test_patches_fuse_to_the_statistics_of_all_measurements(rng: np.random.Generator) -> None:
     seed = int(rng.integers(1 << 30))
     patches = maps(drive(dem(patch_period_s=0.3, align=False), np.random.default_rng(seed), 2.0))
-    whole = maps(drive(dem(patch_period_s=1e6, patch_distance_m=1e6), np.random.default_rng(seed), 2.0))
+    whole_map = maps(drive(dem(patch_period_s=1e6, patch_distance_m=1e6), np.random.default_rng(seed), 2.0))
     assert len(patches) > 4
-    assert len(whole) == 1
-    g = whole[0].value.geometry
+    assert len(whole_map) == 1
+    g = whole_map[0].value.geometry
     fused = CellStatistics.empty(GridGeometry.aligned("site", g.resolution_m, g.bounds))
     for output in patches:
         fused.add(statistics(output.value))
-    at_once = statistics(whole[0].value)
+    at_once = statistics(whole_map[0].value)
     np.testing.assert_array_equal(fused.count, at_once.count)
     for name in ("mean", "minimum", "maximum"):
         np.testing.assert_allclose(getattr(fused, name), getattr(at_once, name), atol=1e-6, err_msg=name)
@@ -361,9 +361,9 @@ def test_the_whole_map_of_lidar_global_is_bounded_and_removed_tiles_are_reported
     for quality in degraded:
         assert quality.status is Status.DEGRADED
         assert f"tiles_forgotten:{quality.metrics['tiles_forgotten']:.0f}" in quality.reasons
-    whole = node.call("get_whole_map", {})
-    assert whole.geometry.rows * whole.geometry.cols <= 1 << 14
-    assert whole.geometry.resolution_m == pytest.approx(0.2)
+    whole_map = node.call("get_whole_map", {})
+    assert whole_map.geometry.rows * whole_map.geometry.cols <= 1 << 14
+    assert whole_map.geometry.resolution_m == pytest.approx(0.2)
 
 
 def test_the_whole_map_of_lidar_global_contains_every_measurement(
@@ -371,9 +371,9 @@ def test_the_whole_map_of_lidar_global_contains_every_measurement(
 ) -> None:
     node = dem("LidarGlobal", fusion={"size_m": 6.0, "clear_margin_m": 100.0}, patch_period_s=0.2)
     outputs = maps(drive(node, rng, 1.0))
-    whole = node.call("get_whole_map", {})
-    assert whole.geometry.resolution_m == 0.1
-    assert np.nansum(whole.layer("count")) == sum(np.nansum(o.value.layer("count")) for o in outputs)
+    whole_map = node.call("get_whole_map", {})
+    assert whole_map.geometry.resolution_m == 0.1
+    assert np.nansum(whole_map.layer("count")) == sum(np.nansum(o.value.layer("count")) for o in outputs)
     assert all(o.quality.metrics["tiles_forgotten"] == 0 for o in outputs)
 
 

@@ -105,8 +105,8 @@ def test_an_overhang_observed_later_over_unchanged_ground_is_rated() -> None:
     below = (np.abs(x - 2.0) < 0.2) & (np.abs(y) < 0.2)
     assert (first.layer("class")[below] == 1).all()
     assert (second.layer("class")[below] == 3).all()
-    whole = step(new_node, with_overhang)[0].value
-    np.testing.assert_array_equal(second.layer("class"), whole.layer("class"))
+    whole_map = step(new_node, with_overhang)[0].value
+    np.testing.assert_array_equal(second.layer("class"), whole_map.layer("class"))
 
 
 def test_a_degraded_patch_degrades_the_map_and_a_failed_one_changes_nothing() -> None:
@@ -170,12 +170,12 @@ def test_incremental_rating_equals_rating_of_the_whole_map() -> None:
         _observed_near(patches[3], 2.0),
         _observed_near(patches[4], 1.0),
     ]
-    node, whole = navigation(size_m=14.0), navigation(size_m=14.0)
+    node, whole_map = navigation(size_m=14.0), navigation(size_m=14.0)
     for partial_patch in partial_patches:
         step(node, partial_patch)
-        whole._dem = None  # forces a new rating of the whole map
-        step(whole, partial_patch)
-        a, b = node.get_map(), whole.get_map()
+        whole_map._dem = None  # forces a new rating of the whole map
+        step(whole_map, partial_patch)
+        a, b = node.get_map(), whole_map.get_map()
         assert a.geometry == b.geometry
         np.testing.assert_array_equal(a.layer("class"), b.layer("class"))
         for name in ("slope_deg", "step_m", "roughness_m", "cost", "confidence"):

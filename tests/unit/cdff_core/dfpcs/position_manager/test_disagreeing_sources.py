@@ -39,10 +39,10 @@ PAN_RAD = 0.1
 def in_frame(sample: Sample, frame: str) -> Sample:
     """Return a pose of visual odometry whose camera is in another frame."""
     value = sample.value
-    moved = type(value).from_transform(
+    moved_pose = type(value).from_transform(
         value.transform, parent=value.parent_frame, child=frame, stamp_ns=sample.stamp_ns
     )
-    return replace(sample, value=moved)
+    return replace(sample, value=moved_pose)
 
 
 def from_mast(t_s: float) -> Sample:

@@ -55,12 +55,12 @@ def squared_end_error(dfpc: PositionManager, samples: list[Sample]) -> float:
 
 def test_a_stated_covariance_replaces_the_default() -> None:
     graph = FrameGraph()
-    stated = np.diag(np.square([0.01] * 3 + [0.02] * 3))
-    graph.set_static("mana/base", "mana/mast", UncertainTransform(np.eye(4), stated))
+    stated_covariance = np.diag(np.square([0.01] * 3 + [0.02] * 3))
+    graph.set_static("mana/base", "mana/mast", UncertainTransform(np.eye(4), stated_covariance))
     graph.set_static("mana/mast", "mana/camera", UncertainTransform.exact(np.eye(4)))
     graph.set_static("mana/base", "mana/lidar", UncertainTransform.exact(np.eye(4)))
     mounts = MountErrors(MountParameters(), RobotFrames("mana", graph, ""))
-    np.testing.assert_allclose(mounts.covariance("mana/camera", 0), stated)
+    np.testing.assert_allclose(mounts.covariance("mana/camera", 0), stated_covariance)
     np.testing.assert_allclose(mounts.covariance("mana/lidar", 0)[3:, 3:], np.radians(0.2) ** 2 * np.eye(3))
     assert not mounts.covariance("mana/base", 0).any()
 
@@ -94,8 +94,8 @@ def test_the_jacobian_of_an_increment_agrees_with_differences_of_the_mount(rng: 
     mount = se3.exp_se3([0.3, 0.1, 0.9, -1.2, 1.2, -1.1])
     sensor_step = se3.inverse(mount) @ TURN @ mount
     error = 1e-6 * rng.standard_normal(6)
-    moved = se3.transform(se3.exp_so3(error[3:]) @ mount[:3, :3], mount[:3, 3] + error[:3])
-    changed = pose_error(moved @ sensor_step @ se3.inverse(moved), TURN)
+    T_moved = se3.transform(se3.exp_so3(error[3:]) @ mount[:3, :3], mount[:3, 3] + error[:3])
+    changed = pose_error(T_moved @ sensor_step @ se3.inverse(T_moved), TURN)
     np.testing.assert_allclose(increment_jacobian(TURN, mount[:3, 3]) @ error, changed, atol=1e-10)
 
 

@@ -160,11 +160,11 @@ def test_the_correlation_is_preserved_by_thinning(rng: np.random.Generator) -> N
     full = replace(line.nodes[0]), list(line.nodes)
     line.thin(6 * S, 3 * S, 0)
     assert seconds(line) == [0, 3, 6]
-    whole = timeline()
-    whole.restore(full[1], set())
+    whole_timeline = timeline()
+    whole_timeline.restore(full[1], set())
     for i, j in ((0, 3), (3, 6), (0, 6)):
         np.testing.assert_allclose(
-            line.motion(i * S, j * S).covariance, expected_motion(joint, whole, i, j), atol=1e-8
+            line.motion(i * S, j * S).covariance, expected_motion(joint, whole_timeline, i, j), atol=1e-8
         )
 
 

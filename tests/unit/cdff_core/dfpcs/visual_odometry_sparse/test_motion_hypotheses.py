@@ -35,8 +35,8 @@ def inputs(object_share: float, guess: np.ndarray = REST) -> PerspectiveNPointSo
     pixels, depths_m = np.concatenate([scene_px, object_px]), rng.uniform(3.0, 12.0, POINTS)
     rays = np.column_stack([(pixels - CAMERA[:2, 2]) / CAMERA[0, 0], np.ones(POINTS)])
     points = rays * depths_m[:, None]
-    moved = np.where(np.arange(POINTS)[:, None] < SCENE, se3.transform_points(FORWARD, points), points)
-    projected = (moved / moved[:, 2:]) @ CAMERA.T
+    moved_points = np.where(np.arange(POINTS)[:, None] < SCENE, se3.transform_points(FORWARD, points), points)
+    projected = (moved_points / moved_points[:, 2:]) @ CAMERA.T
     projections = projected[:, :2] + rng.normal(0.0, 0.3, (POINTS, 2))
     return PerspectiveNPointSolvingInputs(
         points=points, projections=projections, camera_matrix=CAMERA, guess=guess

@@ -109,9 +109,9 @@ def test_calibration_errors_have_the_stated_size(camera: MakeCamera, world: Worl
     faults = CameraFaults(
         calibration=CalibrationError(focal_sigma=0.01, baseline_sigma=0.02, rotation_sigma_deg=0.1)
     )
-    drawn = [draw_eyes(small, faults, rng) for _ in range(300)]
-    focal = [a.K[0, 0] / model.focal_px - 1.0 for a, _ in drawn]
-    right = [se3.inverse(a.T_base_camera) @ b.T_base_camera for a, b in drawn]
+    drawn_eyes = [draw_eyes(small, faults, rng) for _ in range(300)]
+    focal = [a.K[0, 0] / model.focal_px - 1.0 for a, _ in drawn_eyes]
+    right = [se3.inverse(a.T_base_camera) @ b.T_base_camera for a, b in drawn_eyes]
     assert np.std(focal) == pytest.approx(0.01, rel=0.15)
     assert np.std([T[0, 3] / model.baseline_m for T in right]) == pytest.approx(0.02, rel=0.15)
     rotations = np.degrees([se3.log_so3(T[:3, :3]) for T in right])

@@ -123,8 +123,8 @@ def test_a_moving_object_is_seen_where_it_is_at_the_time_of_each_column(world: W
     base = world.motions["mana"].poses(np.array([0.3]))[0]
     start = base[:2, 3] + 4.0 * base[:2, 0]
     speed_m_s = 2.0
-    thing = {"size_m": [1.5, 1.5, 3.0], "start_xy_m": list(start), "velocity_m_s": [0.0, speed_m_s]}
-    device = lidar(world, objects=[thing])
+    moving_object = {"size_m": [1.5, 1.5, 3.0], "start_xy_m": list(start), "velocity_m_s": [0.0, speed_m_s]}
+    device = lidar(world, objects=[moving_object])
     centres = []
     for t0_s in (0.0, 0.5):
         result = device.scan(t0_s, *rngs())

@@ -55,8 +55,10 @@ def test_an_arm_swings_about_its_pivot() -> None:
 
 
 def test_an_object_waits_then_moves_over_the_ground_with_its_velocity() -> None:
-    thing = MovingObject(size_m=(1.0, 1.0, 2.0), start_xy_m=(1.0, 0.0), velocity_m_s=(0.0, 0.5), start_s=2.0)
-    (solid,) = object_solids([thing], Flat(), np.array([0.0, 2.0, 6.0]))
+    moving_object = MovingObject(
+        size_m=(1.0, 1.0, 2.0), start_xy_m=(1.0, 0.0), velocity_m_s=(0.0, 0.5), start_s=2.0
+    )
+    (solid,) = object_solids([moving_object], Flat(), np.array([0.0, 2.0, 6.0]))
     np.testing.assert_allclose(solid.poses[:, :3, 3], [[1, 0, 3], [1, 0, 3], [1, 2, 3]])
     np.testing.assert_allclose(solid.velocity_m_s, [[0, 0, 0], [0, 0.5, 0], [0, 0.5, 0]])
     assert se3.is_transform(solid.poses[2])

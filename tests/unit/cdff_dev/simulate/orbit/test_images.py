@@ -103,9 +103,9 @@ def test_exposure_is_controlled_by_the_bright_part_of_the_client() -> None:
     controlled = image_of(camera={"exposure": {"target": 0.5, "min_s": 1e-7, "max_s": 1.0}, "bits": 12})
     of_client = controlled.image[controlled.mask == 1]
     assert 0.4 * 4095 < np.percentile(of_client, 99) < 0.65 * 4095
-    fixed = image_of(camera={"exposure": {"time_s": 0.01}})
-    assert fixed.exposure_s == 0.01
-    assert np.percentile(fixed.image[fixed.mask == 1], 90) == 4095
+    fixed_exposure = image_of(camera={"exposure": {"time_s": 0.01}})
+    assert fixed_exposure.exposure_s == 0.01
+    assert np.percentile(fixed_exposure.image[fixed_exposure.mask == 1], 90) == 4095
 
 
 def test_a_rolling_shutter_shears_a_fast_rotating_client() -> None:

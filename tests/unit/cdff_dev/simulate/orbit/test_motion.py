@@ -65,8 +65,8 @@ def test_the_path_is_continuous_and_its_segments_end_where_they_state() -> None:
 def test_without_thrust_there_is_no_specific_force_and_a_held_position_needs_thrust() -> None:
     drift = [{"kind": "drift", "velocity_m_s": [0.02, 0.01, 0.0], "duration_s": 300.0}]
     t_s = np.array([50.0, 100.0, 250.0])
-    free = OrbitMotion(small_scenario(servicer__path=drift, servicer__start_m=[-200.0, 30.0, 50.0]))
-    assert np.abs(free.specific_forces(t_s)).max() < 5e-6
+    free_motion = OrbitMotion(small_scenario(servicer__path=drift, servicer__start_m=[-200.0, 30.0, 50.0]))
+    assert np.abs(free_motion.specific_forces(t_s)).max() < 5e-6
     station_keeping = OrbitMotion(small_scenario(servicer__start_m=[0.0, 0.0, -1000.0]))
     rate = station_keeping.reference.mean_motion_rad_s
     # A body kept above its reference is accelerated by 3 n² z towards it (Clohessy-Wiltshire).

@@ -89,9 +89,9 @@ def test_the_logs_of_the_robots_are_read_up_to_their_end(
 ) -> None:
     data = (real_data("infuse_logs") / "xsens_imu_00.msg").read_bytes()
     with LogReader([real_data("infuse_logs") / "xsens_imu_00.msg"]) as log:
-        whole = list(log.samples())
+        whole_samples = list(log.samples())
     (tmp_path / "cut.msg").write_bytes(data[: len(data) // 2])
     with open_log(tmp_path / "cut.msg") as log:
         samples = list(log.samples())
     assert len(samples) > 40
-    assert [s.value for s in samples] == [s.value for s in whole[: len(samples)]]
+    assert [s.value for s in samples] == [s.value for s in whole_samples[: len(samples)]]

@@ -352,7 +352,7 @@ def test_small_types_are_converted(tmp_path: Path, order: str) -> None:
 
 
 def test_old_times_have_seconds_and_microseconds(tmp_path: Path) -> None:
-    old = rock.Compound("/base/Time", {"seconds": rock.INT, "microseconds": rock.INT})
-    pressure = rock.Compound("/base/samples/Pressure", {"pascal": rock.FLOAT, "time": old})
+    old_time = rock.Compound("/base/Time", {"seconds": rock.INT, "microseconds": rock.INT})
+    pressure = rock.Compound("/base/samples/Pressure", {"pascal": rock.FLOAT, "time": old_time})
     value = {"pascal": 1000.0, "time": {"seconds": 1_600_000_000, "microseconds": 7}}
     assert converted(tmp_path, pressure, value)["port"].stamp_ns == (T0_US + 7) * 1000

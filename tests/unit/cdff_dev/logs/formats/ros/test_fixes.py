@@ -84,9 +84,9 @@ def test_positions_are_those_of_a_local_frame_at_the_first_one(tmp_path: Path, s
     np.testing.assert_allclose(value.transform.covariance[:3, :3], COVARIANCE_M2, atol=1e-12)
     np.testing.assert_allclose(np.diag(value.transform.covariance)[3:], np.pi**2)
     assert list(value.metadata.data_estimated) == [True] * 3 + [False] * 4
-    stated = anchors[7].value
-    assert (stated.parent_frame, stated.child_frame) == ("earth", "rover/enu")
-    location = Anchor.from_transform(body("earth"), stated.transform.matrix)
+    anchor = anchors[7].value
+    assert (anchor.parent_frame, anchor.child_frame) == ("earth", "rover/enu")
+    location = Anchor.from_transform(body("earth"), anchor.transform.matrix)
     position = (location.lon_deg, location.lat_deg, location.height_m)
     np.testing.assert_allclose(position, (LON_DEG, LAT_DEG, HEIGHT_M), atol=1e-8)
 

@@ -210,13 +210,13 @@ def test_channels_that_cannot_be_decoded_are_named_with_the_reason(tmp_path: Pat
 def test_a_file_that_ends_early_is_read_up_to_its_end(
     tmp_path: Path, fraction: float, caplog: pytest.LogCaptureFixture
 ) -> None:
-    whole = write_mcap(tmp_path / "rover.mcap", protobuf_content(20), CompressionType.LZ4, 800)
-    with open_log(whole) as log:
+    whole_file = write_mcap(tmp_path / "rover.mcap", protobuf_content(20), CompressionType.LZ4, 800)
+    with open_log(whole_file) as log:
         count = log.streams["/rover/tf.base"].count
-    data = whole.read_bytes()
-    whole.write_bytes(data[: int(len(data) * fraction)])
+    data = whole_file.read_bytes()
+    whole_file.write_bytes(data[: int(len(data) * fraction)])
     caplog.set_level(logging.WARNING, "cdff_dev.logs")
-    with open_log(whole) as log:
+    with open_log(whole_file) as log:
         assert 0 < log.streams["/rover/tf.base"].count <= count
         assert len(list(log.samples())) == sum(info.count for info in log.streams.values())
         assert [item.type_name for item in log.unconverted.values()].count("damaged part") == 1
@@ -224,14 +224,14 @@ def test_a_file_that_ends_early_is_read_up_to_its_end(
 
 
 def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
-    whole = write_mcap(tmp_path / "rover.mcap", protobuf_content(20), CompressionType.LZ4, 800)
-    with open_log(whole) as log:
+    whole_file = write_mcap(tmp_path / "rover.mcap", protobuf_content(20), CompressionType.LZ4, 800)
+    with open_log(whole_file) as log:
         count = sum(info.count for info in log.streams.values())
-    data = bytearray(whole.read_bytes())
+    data = bytearray(whole_file.read_bytes())
     at = data.index(b"lz4") + 200
     data[at : at + 4] = b"\xff\xff\xff\xff"
-    whole.write_bytes(data)
-    with open_log(whole) as log:
+    whole_file.write_bytes(data)
+    with open_log(whole_file) as log:
         assert count - 5 < sum(info.count for info in log.streams.values()) < count
         assert any(name.startswith("byte") for name in log.unconverted)
 
