@@ -4,13 +4,10 @@
 
 from __future__ import annotations
 
-import gc
-import math
 import os
 from collections.abc import Callable
 from pathlib import Path
 
-from cdff_common.clock import monotonic_s
 from cdff_common.errors import ConfigurationError
 from cdff_common.memory import release_memory
 from services.alarms import Alarms, Severity
@@ -20,9 +17,8 @@ _KIND = "memory_over_budget"
 DEFAULT_MB = 2000
 #: Fraction of the budget below which the alarm ends.
 _END = 0.9
-#: Growth over the lowest memory after which freed memory is released, megabytes, and least time between two
-#: releases, seconds.
-_GROWTH_MB, _PERIOD_S = 32.0, 10.0
+#: Growth since the last release after which freed memory is released, megabytes.
+_GROWTH_MB = 32.0
 
 
 def memory_budget_mb() -> int:
@@ -48,16 +44,14 @@ def memory_check(alarms: Alarms, source: str, budget_mb: int) -> Callable[[], No
     The function begins the alarm if the memory exceeds ``budget_mb`` megabytes, otherwise it ends the alarm.
     If the memory has grown, the function first returns freed memory to the system.
     """
-    lowest_mb, released_s = math.inf, -math.inf
+    released_mb = 0.0
 
     def check() -> None:
-        nonlocal lowest_mb, released_s
-        used_mb, now_s = resident_mb(), monotonic_s()
-        if used_mb > lowest_mb + _GROWTH_MB and now_s - released_s > _PERIOD_S:
-            gc.collect()
+        nonlocal released_mb
+        used_mb = resident_mb()
+        if used_mb > released_mb + _GROWTH_MB:
             release_memory()
-            released_s, used_mb = now_s, resident_mb()
-        lowest_mb = min(lowest_mb, used_mb)
+            released_mb = used_mb = resident_mb()
         if used_mb > budget_mb:
             problem = f"{used_mb:.0f} MB of memory are in use, expected at most {budget_mb} MB"
             remedy = "stop large requests, restart the service, or raise CDFF_MEMORY_MB"
