@@ -66,7 +66,8 @@ class InputPort(Port):
     ordered : bool
         Accept samples in ascending order of time only; otherwise drop only repeated ones.
     compared : bool
-        Compare mount and clock of its sensor with those of the other ports.
+        Check while running that mount and clock of the sensor of this port agree with those of the sensors of
+        the other compared ports (``cdff_core.consistency``).
     aliases : tuple of str
         Other names of the port on the command line.
     repeated : bool

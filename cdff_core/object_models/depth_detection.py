@@ -44,7 +44,7 @@ _RESOLVED = 0.07
 #: this number of median depths.
 _LEAST_PIXELS, _LARGEST = 5.0, 20.0
 #: Least distance between the centres of two objects, in diameters of the larger model.
-_APART = 0.3
+_MIN_SEPARATION_DIAMETERS = 0.3
 
 
 class DepthDetectionConfig(StrictModel):
@@ -330,8 +330,9 @@ def separate(detections: list[tuple[DepthDetection, float]]) -> list[DepthDetect
     separate_detections: list[tuple[DepthDetection, float]] = []
     for detection, diameter_m in sorted(detections, key=lambda pair: -pair[0].score):
         is_apart = all(
-            np.linalg.norm(detection.centre_m - other.centre_m) > _APART * max(diameter_m, other_m)
-            for other, other_m in separate_detections
+            np.linalg.norm(detection.centre_m - other.centre_m)
+            > _MIN_SEPARATION_DIAMETERS * max(diameter_m, other_diameter_m)
+            for other, other_diameter_m in separate_detections
         )
         if is_apart:
             separate_detections.append((detection, diameter_m))

@@ -167,7 +167,7 @@ class LogSource(Protocol):
 
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
-        """Content without a stream, by its name in the log."""
+        """Topics and fields that have no stream, by their names in the log."""
         return {}
 
     @property

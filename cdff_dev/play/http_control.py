@@ -1,6 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Control of a running player by HTTP on this machine: a page, the status, and the verbs of ``control``.
+"""HTTP control of a running player, on this machine only: a page for browsers, the status, and the commands
+of ``cdff_dev.play.control`` (pause, seek, speed and so on).
 
 ``GET /status`` and ``POST /{verb}``, with the parameters of the calls on the bus, answer with the status.
 Requests with the ``Host`` of another machine, and writes from pages of another origin, are refused, as by the

@@ -55,7 +55,7 @@ class LoopedLog(LogSource):
 
     @property
     def unconverted(self) -> Mapping[str, Unconverted]:
-        """Content without a stream."""
+        """Topics and fields that have no stream, by their names in the log."""
         return self._log.unconverted
 
     def samples(self, streams: Collection[str] | None = None) -> Iterator[LogSample]:

@@ -95,15 +95,23 @@ def footprints(database: Database, ids: Iterable[str]) -> dict[str, FloatArray]:
     }
 
 
-def outline(occupied: NDArray[np.bool_], left: float, top: float, cell_w: float, cell_h: float) -> FloatArray:
-    """Return a ring around all occupied cells ``(rows, cols)``, row 0 at the top, with gaps closed."""
+def outline(
+    occupied: NDArray[np.bool_], xmin_m: float, ymax_m: float, cell_width_m: float, cell_height_m: float
+) -> FloatArray:
+    """Return a ring ``(k, 2)``, metres, not closed, around all occupied cells ``(rows, cols)``, gaps filled.
+
+    Row 0 is at the top; ``xmin_m`` and ``ymax_m`` are the outer corner of the first cell.
+    """
     import shapely
 
     def polygon_of(occupied: NDArray[np.bool_]) -> Any:
         change = np.diff(np.pad(occupied, ((0, 0), (1, 1))).astype(np.int8), axis=1)
         (row, start), (_, end) = np.nonzero(change == 1), np.nonzero(change == -1)
         boxes = shapely.box(
-            left + start * cell_w, top - (row + 1) * cell_h, left + end * cell_w, top - row * cell_h
+            xmin_m + start * cell_width_m,
+            ymax_m - (row + 1) * cell_height_m,
+            xmin_m + end * cell_width_m,
+            ymax_m - row * cell_height_m,
         )
         return shapely.union_all(boxes)
 

@@ -111,7 +111,8 @@ def drive(
         if entry.stream not in ports:
             continue
         if ports[entry.stream] == "scan":
-            progress(f"lidar slam: {scenario.name}, seed {scenario.seed}, sweep {len(run.cpu_s)}")
+            sweep = len(run.cpu_s)  # one time for each finished sweep
+            progress(f"lidar slam: {scenario.name}, seed {scenario.seed}, sweep {sweep}")
         runner.push(Sample(ports[entry.stream], entry.stamp_ns, entry.header.seq, value))
         started_s, started_wall_s = time.process_time(), time.perf_counter()
         _append_products(run, runner.drain())

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff top`` and ``/api/v1/status`` show what a driver sends and what a DFPC makes of it."""
+"""``cdff top`` and ``/api/v1/status`` show rate, losses and users of a sensor stream, and states of DFPCs."""
 
 from __future__ import annotations
 

@@ -423,7 +423,8 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
             ):
                 states[i] = LOST
                 del self._objects[key]
-                self._hypotheses = self._hypotheses.selected(self._hypotheses.objects != key)
+                is_of_other = self._hypotheses.objects != key  # keys of the objects of all hypotheses
+                self._hypotheses = self._hypotheses.selected(is_of_other)
         return Outputs(
             ids=ids,
             states=states,

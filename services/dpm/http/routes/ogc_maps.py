@@ -81,8 +81,8 @@ class CoverageParameters(BaseModel):
 
     bbox: Annotated[str, Field(max_length=400)] | None = Field(
         None,
-        description="West, south, east, north: degrees on the body of the frame, metres in one without; "
-        "default: all maps",
+        description="Four numbers west,south,east,north: longitudes and latitudes in degrees if the frame has a "
+        "body, otherwise x and y in metres; default: the extent of all maps",
     )
     datetime: Annotated[str, Field(max_length=100)] | None = Field(
         None, description="Captures that ended at or before a time, RFC 3339"

@@ -264,13 +264,10 @@ class Catalogue:
                 cursor = page.cursor
                 if cursor is None:
                     break
-            if cursor is not None:
-                ordinals = None
+            else:
+                raise _too_many_near(_MAX_STEPS * MAX_PAGE)
         if ordinals is None:
-            raise InputError(
-                f"more than {_MOST_COUNTED} products are near the geometry: use bbox or intersects, or "
-                "a smaller one"
-            )
+            raise _too_many_near(_MOST_COUNTED)
         return Among(frozenset(ordinals))
 
     def _collection(self, name: str, extents: Sequence[Extent]) -> Collection:
@@ -364,3 +361,9 @@ def numbers_of(text: str | None, name: str = "bbox") -> list[float] | None:
 def page_size(limit: int | None) -> int:
     """Return the features per page; a limit above the largest is reduced (OGC 17-069r4 §7.15.3)."""
     return 100 if limit is None else min(limit, MAX_PAGE)
+
+
+def _too_many_near(limit: int) -> InputError:
+    return InputError(
+        f"more than {limit} products are near the geometry: use bbox or intersects, or a smaller one"
+    )

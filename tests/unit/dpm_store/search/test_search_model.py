@@ -170,8 +170,8 @@ def _query_transform(world: World, frame: str, query: Query) -> np.ndarray | Non
     def to_root(name: str) -> tuple[str, np.ndarray]:
         T = np.eye(4)
         while name in edges:
-            name, step = edges[name][0], edges[name][1]
-            T = step @ T
+            name, T_parent_child = edges[name]
+            T = T_parent_child @ T
         return name, T
 
     (root_a, T_root_a), (root_b, T_root_b) = to_root(query.frame), to_root(frame)

@@ -85,7 +85,7 @@ def test_shading_has_no_seam_between_tiles(dpm: Dpm) -> None:
     assert common is not None
     heights[both.slices_of(common)] = window.layer("mean")[window.geometry.slices_of(common)]
     expected = hillshade(heights, 0.1)[1:-1, 1:-1].astype(np.float32)
-    expected[expected == 0] = np.nan
+    expected[expected == 0] = np.nan  # unobserved cells are 0 in the image, NaN in the values
     np.testing.assert_allclose(side_by_side, expected, atol=1.0)
 
 

@@ -49,10 +49,10 @@ def test_clients_and_operators_publish_nothing() -> None:
 
 
 def test_only_the_named_identity_may_publish_the_clock() -> None:
-    for clock in ("mana", "ground"):
-        access = ground_list(EVERYONE, clock)
+    for publisher in ("mana", "ground"):
+        access = ground_list(EVERYONE, publisher)
         allowed = {m.name for m in EVERYONE if "ground/clock" in keys_of(access, m.name, "put")}
-        assert allowed == {clock}
+        assert allowed == {publisher}
         assert "ground/**" not in keys_of(access, "ground", "put")
 
 
