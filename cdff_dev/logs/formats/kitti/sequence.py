@@ -8,6 +8,7 @@ suite. CVPR. doi:10.1109/CVPR.2012.6248074
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -177,6 +178,8 @@ def _rows(path: Path, columns: int) -> FloatArray:
             values = [float(word) for word in words]
         except ValueError as error:
             raise InputError(f"{path}:{number}: {error}") from error
+        if not all(map(math.isfinite, values)):
+            raise InputError(f"{path}:{number}: {' '.join(words)}: expected finite numbers")
         if len(values) == columns:
             rows.append(values)
         elif values:
