@@ -85,14 +85,10 @@ class ShadingFitter:
 
         Parameters
         ----------
-        model : ModelPreparationOutputs
-            Mesh of the body, metres.
-        predicted : TrackedState
-            State in the frame of the camera (x right, y down, z forward) at the time of the image.
+        model, predicted, camera_matrix
+            As in ``ImageFitter.fit``.
         image : ndarray of uint8, shape (r, c)
             Grey levels, without lens distortion.
-        camera_matrix : ndarray, shape (3, 3)
-            Pixels; (0, 0) is the centre of the first pixel.
         sun : ndarray, shape (3,)
             Vector to the Sun in the frame of the camera, of any length above 0.
 

@@ -106,5 +106,5 @@ def _from_poses(name: str, samples: list[LogSample]) -> Track:
 
 
 def _stamp_ns(sample: LogSample) -> int:
-    """Return the time of a pose, or the time of its sample if the pose states none."""
+    """Return the stamp of the pose in a sample; if the pose has no stamp, that of the sample (nanoseconds)."""
     return int(getattr(sample.value, "stamp_ns", sample.stamp_ns))
