@@ -15,7 +15,7 @@ from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.model_edge_measurement.interface import ModelEdgeMeasurementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
-from cdff_core.object_models.measured_correction import corrected_state
+from cdff_core.object_models.measured_correction import corrected_state, require_count
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Smallest range of the search for edges, px, and number of standard deviations of the prediction that the
@@ -115,11 +115,8 @@ class ImageFitter:
                     range_px=range_px,
                 )
             )
-            if len(edge_offsets.points) < self._min_points:
-                raise RefusedError(
-                    f"{len(edge_offsets.points)} edge points in the image",
-                    [f"few_edges:{len(edge_offsets.points)}<{self._min_points}"],
-                )
+            count = len(edge_offsets.points)
+            require_count(count, self._min_points, f"{count} edge points in the image", "few_edges")
             state, outputs = corrected_state(
                 self._refine, state, predicted, edge_offsets, camera_matrix, range_px
             )

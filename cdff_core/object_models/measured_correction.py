@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cdff_common.arrays import FloatArray
+from cdff_common.errors import RefusedError
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.measured_pose_refinement.interface import (
     MeasuredPoseRefinementInputs,
@@ -50,6 +51,12 @@ class PointOffsets:
             np.tile(np.eye(2), (len(pixels), 1)),
             (matches - pixels).reshape(-1, 1),
         )
+
+
+def require_count(count: int, minimum: int, description: str, reason: str) -> None:
+    """Raise RefusedError with the reason ``reason:count<minimum`` if there are fewer than ``minimum``."""
+    if count < minimum:
+        raise RefusedError(description, [f"{reason}:{count}<{minimum}"])
 
 
 def corrected_state(

@@ -17,7 +17,7 @@ from cdff_core.dfns.region_colour_learning.interface import (
     RegionColourLearningOutputs,
 )
 from cdff_core.object_models.image_fit import search_range_px
-from cdff_core.object_models.measured_correction import corrected_state
+from cdff_core.object_models.measured_correction import corrected_state, require_count
 from cdff_core.object_models.tracked_state import TrackedState
 
 #: Largest number of measurements of an image, and the range of the last one, px.
@@ -75,7 +75,7 @@ class RegionFitter:
     def learn(
         self, model: ModelPreparationOutputs, T: FloatArray, image: ByteArray, camera_matrix: FloatArray
     ) -> None:
-        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay unknown.
+        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay as they were.
 
         Parameters
         ----------
@@ -141,11 +141,8 @@ class RegionFitter:
                     range_px=range_px,
                 )
             )
-            if len(line_offsets.points) < _MIN_LINES:
-                raise RefusedError(
-                    f"{len(line_offsets.points)} lines across the outline in the image",
-                    [f"few_lines:{len(line_offsets.points)}<{_MIN_LINES}"],
-                )
+            count = len(line_offsets.points)
+            require_count(count, _MIN_LINES, f"{count} lines across the outline in the image", "few_lines")
             state, outputs = corrected_state(
                 self._refine, state, predicted, line_offsets, camera_matrix, range_px
             )

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cdff_common.arrays import ByteArray, FloatArray
-from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
@@ -18,7 +17,7 @@ from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInpu
 from cdff_core.dfns.lit_body_rendering.interface import LitBodyRenderingInputs, LitBodyRenderingOutputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.image_fit import search_range_px
-from cdff_core.object_models.measured_correction import PointOffsets, corrected_state
+from cdff_core.object_models.measured_correction import PointOffsets, corrected_state, require_count
 from cdff_core.object_models.texture_fit import inner_pixels
 from cdff_core.object_models.tracked_state import TrackedState
 
@@ -104,11 +103,8 @@ class ShadingFitter:
             features, points_m = self._features(rendered, state.T, camera_matrix)
             matches, is_valid = self._matches(rendered.rendering, image, features)
             count = int(np.count_nonzero(is_valid))
-            if count < _MIN_POINTS:
-                raise RefusedError(
-                    f"{count} of {len(features)} points were tracked from the rendering to the image",
-                    [f"few_features:{count}<{_MIN_POINTS}"],
-                )
+            found = f"{count} of {len(features)} points were tracked from the rendering to the image"
+            require_count(count, _MIN_POINTS, found, "few_features")
             point_offsets = PointOffsets.of_matches(points_m[is_valid], features[is_valid], matches[is_valid])
             limit_px = search_range_px(
                 model, state.T, state.covariance[:6, :6], camera_matrix, self._max_range_px
@@ -139,11 +135,8 @@ class ShadingFitter:
                 sun=sun,
             )
         )
-        if rendered.lit_pixels < _MIN_LIT:
-            raise RefusedError(
-                f"{rendered.lit_pixels} pixels of the body are in the light of the Sun",
-                [f"dark:{rendered.lit_pixels}<{_MIN_LIT}"],
-            )
+        lit = f"{rendered.lit_pixels} pixels of the body are in the light of the Sun"
+        require_count(rendered.lit_pixels, _MIN_LIT, lit, "dark")
         return rendered
 
     def _features(

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cdff_common.arrays import BoolArray, ByteArray, FloatArray
-from cdff_common.errors import RefusedError
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import Dfn
 from cdff_core.dfns.features_extraction_2d.interface import FeaturesExtraction2DInputs
@@ -18,7 +17,7 @@ from cdff_core.dfns.features_tracking_2d.interface import FeaturesTracking2DInpu
 from cdff_core.dfns.measured_pose_refinement.interface import MeasuredPoseRefinementInputs
 from cdff_core.dfns.model_preparation.interface import ModelPreparationOutputs
 from cdff_core.object_models.image_fit import search_range_px
-from cdff_core.object_models.measured_correction import PointOffsets
+from cdff_core.object_models.measured_correction import PointOffsets, require_count
 from cdff_core.object_models.rendering import Window, body_window, render
 from cdff_core.object_models.tracked_state import STATE_ERROR_DIM, TrackedState
 
@@ -101,11 +100,9 @@ class TextureFitter:
         features, points_m, in_camera = features[is_ahead], points_m[is_ahead], in_camera[is_ahead]
         pixels = in_camera[:, :2] / in_camera[:, 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
         matches, is_valid = self._track_features(seen_body.image, image, features, pixels)
-        if np.count_nonzero(is_valid) < _MIN_POINTS:
-            raise RefusedError(
-                f"{np.count_nonzero(is_valid)} of {len(features)} features of the body were tracked",
-                [f"few_features:{np.count_nonzero(is_valid)}<{_MIN_POINTS}"],
-            )
+        count = int(np.count_nonzero(is_valid))
+        tracked = f"{count} of {len(features)} features of the body were tracked"
+        require_count(count, _MIN_POINTS, tracked, "few_features")
         point_offsets = PointOffsets.of_matches(points_m[is_valid], pixels[is_valid], matches[is_valid])
         prior = relative_prior(seen_body.state, predicted, transition)
         outputs = self._refine.process(

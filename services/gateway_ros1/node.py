@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
+from urllib.parse import urlsplit
 
 from cdff_common.errors import CodecError, ConfigurationError, UnavailableError
 from services.gateway_ros1.master import RemoteApi
@@ -29,6 +30,8 @@ logger = logging.getLogger(__name__)
 
 #: Interval of the checks of the master, seconds, and largest number of connections from other nodes.
 _CHECK_S, _MAX_CONNECTIONS = 1.0, 64
+#: Pause after a connection that the system could not accept, seconds.
+_PAUSE_S = 0.1
 _ANY_MD5 = "*"
 
 
@@ -69,7 +72,7 @@ class Ros1Node:
         self._open: set[Connection] = set()
         self._master_pid: object = None
         self._stop = threading.Event()
-        self._listener = _listen(host)
+        self._listener = _listen(host, master_uri)
         self._host, self._port = host, int(self._listener.getsockname()[1])
         self._slave = SlaveApi(self, host)
         self._threads = [
@@ -252,8 +255,10 @@ class Ros1Node:
         while not self._stop.is_set():
             try:
                 sock, address = self._listener.accept()
-            except OSError:  # closed
-                return
+            except OSError as error:
+                if not self._stop.wait(_PAUSE_S):
+                    logger.warning("a connection is not accepted: %s", error)
+                continue
             with self._lock:
                 is_full = len(self._open) >= _MAX_CONNECTIONS
                 connection = Connection(sock)
@@ -263,7 +268,14 @@ class Ros1Node:
                 logger.warning("a connection of %s is refused: %d are open", address, _MAX_CONNECTIONS)
                 connection.close()
                 continue
-            threading.Thread(target=self._serve, args=(connection,), name="tcpros", daemon=True).start()
+            thread = threading.Thread(target=self._serve, args=(connection,), name="tcpros", daemon=True)
+            try:
+                thread.start()
+            except RuntimeError as error:  # the process has too many threads
+                logger.warning("a connection of %s is refused: %s", address, error)
+                with self._lock:
+                    self._open.discard(connection)
+                connection.close()
 
     def _serve(self, connection: Connection) -> None:
         """Answer the header of a node that has connected, and then its requests, or send it messages."""
@@ -291,7 +303,7 @@ class Ros1Node:
                 self._open.discard(connection)
 
 
-def _listen(host: str) -> socket.socket:
+def _listen(host: str, master_uri: str) -> socket.socket:
     """Return a listening socket at an address of this machine; refuse all interfaces, which is no address."""
     try:
         addresses = socket.getaddrinfo(host or "0.0.0.0", None, socket.AF_INET, socket.SOCK_STREAM)
@@ -301,11 +313,25 @@ def _listen(host: str) -> socket.socket:
                 f"host {host!r}: expected one address of this machine, by which the robot reaches it, "
                 "in --host or ROS_IP; other nodes connect to this address"
             )
+        _check_reachable(address, master_uri)
         return socket.create_server((address, 0))
     except (OSError, UnicodeError) as error:
         raise ConfigurationError(
             f"host {host!r}: {error}; expected a name or an IPv4 address of this machine in --host or ROS_IP"
         ) from error
+
+
+def _check_reachable(address: str, master_uri: str) -> None:
+    """Raise ConfigurationError if only this machine can reach an address, and the master is on another one."""
+    try:
+        master = socket.gethostbyname(urlsplit(master_uri).hostname or "")
+    except OSError:  # the name may become known later
+        return
+    if ipaddress.ip_address(address).is_loopback and not ipaddress.ip_address(master).is_loopback:
+        raise ConfigurationError(
+            f"host {address}: the master is at {master}, and its nodes cannot reach this address; state the "
+            "address of this machine in --host or ROS_IP"
+        )
 
 
 def _problem(asked: dict[str, str], server: Publication | Ros1Service | None) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import logging
 import threading
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -39,8 +38,10 @@ class ServerParameters:
     def __init__(self, node: Ros1Node, robot: str, parameters: DfpcParameters, bus: Bus) -> None:
         self._node, self._parameters = node, parameters
         self.counters = TopicCounters()
-        self._lock, self._state_lock = threading.Lock(), threading.Lock()
+        self._lock = threading.Lock()
+        self._changed = threading.Event()
         self._values: dict[str, Any] = {}
+        self._reported: dict[str, tuple[str, str]] = {}  # last problem of each name, with the value
         self._pending: set[str] = set()
         self._available: set[str] = set()
         self._dfpcs = {name: name.partition(".")[0] for name in parameters.names}
@@ -51,14 +52,16 @@ class ServerParameters:
 
     def to_map(self) -> dict[str, Any]:
         """Return the names of the parameters, those that wait for their DFPC, and the counters."""
-        with self._state_lock:
+        with self._lock:
             pending = sorted(self._pending)
         return {"names": self._parameters.names, "pending": pending, **self.counters.to_map()}
 
     def retry(self, stop: threading.Event) -> None:
-        """Set the values that wait for their DFPC whenever it is available, until ``stop`` is set."""
-        while not stop.wait(_RETRY_S):
-            with self._state_lock:
+        """Set the new values, and those that wait for their DFPC, whenever it is available, until ``stop``."""
+        while not stop.is_set():
+            self._changed.wait(_RETRY_S)
+            self._changed.clear()
+            with self._lock:
                 ready = sorted(name for name in self._pending if self._dfpcs[name] in self._available)
             for name in ready:
                 self._apply(name)
@@ -68,7 +71,7 @@ class ServerParameters:
 
     def _on_alive(self, dfpc: str, _: str, is_alive: bool) -> None:
         """Note whether a DFPC is available; after a restart it has the values of the profile."""
-        with self._state_lock:
+        with self._lock:
             if is_alive:
                 self._available.add(dfpc)
             else:
@@ -76,40 +79,58 @@ class ServerParameters:
                 self._pending |= {name for name in self._values if self._dfpcs[name] == dfpc}
 
     def _on_value(self, name: str, value: Any) -> None:
+        """Store a value; the thread of ``retry`` sets it, since calls may block."""
         self.counters.receive(0)
-        with self._state_lock:
+        with self._lock:
             self._values[name] = value
-        self._apply(name)
+            self._pending.add(name)
+            is_available = self._dfpcs[name] in self._available
+        if not is_available:
+            self._drop("unavailable", name, value, "its DFPC is not available")
+        self._changed.set()
 
     def _apply(self, name: str) -> None:
         """Set the last value of a parameter; after a refusal the server has the value of the DFPC again."""
         with self._lock:
-            with self._state_lock:
-                self._pending.discard(name)
-                value = self._values[name]
-            try:
-                if self._parameters.value(name) != value:
-                    self._parameters.set({name: value})
-                    self.counters.forward(0.0)
-            except UnavailableError as error:
-                with self._state_lock:
-                    self._pending.add(name)
-                self._drop("unavailable", name, error)
-            # TypeError: dates and binary data of XML-RPC cannot be compared with numbers.
-            except (CdffError, LookupError, TypeError) as error:
-                self._drop("refused", name, error)
-                self._replace(name, value)
+            self._pending.discard(name)
+            value = self._values[name]
+        try:
+            if self._parameters.value(name) != value:
+                self._parameters.set({name: value})
+                self.counters.forward(0.0)
+            self._reported.pop(name, None)
+        except UnavailableError as error:
+            self._repeat("unavailable", name, value, error)
+        # TypeError: dates and binary data of XML-RPC cannot be compared with numbers.
+        except (CdffError, LookupError, TypeError) as error:
+            self._drop("refused", name, value, error)
+            self._replace(name, value)
 
     def _replace(self, name: str, refused: Any) -> None:
         """Replace a refused value by that of the DFPC, here and on the server, unless a newer one exists."""
-        with suppress(CdffError, LookupError):
+        try:
             value = self._parameters.value(name)
-            with self._state_lock:
+            with self._lock:
                 if self._values[name] is not refused:
                     return
-                self._values[name] = value
             self._node.master.call("setParam", self._key(name), value)
+        except (CdffError, LookupError) as error:
+            self._repeat("not_replaced", name, refused, error)
+            return
+        with self._lock:
+            if self._values[name] is refused:
+                self._values[name] = value
 
-    def _drop(self, reason: str, name: str, error: Exception) -> None:
+    def _repeat(self, reason: str, name: str, value: Any, error: Exception) -> None:
+        """Report a failure, and let the value be applied again."""
+        with self._lock:
+            self._pending.add(name)
+        self._drop(reason, name, value, error)
+
+    def _drop(self, reason: str, name: str, value: Any, error: object) -> None:
+        """Count and log a problem, once for each value."""
+        if self._reported.get(name) == (reason, repr(value)):
+            return
+        self._reported[name] = (reason, repr(value))
         if self.counters.drop(reason, f"{name}: {error}"):
             logger.warning("%s: %s: %s", self._key(name), reason, error)

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable
 
 from cdff_common.errors import CdffError, CodecError
-from services.gateway_ros1.tcpros import Connection
+from services.gateway_ros1.tcpros import HANDSHAKE_S, SEND_S, Connection
 
 logger = logging.getLogger(__name__)
 
@@ -42,9 +42,9 @@ class Ros1Service:
         """Answer one request, or of a persistent connection all until it is idle for 10 min."""
         if asked.get("probe") == "1":
             return
-        connection.wait(_IDLE_S)
         is_persistent = asked.get("persistent") == "1"
         while True:
+            connection.wait(_IDLE_S if is_persistent else HANDSHAKE_S)
             try:
                 data = connection.receive(_MAX_REQUEST)
             except CodecError as error:
@@ -58,6 +58,7 @@ class Ros1Service:
             except Exception as error:  # the client receives a failure rather than no answer
                 logger.exception("%s failed", self.name)
                 answer, prefix = f"{type(error).__name__}: {error}".encode(), b"\0"
+            connection.wait(SEND_S)
             connection.send(answer, prefix=prefix)
             if not is_persistent:
                 return

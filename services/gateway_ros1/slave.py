@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 
 #: Largest request in bytes, number of requests at once, and time for the parts of one, seconds.
 _MAX_REQUEST, _MAX_THREADS, _TIMEOUT_S = 1 << 20, 32, 10.0
+#: Digits of the largest stated length of a request.
+_SIZE_DIGITS = len(str(_MAX_REQUEST))
 
 
 class NodeState(Protocol):
@@ -56,7 +58,7 @@ class _Handler(SimpleXMLRPCRequestHandler):
     def do_POST(self) -> None:
         """Answer a request, or refuse it by the length that it states."""
         size = self.headers.get("content-length", "")
-        if not size.isdecimal() or int(size[:20]) > _MAX_REQUEST:
+        if not size.isdecimal() or len(size) > _SIZE_DIGITS or int(size) > _MAX_REQUEST:
             self.send_error(413 if size.isdecimal() else 411, f"expected at most {_MAX_REQUEST} bytes")
             return
         if self.headers.get("content-encoding", "identity").lower() != "identity":

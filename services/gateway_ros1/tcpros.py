@@ -20,8 +20,8 @@ _LENGTH = struct.Struct("<I")
 #: A connection without traffic is probed after 30 s, then every 10 s; it ends after 3 probes without answer.
 _KEEPALIVE = {"TCP_KEEPIDLE": 30, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 3}
 #: Time in which a peer must take some bytes of a message, seconds, as ``struct timeval``.
-_SEND_S = 30
-_SEND_TIMEOUT = struct.pack("ll", _SEND_S, 0)
+SEND_S = 30
+_SEND_TIMEOUT = struct.pack("ll", SEND_S, 0)
 
 
 def encode_header(fields: Mapping[str, str]) -> bytes:

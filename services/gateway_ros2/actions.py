@@ -150,12 +150,18 @@ class ActionServer:
     def _run(self, goal: Goal) -> None:
         """Execute a goal, and answer the clients that wait for its result; an error aborts it."""
         try:
-            state, result = self._executed(goal)
+            result, succeeded = self._executed(goal)
+            has_failed = False
         except Exception:
             logger.exception("%s: goal %s failed", self._name, goal.goal_id.hex())
-            state, result = GoalState.ABORTED, self._no_result()
+            result, succeeded, has_failed = self._no_result(), False, True
         with self._lock:
-            goal.state, goal.result, goal.ended_s = state, result, monotonic_s()
+            if succeeded:
+                goal.state = GoalState.SUCCEEDED
+            else:  # an error aborts a goal, also a cancelled one
+                is_cancelled = goal.cancelled.is_set() and not has_failed
+                goal.state = GoalState.CANCELED if is_cancelled else GoalState.ABORTED
+            goal.result, goal.ended_s = result, monotonic_s()
             waiting, goal.waiting = goal.waiting, []
         for respond in waiting:
             try:
@@ -164,17 +170,14 @@ class ActionServer:
                 logger.exception("%s: a result of goal %s is not sent", self._name, goal.goal_id.hex())
         self._publish_status()
 
-    def _executed(self, goal: Goal) -> tuple[GoalState, Any]:
-        """Return the final state and the result of a goal."""
+    def _executed(self, goal: Goal) -> tuple[Any, bool]:
+        """Return the result of a goal, and whether it has succeeded."""
         with self._lock:
             if goal.cancelled.is_set():
-                return GoalState.CANCELED, self._no_result()
+                return self._no_result(), False
             goal.state = GoalState.EXECUTING
         self._publish_status()
-        result, succeeded = self._execute(goal, lambda message: self._publish_feedback(goal, message))
-        if succeeded:
-            return GoalState.SUCCEEDED, result
-        return GoalState.CANCELED if goal.cancelled.is_set() else GoalState.ABORTED, result
+        return self._execute(goal, lambda message: self._publish_feedback(goal, message))
 
     def _on_result(self, request: Any, respond: Callable[[Any], None]) -> None:
         goal_id = bytes(np.asarray(request.goal_id.uuid, np.uint8))

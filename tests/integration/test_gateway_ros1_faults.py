@@ -157,11 +157,12 @@ def test_a_parameter_waits_for_its_dfpc_and_changes_no_other_value(
             configured = {**parameters(), "clock": {"max_silence_s": 77.0}}
             bus.call(keys.dfpc_rpc("mana", "position_manager", "configure"), payload=pack(configured))
             master.set_parameter(_SERVER_KEY, 3.5)
-            assert lidar_scale() == 3.5
+            wait_until(lambda: lidar_scale() == 3.5, 5.0, "the new value is set")
             assert parameters()["clock"]["max_silence_s"] == 77.0, "it is not a parameter of the gateway"
 
             master.set_parameter(_SERVER_KEY, b"\1")
-            assert master.parameters[_SERVER_KEY] == 3.5, "a value that is no number is replaced"
+            replaced = "a value that is no number is replaced"
+            wait_until(lambda: master.parameters[_SERVER_KEY] == 3.5, 5.0, replaced)
             assert gateway.status()["parameters"]["dropped"]["refused"] == 1
 
             process.terminate()

@@ -64,8 +64,9 @@ class _Server(uvicorn.Server):
     def stop(self) -> None:
         """End ``serve``; called by another thread."""
         self.should_exit = True
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._stopped.set)
+        if self._loop is not None:
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self._stopped.set)
 
     async def _probe(self) -> None:
         while True:

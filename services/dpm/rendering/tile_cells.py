@@ -196,16 +196,18 @@ class TileCells:
         assert analysis.observer_m is not None
         x, y = analysis.observer_m
         reach = RANGE_M if analysis.range_m is None else analysis.range_m
+        unknown = np.full(geometry.shape, np.nan, dtype=np.float32)
+        bounds, margin_m = geometry.bounds, reach + cell_m(z)
+        is_near_x = bounds.xmin - margin_m < x < bounds.xmax + margin_m
+        is_near_y = bounds.ymin - margin_m < y < bounds.ymax + margin_m
+        if not (is_near_x and is_near_y):
+            return {"mean": unknown, "variance": unknown}
         level = self._level_at(x, y, z, geometry.frame)
         while level > 0 and (2.0 * reach / cell_m(level) + 1.0) ** 2 > _MOST_VIEWSHED_CELLS:
             level -= 1
         around = GridGeometry.aligned(
             geometry.frame, cell_m(level), (x - reach, y - reach, x + reach, y + reach)
         )
-        unknown = np.full(geometry.shape, np.nan, dtype=np.float32)
-        a, b = around.bounds, geometry.bounds
-        if a.xmin >= b.xmax or a.xmax <= b.xmin or a.ymin >= b.ymax or a.ymax <= b.ymin:
-            return {"mean": unknown, "variance": unknown}
 
         def computed() -> NDArray[np.float64]:
             eye = EYE_M if analysis.observer_height_m is None else analysis.observer_height_m

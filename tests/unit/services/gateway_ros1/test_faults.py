@@ -67,6 +67,13 @@ def test_a_host_that_is_not_one_address_of_this_machine_is_refused(host: str) ->
         Ros1Node("http://127.0.0.1:1", host, "/gateway", _TYPES)
 
 
+def test_an_address_that_the_nodes_of_the_master_cannot_reach_is_refused() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"the master is at 192\.0\.2\.1, and its nodes cannot reach"
+    ):
+        Ros1Node("http://192.0.2.1:11311", "127.0.0.1", "/gateway", _TYPES)
+
+
 def test_empty_variables_of_the_environment_are_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_IP", "")
     monkeypatch.setenv("ROS_MASTER_URI", "")
@@ -222,6 +229,7 @@ def _post(node: Ros1Node, headers: dict[str, str], body: bytes = b"") -> int:
 def test_calls_that_are_too_large_or_compressed_are_refused(node: Ros1Node) -> None:
     assert _post(node, {"content-length": str((1 << 20) + 1)}) == 413
     assert _post(node, {"content-length": "9" * 5000}) == 413
+    assert _post(node, {"content-length": "0" * 20 + "9" * 9}) == 413
     assert _post(node, {"content-length": "-1"}) == 411
     assert _post(node, {}) == 411
     assert _post(node, {"content-length": "3", "content-encoding": "gzip"}) == 415
