@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -83,12 +82,6 @@ class ReplayedDfpc(DfpcLifeCycle):
         super().activate(inputs, adjustment)
         self.totals["activations"] += previous_state is not DfpcState.ACTIVE
 
-    def deactivate(self) -> None:
-        """Become inactive; an error in the last step leads to the state error."""
-        self.state_after("deactivate")
-        with self.failure_guard():
-            super().deactivate()
-
     def clean_up(self) -> None:
         """Release the DFPC and add the counters of its run."""
         previous = self.runner
@@ -99,15 +92,11 @@ class ReplayedDfpc(DfpcLifeCycle):
         """Pass products to ``on_products``."""
         self._on_products(products)
 
-    @contextmanager
-    def failure_guard(self) -> Iterator[None]:
-        """Change to the state error if the block raises an exception, and publish an alarm."""
-        with super().failure_guard():
-            yield
-        if self.state is DfpcState.ERROR:
-            self.publish_status()
-            alarm = self.event(reason=self.last_error)
-            self._bus.publish_map(keys.event(self.robot.id, "alarm"), alarm)
+    def on_failure(self) -> None:
+        """Publish the status and an alarm."""
+        self.publish_status()
+        alarm = self.event(reason=self.last_error)
+        self._bus.publish_map(keys.event(self.robot.id, "alarm"), alarm)
 
     def status(self) -> dict[str, Any]:
         """Return the status; the cost of a step is that of the description, so that plans are repeatable.

@@ -7,8 +7,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from cdff_common.bus import Bus, Message, Qos, Subscription, keys
@@ -123,7 +122,7 @@ class HostedDfpc(DfpcLifeCycle):
             self._activity.remove()
             with self._use:
                 super().deactivate()
-                if self.state is DfpcState.ERROR:
+                if self.has_failed():
                     return
                 self._state_store.checkpoint(self.dfpc, now=True)
         self._publish_event("deactivated")
@@ -303,7 +302,7 @@ class HostedDfpc(DfpcLifeCycle):
         with self._use:
             with self._queue:
                 runner = self.runner
-                if runner is None or not runner.pending:
+                if self.has_failed() or runner is None or not runner.pending:
                     return False
             started_s, cpu_s = monotonic_s(), time.thread_time()
             self.step_started_s = started_s
@@ -313,7 +312,7 @@ class HostedDfpc(DfpcLifeCycle):
                 self.publish(products)
                 self._state_store.checkpoint(self.dfpc)
             self.step_started_s = None
-            if self.state is DfpcState.ERROR:
+            if self.has_failed():
                 return False
             took_s = monotonic_s() - started_s
             self._times_s["last_step_s"] = took_s
@@ -323,14 +322,10 @@ class HostedDfpc(DfpcLifeCycle):
             self._queue.notify_all()
         return True
 
-    @contextmanager
-    def failure_guard(self) -> Iterator[None]:
-        """Switch to state error on any exception, stop stepping and publish an alarm."""
-        with super().failure_guard():
-            yield
-        if self.state is DfpcState.ERROR:
-            self._stopping.set()
-            self._publish_event("alarm", reason=self.last_error)
+    def on_failure(self) -> None:
+        """Stop stepping, and publish an alarm."""
+        self._stopping.set()
+        self._publish_event("alarm", reason=self.last_error)
 
     def publish(self, products: Sequence[Product]) -> None:
         """Publish products on their keys and queue them for the DPM."""

@@ -221,7 +221,7 @@ class DfpcLifeCycle(ABC):
         with self.failure_guard():
             for product in runner.finish():
                 self.publish([product])
-        return self._state is not DfpcState.ERROR
+        return not self.has_failed()
 
     def clean_up(self) -> None:
         """Release the configured DFPC and discard its data."""
@@ -253,6 +253,14 @@ class DfpcLifeCycle(ABC):
     def publish(self, products: Sequence[Product]) -> None:
         """Deliver products in their order."""
 
+    def has_failed(self) -> bool:
+        """Return True in state error."""
+        return self._state is DfpcState.ERROR
+
+    @abstractmethod
+    def on_failure(self) -> None:
+        """Report the switch to state error; called by ``failure_guard``."""
+
     @contextmanager
     def failure_guard(self) -> Iterator[None]:
         """Switch to state error on any exception: a bug in one DFPC must not stop the others."""
@@ -262,6 +270,7 @@ class DfpcLifeCycle(ABC):
             logger.exception("%s raised; it is switched to error", self.entry.name)
             self.last_error = public_text(error)
             self.state = DfpcState.ERROR
+            self.on_failure()
 
     def describe(self) -> dict[str, Any]:
         """Return ports, wiring, needs, cost and state for the catalogue of the orchestrator."""

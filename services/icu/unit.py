@@ -142,6 +142,10 @@ class SimulatedIcu:
             with self._changed:
                 if self._closed:
                     raise UnavailableError("the instrument control unit is shutting down")
+                if self._machines.get((robot, sensor)) is not machine:
+                    raise UnavailableError(
+                        f"sensor {sensor}: its description was replaced; repeat the demand"
+                    )
                 if acquisition is not None and acquisition.is_done:
                     return self._acquired(robot, machine, mode, self._now_s() - started_s)
                 if machine.lost:

@@ -55,6 +55,7 @@ def follow(bus: Bus, rounds: MergingRounds, stop: threading.Event) -> None:
             # DPM unavailable, or a frame revised by another client: the next round reads again.
             logger.warning("%s", error)
             next_s = monotonic_s() + RETRY_S
+            stop.wait(RETRY_S)
 
 
 class MergingRounds:

@@ -41,7 +41,7 @@ TAKE_OVER_S = 1.5
 _PERIOD_S, _RETRY_S, _REFUSED_S = 0.02, 0.5, 10.0
 _CALL_S, _BUSY_LIMIT_S = 3.0, 120.0
 #: Kinds of history records from which the changes of an orchestrator follow.
-_KINDS = "activation,mode,control"
+_KINDS = "activation,mode"
 
 
 class Control:
@@ -84,12 +84,18 @@ class Control:
     def follow(self, robot: str) -> None:
         """Decide about a robot, which is not controlled from here until then."""
         self._state.set_control(robot, controlled=False)
+        self._delegations.update()
         self._decide(robot, TAKE_OVER_S)
 
     def _decide(self, robot: str, after_s: float) -> None:
         with self._changed:
             self._due_s[robot] = self._timing.now_s() + after_s
             self._changed.notify_all()
+
+    def _repeat(self, robot: str, after_s: float) -> None:
+        """Decide again about a robot, unless its token has changed meanwhile; called by the thread only."""
+        with self._changed:
+            self._due_s.setdefault(robot, self._timing.now_s() + after_s)
 
     def _on_alive(self, key: str, is_alive: bool) -> None:
         robot = key.split("/")[2]
@@ -137,16 +143,16 @@ class Control:
         self._state.set_control(robot, controlled=True)
         self._delegations.update()
         logger.info("%s is taken over", robot)
-        self._add_recorded_changes(robot)
+        self._without_history.add(robot)
+        self._repeat(robot, 0.0)  # after other robots that are due: the DPM may not answer
 
     def _add_recorded_changes(self, robot: str) -> None:
         """Own what the orchestrator of a robot has changed; repeated until the history can be read."""
         try:
             changes = self._recorded_changes(robot)
         except CdffError as error:
-            self._without_history.add(robot)
             self._report(robot, f"the DFPCs that its orchestrator has activated are unknown: {error}")
-            self._decide(robot, _RETRY_S)
+            self._repeat(robot, _RETRY_S)
             return
         self._without_history.discard(robot)
         record_changes(self._journal, changes.owned, changes.modes, "taken over")
@@ -179,7 +185,7 @@ class Control:
             self._state.set_control(robot, controlled=False)
             self._delegations.update()  # first, so that no DFPC in use is without a lease for long
         if self._reconciler.is_acting_on(robot):
-            self._decide(robot, _PERIOD_S)
+            self._repeat(robot, _PERIOD_S)
             return
         owned, sensors = self._state.changes(robot)
         body = {"owned": sorted(map(str, owned)), "sensors": sorted(map(str, sensors))}
@@ -188,7 +194,7 @@ class Control:
             self._bus.call(key, payload=pack(body), timeout_s=_CALL_S, elsewhere=True)
         except CdffError as error:
             self._report(robot, f"its orchestrator does not take its DFPCs over: {error}")
-            self._decide(robot, _REFUSED_S if isinstance(error, InputError) else _RETRY_S)
+            self._repeat(robot, _REFUSED_S if isinstance(error, InputError) else _RETRY_S)
             return
         self._journal.append("control", robot=robot, action="hand_back")
         self._state.drop_changes(robot)

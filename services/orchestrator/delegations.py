@@ -64,8 +64,6 @@ class _Delegation:
         Id of the request while it runs; empty otherwise.
     not_before_s : float
         Earliest time of the next one, monotonic seconds.
-    is_done : bool
-        True for a single acquisition that was made.
     """
 
     robot: str
@@ -73,7 +71,6 @@ class _Delegation:
     priority: int = -1
     sent_id: str = ""
     not_before_s: float = float("-inf")
-    is_done: bool = False
 
 
 class Delegations:
@@ -160,8 +157,9 @@ class Delegations:
         with self._changed:
             unchecked = dict(self._unchecked)
         for robot, due_s in unchecked.items():
-            if self._is_due(due_s):
-                self._cancel_unneeded(robot)
+            # A robot that the ground controls is checked after the hand-over.
+            if not self._state.controls(robot) and self._is_due(due_s):
+                self._cancel_unneeded(robot, due_s)
 
     def _needs(self) -> dict[Hashable, tuple[str, list[_Need]]]:
         """Return the plans that need a request, by robot and by request."""
@@ -172,18 +170,25 @@ class Delegations:
             request = need.job.request
             shared: Hashable = (query_key(request), request.every_s)
             for robot in sorted({p.robot for p in need.plan.order}):
-                if not self._state.controls(robot):
-                    key = (robot, shared if request.acquire is None else (need.job.id, need.number))
-                    needs.setdefault(key, (robot, []))[1].append(need)
+                if self._state.controls(robot) or self._is_acquired(need, robot):
+                    continue
+                key = (robot, shared if request.acquire is None else (need.job.id, need.number))
+                needs.setdefault(key, (robot, []))[1].append(need)
         return needs
 
+    def _is_acquired(self, need: _Need, robot: str) -> bool:
+        """Return True if a plan with single acquisitions on a robot has made them all."""
+        sensors = [sensor for sensor in need.plan.acquisitions if sensor.robot == robot]
+        is_pending = self._state.is_acquisition_pending
+        return bool(sensors) and not any(is_pending(need.job.id, sensor) for sensor in sensors)
+
     def _continue(self, delegation: _Delegation, needs: Sequence[_Need]) -> None:
-        """Send a request unless it runs with sufficient priority, was made, or has to wait."""
+        """Send a request unless it runs with sufficient priority, or has to wait."""
         product = needs[0].job.request.product
         planned = {p for need in needs for p in need.plan.order if p.robot == delegation.robot}
         delegation.providers = {p for p in planned if product in self._state.products_of(p)}
         priority = max(need.job.request.priority for need in needs)
-        if delegation.is_done or (delegation.sent_id and priority <= delegation.priority):
+        if delegation.sent_id and priority <= delegation.priority:
             return
         self._cancel(delegation)
         if not self._is_due(delegation.not_before_s):
@@ -233,13 +238,12 @@ class Delegations:
             delegation.sent_id = ""
             pause_s = getattr(result, "retry_after_s", None) or _REPEAT_S
             delegation.not_before_s = self._timing.now_s() + pause_s
-            delegation.is_done = isinstance(result, Reply) and need.job.request.acquire is not None
-        if delegation.is_done:
+        if isinstance(result, Reply):
             for sensor, acquisition in need.plan.acquisitions.items():
                 if sensor.robot == delegation.robot:
                     values = acquisition.parameters.to_dict()
                     self._state.end_acquisition(need.job.id, sensor, values, sent_ns)
-        elif isinstance(result, CdffError) and _is_failure(result):
+        elif _is_failure(result):
             logger.info("the orchestrator of %s: %s", delegation.robot, result)
             for provider in delegation.providers:
                 self._state.add_failure(provider, f"the orchestrator of {delegation.robot}: {result}")
@@ -264,21 +268,24 @@ class Delegations:
         except CdffError as error:
             on_end(error)
 
-    def _cancel_unneeded(self, robot: str) -> None:
-        """Cancel the delegated requests of a robot that no job here needs; repeated until it answers."""
-        if not self._state.controls(robot):
-            try:
-                self._call_cancel_unneeded(robot)
-            except CdffError as error:
-                if self._faults.get(robot) != str(error):
-                    self._faults[robot] = str(error)
-                    logger.warning("requests of %s are not cancelled yet: %s", robot, error)
-                with self._changed:
-                    self._unchecked[robot] = self._timing.now_s() + _REPEAT_S
-                self._wait_s = min(self._wait_s, _REPEAT_S)
-                return
+    def _cancel_unneeded(self, robot: str, due_s: float) -> None:
+        """Cancel the delegated requests of a robot that no job here needs; repeated until it answers.
+
+        ``due_s`` is the time of this check; a check that is demanded meanwhile follows.
+        """
+        try:
+            self._call_cancel_unneeded(robot)
+        except CdffError as error:
+            if self._faults.get(robot) != str(error):
+                self._faults[robot] = str(error)
+                logger.warning("requests of %s are not cancelled yet: %s", robot, error)
+            with self._changed:
+                self._unchecked[robot] = self._timing.now_s() + _REPEAT_S
+            self._wait_s = min(self._wait_s, _REPEAT_S)
+            return
         with self._changed:
-            self._unchecked.pop(robot, None)
+            if self._unchecked.get(robot) == due_s:
+                del self._unchecked[robot]
         self._faults.pop(robot, None)
 
     def _call_cancel_unneeded(self, robot: str) -> None:

@@ -21,6 +21,11 @@ class DueRobots:
     _taken_s: float = -math.inf
     _complete_s: float = -math.inf
 
+    @property
+    def complete_at_s(self) -> float:
+        """Time from which on all robots are due, monotonic seconds."""
+        return self._complete_s + self.COMPLETE_S
+
     def add(self, robots: Iterable[str]) -> None:
         """Add robots that have changed."""
         self._changed.update(robots)
@@ -29,7 +34,7 @@ class DueRobots:
         """Return the due robots since the last call; of ``times_s`` (robot, monotonic seconds) those since
         then count.
         """
-        if now_s - self._complete_s >= self.COMPLETE_S:
+        if now_s >= self.complete_at_s:
             self._complete_s = now_s
             due = set(robots)
         else:

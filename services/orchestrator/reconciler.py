@@ -184,6 +184,11 @@ class Reconciler:
             self._state.add_failure(provider, f"{verb} of {provider}: {error}")
             return
         reasons = {"deactivate": "no request needs it", "clean_up": "in error, and no request needs it"}
+        if verb in reasons and state == "error":  # it is still owned, and will be cleaned up
+            reason = f"{provider} failed at a queued sample"
+            self._journal.append("activation", dfpc=str(provider), action=verb, ok=False, reason=reason)
+            self._state.set_state(provider, state, reason)
+            return
         if verb != "activate":
             self._journal.append(
                 "activation", dfpc=str(provider), action=verb, ok=True, reason=reasons.get(verb, "wanted")

@@ -36,6 +36,7 @@ from cdff_core.orchestration.reconciliation import (
 )
 from cdff_core.orchestration.world import ProviderId, SensorId, World
 from services.orchestrator.due_robots import DueRobots
+from services.orchestrator.idle_modes import idle_modes
 from services.orchestrator.pending_acquisitions import PendingAcquisitions
 from services.orchestrator.plan_progress import PlanProgress, plan_progress
 from services.orchestrator.provider_entry import provider_entry
@@ -276,8 +277,9 @@ class SystemState:
                 active_s = self._monitor.set_active(provider, now_s)
                 if not before[0] and self._warm_up_s.get(provider):
                     o.warm_at_s[provider] = now_s + self._warm_up_s[provider]
-                if active_s > HEALTHY_S:
+                if active_s > HEALTHY_S and provider in o.failures:
                     o.clear_failures(provider)
+                    self.notify(provider.robot)
                 if wired is not None and o.wired.get(provider) != wired:
                     o.wired[provider] = dict(wired)
                 if configuration is not None:
@@ -392,6 +394,8 @@ class SystemState:
                 settings=plan.settings,
             )
             self._acquisitions.set(holder, plan.acquisitions)
+            if plan.acquisitions:  # they are no effect of the leases
+                self.notify(*{sensor.robot for sensor in plan.acquisitions})
 
     def release(self, holder: str) -> None:
         """Release the lease of a holder."""
@@ -408,6 +412,11 @@ class SystemState:
         with self._change(sensor.robot):
             self._acquisitions.end(holder, sensor, begun_ns)
             self._observed.acquired[sensor] = dict(parameters)
+
+    def is_acquisition_pending(self, holder: str, sensor: SensorId) -> bool:
+        """Return True if a single acquisition for a holder is not made yet."""
+        with self._changed:
+            return self._acquisitions.is_pending(holder, sensor)
 
     @contextmanager
     def _change_of_leases(self, robots: set[str]) -> Iterator[None]:
@@ -436,7 +445,13 @@ class SystemState:
         with self._changed:
             now_s = self._timing.now_s()
             robots = self._due_robots.take(self._by_robot, self._times_s(), now_s)
-            return self._actions(robots, now_s), self._next_s(now_s)
+            try:
+                actions = self._actions(robots, now_s)
+            except Exception:
+                self._due_robots.add(robots)
+                raise
+            times_s = (self._next_s(now_s), self._due_robots.complete_at_s)
+            return actions, min(t for t in times_s if t is not None)
 
     def _actions(self, robots: Collection[str], now_s: float) -> list[Action]:
         # A process that is not observed yet, after a restart of this one, may be active.
@@ -455,7 +470,8 @@ class SystemState:
         sources = {m: s for m in wanted if (s := self._leases.chosen_sources(m))}
         upstream = upstream_providers(world, sources)
         leased_modes = {s: m for s, m in self._leases.wanted_modes().items() if s.robot in robots}
-        modes = {**self._idle_modes(world, robots, leased_modes), **leased_modes}
+        unleased = {s for s in self._changed_modes - leased_modes.keys() if s.robot in robots}
+        modes = idle_modes(self.profile, unleased, world, self._leases, o) | leased_modes
         actions = next_actions(
             wanted=dependency_order(sorted(wanted), upstream),
             wanted_modes={s: mode for s, mode in modes.items() if self._is_held(s, mode)},
@@ -499,23 +515,6 @@ class SystemState:
         settings = union(current.adjustables, self._leases.settings(provider))
         implementation = self._leases.implementation(provider) or next(iter(choices), None)
         return Configuration(implementation, tuple(settings.items()))
-
-    def _idle_modes(
-        self, world: World, robots: Collection[str], leased: Mapping[SensorId, str]
-    ) -> dict[SensorId, str]:
-        """Return the initial modes of the changed sensors of some robots that are not ``leased`` and that no
-        other active DFPC uses.
-        """
-        changed = {s for s in self._changed_modes - leased.keys() if s.robot in robots}
-        if not changed:
-            return {}
-        users = {p for p in self._observed.active | self._leases.wanted if not self._leases.holders(p)}
-        wired = {p: self._observed.wired[p] for p in users if self._observed.wired.get(p)}
-        sensors = sensors_used(world, wired)
-        sensors_in_use = {s for p in users & sensors.keys() for s in sensors[p]}
-        return {
-            s: self.profile.robot(s.robot).sensors[s.sensor].initial_mode for s in changed - sensors_in_use
-        }
 
     # -- views for planning and replies
 

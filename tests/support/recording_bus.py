@@ -21,6 +21,7 @@ class Call:
     key: str
     parameters: dict[str, Any]
     body: Any = None
+    is_elsewhere: bool = False
 
     @property
     def verb(self) -> str:
@@ -64,7 +65,8 @@ class RecordingBus:
 
     def _record(self, key: str, parameters: Mapping[str, Any] | None, options: Mapping[str, Any]) -> Call:
         payload = options.get("payload", b"")
-        call = Call(key, dict(parameters or {}), unpack(payload) if payload else None)
+        body = unpack(payload) if payload else None
+        call = Call(key, dict(parameters or {}), body, bool(options.get("elsewhere")))
         self.calls.append(call)
         return call
 

@@ -30,6 +30,10 @@ class Mapper(DfpcLifeCycle):
         )
         super().__init__(Robot(id="mana"), entry)
         self.products: list[Product] = []
+        self.failures = 0
+
+    def on_failure(self) -> None:
+        self.failures += 1
 
     def publish(self, products: Sequence[Product]) -> None:
         self.products += products
@@ -126,6 +130,7 @@ def test_a_failure_at_a_queued_sample_is_an_error_state_after_the_products_befor
     with pytest.raises(UnavailableError, match="digital_elevation_mapping: internal error"):
         mapper.activate({}, Adjustment(None, {"resolution_m": 0.1}))
     assert mapper.state is DfpcState.ERROR
+    assert mapper.failures == 1
     assert mapper.patches() == [0.05]
     assert mapper.adjusted == {}
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,12 @@ class Ground:
             if self.scheduler.now_s >= until_s and not any(t.ready() for t in self.scheduler.tasks):
                 break
 
+    def hand_back(self) -> None:
+        """End the control of mana by the ground, as ``Control`` does."""
+        self.state.set_control("mana", controlled=False)
+        self.delegations.update()
+        self.run(0.0)
+
     @property
     def requests(self) -> list[dict[str, Any]]:
         """Parameters of the requests to the robot."""
@@ -96,8 +103,11 @@ class Ground:
 
 
 @pytest.fixture
-def ground() -> Ground:
-    return Ground()
+def ground() -> Iterator[Ground]:
+    ground = Ground()
+    yield ground
+    # The ground itself serves the keys of its robots, too: it must not answer its own calls.
+    assert all(call.is_elsewhere for call in ground.bus.calls)
 
 
 def test_equal_jobs_share_a_request_that_is_repeated_while_one_needs_it(ground: Ground) -> None:
@@ -182,6 +192,18 @@ def test_a_single_acquisition_is_made_once_for_each_job(ground: Ground) -> None:
     assert len(ground.requests) == 3  # what failed is repeated
 
 
+def test_an_acquisition_that_was_made_is_not_repeated_after_a_take_over(ground: Ground) -> None:
+    acquisition = Acquisition("one_scan", AcquisitionParameters.parse("now"))
+    ground.hold(ground.job(acquire="now", deadline_ms="20000"), acquisitions={LIDAR: acquisition})
+    ground.bus.end(PRODUCT)
+    ground.state.set_control("mana", controlled=True)
+    ground.delegations.update()
+    ground.run(1.0)
+    ground.hand_back()
+    ground.run(2.0)
+    assert len(ground.requests) == 1
+
+
 def test_a_take_over_cancels_and_a_lost_cancellation_is_repeated(ground: Ground) -> None:
     ground.hold(ground.job(deadline_ms="20000"))
     sent = ground.requests[0]["request"]
@@ -190,13 +212,14 @@ def test_a_take_over_cancels_and_a_lost_cancellation_is_repeated(ground: Ground)
     ground.delegations.update()
     ground.run(3.0)
     assert ground.cancelled == [sent]  # the ground owns the robot: its orchestrator is absent
-    ground.state.set_control("mana", controlled=False)
     ground.cancel_fault = None
     ended = {"request": {"request": f"{DELEGATED}ended"}, "state": "done"}
     others = {"request": {"request": "client"}, "state": "waiting"}
     ground.jobs_elsewhere = [{"request": {"request": sent}, "state": "waiting"}, ended, others]
-    ground.delegations.follow("mana")
-    ground.run(0.0)
+    ground.delegations.follow("mana")  # the token returns before the hand-over
+    ground.run(2.0)
+    assert ground.cancelled == [sent]
+    ground.hand_back()
     assert ground.cancelled == [sent, sent]
     assert len(ground.requests) == 2
 

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import itertools
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from cdff_common.interfaces.profile import load_profile
+from cdff_core.orchestration.acquisition import Acquisition, AcquisitionParameters
 from cdff_core.orchestration.planner import Plan, plan
 from cdff_core.orchestration.reconciliation import Deactivate, SetMode
 from cdff_core.orchestration.world import ProviderId, SensorId
@@ -268,3 +270,29 @@ def test_new_actions_are_those_of_changed_robots_and_of_times_that_have_come(
     timing.time_s += 5.0
     assert robots_of_new_actions() == {"mana", "minnie"}
     assert {provider.robot for provider in deactivated(state)} == {"mana", "minnie"}
+
+
+def test_a_new_acquisition_with_equal_leases_is_a_change(state: SystemState) -> None:
+    acquisition = Acquisition("single", AcquisitionParameters.parse("now"))
+    needs = Plan(DEM, "map", (DEM,), {SensorId("mana", "lidar"): "nominal"}, 1.0)
+    state.hold("first", needs, 5)
+    state.new_actions()
+    before = state.version
+    state.hold("second", replace(needs, acquisitions={SensorId("mana", "lidar"): acquisition}), 5)
+    assert state.version > before
+    assert state.is_acquisition_pending("second", SensorId("mana", "lidar"))
+
+
+def test_an_error_keeps_the_changed_robots_for_the_next_call(
+    state: SystemState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state.set_alive(DEM, alive=True)
+    state.set_state(DEM, "active")
+    state.set_owned(DEM, owned=True)
+    state.new_actions()
+    state.notify("mana")
+    with monkeypatch.context() as patched:
+        patched.setattr(SystemState, "_actions", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            state.new_actions()
+    assert Deactivate(DEM) in state.new_actions()[0]
