@@ -75,7 +75,7 @@ class RegionFitter:
     def learn(
         self, model: ModelPreparationOutputs, T: FloatArray, image: ByteArray, camera_matrix: FloatArray
     ) -> None:
-        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay as they were.
+        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay the same.
 
         Parameters
         ----------

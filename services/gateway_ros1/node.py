@@ -322,7 +322,7 @@ def _listen(host: str, master_uri: str) -> socket.socket:
 
 
 def _check_reachable(address: str, master_uri: str) -> None:
-    """Raise ConfigurationError if only this machine can reach an address, and the master is on another one."""
+    """Raise ConfigurationError for an address of this machine only if the master is on another machine."""
     try:
         master = socket.gethostbyname(urlsplit(master_uri).hostname or "")
     except OSError:  # the name may become known later

@@ -57,7 +57,7 @@ class ServerParameters:
         return {"names": self._parameters.names, "pending": pending, **self.counters.to_map()}
 
     def retry(self, stop: threading.Event) -> None:
-        """Set the new values, and those that wait for their DFPC, whenever it is available, until ``stop``."""
+        """Set new and waiting values whenever their DFPC is available, until ``stop`` is set."""
         while not stop.is_set():
             self._changed.wait(_RETRY_S)
             self._changed.clear()

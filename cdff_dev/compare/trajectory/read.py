@@ -106,5 +106,5 @@ def _from_poses(name: str, samples: list[LogSample]) -> Track:
 
 
 def _stamp_ns(sample: LogSample) -> int:
-    """Return the stamp of the pose in a sample; if the pose has no stamp, that of the sample (nanoseconds)."""
+    """Return the stamp of the pose in a sample, nanoseconds; without one, that of the sample."""
     return int(getattr(sample.value, "stamp_ns", sample.stamp_ns))
