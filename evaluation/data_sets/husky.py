@@ -4,6 +4,10 @@
 
 The IMU is mounted with its y axis up; ``T_BASE_IMU`` was determined from gravity and from the direction of
 motion. GPS positions are converted to metres east and north of the first one.
+
+The driver of the receiver states the square of the horizontal dilution of precision as variance, in square
+metres, and calls it approximated: it assumes a standard deviation of 1 m at a dilution of 1, whatever the
+kind of fix. ``gps_variance_m2`` has the standard deviation of a receiver with WAAS instead.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
+from scipy.stats import chi2
 
 from cdff_common.errors import InputError
 from cdff_common.geometry import FrameGraph, UncertainTransform, se3
@@ -27,6 +32,11 @@ WHEELS, IMU, GPS = "/husky_velocity_controller/odom", "/imu/data", "/fix"
 T_BASE_IMU = se3.transform([[0, 0, -1], [-1, 0, 0], [0, 1, 0]], [0.0, -0.3, 0.52])
 #: Semi-major axis (m) and squared eccentricity of WGS 84.
 _AXIS_M, _ECCENTRICITY_2 = 6_378_137.0, 6.694_379_990_14e-3
+#: Horizontal error of a position corrected by WAAS that 95 % of the errors are below, metres, by the data
+#: sheet of a receiver (Garmin GPS 18x, 190-00879-08, 1.5.4.4). The receiver of the Husky is not known.
+_WAAS_95_M = 3.0
+#: Standard deviation of one coordinate at a dilution of 1 for these errors, metres.
+GPS_SIGMA_M = _WAAS_95_M / float(np.sqrt(chi2.ppf(0.95, 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +50,9 @@ class Drive:
     gps_ns : array, shape (m,)
         Times of the positions.
     gps_m, gps_variance_m2 : array, shape (m, 2)
-        East and north, and the variances that the receiver states.
+        East and north, and their variances.
+    gps_stated_variance_m2 : array, shape (m, 2)
+        The variances that the driver of the receiver states.
     """
 
     context: DfpcContext
@@ -49,6 +61,7 @@ class Drive:
     gps_ns: np.ndarray
     gps_m: FloatArray
     gps_variance_m2: FloatArray
+    gps_stated_variance_m2: FloatArray
 
 
 def read_drive(path: Path) -> Drive:
@@ -68,13 +81,15 @@ def read_drive(path: Path) -> Drive:
         "odometry": [_wheel_sample(k, m) for k, m in enumerate(wheels)],
         "imu": [_imu_sample(k, m) for k, m in enumerate(messages[IMU])],
     }
+    stated_variance_m2 = np.array([np.asarray(m.position_covariance)[[0, 4]] for m in fixes])
     return Drive(
         DfpcContext(ROBOT, frames),
         samples,
         np.array([m.twist.twist.linear.x for m in wheels]),
         np.array([_stamp_ns(m) for m in fixes]),
         _east_north(np.array([[m.latitude, m.longitude, m.altitude] for m in fixes])),
-        np.array([np.asarray(m.position_covariance)[[0, 4]] for m in fixes]),
+        GPS_SIGMA_M**2 * stated_variance_m2,
+        stated_variance_m2,
     )
 
 

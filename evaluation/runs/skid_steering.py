@@ -58,7 +58,8 @@ def simulate_drive(seed: int, duration_s: float = DURATION_S) -> Drive:
     }
     stamps = np.array([s.stamp_ns for s in wheels])
     truth = _poses(motion, (stamps - START_NS) * 1e-9)[:, :2, 3]
-    return Drive(DfpcContext(ROBOT, frames), samples, wheel_speed, stamps, truth, np.zeros_like(truth))
+    no_error = np.zeros_like(truth)
+    return Drive(DfpcContext(ROBOT, frames), samples, wheel_speed, stamps, truth, no_error, no_error)
 
 
 def _at(motion: FloatArray, t_s: FloatArray) -> FloatArray:
