@@ -18,6 +18,7 @@ from cdff_common.types import TransformWithCovariance
 from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.frames import FrameNames, FrameTree
 from services.gateways.settings import TF, OutputTopic
+from services.ros_messages.conversions import IMAGES
 from services.ros_messages.encoders import encoder, transform_message
 from services.ros_messages.encoding import Outgoing, Target
 from services.ros_messages.message_types import RosTypes
@@ -136,7 +137,7 @@ def connect_outputs(
     for link in links:
         entry = link.entry
         # Images have topics below the listed one, which are declared with the first image.
-        if entry.type != "sensor_msgs/msg/Image":
+        if entry.type not in IMAGES:
             publisher.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
         dfpc, port = entry.product.split("/")
         bus.subscribe(keys.product(names.robot, dfpc, port), link.on_message)

@@ -18,14 +18,15 @@ from cdff_common.interfaces.yaml_file import read_mapping
 from services.gateways.request_types import ACTIONS, SERVICES
 from services.ros_messages.conversions import CONVERSIONS, FRAME_TREES
 from services.ros_messages.encoders import ENCODERS
-from services.ros_messages.fixes import FIX
+from services.ros_messages.mapping import mapping_table
 from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
 from services.ros_messages.message_types import BITSTREAM
 
 #: Message type of frame trees.
 TF = FRAME_TREES[0]
-_OUTGOING = {message for messages in ENCODERS.values() for message in messages} - {FIX} | {BITSTREAM, TF}
-_INCOMING = set(CONVERSIONS) - {FIX}
+_EXCLUDED = {entry.message for entry in mapping_table().messages if not entry.gateways}
+_OUTGOING = {message for messages in ENCODERS.values() for message in messages} - _EXCLUDED | {BITSTREAM, TF}
+_INCOMING = set(CONVERSIONS) - _EXCLUDED
 #: Message types whose topics are latched by default.
 _MAPS = (OCCUPANCY_GRID, GRID_MAP)
 #: Topic of the transforms that do not change.
