@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The table of messages of ROS and types of CDFF (``mapping.yaml``), for gateways, log converters and pages."""
+"""The table of messages of ROS and types of CDFF (``mapping.yaml``), which all converters use."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of ROS for velocities, paths, planar scans, detections, states, compressed images and the clock."""
+"""Messages of ROS for velocities, paths, planar scans, detections, states, PNG images and the clock."""
 
 from __future__ import annotations
 

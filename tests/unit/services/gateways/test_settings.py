@@ -15,7 +15,7 @@ from services.gateway_ros1.settings import Ros1Settings
 from services.gateway_ros2.settings import Ros2Settings
 from services.gateways.counters import RateLimit
 from services.gateways.request_types import ACTIONS, REQUEST_ACTION, REQUEST_SERVICE, SERVICES
-from services.gateways.settings import load_settings
+from services.gateways.stream_settings import load_settings
 from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 _IMU = "{topic: /imu/data, type: sensor_msgs/msg/Imu, stream: imu/sample, frame: mana/imu}"

@@ -86,9 +86,15 @@ def _lidar(rng: Rng) -> Any:
 def _laser(rng: Rng) -> Any:
     count = int(rng.integers(2, 40))
     return cdff.LaserScan(
-        cdff.Time.from_ns(_NS), -1.0, 0.01, 0.0, rng.integers(0, 20_000, count).astype(np.int32), 100, 30_000,
+        cdff.Time.from_ns(_NS),
+        -1.0,
+        0.01,
+        0.0,
+        rng.integers(0, 20_000, count).astype(np.int32),
+        100,
+        30_000,
         rng.integers(0, 1000, count).astype(np.float64),
-    )  # fmt: skip
+    )
 
 
 def _image(rng: Rng) -> Any:
@@ -98,10 +104,13 @@ def _image(rng: Rng) -> Any:
     shape = (int(rng.integers(1, 5)), int(rng.integers(1, 7)), *channels)
     K = np.array([[300.0, 0.0, 3.0], [0.0, 310.0, 2.0], [0.0, 0.0, 1.0]])
     return cdff.Frame.from_image(
-        rng.integers(0, 255, shape).astype(dtype), stamp_ns=_NS, mode=mode, sensor="mana/sensor",
+        rng.integers(0, 255, shape).astype(dtype),
+        stamp_ns=_NS,
+        mode=mode,
+        sensor="mana/sensor",
         camera_matrix=K if rng.random() < 0.5 else None,
         dist_coeffs=(),
-    )  # fmt: skip
+    )
 
 
 def _pair(rng: Rng) -> Any:
@@ -164,8 +173,11 @@ def _detections(rng: Rng) -> Any:
     for _ in range(rng.integers(3)):
         pose = cdff.TransformWithCovariance.from_transform(
             UncertainTransform(_matrix(rng), _covariance(rng)),
-            parent="mana/sensor", child="mana/rock", stamp_ns=_NS, producer="mana",
-        )  # fmt: skip
+            parent="mana/sensor",
+            child="mana/rock",
+            stamp_ns=_NS,
+            producer="mana",
+        )
         items.append(cdff.ObjectDetection.from_pose("rock", float(rng.random()), pose, size_m=rng.random(3)))
     return cdff.ObjectDetections(
         time_stamp=cdff.Time.from_ns(_NS), producer_id="mana", frame_id="mana/sensor", detections=tuple(items)
