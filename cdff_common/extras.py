@@ -36,6 +36,7 @@ EXTRAS = {
         "zstandard",
     ],
     "logs": ["google", "lz4", "mcap", "pye57", "rosbags", "velodyne_decoder"],
+    "parquet": ["pyarrow"],
     "plot": ["matplotlib"],
     "simulate": ["astronomy", "open3d"],
     "view": ["foxglove", "rerun", "rerun_cli"],

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree
 
-from cdff_common.camera.model import CameraModel
+from cdff_common.camera.model import CameraModel, LensName
 from cdff_common.errors import InputError
 
 _VISP = ("px", "py", "u0", "v0")
@@ -93,4 +93,5 @@ def _of_euroc(document: Mapping[str, Any]) -> CameraModel:
     cols, rows = (int(v) for v in document["resolution"])
     matrix = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
     coefficients = document["distortion_coefficients"]
-    return CameraModel.from_matrix(matrix, coefficients, rows=rows, cols=cols, fisheye=model == "equidistant")
+    lens: LensName = "fisheye" if model == "equidistant" else "pinhole"
+    return CameraModel.from_matrix(matrix, coefficients, rows=rows, cols=cols, lens=lens)

@@ -12,9 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cdff_common.camera.elements import Cameras, Poses, numbers, square
-from cdff_common.camera.model import CameraModel
+from cdff_common.camera.model import CameraModel, LensName
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
+
+#: Lenses of the pairs of camera model and distortion model.
+_LENSES: dict[tuple[str, str], LensName] = {
+    ("pinhole", "radtan"): "pinhole",
+    ("pinhole", "none"): "pinhole",
+    ("pinhole", "equidistant"): "fisheye",
+    ("pinhole", "fov"): "fov",
+    ("omni", "radtan"): "omnidirectional",
+    ("omni", "none"): "omnidirectional",
+}
 
 
 def kalibr_cameras(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
@@ -26,17 +36,7 @@ def kalibr_cameras(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
     previous: int | None = None
     for name in sorted((k for k in document if re.fullmatch(r"cam\d+", str(k))), key=lambda k: int(k[3:])):
         entry = document[name]
-        lens, distortion = entry["camera_model"], entry.get("distortion_model", "none")
-        if lens != "pinhole" or distortion not in ("radtan", "equidistant", "none"):
-            raise InputError(
-                f"{name}: {lens} with {distortion}, expected pinhole with radtan, equidistant or none"
-            )
-        fx, fy, cx, cy = numbers(entry["intrinsics"])
-        cols, rows = (int(v) for v in entry["resolution"])
-        coefficients = [] if distortion == "none" else numbers(entry["distortion_coeffs"])
-        fisheye = distortion == "equidistant"
-        K = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
-        cameras[name] = CameraModel.from_matrix(K, coefficients, rows=rows, cols=cols, fisheye=fisheye)
+        cameras[name] = _camera(name, entry)
         number = int(name[3:])
         if previous is not None:
             is_consecutive = previous == number - 1 and "T_cn_cnm1" in entry
@@ -45,6 +45,24 @@ def kalibr_cameras(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
         if T is not None:
             poses[name] = T
     return cameras, _imu_poses(document, list(cameras)) or poses
+
+
+def _camera(name: str, entry: Mapping[str, Any]) -> CameraModel:
+    """Return one camera; raises InputError if its models are not supported."""
+    projection, distortion = entry["camera_model"], entry.get("distortion_model", "none")
+    lens = _LENSES.get((projection, distortion))
+    if lens is None:
+        known = ", ".join(" with ".join(pair) for pair in _LENSES)
+        raise InputError(f"{name}: {projection} with {distortion}, expected {known}")
+    *mirror, fx, fy, cx, cy = numbers(entry["intrinsics"])
+    if len(mirror) != (lens == "omnidirectional"):
+        raise InputError(
+            f"{name}: {len(mirror) + 4} intrinsics of {projection}, expected [xi,] fu, fv, pu, pv"
+        )
+    coefficients = [] if distortion == "none" else numbers(entry["distortion_coeffs"])
+    cols, rows = (int(v) for v in entry["resolution"])
+    K = [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+    return CameraModel.from_matrix(K, [*mirror, *coefficients], rows=rows, cols=cols, lens=lens)
 
 
 def _imu_poses(document: Mapping[str, Any], names: Sequence[str]) -> Poses:

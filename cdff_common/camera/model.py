@@ -1,14 +1,8 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Camera model: projection of points and back-projection of pixels, for pinhole and fisheye lenses.
+"""Camera model: projection of points and back-projection of pixels, for the lenses of ``lenses``.
 
 The camera frame is x right, y down, z forward. Pixel centres have integer coordinates.
-
-References
-----------
-.. [1] Brown, D. C. (1971). Close-range camera calibration. Photogrammetric Engineering 37(8).
-.. [2] Kannala, J., Brandt, S. S. (2006). A generic camera model and calibration method for conventional,
-   wide-angle, and fish-eye lenses. IEEE TPAMI 28(8). doi:10.1109/TPAMI.2006.153
 """
 
 from __future__ import annotations
@@ -18,20 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cdff_common.camera.lenses import LENSES, PINHOLE_COEFFICIENTS, LensName
 from cdff_common.errors import InputError
 from cdff_common.types import Frame, FrameCameraModelT
 
+__all__ = ["PINHOLE_COEFFICIENTS", "CameraModel", "LensName"]
+
 FloatArray = NDArray[np.float64]
 
-#: Valid numbers of pinhole coefficients: none, k1 k2 p1 p2, then k3, then k4 k5 k6, then s1 to s4, as in
-#: OpenCV.
-PINHOLE_COEFFICIENTS = (0, 4, 5, 8, 12)
-#: The fisheye polynomial has k1 to k4, or none.
-FISHEYE_COEFFICIENTS = (0, 4)
-#: Largest number of Newton steps that invert a distortion.
-_ITERATIONS = 50
 #: Largest reprojection error of the ray computed for a pixel, pixels; above it, the ray is NaN.
 _MAX_RAY_ERROR_PX = 1e-6
+#: Lenses whose value of ``Frame-cameraModel-t`` is cam-MAPS: the first coefficient is the number of the lens.
+_NUMBERED: tuple[LensName, ...] = ("omnidirectional", "fov", "division")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +37,9 @@ class CameraModel:
     fx, fy, cx, cy : float
         Focal lengths and principal point, pixels.
     distortion : tuple of float
-        Pinhole: ``k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4]]]`` [1]_. Fisheye: ``k1 k2 k3 k4`` [2]_.
-    fisheye : bool
-        True if the image radius is a polynomial of the angle to the optical axis instead of its tangent.
+        Coefficients of the lens, in the order of ``lenses``.
+    lens : str
+        Name of the lens model: pinhole, fisheye, omnidirectional, fov or division.
     """
 
     rows: int
@@ -57,20 +49,25 @@ class CameraModel:
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
-    fisheye: bool = False
+    lens: LensName = "pinhole"
 
     def __post_init__(self) -> None:
         if not (np.isfinite([self.fx, self.fy, self.cx, self.cy]).all() and self.fx > 0 and self.fy > 0):
             raise InputError(
                 f"camera fx={self.fx} fy={self.fy} cx={self.cx} cy={self.cy}: expected finite, fx, fy > 0"
             )
-        valid_counts = FISHEYE_COEFFICIENTS if self.fisheye else PINHOLE_COEFFICIENTS
+        if self.lens not in LENSES:
+            raise InputError(f"lens {self.lens!r}: expected one of {', '.join(LENSES)}")
+        valid_counts = LENSES[self.lens].counts
         if len(self.distortion) not in valid_counts or not np.isfinite(self.distortion).all():
-            kind = "fisheye" if self.fisheye else "pinhole"
             counts = ", ".join(map(str, valid_counts))
             raise InputError(
-                f"{kind} distortion {list(self.distortion)}: expected {counts} finite coefficients"
+                f"{self.lens} distortion {list(self.distortion)}: expected {counts} finite coefficients"
             )
+        if self.lens == "omnidirectional" and self.distortion[0] < 0.0:
+            raise InputError(f"omnidirectional lens with xi {self.distortion[0]}: expected at least 0")
+        if self.lens == "fov" and not 0.0 < self.distortion[0] < np.pi:
+            raise InputError(f"fov lens with omega {self.distortion[0]}: expected between 0 and pi")
 
     @classmethod
     def from_matrix(
@@ -80,7 +77,7 @@ class CameraModel:
         *,
         rows: int = 0,
         cols: int = 0,
-        fisheye: bool = False,
+        lens: LensName = "pinhole",
     ) -> CameraModel:
         """Return the model of a 3x3 camera matrix; superfluous trailing zeros of the coefficients are
         removed.
@@ -94,8 +91,8 @@ class CameraModel:
         if K.shape != (3, 3) or abs(K[0, 1]) > 1e-9 * abs(K[0, 0]) or K[2, 2] != 1.0:
             raise InputError(f"camera matrix {K.tolist()}: expected 3x3 without skew, last element 1")
         coefficients = [float(v) for v in np.asarray(distortion, dtype=np.float64).reshape(-1)]
-        valid_counts = FISHEYE_COEFFICIENTS if fisheye else PINHOLE_COEFFICIENTS
-        while coefficients and not any(coefficients):
+        valid_counts = LENSES[lens].counts if lens in LENSES else ()
+        if 0 in valid_counts and not any(coefficients):
             coefficients = []
         while coefficients and coefficients[-1] == 0.0 and len(coefficients) not in valid_counts:
             coefficients.pop()
@@ -107,25 +104,28 @@ class CameraModel:
             float(K[0, 2]),
             float(K[1, 2]),
             tuple(coefficients),
-            fisheye,
+            lens,
         )
 
     @classmethod
     def of_frame(cls, frame: Frame) -> CameraModel:
         """Return the camera model of an image; raises InputError if the image does not contain it."""
-        model = frame.intrinsic.camera_model
-        if model not in (FrameCameraModelT.CAM_PINHOLE, FrameCameraModelT.CAM_FISHEYE):
-            raise InputError(
-                f"image of {frame.frame or 'a camera'}: {model.name}, expected a pinhole or fisheye camera"
-            )
         rows, cols = frame.image.shape[:2]
-        return cls.from_matrix(
-            frame.camera_matrix,
-            frame.intrinsic.dist_coeffs,
-            rows=rows,
-            cols=cols,
-            fisheye=model is FrameCameraModelT.CAM_FISHEYE,
-        )
+        lens, coefficients = _lens_of_message(frame)
+        return cls.from_matrix(frame.camera_matrix, coefficients, rows=rows, cols=cols, lens=lens)
+
+    @property
+    def message_model(self) -> FrameCameraModelT:
+        """Camera model of the message of an image, ``Frame-cameraModel-t``."""
+        if self.lens == "pinhole":
+            return FrameCameraModelT.CAM_PINHOLE
+        return FrameCameraModelT.CAM_FISHEYE if self.lens == "fisheye" else FrameCameraModelT.CAM_MAPS
+
+    @property
+    def message_coefficients(self) -> FloatArray:
+        """Coefficients ``distCoeffs`` of the message of an image, which ``of_frame`` reads."""
+        number = [_NUMBERED.index(self.lens) + 1] if self.lens in _NUMBERED else []
+        return np.array([*number, *self.distortion], dtype=np.float64)
 
     @property
     def matrix(self) -> FloatArray:
@@ -135,25 +135,16 @@ class CameraModel:
     @property
     def is_ideal(self) -> bool:
         """True for a pinhole without distortion."""
-        return not self.fisheye and not any(self.distortion)
+        return self.lens == "pinhole" and not any(self.distortion)
 
     def project(self, points_m: ArrayLike) -> FloatArray:
         """Return the pixels ``(n, 2)`` of points ``(n, 3)`` in the camera frame; NaN for invisible points.
 
-        A point is visible to a pinhole if z > 0, to a fisheye unless it is exactly behind the camera.
+        A point is visible to a pinhole, fov or division lens if z > 0, to a fisheye unless it is exactly
+        behind the camera, to an omnidirectional lens where the image of the sphere is unique.
         """
         x, y, z = np.asarray(points_m, dtype=np.float64).reshape(-1, 3).T
-        if self.fisheye:
-            planar = np.hypot(x, y)
-            theta = np.arctan2(planar, z)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                scale = np.where(planar > 0.0, self._fisheye_radius(theta) / planar, 1.0)
-            u, v = x * scale, y * scale
-            is_visible = (planar > 0.0) | (z > 0.0)
-        else:
-            is_visible = z > 0.0
-            with np.errstate(invalid="ignore", divide="ignore"):
-                u, v = self._distort(x / z, y / z)
+        u, v, is_visible = LENSES[self.lens].normalised(x, y, z, self.distortion)
         pixels = np.column_stack([self.fx * u + self.cx, self.fy * v + self.cy])
         pixels[~is_visible] = np.nan
         return pixels
@@ -164,69 +155,25 @@ class CameraModel:
         """
         targets_px = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         u, v = (targets_px[:, 0] - self.cx) / self.fx, (targets_px[:, 1] - self.cy) / self.fy
-        if self.fisheye:
-            radius = np.hypot(u, v)
-            theta = self._fisheye_angle(radius)
-            with np.errstate(invalid="ignore", divide="ignore"):
-                sine = np.where(radius > 0.0, np.sin(theta) / radius, 1.0)
-            rays = np.column_stack([u * sine, v * sine, np.cos(theta)])
-        else:
-            x, y = self._undistort(u, v)
-            rays = np.column_stack([x, y, np.ones_like(x)])
+        rays = LENSES[self.lens].rays(u, v, self.distortion)
+        with np.errstate(invalid="ignore"):
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         error = np.abs(self.project(rays) - targets_px).max(axis=1, initial=0.0)
         rays[~(error <= _MAX_RAY_ERROR_PX * max(self.fx, self.fy))] = np.nan
         return rays
 
-    # -- lenses
-    # -----------------------------------------------------------------------------------------------------
 
-    def _distort(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return distorted coordinates of points (x, y) on the plane z = 1,
-        by the rational model of OpenCV.
-        """
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (
-            *self.distortion,
-            *[0.0] * (12 - len(self.distortion)),
-        )
-        r2 = x * x + y * y
-        radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-        u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + r2 * (s1 + r2 * s2)
-        v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + r2 * (s3 + r2 * s4)
-        return u, v
-
-    def _undistort(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Invert the distortion by Newton's method with the numeric derivative of the lens model."""
-        x, y = u.copy(), v.copy()
-        if not any(self.distortion):
-            return x, y
-        h = 1e-7
-        with np.errstate(all="ignore"):
-            for _ in range(_ITERATIONS):
-                fu, fv = self._distort(x, y)
-                du, dv = u - fu, v - fv
-                if np.nanmax(np.abs([du, dv]), initial=0.0) < 1e-14:
-                    break
-                a, c = ((g - f) / h for g, f in zip(self._distort(x + h, y), (fu, fv), strict=True))
-                b, d = ((g - f) / h for g, f in zip(self._distort(x, y + h), (fu, fv), strict=True))
-                determinant = a * d - b * c
-                x, y = x + (d * du - b * dv) / determinant, y + (a * dv - c * du) / determinant
-        return x, y
-
-    def _fisheye_radius(self, theta: FloatArray) -> FloatArray:
-        k1, k2, k3, k4 = self.distortion or (0.0, 0.0, 0.0, 0.0)
-        t2 = theta * theta
-        return np.asarray(theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4)))))
-
-    def _fisheye_angle(self, radius: FloatArray) -> FloatArray:
-        """Invert ``_fisheye_radius`` on its increasing part, up to pi."""
-        k1, k2, k3, k4 = self.distortion or (0.0, 0.0, 0.0, 0.0)
-        theta = np.minimum(radius, np.pi)
-        for _ in range(_ITERATIONS):
-            t2 = theta * theta
-            slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
-            step = (self._fisheye_radius(theta) - radius) / np.where(slope > 1e-3, slope, 1e-3)
-            theta = np.clip(theta - step, 0.0, np.pi)
-            if np.abs(step).max(initial=0.0) < 1e-14:
-                break
-        return np.asarray(theta)
+def _lens_of_message(frame: Frame) -> tuple[LensName, FloatArray]:
+    """Return the lens of an image and its coefficients; raises InputError if the image has no camera."""
+    model, coefficients = frame.intrinsic.camera_model, frame.intrinsic.dist_coeffs
+    if model is FrameCameraModelT.CAM_PINHOLE:
+        return "pinhole", coefficients
+    if model is FrameCameraModelT.CAM_FISHEYE:
+        return "fisheye", coefficients
+    numbers = [n + 1.0 for n in range(len(_NUMBERED))]
+    if model is FrameCameraModelT.CAM_MAPS and len(coefficients) and coefficients[0] in numbers:
+        return _NUMBERED[int(coefficients[0]) - 1], coefficients[1:]
+    raise InputError(
+        f"image of {frame.frame or 'a camera'}: {model.name}, expected a pinhole, fisheye, omnidirectional, "
+        "fov or division camera"
+    )

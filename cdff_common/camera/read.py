@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibration files, detected by their content: OpenCV, ROS, Kalibr (camchain), KITTI, data sets."""
+"""Calibration files, detected by their content.
+
+OpenCV, ROS, Kalibr (camchain), KITTI, COLMAP, camodocal, and cameras of data sets.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +16,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from cdff_common.camera.camodocal import camodocal_camera
+from cdff_common.camera.colmap import colmap_binary_cameras, colmap_text_cameras
 from cdff_common.camera.data_set_cameras import data_set_camera, depth_unit_m, xml_camera
 from cdff_common.camera.elements import Cameras, Poses, numbers, square
 from cdff_common.camera.kalibr import kalibr_cameras
+from cdff_common.camera.lens_names import lens_of_document
 from cdff_common.camera.model import CameraModel
 from cdff_common.camera.stereo import StereoCalibration
 from cdff_common.errors import InputError
@@ -48,7 +54,6 @@ _SIZE_NAMES = (
     ("width", "height"),
     ("Nu", "Nv"),
 )
-_FISHEYE = ("fisheye", "equidistant", "kannala_brandt")
 
 
 def read_camera(path: Path, name: str = "") -> CameraModel:
@@ -104,12 +109,17 @@ def read_cameras(path: Path) -> tuple[Cameras, Poses]:
     InputError
         If the file is not a supported calibration.
     """
-    text = _text(path)
     try:
-        kitti = _kitti_lines(text)
-        if kitti:
+        if path.name == "cameras.bin":
+            return colmap_binary_cameras(_bytes(path)), {}
+        text = _text(path)
+        if kitti := _kitti_lines(text):
             return _of_kitti(kitti)
+        if colmap := colmap_text_cameras(text):
+            return colmap, {}
         document = _document(text)
+        if "projection_parameters" in document:
+            return {"camera": camodocal_camera(document)}, {}
         if any(re.fullmatch(r"cam\d+", str(key)) for key in document):
             return kalibr_cameras(document)
         if camera := data_set_camera(document):
@@ -119,7 +129,8 @@ def read_cameras(path: Path) -> tuple[Cameras, Poses]:
         raise InputError(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(
-            f"{path}: {type(error).__name__} {error}; expected OpenCV, Kalibr or KITTI calibration"
+            f"{path}: {type(error).__name__} {error}; expected a calibration of OpenCV, ROS, Kalibr, KITTI, "
+            "COLMAP, camodocal or EuRoC"
         ) from error
 
 
@@ -141,12 +152,20 @@ def read_depth_unit(path: Path) -> float | None:
 def _text(path: Path) -> str:
     """Return the text of a file; raises InputError if it is too large or unreadable."""
     try:
+        return _bytes(path).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _bytes(path: Path) -> bytes:
+    """Return the bytes of a file; raises InputError if it is too large or unreadable."""
+    try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(
                 f"{path}: {path.stat().st_size} bytes, expected a calibration of at most {_MAX_BYTES}"
             )
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return path.read_bytes()
+    except OSError as error:
         raise InputError(f"{path}: {error}") from error
 
 
@@ -202,12 +221,14 @@ def _of_opencv(document: Mapping[str, Any]) -> tuple[Cameras, Poses]:
         ((int(document[w]), int(document[h])) for w, h in _SIZE_NAMES if w in document and h in document),
         (0, 0),
     )
-    fisheye = str(document.get("camera_model", document.get("distortion_model", ""))).lower() in _FISHEYE
+    # OpenCV writes the mirror parameter of an omnidirectional camera separately.
+    mirror = numbers(document["xi"]) if "xi" in document else []
 
     def camera(matrix: str, distortion: str) -> CameraModel:
-        coefficients = numbers(document.get(distortion, ()))
+        coefficients = [*mirror, *numbers(document.get(distortion, ()))]
+        lens = lens_of_document(document)
         return CameraModel.from_matrix(
-            square(document[matrix]), coefficients, cols=size[0], rows=size[1], fisheye=fisheye
+            square(document[matrix]), coefficients, cols=size[0], rows=size[1], lens=lens
         )
 
     for m1, d1, m2, d2, rotation, translation in _STEREO_NAMES:

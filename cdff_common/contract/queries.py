@@ -439,6 +439,7 @@ class JobsParameters(RobotParameters):
     limit: Annotated[Whole, Field(ge=1, le=MAX_JOBS)] = Field(
         DEFAULT_JOBS, description="Largest number of jobs"
     )
+    state: Literal["any", "open"] = Field("any", description="Only the jobs that have not ended, or all")
 
 
 class JobParameters(RobotParameters):

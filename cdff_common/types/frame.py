@@ -197,7 +197,6 @@ class FrameIntrinsicT(Message):
         px.
     camera_model : FrameCameraModelT
     dist_coeffs : NDArray[np.float64], shape (0..100,)
-        k1 k2 p1 p2 k3 ..., order of OpenCV.
     """
 
     ASN1_NAME: ClassVar[str] = "Frame-intrinsic-t"

@@ -107,7 +107,8 @@ class FrameExt(Message):
         stamp_ns: int,
         mode: str = "GRAY",
         camera_matrix: ArrayLike | None = None,
-        dist_coeffs: Sequence[float] = (),
+        dist_coeffs: Sequence[float] | NDArray[np.float64] = (),
+        camera_model: types.FrameCameraModelT | None = None,
         sensor: str = "",
         T_robot_sensor: UncertainTransform | None = None,
     ) -> types.Frame:
@@ -120,7 +121,9 @@ class FrameExt(Message):
         camera_matrix : array_like, shape (3, 3), optional
             Pixels. Without it the camera model is undefined.
         dist_coeffs : sequence of float
-            k1 k2 p1 p2 k3 ..., order of OpenCV.
+            k1 k2 p1 p2 k3 ..., order of OpenCV; for another lens as ``CameraModel.message_coefficients``.
+        camera_model : FrameCameraModelT, optional
+            Lens of the camera; a pinhole if absent.
         sensor : str
             Frame of the camera.
 
@@ -141,7 +144,7 @@ class FrameExt(Message):
             intrinsic=types.FrameIntrinsicT(
                 sensor_id=sensor,
                 camera_matrix=np.array(camera_matrix if has_camera else np.zeros((3, 3)), dtype=np.float64),
-                camera_model=types.FrameCameraModelT.CAM_PINHOLE
+                camera_model=(camera_model or types.FrameCameraModelT.CAM_PINHOLE)
                 if has_camera
                 else types.FrameCameraModelT.CAM_UNDEF,
                 dist_coeffs=np.array(dist_coeffs, dtype=np.float64),

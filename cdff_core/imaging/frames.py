@@ -20,7 +20,8 @@ def check_undistorted(*images: Frame) -> None:
     """Raise InputError if an image has lens distortion or is not of a pinhole camera."""
     for image in images:
         intrinsic = image.intrinsic
-        if intrinsic.camera_model is FrameCameraModelT.CAM_FISHEYE or np.any(intrinsic.dist_coeffs):
+        is_other_lens = intrinsic.camera_model in (FrameCameraModelT.CAM_FISHEYE, FrameCameraModelT.CAM_MAPS)
+        if is_other_lens or np.any(intrinsic.dist_coeffs):
             lens = f"{intrinsic.camera_model.name}, distortion {intrinsic.dist_coeffs.tolist()}"
             raise InputError(
                 f"image of {image.frame or 'a camera'} has lens distortion ({lens}): expected an undistorted "
@@ -44,12 +45,11 @@ def with_image(
     if mode is not None:
         metadata = replace(metadata, mode=mode)
     if camera is not None:
-        model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
         intrinsic = replace(
             intrinsic,
             camera_matrix=camera.matrix,
-            camera_model=model,
-            dist_coeffs=np.array(camera.distortion),
+            camera_model=camera.message_model,
+            dist_coeffs=camera.message_coefficients,
         )
     new_frame = replace(
         frame, metadata=metadata, intrinsic=intrinsic, data=Array3D.from_array(np.ascontiguousarray(image))

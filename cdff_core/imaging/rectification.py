@@ -44,6 +44,13 @@ class LensMapConfig(DfnConfig):
         0.0, ge=0, le=1, description="0 crops to observed pixels, 1 keeps every pixel of the input"
     )
     interpolation: Interpolation = Field("linear", description="Interpolation between pixels")
+    max_angle_deg: float | None = Field(
+        None,
+        gt=5,
+        le=85,
+        description="Crop a wide view to this angle from the optical axis; by default an image that reaches "
+        "beyond 84 degrees is refused",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +82,7 @@ class Rectified:
 
 
 @lru_cache(maxsize=_CACHED_MAPS)
-def undistorted(camera: CameraModel, keep: float) -> Rectified:
+def undistorted(camera: CameraModel, keep: float, max_angle_deg: float | None = None) -> Rectified:
     """Return the ideal camera with the orientation of ``camera``.
 
     Parameters
@@ -84,13 +91,15 @@ def undistorted(camera: CameraModel, keep: float) -> Rectified:
         Camera with known image size.
     keep : float
         0 crops to observed pixels, 1 keeps all pixels of the input; linear between them.
+    max_angle_deg : float, optional
+        Crop the view to this angle from the optical axis first.
 
     Raises
     ------
     InputError
         If the size is unknown, or the field of view is too wide for a flat image.
     """
-    bounds = _bounds(camera, np.eye(3))
+    bounds = _bounds(camera, np.eye(3), max_angle_deg)
     return _with_maps(camera, np.eye(3), _ideal_cameras(camera, [bounds], keep)[0])
 
 
@@ -109,12 +118,16 @@ class _StereoPose:
 
 @lru_cache(maxsize=_CACHED_MAPS)
 def _rectified_pair(
-    left: CameraModel, right: CameraModel, stereo_pose: _StereoPose, keep: float
+    left: CameraModel,
+    right: CameraModel,
+    stereo_pose: _StereoPose,
+    keep: float,
+    max_angle_deg: float | None,
 ) -> tuple[Rectified, Rectified, float]:
     """Return both rectified cameras with their maps, and the baseline, metres."""
     T_right_left = stereo_pose.T_right_left
     R_left, R_right = _common_rotations(T_right_left)
-    bounds = [_bounds(left, R_left), _bounds(right, R_right)]
+    bounds = [_bounds(left, R_left, max_angle_deg), _bounds(right, R_right, max_angle_deg)]
     ideal = _ideal_cameras(left, bounds, keep)
     ideal_left, ideal_right = ideal
     rectified_left = _with_maps(left, R_left, ideal_left)
@@ -122,11 +135,14 @@ def _rectified_pair(
     return rectified_left, rectified_right, float(np.linalg.norm(T_right_left[:3, 3]))
 
 
-def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, Rectified, float]:
+def rectified(
+    stereo: StereoCalibration, keep: float = 0.0, max_angle_deg: float | None = None
+) -> tuple[Rectified, Rectified, float]:
     """Return two equal ideal cameras, the right one displaced along x of the left one, and the baseline (m).
 
     Each camera is rotated by half of the relative rotation, and then so that x is along the baseline, which
-    distorts both images equally [2]_. ``keep`` is as for ``undistorted``, for both images together.
+    distorts both images equally [2]_. ``keep`` and ``max_angle_deg`` are as for ``undistorted``, for both
+    images together.
 
     Raises
     ------
@@ -136,7 +152,9 @@ def rectified(stereo: StereoCalibration, keep: float = 0.0) -> tuple[Rectified, 
     """
     if (stereo.left.rows, stereo.left.cols) != (stereo.right.rows, stereo.right.cols):
         raise InputError("stereo pair: left and right image differ in size, expected one size")
-    return _rectified_pair(stereo.left, stereo.right, _StereoPose.of(stereo.T_right_left), keep)
+    return _rectified_pair(
+        stereo.left, stereo.right, _StereoPose.of(stereo.T_right_left), keep, max_angle_deg
+    )
 
 
 def _common_rotations(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -155,7 +173,7 @@ def _common_rotations(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]
     return R @ half, R @ half.T
 
 
-def _bounds(camera: CameraModel, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _bounds(camera: CameraModel, R: FloatArray, max_angle_deg: float | None) -> tuple[FloatArray, FloatArray]:
     """Return the inner and the outer box of a camera's view on the plane z = 1 of the rotated camera."""
     if not camera.rows or not camera.cols:
         raise InputError("camera without an image size: the calibration has none")
@@ -167,14 +185,30 @@ def _bounds(camera: CameraModel, R: FloatArray) -> tuple[FloatArray, FloatArray]
         np.column_stack([np.full_like(v, camera.cols - 1.0), v]),
         np.column_stack([u, np.full_like(u, camera.rows - 1.0)]),
     ):
+        if max_angle_deg is not None:
+            pixels = _within_angle(camera, R, pixels, max_angle_deg)
         rays = camera.rays(pixels) @ R.T
         if not (rays[:, 2] > 0.1).all():
-            raise InputError("the field of view is too wide for a flat image; crop or resize the image first")
+            raise InputError(
+                "the field of view is too wide for a flat image: expected at most 84 degrees from the "
+                "optical axis; set max_angle_deg, or crop the image"
+            )
         sides.append(rays[:, :2] / rays[:, 2:])
     left, top, right, bottom = sides
     inner = np.array([left[:, 0].max(), top[:, 1].max(), right[:, 0].min(), bottom[:, 1].min()])
     outer = np.array([left[:, 0].min(), top[:, 1].min(), right[:, 0].max(), bottom[:, 1].max()])
     return inner, outer
+
+
+def _within_angle(camera: CameraModel, R: FloatArray, pixels: FloatArray, max_angle_deg: float) -> FloatArray:
+    """Return the pixels; one beyond the angle is moved towards the centre of the rotated view."""
+    centre = camera.project(R.T[:, 2:].T)[0]
+    fractions = np.linspace(0.0, 1.0, 4 * _OUTLINE)
+    lines = centre + fractions[None, :, None] * (pixels - centre)[:, None]
+    z = (camera.rays(lines.reshape(-1, 2)) @ R[2]).reshape(lines.shape[:2])
+    is_within = np.logical_and.accumulate(z >= np.cos(np.deg2rad(max_angle_deg)), axis=1)
+    last = np.maximum(is_within.sum(axis=1) - 1, 0)
+    return np.asarray(lines[np.arange(len(lines)), last])
 
 
 def _ideal_cameras(

@@ -69,7 +69,8 @@ def frame_stream(
             mode="GRAY" if image.ndim == 2 else "BGR",
             sensor=sensor,
             camera_matrix=None if camera is None else camera.matrix,
-            dist_coeffs=() if camera is None else camera.distortion,
+            dist_coeffs=() if camera is None else camera.message_coefficients,
+            camera_model=None if camera is None else camera.message_model,
             T_robot_sensor=T_robot_sensor,
         )
 

@@ -35,7 +35,7 @@ from services.dpm.operations.dpm import Dpm
 from services.dpm.operations.profile_entry import enter
 from services.orchestrator.service import Orchestrator
 
-#: Period of the status of the DFPCs, virtual seconds; capacity of the orchestrator, jobs.
+#: Period of the status of the DFPCs, virtual seconds.
 _STATUS_PERIOD_S = 1.0
 #: Largest number of open requests.
 _CAPACITY = 64

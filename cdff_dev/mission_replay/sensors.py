@@ -8,7 +8,6 @@ from collections.abc import Mapping
 
 from cdff_common.bus import Reply, Request, keys
 from cdff_common.contract.acquisition import NOW, AcquisitionParameters
-from cdff_common.errors import DeniedError, UnavailableError
 from cdff_common.interfaces.profile import Profile
 from cdff_core.orchestration.request import parse_robot
 from cdff_dev.mission_replay.local_bus import LocalBus
@@ -40,19 +39,11 @@ class ReplayedIcu:
         p = request.parameters
         robot = parse_robot(p.get("robot"), request.scope)
         parameters = AcquisitionParameters.parse(p.get("acquire", NOW)).to_dict()
-        machine = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""), parameters)
-        acquisition = machine.acquisition
-        while machine.target == p["mode"] or (acquisition and machine.acquisition is acquisition):
-            self._scheduler.sleep(max((machine.next_s() or 0.0) - self._scheduler.now_s, 0.001))
-            self._unit.modes(robot)  # updates the states to the current virtual time
-        is_done = acquisition is not None and acquisition.is_done
-        if machine.lost and not is_done:
-            raise UnavailableError(f"sensor {p['sensor']} is lost: {machine.lost}")
-        if not is_done and (machine.refusal or acquisition or machine.mode != p["mode"]):
-            raise DeniedError(
-                f"sensor {p['sensor']}: {machine.refusal or 'another mode was demanded meanwhile'}"
-            )
-        return Reply.of({"robot": robot, "confirmed": True, **machine.event(), "mode": p["mode"]})
+        demanded = self._unit.demand(robot, p["sensor"], p["mode"], p.get("holder", ""), parameters)
+        while (answer := self._unit.outcome(demanded)) is None:
+            next_s = demanded.machine.next_s() or 0.0
+            self._scheduler.sleep(max(next_s - self._scheduler.now_s, 0.001))
+        return Reply.of(answer)
 
     def _on_mode(self, robot: str, event: Mapping[str, object]) -> None:
         self._gate.set(robot, str(event["sensor"]), event)

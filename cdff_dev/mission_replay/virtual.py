@@ -110,8 +110,12 @@ class Scheduler:
         return True
 
     def is_waiting(self, name: str, process: object) -> bool:
-        """Return True if all tasks of this name and process wait for conditions that do not hold."""
-        return all(not t.ready() for t in self.tasks if t.name == name and t.process is process)
+        """Return True if all tasks of this name and process wait for conditions that do not hold.
+
+        Return False if there is no such task, as after the end of the process.
+        """
+        tasks = [t for t in self.tasks if t.name == name and t.process is process]
+        return bool(tasks) and not any(t.ready() for t in tasks)
 
 
 class _Lock:

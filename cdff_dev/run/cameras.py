@@ -80,16 +80,16 @@ def stereo_pair(
 
 def camera_document(frame: Frame) -> dict[str, Any] | None:
     """Return the camera of an image as a calibration document for ``with_camera``; None without camera."""
-    model = frame.intrinsic.camera_model
-    if model not in (FrameCameraModelT.CAM_PINHOLE, FrameCameraModelT.CAM_FISHEYE):
+    if frame.intrinsic.camera_model is FrameCameraModelT.CAM_UNDEF:
         return None
+    camera = CameraModel.of_frame(frame)
     rows, cols = frame.image.shape[:2]
     return {
         "image_width": cols,
         "image_height": rows,
-        "camera_model": "fisheye" if model is FrameCameraModelT.CAM_FISHEYE else "pinhole",
+        "camera_model": camera.lens,
         "camera_matrix": frame.camera_matrix.tolist(),
-        "distortion_coefficients": frame.intrinsic.dist_coeffs.tolist(),
+        "distortion_coefficients": list(camera.distortion),
     }
 
 

@@ -186,11 +186,18 @@ class EventTable:
         m = schema.meta.c
         with self._database.write() as connection:
             last = int(connection.execute(select(m.value).where(m.name == key)).scalar() or 0)
-            for entry in entries:
-                if entry.ordinal > last:
-                    body = {**entry.body, "origin": origin, "number": entry.ordinal}
-                    self.append(entry.scope, entry.kind, body, entry.stamp_ns, connection=connection)
-                    last = entry.ordinal
+            rows = [
+                _row(
+                    entry.scope,
+                    entry.kind,
+                    _with_actor({**entry.body, "origin": origin, "number": entry.ordinal}),
+                    entry.stamp_ns,
+                )
+                for entry in entries
+                if entry.ordinal > last
+            ]
+            dialect_of(connection).insert_rows(connection, schema.events, rows)
+            last = max([last, *numbers])
             value = {"name": key, "value": str(last)}
             dialect_of(connection).upsert_rows(connection, schema.meta, [value], replace=("value",))
         return last

@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
         import_extra("rosbags")
         from services.gateway_ros1.gateway import SERVICE, Gateway
         from services.gateway_ros1.settings import Ros1Settings
-        from services.gateways.settings import load_settings
+        from services.gateways.stream_settings import load_settings
 
         settings = load_settings(args.settings, Ros1Settings, args.robot)
         with gateway_connections(args.connect, SERVICE, stop) as (bus, client):

@@ -8,6 +8,7 @@ from pydantic import model_validator
 
 from services.gateways.request_types import ACTIONS
 from services.gateways.settings import GatewaySettings
+from services.ros_messages.mapping import mapping_table
 
 
 class Ros1Settings(GatewaySettings):
@@ -26,4 +27,12 @@ class Ros1Settings(GatewaySettings):
         actions = [entry.type for entry in self.requests if entry.type in ACTIONS]
         if actions:
             raise ValueError(f"{actions[0]}: the gateway to ROS 1 has services only")
+        return self
+
+    @model_validator(mode="after")
+    def _has_messages_of_ros_1(self) -> Ros1Settings:
+        types = {entry.type for entry in self.inputs} | {entry.type for entry in self.outputs}
+        missing = sorted(types & mapping_table().only_in(2))
+        if missing:
+            raise ValueError(f"{missing[0]}: exists in ROS 2 only; expected another type")
         return self

@@ -34,7 +34,7 @@ def main(argv: list[str] | None = None) -> int:
         import_extra("rosbags")
         from services.gateway_ros2.gateway import SERVICE, Gateway
         from services.gateway_ros2.settings import Ros2Settings
-        from services.gateways.settings import load_settings
+        from services.gateways.stream_settings import load_settings
 
         settings = load_settings(args.settings, Ros2Settings, args.robot)
         robot_connect = args.ros_connect or args.connect

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import logging
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,33 +11,19 @@ from typing import Any
 import numpy as np
 from rosbags.serde import SerdeError
 
-from cdff_common import types
 from cdff_common.bus import Bus
-from cdff_common.client import Sensor
-from cdff_common.clock import MAX_STAMP_NS, monotonic_s, wall_ns
+from cdff_common.clock import MAX_STAMP_NS, monotonic_s
 from cdff_common.errors import CdffError, InputError
-from cdff_common.types import TransformWithCovariance
-from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.sample_link import CONVERSION_ERRORS, SampleLink
 from services.gateways.settings import InputTopic
 from services.ros_messages.conversions import CAMERA_INFO, CONVERSIONS
 from services.ros_messages.maps import header_of
 from services.ros_messages.message_types import RosTypes
 from services.ros_messages.topics import Topic
 
-logger = logging.getLogger(__name__)
-
-#: Errors of the decoder for damaged messages; MemoryError for stated lengths that no message has.
-DECODER_ERRORS = (
-    ArithmeticError,
-    AssertionError,
-    LookupError,
-    MemoryError,
-    SerdeError,
-    TypeError,
-    ValueError,
-    struct.error,
-)
+#: Errors of the decoder for damaged messages.
+DECODER_ERRORS = (*CONVERSION_ERRORS, SerdeError)
 _NS_PER_S = 1_000_000_000
 
 
@@ -54,7 +38,7 @@ class _RobotTopic(Topic):
         return self.frames.get(frame_id) or super(_RobotTopic, self).frame(frame_id)
 
 
-class InputLink:
+class InputLink(SampleLink):
     """A topic and the sensor stream that it becomes.
 
     Parameters
@@ -71,25 +55,10 @@ class InputLink:
     def __init__(
         self, entry: InputTopic, names: FrameNames, ros_types: RosTypes, bus: Bus, tree: FrameTree
     ) -> None:
-        self.entry, self.counters = entry, TopicCounters()
-        self._ros_types, self._tree, self._names = ros_types, tree, names
         conversion = CONVERSIONS[entry.type]
+        super().__init__(entry, entry.topic, conversion.type_name, names.robot, bus)
+        self.entry, self._ros_types, self._tree, self._names = entry, ros_types, tree, names
         self._topic = _RobotTopic(entry.topic, names.robot, conversion, frames=names.frames)
-        self._rate = RateLimit(entry.max_hz)
-        self.sensor = Sensor(
-            entry.stream,
-            getattr(types, conversion.type_name),
-            frame=entry.frame,
-            child=entry.child,
-            robot=names.robot,
-            bus=bus,
-            on_clock_fault=entry.on_clock_fault,
-            codec=entry.codec,
-        )
-
-    def close(self) -> None:
-        """Send the waiting samples."""
-        self.sensor.close()
 
     def on_camera_info(self, data: bytes) -> None:
         """Take the calibration for the images that follow."""
@@ -100,9 +69,7 @@ class InputLink:
     def on_message(self, data: bytes) -> None:
         """Convert a message and send it as a sample; a message with a fault is counted and dropped."""
         start_s = monotonic_s()
-        self.counters.receive(len(data))
-        if not self._rate.admits(start_s):
-            self.drop("rate", f"more than {self.entry.max_hz:g} messages per second")
+        if not self.admits(len(data), start_s):
             return
         decoded = self._decoded(data, self.entry.type)
         if decoded is None:
@@ -111,24 +78,10 @@ class InputLink:
             part = self._part(decoded)
             if part is None:
                 return
-            value, stamp_ns = self._converted(part)
-            self.counters.age(1e-9 * (wall_ns() - stamp_ns))
-            own_ns = getattr(value, "stamp_ns", 0)
-            is_sent = self.sensor.publish(value) if own_ns else self.sensor.publish(value, stamp_ns)
+            value, frames, stamp_ns = self._converted(part)
+            self.send(value, frames, stamp_ns, start_s)
         except (CdffError, *DECODER_ERRORS) as error:
             self.drop("content", f"{type(error).__name__}: {error}")
-            return
-        if is_sent:
-            self.counters.forward(monotonic_s() - start_s)
-        else:
-            fault = self.sensor.status.last_fault
-            is_off = not self.sensor.mode.on
-            self.drop("sensor_off" if is_off else "clock", "sensor is off" if is_off else str(fault))
-
-    def drop(self, reason: str, detail: str) -> None:
-        """Count a message that does not become a sample, and log the first with a reason."""
-        if self.counters.drop(reason, detail):
-            logger.warning("%s: dropped (%s): %s", self.entry.topic, reason, detail)
 
     def _part(self, decoded: Any) -> Any:
         """Return the message, or of a frame tree the transform between the frames of the entry, or None."""
@@ -150,26 +103,16 @@ class InputLink:
                 found = transform if is_listed else found
         return found
 
-    def _converted(self, message: Any) -> tuple[Any, int]:
-        """Return a message as a value, and its stamp."""
+    def _converted(self, message: Any) -> tuple[Any, tuple[str, str | None], int]:
+        """Return a message as a value, its frames and its stamp."""
         stamp_ns = _stamp_ns(message)
         with np.errstate(over="ignore", invalid="ignore"):  # values that are not finite are refused
             value, frame, child = self._topic.conversion.convert(message, self._topic, stamp_ns)
-        if isinstance(value, TransformWithCovariance):
-            numbers = (value.data.translation, value.data.orientation)
-            if not all(np.isfinite(part).all() for part in numbers):
-                raise InputError("pose that is not finite")
-        if (frame, child) != (self.entry.frame, self.entry.child):
-            raise InputError(
-                f"frames {frame} and {child}: expected {self.entry.frame} and {self.entry.child}; "
-                "see frames in the settings"
-            )
-        return value, stamp_ns
+        return value, (frame, child), stamp_ns
 
     def _decoded(self, data: bytes, type_name: str) -> Any:
         """Return a message; count one with a fault, and return None."""
-        if len(data) > self.entry.max_bytes:
-            self.drop("size", f"{len(data)} bytes, expected at most {self.entry.max_bytes}")
+        if not self.fits(len(data)):
             return None
         try:
             message = self._ros_types.deserialize(data, type_name)

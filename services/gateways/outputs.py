@@ -4,25 +4,21 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from cdff_common.bus import Bus, Message, keys
-from cdff_common.clock import monotonic_s
-from cdff_common.codecs import decode_payload
-from cdff_common.errors import CdffError, InputError
-from cdff_common.interfaces.product import Header, Status
+from cdff_common.bus import Bus, keys
+from cdff_common.errors import InputError
+from cdff_common.interfaces.product import Header
 from cdff_common.types import TransformWithCovariance
-from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.frames import FrameNames, FrameTree
+from services.gateways.product_link import ProductLink
 from services.gateways.settings import TF, OutputTopic
+from services.ros_messages.conversions import IMAGES
 from services.ros_messages.encoders import encoder, transform_message
 from services.ros_messages.encoding import Outgoing, Target
 from services.ros_messages.message_types import RosTypes
-
-logger = logging.getLogger(__name__)
 
 
 class Publisher(Protocol):
@@ -49,7 +45,7 @@ class StaticTransforms:
             return [t for (name, _), t in self._by_child.items() if name == topic]
 
 
-class OutputLink:
+class OutputLink(ProductLink):
     """A product and the topic that it becomes.
 
     Parameters
@@ -73,30 +69,16 @@ class OutputLink:
         tree: FrameTree,
         static: StaticTransforms,
     ) -> None:
-        self.entry, self.counters = entry, TopicCounters()
+        super().__init__(entry)
+        self.entry = entry
         self._names, self._ros_types, self._publisher = names, ros_types, publisher
-        self._rate = RateLimit(entry.max_hz)
         self._tree, self._static = tree, static
         self._cameras: dict[str, Any] = {}
 
-    def on_message(self, message: Message) -> None:
-        """Convert a product and publish it; one with a fault is counted and dropped."""
-        start_s = monotonic_s()
-        self.counters.receive(len(message.payload))
-        if not self._rate.admits(start_s):
-            self._drop("rate", f"more than {self.entry.max_hz:g} messages per second")
-            return
-        try:
-            header = Header.from_attachment(message.attachment)
-            if header.quality.status is Status.FAILED:
-                self._drop("failed", f"its producer reports FAILED: {', '.join(header.quality.reasons)}")
-                return
-            for out in self._messages(decode_payload(message.payload, message.encoding), header):
-                self._publisher.publish(out, latched=self.entry.is_latched)
-        except CdffError as error:
-            self._drop("content", f"{type(error).__name__}: {error}")
-            return
-        self.counters.forward(monotonic_s() - start_s)
+    def send(self, value: Any, header: Header) -> None:
+        """Publish a value on the topic."""
+        for out in self._messages(value, header):
+            self._publisher.publish(out, latched=self.entry.is_latched)
 
     def _messages(self, value: Any, header: Header) -> tuple[Outgoing, ...]:
         target = Target(
@@ -122,10 +104,6 @@ class OutputLink:
         message = self._ros_types.make("tf2_msgs/TFMessage", transforms=transforms)
         return Outgoing(self.entry.topic, TF, message)
 
-    def _drop(self, reason: str, detail: str) -> None:
-        if self.counters.drop(reason, detail):
-            logger.warning("%s: dropped (%s): %s", self.entry.product, reason, detail)
-
 
 def connect_outputs(
     entries: Sequence[OutputTopic], names: FrameNames, ros_types: RosTypes, publisher: Publisher, bus: Bus
@@ -136,7 +114,7 @@ def connect_outputs(
     for link in links:
         entry = link.entry
         # Images have topics below the listed one, which are declared with the first image.
-        if entry.type != "sensor_msgs/msg/Image":
+        if entry.type not in IMAGES:
             publisher.declare_publisher(entry.topic, entry.type, latched=entry.is_latched)
         dfpc, port = entry.product.split("/")
         bus.subscribe(keys.product(names.robot, dfpc, port), link.on_message)

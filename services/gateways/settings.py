@@ -4,38 +4,35 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, ValidationError, model_validator
+from pydantic import Field, PositiveFloat, model_validator
 
 from cdff_common.contract.products import requestable_products
-from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel
-from cdff_common.interfaces.profile import RobotId
-from cdff_common.interfaces.sensor_profile import FrameId, Name
-from cdff_common.interfaces.yaml_file import read_mapping
+from cdff_common.interfaces.sensor_profile import Name
 from services.gateways.request_types import ACTIONS, SERVICES
+from services.gateways.stream_settings import InputStream, OutputStream, RobotSettings
 from services.ros_messages.conversions import CONVERSIONS, FRAME_TREES
 from services.ros_messages.encoders import ENCODERS
-from services.ros_messages.fixes import FIX
+from services.ros_messages.mapping import mapping_table
 from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
 from services.ros_messages.message_types import BITSTREAM
 
 #: Message type of frame trees.
 TF = FRAME_TREES[0]
-_OUTGOING = {message for messages in ENCODERS.values() for message in messages} - {FIX} | {BITSTREAM, TF}
-_INCOMING = set(CONVERSIONS) - {FIX}
+_EXCLUDED = {entry.message for entry in mapping_table().messages if not entry.gateways}
+_OUTGOING = {message for messages in ENCODERS.values() for message in messages} - _EXCLUDED | {BITSTREAM, TF}
+_INCOMING = set(CONVERSIONS) - _EXCLUDED
 #: Message types whose topics are latched by default.
 _MAPS = (OCCUPANCY_GRID, GRID_MAP)
 #: Topic of the transforms that do not change.
 STATIC_TRANSFORMS = "/tf_static"
 
 Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z_][A-Za-z0-9_]*)+$", max_length=255)]
-Pair = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[a-z][a-z0-9_]*$")]
 
 
-class InputTopic(StrictModel):
+class InputTopic(InputStream):
     """A topic of the robot whose messages become samples.
 
     Attributes
@@ -43,40 +40,20 @@ class InputTopic(StrictModel):
     topic, type : str
         Topic, and its message type such as ``sensor_msgs/msg/Imu``. A frame tree (``/tf``, ``/tf_static``)
         may be listed several times, once for each transform.
-    stream : str
-        Sensor and stream on the bus, such as ``imu/sample``.
-    frame, child : str
-        Frame of the samples; for a pose the parent and the child frame.
     camera_info : str or None
         For images the topic of the calibration.
     qos : "sensor_data", "default" or "latched"
         Quality of service of the subscription. Latched, the default for ``/tf_static`` and maps, receives the
         last message from before the start of the gateway.
-    max_bytes : int
-        Largest message, bytes; larger ones are dropped.
-    max_hz : float
-        Largest rate, messages per second, with bursts of at most as many as in 0.2 s; others are dropped.
     queue : int
         Messages that can wait; with more the oldest is dropped.
-    on_clock_fault : "refuse" or "report"
-        Treatment of stamps that are not after the previous one, ahead of mission time or late: the sample is
-        not sent, or it is sent with quality DEGRADED.
-    codec : "uper" or "msgpack"
-        Encoding of the samples; MessagePack takes less time for clouds and images.
     """
 
     topic: Topic
     type: str
-    stream: Pair
-    frame: FrameId
-    child: FrameId | None = None
     camera_info: Topic | None = None
     qos: Literal["sensor_data", "default", "latched"] | None = None
-    max_bytes: Annotated[int, Field(gt=0, le=1 << 30)] = 64 << 20
-    max_hz: PositiveFloat = 1000.0
     queue: Annotated[int, Field(ge=1, le=1000)] = 16
-    on_clock_fault: Literal["refuse", "report"] = "refuse"
-    codec: Literal["uper", "msgpack"] = "uper"
 
     @model_validator(mode="after")
     def _type_is_known(self) -> InputTopic:
@@ -96,27 +73,21 @@ class InputTopic(StrictModel):
         return self.qos or ("latched" if is_latched else "default" if self.is_frame_tree else "sensor_data")
 
 
-class OutputTopic(StrictModel):
+class OutputTopic(OutputStream):
     """A product that becomes a topic of the robot.
 
     Attributes
     ----------
-    product : str
-        DFPC and port, such as ``position_manager/pose``.
     topic, type : str
         Topic, and its message type. ``tf2_msgs/msg/TFMessage`` for a pose is a transform of the frame tree;
         ``infuse_msgs/msg/Asn1Bitstream`` holds any type.
     latched : bool
         Send the last message to subscribers that join later, as default for maps and ``/tf_static``.
-    max_hz : float
-        Largest rate, messages per second; others are dropped.
     """
 
-    product: Pair
     topic: Topic
     type: str = BITSTREAM
     latched: bool | None = None
-    max_hz: PositiveFloat = 1000.0
 
     @model_validator(mode="after")
     def _type_is_known(self) -> OutputTopic:
@@ -170,17 +141,13 @@ class RequestEntry(StrictModel):
         return self
 
 
-class GatewaySettings(StrictModel):
+class GatewaySettings(RobotSettings):
     """Settings of the gateway of a robot. Nothing passes that is not listed.
 
     Attributes
     ----------
-    robot : str
-        Robot id.
     node : str
         Name of the gateway's node.
-    frames : mapping of str to frame
-        Frames of CDFF by their ``frame_id`` of the robot. Without an entry ``lidar`` is ``{robot}/lidar``.
     inputs : list of InputTopic
     outputs : list of OutputTopic
         Empty: the gateway publishes nothing on the robot.
@@ -190,9 +157,7 @@ class GatewaySettings(StrictModel):
         Parameters of DFPCs that are parameters of the node. Empty: the robot can change none.
     """
 
-    robot: RobotId
     node: Name = "cdff_gateway"
-    frames: dict[str, FrameId] = {}
     inputs: tuple[InputTopic, ...] = ()
     outputs: tuple[OutputTopic, ...] = ()
     requests: tuple[RequestEntry, ...] = ()
@@ -211,8 +176,6 @@ class GatewaySettings(StrictModel):
             raise ValueError(f"topic {both[0]} is an input and a camera_info: expected two topics")
         self._check_directions({*incoming, *trees})
         self._check_outputs()
-        if len(set(self.frames.values())) != len(self.frames):
-            raise ValueError("frames: two names of the robot for one frame")
         names = [entry.name for entry in self.requests]
         if len(set(names)) != len(names):
             raise ValueError(f"requests have a name twice: {', '.join(names)}")
@@ -241,32 +204,3 @@ class GatewaySettings(StrictModel):
                     f"output topic {entry.topic} is latched for one product and not for another: "
                     "state the same latched for both"
                 )
-
-
-Settings = TypeVar("Settings", bound=GatewaySettings)
-
-
-def load_settings(path: str | Path, model: type[Settings], robot: str | None = None) -> Settings:
-    """Read the settings of a gateway.
-
-    Parameters
-    ----------
-    robot : str, optional
-        Robot that the settings must name.
-
-    Raises
-    ------
-    ConfigurationError
-        With file, key and expectation, if the settings are invalid or those of another robot.
-    """
-    try:
-        settings = model.model_validate(read_mapping(Path(path)))
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"])) or "settings"
-        raise ConfigurationError(f"{path}: {key}: {first['msg']}") from error
-    if robot not in (None, settings.robot):
-        raise ConfigurationError(
-            f"{path}: robot {settings.robot!r}, expected {robot!r}, whose profile names the file"
-        )
-    return settings

@@ -11,6 +11,7 @@ from __future__ import annotations
 import random
 import threading
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -20,7 +21,7 @@ from cdff_common.clock import monotonic_s
 from cdff_common.contract.parameters import Number, Parameters, Whole
 from cdff_common.errors import ConflictError, DeniedError, ProductNotFoundError, UnavailableError
 from cdff_common.interfaces.profile import Profile, Robot
-from cdff_core.orchestration.modes import ModeMachine
+from cdff_core.orchestration.modes import AcquisitionRun, ModeMachine
 
 #: Called with robot and event body when a mode is confirmed, or a sensor is lost or recovered.
 OnMode = Callable[[str, Mapping[str, object]], None]
@@ -48,6 +49,20 @@ class Faults(Parameters):
         return cls.parse(
             key_values([x for x in text.split(",") if x], "faults", "seed=, spread= or refuses=")
         )
+
+
+@dataclass(frozen=True, slots=True)
+class DemandedMode:
+    """A demanded mode with the machine of its sensor, its acquisition if it has one, and its start (monotonic
+    seconds).
+    """
+
+    robot: str
+    sensor: str
+    mode: str
+    machine: ModeMachine
+    acquisition: AcquisitionRun | None
+    started_s: float
 
 
 class SimulatedIcu:
@@ -133,37 +148,48 @@ class SimulatedIcu:
         UnavailableError
             If the sensor is lost, an acquisition is interrupted, or the unit shuts down.
         """
-        with self._changed:
-            machine = self.demand(robot, sensor, mode, holder, parameters)
-            acquisition = machine.acquisition
-        started_s = self._now_s()
+        demanded = self.demand(robot, sensor, mode, holder, parameters)
         while True:
             self._settle()
             with self._changed:
-                if self._closed:
-                    raise UnavailableError("the instrument control unit is shutting down")
-                if self._machines.get((robot, sensor)) is not machine:
-                    raise UnavailableError(
-                        f"sensor {sensor}: its description was replaced; repeat the demand"
-                    )
-                if acquisition is not None and acquisition.is_done:
-                    return self._acquired(robot, machine, mode, self._now_s() - started_s)
-                if machine.lost:
-                    raise UnavailableError(f"sensor {sensor} is lost: {machine.lost}")
-                if machine.target is None and machine.refusal:
-                    raise DeniedError(f"sensor {sensor}: {machine.refusal}; it stays in {machine.mode}")
-                if acquisition is not None:
-                    if machine.acquisition is not acquisition:
-                        raise UnavailableError(f"sensor {sensor}: the acquisition was interrupted; repeat it")
-                    self._wait(machine)
-                    continue
-                if machine.target is None and machine.mode == mode:
-                    return {"robot": robot, "confirmed": True, **machine.event()}
-                if machine.target != mode:
-                    raise ConflictError(
-                        f"sensor {sensor}: {machine.holder or 'another client'} demanded another mode"
-                    )
-                self._wait(machine)
+                answer = self._answer(demanded)
+                if answer is not None:
+                    return answer
+                self._wait(demanded.machine)
+
+    def outcome(self, demanded: DemandedMode) -> dict[str, Any] | None:
+        """Return the answer to a demand; None while the sensor switches or acquires.
+
+        Raises like ``set_mode``.
+        """
+        self._settle()
+        with self._changed:
+            return self._answer(demanded)
+
+    def _answer(self, demanded: DemandedMode) -> dict[str, Any] | None:
+        robot, sensor, mode = demanded.robot, demanded.sensor, demanded.mode
+        machine, acquisition = demanded.machine, demanded.acquisition
+        if self._closed:
+            raise UnavailableError("the instrument control unit is shutting down")
+        if self._machines.get((robot, sensor)) is not machine:
+            raise UnavailableError(f"sensor {sensor}: its description was replaced; repeat the demand")
+        if acquisition is not None and acquisition.is_done:
+            return _acquired(demanded, self._now_s() - demanded.started_s)
+        if machine.lost:
+            raise UnavailableError(f"sensor {sensor} is lost: {machine.lost}")
+        if machine.target is None and machine.refusal:
+            raise DeniedError(f"sensor {sensor}: {machine.refusal}; it stays in {machine.mode}")
+        if acquisition is not None:
+            if machine.acquisition is not acquisition:
+                raise UnavailableError(f"sensor {sensor}: the acquisition was interrupted; repeat it")
+            return None
+        if machine.target is None and machine.mode == mode:
+            return {"robot": robot, "confirmed": True, **machine.event()}
+        if machine.target != mode:
+            raise ConflictError(
+                f"sensor {sensor}: {machine.holder or 'another client'} demanded another mode"
+            )
+        return None
 
     def _wait(self, machine: ModeMachine) -> None:
         """Wait for a change, at most until the next one of a sensor is due."""
@@ -171,23 +197,10 @@ class SimulatedIcu:
         if next_s is not None:
             self._changed.wait(max(next_s - self._now_s(), 0.001))
 
-    @staticmethod
-    def _acquired(robot: str, machine: ModeMachine, mode: str, duration_s: float) -> dict[str, Any]:
-        """Return the answer to the demand of an acquisition that has ended."""
-        declared = machine.sensor.modes[mode]
-        return {
-            "robot": robot,
-            "confirmed": True,
-            **machine.event(),
-            "mode": mode,
-            "duration_s": round(duration_s, 3),
-            "energy_j": round(declared.acquisition_j(duration_s), 3),
-        }
-
     def demand(
         self, robot: str, sensor: str, mode: str, holder: str, parameters: Mapping[str, float] | None = None
-    ) -> ModeMachine:
-        """Start a switch and return its machine. Raises like ``set_mode``."""
+    ) -> DemandedMode:
+        """Start a switch or an acquisition. Raises like ``set_mode``."""
         key = (robot, sensor)
         with self._changed:
             machine = self._machine(*key)
@@ -199,7 +212,7 @@ class SimulatedIcu:
                     key
                 )
             self._changed.notify_all()
-        return machine
+            return DemandedMode(robot, sensor, mode, machine, machine.acquisition, self._now_s())
 
     def lose(self, robot: str, sensor: str, reason: str) -> None:
         """Mark a sensor as lost, as by a fault of its power or link."""
@@ -245,3 +258,16 @@ class SimulatedIcu:
             self._changed.notify_all()
         for robot, body in events:
             self._on_mode(robot, body)
+
+
+def _acquired(demanded: DemandedMode, duration_s: float) -> dict[str, Any]:
+    """Return the answer to the demand of an acquisition that has ended."""
+    declared = demanded.machine.sensor.modes[demanded.mode]
+    return {
+        "robot": demanded.robot,
+        "confirmed": True,
+        **demanded.machine.event(),
+        "mode": demanded.mode,
+        "duration_s": round(duration_s, 3),
+        "energy_j": round(declared.acquisition_j(duration_s), 3),
+    }

@@ -22,7 +22,6 @@ from cdff_common.clock import Clock
 from cdff_common.contract.limits import DEADLINE_BOUNDS_MS, MAX_JOBS
 from cdff_common.errors import CdffError, DeadlineError, NoAnswerError, ProductNotFoundError, UnavailableError
 from cdff_common.loops import Loops
-from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_core.orchestration.planner import Plan
 from cdff_core.orchestration.world import ProviderId
 from services.orchestrator.jobs import Job
@@ -289,13 +288,12 @@ class Delegations:
         self._faults.pop(robot, None)
 
     def _call_cancel_unneeded(self, robot: str) -> None:
-        key, query = keys.orchestrator_rpc(robot, "jobs"), {"limit": MAX_JOBS}
+        key, query = keys.orchestrator_rpc(robot, "jobs"), {"limit": MAX_JOBS, "state": "open"}
         jobs = self._bus.call(key, query, timeout_s=_CALL_S, elsewhere=True).body()["jobs"]
         needed = {delegation.sent_id for delegation in self._delegations.values()}
         for job in jobs:
             request_id = str(job["request"].get("request"))
-            is_open = request_id.startswith(DELEGATED) and job["state"] not in FINAL_STATES
-            if is_open and request_id not in needed:
+            if request_id.startswith(DELEGATED) and request_id not in needed:
                 key = keys.orchestrator_rpc(robot, "cancel")
                 try:
                     self._bus.call(key, {"job": request_id}, timeout_s=_CALL_S, elsewhere=True)

@@ -276,10 +276,13 @@ class JobRegistry:
                     return job
         raise ProductNotFoundError(f"no job {job_id[:64]!r}: unknown, or removed after its end")
 
-    def listed(self, robots: set[str], limit: int) -> list[dict[str, Any]]:
+    def listed(self, robots: set[str], limit: int, *, only_open: bool = False) -> list[dict[str, Any]]:
         """Return the newest jobs for any of ``robots``, newest first."""
         with self._lock:
-            listed_jobs = [j for j in reversed(self._jobs.values()) if j.request.robot in robots | {"any"}]
+            jobs = self._open if only_open else self._jobs
+            listed_jobs = [j for j in reversed(jobs.values()) if j.request.robot in robots | {"any"}]
+            if only_open:
+                return [j.describe() for j in listed_jobs[:limit]]
             past = [
                 dict(j)
                 for j in reversed(self._past.values())

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.planner import Plan
@@ -49,6 +49,28 @@ class PlanProgress:
     def pending(self) -> tuple[str, ...]:
         """Sensors and providers that the plan still waits for."""
         return (*self.pending_modes, *self.inactive)
+
+
+class LastProgress:
+    """Progress of each plan at the last change of the system state, except for its problems, which depend on
+    the time.
+    """
+
+    def __init__(self, observed: ObservedState, leases: Leases, acquisitions: PendingAcquisitions) -> None:
+        self._state = observed, leases, acquisitions
+        self._of: dict[str, tuple[int, Plan, PlanProgress]] = {}  # by holder
+
+    def get(self, plan: Plan, holder: str, version: int, problems: Mapping[ProviderId, str]) -> PlanProgress:
+        """Return the progress of the plan of a holder, determined once for each ``version`` of the state."""
+        last = self._of.get(holder)
+        if last is None or last[0] != version or last[1] is not plan:
+            last = self._of[holder] = (version, plan, plan_progress(plan, holder, *self._state, problems))
+        progress = last[2]
+        return progress if progress.problems == problems else replace(progress, problems=problems)
+
+    def remove(self, holder: str) -> None:
+        """Remove a holder."""
+        self._of.pop(holder, None)
 
 
 def plan_progress(

@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -74,12 +74,18 @@ class DeliveredForm:
         Payload and encoding; None for a reply by reference.
     sha256 : str
         Hash of the payload.
+    header_fields : mapping
+        The header as plain data.
     """
 
     product: ConvertedProduct
     header: Header
     inline: tuple[bytes, str] | None
     sha256: str
+    header_fields: Mapping[str, Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "header_fields", self.header.to_dict())
 
 
 class TooOldError(UnavailableError):
@@ -168,7 +174,7 @@ class ReplyBuilder:
         if moved_by is not None and moved_by.covariance is not None:
             summary["frame_covariance"] = moved_by.covariance.tolist()
         attachment = {
-            **header.to_dict(),
+            **form.header_fields,
             "kind": _kind(request, inline),
             "robot": robot,
             "job": job,

@@ -60,6 +60,8 @@ class _RequestRun:
         Number of relevant insertions at the last query, and its time (monotonic seconds).
     reported : str
         Last reason in a progress reply.
+    relevant : frozenset of (str, str)
+        Products whose insertion may change the reply: robot, or any, and name.
     """
 
     job: Job
@@ -72,13 +74,12 @@ class _RequestRun:
     insertions: int = -1
     queried_s: float | None = None
     reported: str = ""
+    relevant: frozenset[tuple[str, str]] = field(init=False)
 
-    @property
-    def relevant(self) -> frozenset[tuple[str, str]]:
-        """Products whose insertion may change the reply: robot, or any, and name."""
+    def __post_init__(self) -> None:
         request = self.job.request
         near = request.region is not None and request.region.near_frame is not None
-        return frozenset({(request.robot, request.product), *([("any", "pose")] if near else [])})
+        self.relevant = frozenset({(request.robot, request.product), *([("any", "pose")] if near else [])})
 
     @property
     def query_until_s(self) -> float:

@@ -311,8 +311,10 @@ class Orchestrator:
             except ProductNotFoundError as error:
                 return self._answer_elsewhere(call, error)
         robots = self._robots(call)
-        jobs, scheduled = self._jobs.listed(robots, p.limit), self._schedule.listed(robots)
-        answers, unreachable = self._answers_elsewhere("jobs", {"limit": p.limit}, robots)
+        jobs = self._jobs.listed(robots, p.limit, only_open=p.state == "open")
+        scheduled = self._schedule.listed(robots)
+        parameters = {"limit": p.limit, "state": p.state}
+        answers, unreachable = self._answers_elsewhere("jobs", parameters, robots)
         for body in answers:
             jobs += [j for j in body["jobs"] if not str(j["request"].get("request")).startswith(DELEGATED)]
             scheduled += body["scheduled"]

@@ -38,7 +38,7 @@ from cdff_core.orchestration.world import ProviderId, SensorId, World
 from services.orchestrator.due_robots import DueRobots
 from services.orchestrator.idle_modes import idle_modes
 from services.orchestrator.pending_acquisitions import PendingAcquisitions
-from services.orchestrator.plan_progress import PlanProgress, plan_progress
+from services.orchestrator.plan_progress import LastProgress, PlanProgress
 from services.orchestrator.provider_entry import provider_entry
 from services.orchestrator.provider_monitor import ProviderMonitor
 from services.orchestrator.refused_modes import RefusedModes
@@ -82,6 +82,7 @@ class SystemState:
         self._left: set[str] = set()
         self._elsewhere: set[str] = set()
         self._acquisitions = PendingAcquisitions()
+        self._last_progress = LastProgress(self._observed, self._leases, self._acquisitions)
         self._absent: set[ProviderId] = set()
         for robot in profile.robots:
             self._add_dfpcs(robot)
@@ -379,7 +380,7 @@ class SystemState:
         """Replace the lease of a holder by the needs of a plan."""
         robots = {provider.robot for provider in (*plan.order, *plan.takes)}
         with self._change_of_leases(robots | self._leases.robots_of(holder)):
-            world = self.world(optimistic=True, robots=robots)
+            world = self.world(optimistic=True, priority=priority, robots=robots)
             self._leases.release(holder, self._timing.now_s())
             self._leases.take(plan.takes, priority)
             self._leases.acquire(
@@ -402,6 +403,7 @@ class SystemState:
         with self._change_of_leases(self._leases.robots_of(holder)):
             self._acquisitions.remove(holder)
             self._leases.release(holder, self._timing.now_s())
+            self._last_progress.remove(holder)
 
     def end_acquisition(
         self, holder: str, sensor: SensorId, parameters: Mapping[str, float], begun_ns: int
@@ -571,7 +573,7 @@ class SystemState:
         """Return the progress of the plan of a holder."""
         with self._changed:
             problems = self._monitor.problems(plan.order, self._timing.now_s())
-            return plan_progress(plan, holder, self._observed, self._leases, self._acquisitions, problems)
+            return self._last_progress.get(plan, holder, self.version, problems)
 
     def catalogue(self, robots: Iterable[str], product: str | None = None) -> dict[str, Any]:
         """Return DFPCs, sensors, leases and product offers as plain data; only of ``product`` if it is given.

@@ -19,7 +19,7 @@ class Worlds:
     usage and refused modes change without a signal.
     """
 
-    LONGEST_S = 0.5
+    LONGEST_S = 2.0
 
     def __init__(self) -> None:
         self._worlds: dict[WorldKey, tuple[float, World]] = {}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of ROS messages to CDFF types, by message type.
+"""Conversion of ROS messages to CDFF types, by message type as in the table ``mapping.yaml``.
 
 Covariances need no conversion: order and side are those of ROS.
 """
@@ -13,19 +13,17 @@ from typing import Any
 
 import numpy as np
 
-from cdff_common.contract.foreign_names import ANCHOR_PORT, FIX_PORT
+from cdff_common.contract.foreign_names import ANCHOR_PORT
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.se3 import FloatArray
 from cdff_common.types import Asn1Bitstream, IMUSensors, Joints, JointState, Time, TransformWithCovariance
-from services.ros_messages.clouds import laser_scan, lidar_scan
-from services.ros_messages.depth import depth_image
-from services.ros_messages.fixes import FIX, local_frame_pose, position
-from services.ros_messages.images import frame
-from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID, elevation_map, navigation_map
+from services.ros_messages.fixes import local_frame_pose
+from services.ros_messages.mapping import MessageMapping, function, mapping_table
 from services.ros_messages.topics import Topic
 
 #: Value, frame and child frame of a sample.
 Converted = tuple[Any, str, str | None]
+_NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ def _vector(v: Any) -> FloatArray:
     return np.array([v.x, v.y, v.z], dtype=np.float64)
 
 
-def _imu(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def imu(message: Any, topic: Topic, stamp_ns: int) -> Converted:
     """Return angular velocity and acceleration; CDFF has no orientation in an IMU sample."""
     acc, gyro = _vector(message.linear_acceleration), _vector(message.angular_velocity)
     return (
@@ -82,30 +80,34 @@ def _transform(
     return value, *names
 
 
-def _odometry(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def odometry(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return the pose of an odometry message, whose child frame is the base without one."""
     pose = message.pose.pose
     parts = (pose.position, pose.orientation)
     parent, child = message.header.frame_id, message.child_frame_id or "base_link"
     return _transform(topic, stamp_ns, parent, child, parts, message.pose.covariance)
 
 
-def _pose(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def pose(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return the pose of the base."""
     parts = (message.pose.position, message.pose.orientation)
     return _transform(topic, stamp_ns, message.header.frame_id, "base_link", parts)
 
 
-def _pose_with_covariance(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def pose_with_covariance(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return the pose of the base with its covariance."""
     pose = message.pose.pose
     parts = (pose.position, pose.orientation)
     return _transform(topic, stamp_ns, message.header.frame_id, "base_link", parts, message.pose.covariance)
 
 
-def _transform_stamped(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def transform_stamped(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+    """Return a transform of a frame tree."""
     parts = (message.transform.translation, message.transform.rotation)
     return _transform(topic, stamp_ns, message.header.frame_id, message.child_frame_id, parts)
 
 
-def _joints(message: Any, topic: Topic, stamp_ns: int) -> Converted:
+def joints(message: Any, topic: Topic, stamp_ns: int) -> Converted:
     """Return positions, velocities and efforts of joints; NaN where a message has none."""
 
     def column(values: Any) -> FloatArray:
@@ -117,14 +119,15 @@ def _joints(message: Any, topic: Topic, stamp_ns: int) -> Converted:
     return value, topic.frame(message.header.frame_id), None
 
 
-def _bitstream(message: Any, topic: Topic, _: int) -> Converted:
+def bitstream(message: Any, topic: Topic, _: int) -> Converted:
     """Return an encoded message of the InFuse robots."""
     data = np.asarray(message.data, np.uint8)
     value = Asn1Bitstream(message.type, int(message.serialization_method), data)
     return value, topic.frame(message.header.frame_id), None
 
 
-def _transforms(message: Any) -> Sequence[Any]:
+def transforms(message: Any) -> Sequence[Any]:
+    """Return the transforms of a frame tree."""
     return tuple(message.transforms)
 
 
@@ -136,8 +139,32 @@ def transform_matrix(transform: Any) -> FloatArray:
     )
 
 
-_FRAME_TREE = Conversion(
-    "TransformWithCovariance", "pose", _transform_stamped, has_header=False, split=_transforms
+def clock(message: Any, _: Topic, __: int) -> Converted:
+    """Return a simulated time."""
+    time = message.clock
+    return Time.from_ns((time.sec * _NS_PER_S + time.nanosec) // 1000 * 1000), "", None
+
+
+def _conversion(entry: MessageMapping) -> Conversion:
+    """Return the conversion of an entry of the table."""
+    assert entry.read is not None
+    split = None if entry.split is None else function(entry.split)
+    return Conversion(entry.type, entry.port, function(entry.read), has_header=entry.has_header, split=split)
+
+
+#: Conversions by message type.
+CONVERSIONS = {message: _conversion(entry) for message, entry in mapping_table().readers().items()}
+#: Reasons why log readers leave out message types with a conversion.
+NOT_LOGGED = {message: entry.logs for message, entry in mapping_table().readers().items() if entry.logs}
+#: Fields of the message types that no CDFF field has.
+OMITTED_FIELDS = {
+    message: entry.not_read for message, entry in mapping_table().readers().items() if entry.not_read
+}
+#: Conversion of topics of depth images.
+DEPTH = next(
+    _conversion(entry)
+    for entry in mapping_table().messages
+    if entry.type == "DistanceImage" and entry.read is not None
 )
 #: Pose of the local frame of positions, a second stream of their topic.
 LOCAL_FRAME_POSE = Conversion("TransformWithCovariance", ANCHOR_PORT, local_frame_pose)
@@ -149,33 +176,3 @@ CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 #: Message type of clouds, whose fields differ.
 CLOUD = "sensor_msgs/msg/PointCloud2"
-CONVERSIONS = {
-    "sensor_msgs/msg/Imu": Conversion("IMUSensors", "imu", _imu),
-    "nav_msgs/msg/Odometry": Conversion("TransformWithCovariance", "pose", _odometry),
-    "geometry_msgs/msg/PoseStamped": Conversion("TransformWithCovariance", "pose", _pose),
-    "geometry_msgs/msg/PoseWithCovarianceStamped": Conversion(
-        "TransformWithCovariance", "pose", _pose_with_covariance
-    ),
-    "geometry_msgs/msg/TransformStamped": Conversion("TransformWithCovariance", "pose", _transform_stamped),
-    **dict.fromkeys(FRAME_TREES, _FRAME_TREE),
-    "sensor_msgs/msg/JointState": Conversion("Joints", "joints", _joints),
-    FIX: Conversion("TransformWithCovariance", FIX_PORT, position),
-    "infuse_msgs/msg/Asn1Bitstream": Conversion("Asn1Bitstream", "bitstream", _bitstream),
-    CLOUD: Conversion("LidarScan", "scan", lidar_scan),
-    "sensor_msgs/msg/LaserScan": Conversion("LidarScan", "scan", laser_scan),
-    **dict.fromkeys(IMAGES, Conversion("Frame", "frame", frame)),
-    OCCUPANCY_GRID: Conversion("NavigationMap", "map", navigation_map),
-    GRID_MAP: Conversion("ElevationMap", "map", elevation_map),
-}
-#: Conversion of topics of depth images.
-DEPTH = Conversion("DistanceImage", "depth", depth_image)
-#: Fields of the other message types that no CDFF field has.
-OMITTED_FIELDS = {
-    "sensor_msgs/msg/Imu": ("orientation", "covariances"),
-    "nav_msgs/msg/Odometry": ("twist",),
-    FIX: ("status", "position_covariance_type"),
-}
-#: Reasons why message types with a known content have no stream.
-NO_CONVERSION = {
-    "nav_msgs/msg/Path": "no CDFF type has poses without times",
-}

@@ -13,13 +13,14 @@ from cdff_common.errors import InputError
 from cdff_common.types import IMUSensors, Joints, LidarScan, TransformWithCovariance
 from services.ros_messages.encoding import Encoded, Encoder, Target, single
 from services.ros_messages.fixes import FIX, fix_fields
-from services.ros_messages.image_encoders import depth_images, frame_images, pair_images
-from services.ros_messages.map_encoders import grid_map, occupancy_grid
-from services.ros_messages.maps import GRID_MAP, OCCUPANCY_GRID
+from services.ros_messages.mapping import function, mapping_table
 from services.ros_messages.message_types import BITSTREAM, RosTypes
 
+#: Type of encoded values, which are sent as they are.
+BITSTREAM_TYPE = "Asn1Bitstream"
 
-def _imu(value: IMUSensors, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+
+def imu(value: IMUSensors, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
     """Return ``sensor_msgs/Imu`` without orientation, as its first covariance of -1 states."""
     message = types.make(
         "sensor_msgs/Imu",
@@ -34,7 +35,7 @@ def _imu(value: IMUSensors, target: Target, types: RosTypes, stamp_ns: int) -> E
     return single("sensor_msgs/msg/Imu", message, target, stamp_ns)
 
 
-def _joints(value: Joints, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+def joints(value: Joints, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
     """Return ``sensor_msgs/JointState``; without names the joints are numbered."""
     message = types.make(
         "sensor_msgs/JointState",
@@ -47,7 +48,7 @@ def _joints(value: Joints, target: Target, types: RosTypes, stamp_ns: int) -> En
     return single("sensor_msgs/msg/JointState", message, target, stamp_ns)
 
 
-def _cloud(value: LidarScan, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+def cloud(value: LidarScan, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
     """Return ``sensor_msgs/PointCloud2``: x, y, z; if known intensity, ring and t (ns after the stamp)."""
     offsets_ns = value.time_offset_us.astype(np.int64) * 1000 + (value.t0_ns - stamp_ns)
     columns: list[tuple[str, int, Any]] = [(axis, 7, value.points_m[:, i]) for i, axis in enumerate("xyz")]
@@ -83,7 +84,7 @@ def _cloud(value: LidarScan, target: Target, types: RosTypes, stamp_ns: int) -> 
     return single("sensor_msgs/msg/PointCloud2", message, target, stamp_ns)
 
 
-def _odometry(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+def odometry(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
     """Return ``nav_msgs/Odometry`` without velocity; a covariance of zeros is unknown, as ROS defines."""
     parent, child = (target.new_frame(f) for f in (value.parent_frame, value.child_frame))
     zero = types.vector(np.zeros(3))
@@ -103,15 +104,17 @@ def _odometry(value: TransformWithCovariance, target: Target, types: RosTypes, s
     return single("nav_msgs/msg/Odometry", message, target, stamp_ns)
 
 
-def _pose_stamped(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+def pose_stamped(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+    """Return ``geometry_msgs/PoseStamped``, which has no covariance."""
     header = types.header(stamp_ns, target.new_frame(value.parent_frame))
     message = types.make("geometry_msgs/PoseStamped", header=header, pose=_pose(value, types))
     return single("geometry_msgs/msg/PoseStamped", message, target, stamp_ns)
 
 
-def _pose_with_covariance(
+def pose_with_covariance(
     value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int
 ) -> Encoded:
+    """Return ``geometry_msgs/PoseWithCovarianceStamped``; zeros are an unknown covariance."""
     pose = types.make(
         "geometry_msgs/PoseWithCovariance", pose=_pose(value, types), covariance=_covariance(value)
     )
@@ -120,9 +123,10 @@ def _pose_with_covariance(
     return single("geometry_msgs/msg/PoseWithCovarianceStamped", message, target, stamp_ns)
 
 
-def _transform_stamped(
+def transform_stamped(
     value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int
 ) -> Encoded:
+    """Return ``geometry_msgs/TransformStamped``, which has no covariance."""
     message = transform_message(value, target, types, stamp_ns)
     return single("geometry_msgs/msg/TransformStamped", message, target, stamp_ns)
 
@@ -141,7 +145,7 @@ def transform_message(value: TransformWithCovariance, target: Target, types: Ros
     )
 
 
-def _fix(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
+def fix(value: TransformWithCovariance, target: Target, types: RosTypes, stamp_ns: int) -> Encoded:
     """Return ``sensor_msgs/NavSatFix`` of a position in a frame with a known location on the Earth."""
     if target.local_frame is None:
         raise InputError(f"{target.topic}: the location of {value.parent_frame} on the Earth is not known")
@@ -181,24 +185,23 @@ def bitstream(value: Any, target: Target, types: RosTypes, stamp_ns: int) -> Enc
     return Encoded(encoded.messages, value, encoded.read_as)
 
 
-#: Encoders by type and message; the first message of a type is the default. Other types become bitstreams.
-ENCODERS: dict[str, dict[str, Encoder]] = {
-    "IMUSensors": {"sensor_msgs/msg/Imu": _imu},
-    "Joints": {"sensor_msgs/msg/JointState": _joints},
-    "LidarScan": {"sensor_msgs/msg/PointCloud2": _cloud},
-    "TransformWithCovariance": {
-        "nav_msgs/msg/Odometry": _odometry,
-        "geometry_msgs/msg/PoseStamped": _pose_stamped,
-        "geometry_msgs/msg/PoseWithCovarianceStamped": _pose_with_covariance,
-        "geometry_msgs/msg/TransformStamped": _transform_stamped,
-        FIX: _fix,
-    },
-    "Frame": {"sensor_msgs/msg/Image": frame_images},
-    "FramePair": {"sensor_msgs/msg/Image": pair_images},
-    "DistanceImage": {"sensor_msgs/msg/Image": depth_images},
-    "NavigationMap": {BITSTREAM: bitstream, OCCUPANCY_GRID: occupancy_grid},
-    "ElevationMap": {BITSTREAM: bitstream, GRID_MAP: grid_map},
-}
+def _encoders() -> dict[str, dict[str, Encoder]]:
+    """Return the encoders of the table, by type and message; the first message of a type is its default."""
+    found: dict[str, dict[str, Encoder]] = {}
+    for type_name, entries in mapping_table().writers().items():
+        if type_name == BITSTREAM_TYPE:
+            continue
+        known = found.setdefault(type_name, {})
+        if not any(entry.is_default for entry in entries):
+            known[BITSTREAM] = bitstream
+        for entry in sorted(entries, key=lambda e: not e.is_default):
+            assert entry.write is not None
+            known[entry.message] = function(entry.write)
+    return found
+
+
+#: Encoders by type and message. Types that are not listed become bitstreams.
+ENCODERS = _encoders()
 
 
 def encoder(type_name: str, message: str) -> Encoder:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cdff_common.camera import CameraModel
+from cdff_common.camera import CameraModel, LensName, lens_named
 from cdff_common.errors import InputError
-from cdff_common.types import Frame
+from cdff_common.types import Frame, FrameCameraModelT
 from services.ros_messages.compressed_images import decode_image
 from services.ros_messages.topics import Topic
 
@@ -41,9 +41,6 @@ _TO_BGR = {
 }
 #: Bytes in front of the image in messages of ``compressed_depth_image_transport``.
 _DEPTH_HEADER_BYTES = 12
-#: Distortion models with the parameters of OpenCV, and that of its fisheye camera.
-_OPENCV_MODELS = ("plumb_bob", "rational_polynomial")
-_FISHEYE_MODELS = ("equidistant", "fisheye", "kannala_brandt")
 
 
 def pixels(message: Any) -> tuple[NDArray[Any], str]:
@@ -88,9 +85,15 @@ def frame(message: Any, topic: Topic, stamp_ns: int) -> tuple[Frame, str, None]:
     """Return an image; raises InputError if it is not supported."""
     image, mode = pixels(message)
     name = topic.frame(message.header.frame_id)
-    matrix, distortion = _calibration(topic)
+    matrix, distortion, lens = _calibration(topic)
     value = Frame.from_image(
-        image, stamp_ns=stamp_ns, mode=mode, sensor=name, camera_matrix=matrix, dist_coeffs=distortion
+        image,
+        stamp_ns=stamp_ns,
+        mode=mode,
+        sensor=name,
+        camera_matrix=matrix,
+        dist_coeffs=distortion,
+        camera_model=lens,
     )
     return value, name, None
 
@@ -109,9 +112,7 @@ def camera_model(topic: Topic) -> CameraModel:
         projection = camera_matrix(info, "p")
         ideal = matrix if projection is None else projection[:, :3]
         return CameraModel.from_matrix(ideal, rows=rows, cols=cols)
-    is_fisheye = info.distortion_model in _FISHEYE_MODELS
-    _check_model(info, (*_OPENCV_MODELS, *_FISHEYE_MODELS))
-    return CameraModel.from_matrix(matrix, _distortion(info), rows=rows, cols=cols, fisheye=is_fisheye)
+    return CameraModel.from_matrix(matrix, _distortion(info), rows=rows, cols=cols, lens=_lens(info))
 
 
 def camera_matrix(info: Any, name: str) -> NDArray[np.float64] | None:
@@ -133,26 +134,36 @@ def _rows(message: Any, dtype: np.dtype[Any], channels: int) -> NDArray[Any]:
     return image[..., 0] if channels == 1 else image
 
 
-def _calibration(topic: Topic) -> tuple[NDArray[np.float64] | None, tuple[float, ...]]:
-    """Return camera matrix and distortion of the images; None without a calibration.
+def _calibration(
+    topic: Topic,
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64], FrameCameraModelT | None]:
+    """Return camera matrix, coefficients and lens of the images, as ``Frame.from_image`` receives them.
 
-    Rectified images have the projection matrix and no distortion. Raises InputError if the distortion model
-    is not ``plumb_bob`` or ``rational_polynomial``.
+    Rectified images have the projection matrix and no distortion; the matrix is None without a calibration.
+    Raises InputError if the distortion model is unknown.
     """
     info = topic.camera
     matrix, projection = camera_matrix(info, "k"), camera_matrix(info, "p")
     if matrix is None or not matrix.any():
-        return None, ()
+        return None, np.zeros(0), None
     if topic.is_rectified and projection is not None:
-        return projection[:, :3], ()
-    _check_model(info, _OPENCV_MODELS)
-    return matrix, _distortion(info)
+        return projection[:, :3], np.zeros(0), None
+    lens = _lens(info)
+    if lens == "pinhole":
+        return matrix, np.array(_distortion(info)), FrameCameraModelT.CAM_PINHOLE
+    camera = CameraModel.from_matrix(matrix, _distortion(info), lens=lens)
+    return matrix, camera.message_coefficients, camera.message_model
 
 
 def _distortion(info: Any) -> tuple[float, ...]:
     return tuple(float(d) for d in getattr(info, "D", getattr(info, "d", ())))
 
 
-def _check_model(info: Any, known: tuple[str, ...]) -> None:
-    if any(_distortion(info)) and info.distortion_model not in known:
-        raise InputError(f"distortion model {info.distortion_model!r}: expected {' or '.join(known)}")
+def _lens(info: Any) -> LensName:
+    """Return the lens of a calibration; raises InputError if the model of its distortion is unknown."""
+    try:
+        return lens_named(info.distortion_model)
+    except InputError:
+        if any(_distortion(info)):
+            raise
+        return "pinhole"

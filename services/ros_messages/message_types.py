@@ -28,6 +28,18 @@ uint16 outer_start_index
 uint16 inner_start_index
 """,
 }
+#: Definitions of types of ROS 2 only: detections, version 4 of their package.
+_DEFINITIONS_2 = {
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score\n",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose\n"
+    ),
+    "vision_msgs/msg/BoundingBox3D": "geometry_msgs/Pose center\ngeometry_msgs/Vector3 size\n",
+    "vision_msgs/msg/Detection3D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox3D bbox\nstring id\n"
+    ),
+    "vision_msgs/msg/Detection3DArray": "std_msgs/Header header\nDetection3D[] detections\n",
+}
 _HEADER = "std_msgs/Header header\n"
 _NS_PER_S = 1_000_000_000
 
@@ -52,7 +64,8 @@ class RosTypes:
         self.version = version
         self.store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_JAZZY)
         headers = {"header": _HEADER if version == 1 else "", "header_2": "" if version == 1 else _HEADER}
-        for name, definition in _DEFINITIONS.items():
+        definitions = _DEFINITIONS | (_DEFINITIONS_2 if version == 2 else {})
+        for name, definition in definitions.items():
             if name not in self.store.types:
                 self.store.register(get_types_from_msg(definition.format(**headers), name))
 

@@ -13,7 +13,17 @@ from typing import Any
 from cdff_common.cli import add_connect_option, add_profile_option
 
 DEFAULT_HTTP = "127.0.0.1:8080"
-SERVICES = ("router", "dpm", "orchestrator", "icu", "map_merging", "gateway_ros1", "gateway_ros2")
+SERVICES = (
+    "router",
+    "dpm",
+    "orchestrator",
+    "icu",
+    "map_merging",
+    "gateway_ros1",
+    "gateway_ros2",
+    "gateway_rock",
+    "gateway_yarp",
+)
 
 
 def register_up(nouns: Any) -> None:

@@ -22,7 +22,6 @@ from cdff_common.codecs import encode, encoding_string
 from cdff_common.codecs.wire_types import wire_type
 from cdff_common.errors import (
     DeadlineError,
-    DeniedError,
     FrameNotFoundError,
     NoAnswerError,
     NotActiveError,
@@ -433,17 +432,13 @@ class SimulatedBus:
                 scheduler.sleep(until_s - scheduler.now_s)
                 raise DeadlineError("the unit does not answer")
             return answers[p["mode"]]
-        machine = icu.demand(robot, p["sensor"], p["mode"], "orchestrator")
-        while machine.target == p["mode"] and scheduler.now_s < until_s:
-            scheduler.sleep(max(min(machine.steps[0][1], until_s) - scheduler.now_s, 0.001))
-            icu.modes(robot)
-        if machine.lost:
-            raise UnavailableError(f"lost: {machine.lost}")
-        if machine.refusal:
-            raise DeniedError(machine.refusal)
-        if machine.mode != p["mode"]:
-            raise DeadlineError("mode not reached before the deadline")
-        return {"robot": robot, "confirmed": True, **machine.event()}
+        demanded = icu.demand(robot, p["sensor"], p["mode"], "orchestrator")
+        while (answer := icu.outcome(demanded)) is None:
+            if scheduler.now_s >= until_s:
+                raise DeadlineError("mode not reached before the deadline")
+            next_s = demanded.machine.next_s() or 0.0
+            scheduler.sleep(max(min(next_s, until_s) - scheduler.now_s, 0.001))
+        return answer
 
     def query(self, key: str, parameters: Mapping[str, str]) -> Iterator[Reply]:
         """Query the orchestrator as a client would."""

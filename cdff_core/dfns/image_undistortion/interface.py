@@ -18,7 +18,8 @@ class ImageUndistortionInputs:
     Attributes
     ----------
     image : Frame
-        Image with its camera: pinhole with distortion coefficients, or fisheye.
+        Image with its camera: pinhole with distortion, fisheye, omnidirectional, field-of-view or division
+        lens.
     """
 
     image: Frame

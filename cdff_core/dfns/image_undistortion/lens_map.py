@@ -15,6 +15,6 @@ class LensMap(Interface[LensMapConfig]):
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the undistorted image; raises InputError if the image has no camera."""
-        ideal = undistorted(CameraModel.of_frame(inputs.image), self.config.keep)
+        ideal = undistorted(CameraModel.of_frame(inputs.image), self.config.keep, self.config.max_angle_deg)
         image = ideal.apply(inputs.image.image, self.config.interpolation)
         return Outputs(image=with_image(inputs.image, image, camera=ideal.camera))

@@ -21,7 +21,9 @@ class LensMap(Interface[LensMapConfig]):
     def process(self, inputs: Inputs) -> Outputs:
         """Return the rectified pair; raises InputError if cameras or extrinsics are missing."""
         left, right = inputs.pair.left, inputs.pair.right
-        ideal_left, ideal_right, baseline_m = rectified(_calibration(left, right), self.config.keep)
+        ideal_left, ideal_right, baseline_m = rectified(
+            _calibration(left, right), self.config.keep, self.config.max_angle_deg
+        )
         pair = FramePair(
             baseline=baseline_m,
             left=self._resample(left, ideal_left),

@@ -84,8 +84,8 @@ Form = Annotated[
 
 def as_json(
     f: Annotated[
-        Literal["json", "html", "jsonfg", "gpkg"] | None,
-        Query(description="Form of the answer: json or html; of features also jsonfg or gpkg"),
+        Literal["json", "html", "jsonfg", "gpkg", "parquet"] | None,
+        Query(description="Form of the answer: json or html; of features also jsonfg, gpkg or parquet"),
     ] = None,
 ) -> None:
     """Check the parameter ``f`` of OGC clients; an unknown form is refused."""

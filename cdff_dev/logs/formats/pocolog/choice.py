@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from cdff_dev.logs.formats.pocolog.conversions import CONVERSIONS, NO_CONVERSION
 from cdff_dev.logs.formats.pocolog.decoding import Type, Vector, field_names
-from cdff_dev.logs.formats.pocolog.values import Conversion
+from services.rock_types.conversions import CONVERSIONS, NO_CONVERSION
+from services.rock_types.values import Conversion
 
 
 @dataclass(frozen=True, slots=True)

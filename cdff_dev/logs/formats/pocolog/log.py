@@ -19,9 +19,9 @@ from cdff_dev.logs.formats.pocolog.blocks import FileBlocks, read_blocks
 from cdff_dev.logs.formats.pocolog.choice import Choice, choose
 from cdff_dev.logs.formats.pocolog.ports import Port, PortPart
 from cdff_dev.logs.formats.pocolog.registry import Registry
-from cdff_dev.logs.formats.pocolog.values import ROBOT
 from cdff_dev.logs.indexed import IndexedLog, IndexedStream
 from cdff_dev.logs.source import Unconverted
+from services.rock_types.values import ROBOT
 
 _log = logging.getLogger(__name__)
 _NUMBERED = re.compile(r"(.+)\.(\d{1,9})")

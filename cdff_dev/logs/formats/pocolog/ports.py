@@ -28,9 +28,9 @@ from cdff_dev.logs.formats.pocolog.decoding import (
     decode_field,
     decode_sample,
 )
-from cdff_dev.logs.formats.pocolog.values import Conversion, Converted, Source, plain, stamp_ns
 from cdff_dev.logs.indexed import IndexedStream
 from cdff_dev.logs.source import recorded_header
+from services.rock_types.values import Conversion, Converted, Source, plain, stamp_ns
 
 #: Largest size of a compressed sample after decompression.
 _MAX_DECOMPRESSED = 256 << 20

@@ -43,7 +43,7 @@ from services.ros_messages.conversions import (
     FRAME_TREES,
     IMAGES,
     LOCAL_FRAME_POSE,
-    NO_CONVERSION,
+    NOT_LOGGED,
     OMITTED_FIELDS,
     transform_matrix,
 )
@@ -147,7 +147,8 @@ class RosLog(LogSource):
             raise InputError(f"{self._recording.name}: no images for the calibration")
         topics = {}
         for channel in self._recording.channels:
-            conversion = None if channel.fault else CONVERSIONS.get(channel.type_name)
+            is_left_out = bool(channel.fault) or channel.type_name in NOT_LOGGED
+            conversion = None if is_left_out else CONVERSIONS.get(channel.type_name)
             if conversion:
                 camera = cameras.get(namespace(channel.topic))
                 if self._calibration is not None and channel.topic in images:
@@ -215,7 +216,7 @@ class RosLog(LogSource):
             if id(channel) not in self._topics and (channel.type_name != CAMERA_INFO or channel.fault):
                 known = unconverted_topics.get(channel.topic)
                 count = channel.count + (known.count if known else 0)
-                reason = channel.fault or NO_CONVERSION.get(channel.type_name, "no CDFF type has its content")
+                reason = channel.fault or NOT_LOGGED.get(channel.type_name, "no CDFF type has its content")
                 type_name = channel.original_type or channel.type_name
                 unconverted_topics[channel.topic] = Unconverted(type_name, count, reason)
         return unconverted_topics

@@ -56,7 +56,7 @@ class NamedCalibration:
         return SimpleNamespace(
             height=camera.rows,
             width=camera.cols,
-            distortion_model="equidistant" if camera.fisheye else model,
+            distortion_model={"pinhole": model, "fisheye": "equidistant"}.get(camera.lens, camera.lens),
             d=np.array(camera.distortion),
             k=camera.matrix.ravel(),
             r=np.eye(3).ravel(),

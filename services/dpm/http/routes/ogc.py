@@ -29,6 +29,8 @@ from dpm_store.search.filters import Field as Column
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.cql2.expressions import LANGUAGES
 from services.dpm.http.cql2.queryables import FEATURES, schema
+from services.dpm.http.geoparquet import MEDIA_TYPE as GEOPARQUET
+from services.dpm.http.geoparquet import MOST_EXPORTED, check_support, write_features
 from services.dpm.http.html_pages import NegotiatedRoute
 from services.dpm.http.models import (
     DIALECT,
@@ -93,11 +95,11 @@ MAP_CLASSES = (
 MAPS = ("dem", "navigation_map")
 _REL = "http://www.opengis.net/def/rel/ogc/1.0"
 _SQL_TYPES = {"string": "TEXT", "number": "REAL", "integer": "INTEGER"}
-#: Largest number of features in an exported file.
-_MOST_EXPORTED = 20_000
+#: Forms of all pages as one file, with their media type.
+_EXPORTS = {"gpkg": GEOPACKAGE, "parquet": GEOPARQUET}
 ITEMS_BODY: dict[int | str, Json] = {
     200: {
-        "content": {GEOJSON: {}, "text/html": {}, JSONFG: {}, GEOPACKAGE: {}},
+        "content": {GEOJSON: {}, "text/html": {}, JSONFG: {}, GEOPACKAGE: {}, GEOPARQUET: {}},
         "description": "GeoJSON, or the form of f",
     }
 }
@@ -159,8 +161,8 @@ class ItemParameters(BaseModel):
     sortby: Text = Field(None, description="Properties with commas, - before one descends")
     properties: Text = Field(None, description="Properties to return, with commas; default: all")
     skipGeometry: bool = Field(False, description="Whether geometries are omitted")
-    f: Annotated[Literal["json", "html", "jsonfg", "gpkg"], Field()] | None = Field(
-        None, description="GeoJSON, HTML, JSON-FG, or GeoPackage with the features of all pages"
+    f: Annotated[Literal["json", "html", "jsonfg", "gpkg", "parquet"], Field()] | None = Field(
+        None, description="GeoJSON, HTML, JSON-FG, or GeoPackage or GeoParquet with the features of all pages"
     )
 
     @property
@@ -253,7 +255,7 @@ def items(
             status=parameters.status,
             t0_ns=t0_ns,
             t1_ns=t1_ns,
-            limit=MAX_PAGE if parameters.f == "gpkg" else page_size(parameters.limit),
+            limit=MAX_PAGE if parameters.f in _EXPORTS else page_size(parameters.limit),
             cursor=parameters.cursor,
             where=expression,
             **order_of(
@@ -265,8 +267,8 @@ def items(
             ),
         )
         catalogue = Catalogue(context, None if writer.crs_list is None else writer.crs_list.body)
-        if parameters.f == "gpkg":
-            return _geopackage(catalogue, query, bbox, writer, collection)
+        if parameters.f is not None and parameters.f in _EXPORTS:
+            return _exported(catalogue, query, bbox, writer, collection, parameters.f)
         page = catalogue.find(query, bbox=bbox)
         cursor, count = page.cursor, page.count
         features = [writer.footprint(placed, collection) for placed in page.items]
@@ -393,30 +395,40 @@ def _check_tracks(parameters: ItemParameters) -> None:
     for name in ("filter", "sortby", "status"):
         if getattr(parameters, name) is not None:
             raise InputError(f"{name}: trajectories have no such selection; expected bbox, datetime or robot")
-    if parameters.f == "gpkg":
-        raise InputError("f=gpkg: trajectories have no such form, expected json, jsonfg or html")
+    if parameters.f in _EXPORTS:
+        raise InputError(f"f={parameters.f}: trajectories have no such form, expected json, jsonfg or html")
 
 
-def _geopackage(
-    catalogue: Catalogue, query: StoreQuery, bbox: list[float] | None, writer: FeatureWriter, name: str
+def _exported(
+    catalogue: Catalogue,
+    query: StoreQuery,
+    bbox: list[float] | None,
+    writer: FeatureWriter,
+    name: str,
+    form: str,
 ) -> Response:
-    """Return the features of all pages as a GeoPackage; raises InputError if they are too many."""
+    """Return the features of all pages as one file; raises InputError if they are too many."""
+    if form == "parquet":
+        check_support()
     rows: list[tuple[str, Any, Json]] = []
     while True:
         page = catalogue.find(query, bbox=bbox)
         rows += [writer.row(product) for product in page.items]
-        if len(rows) > _MOST_EXPORTED:
+        if len(rows) > MOST_EXPORTED:
             raise InputError(
-                f"f=gpkg: more than {_MOST_EXPORTED} features; restrict them by bbox or datetime"
+                f"f={form}: more than {MOST_EXPORTED} features; restrict them by bbox or datetime"
             )
         if page.cursor is None:
             break
         query = replace(query, cursor=page.cursor)
-    columns = {n: _SQL_TYPES[kind] for n, kind in PROPERTIES.items()}
     body = None if writer.crs_list is None else writer.crs_list.body
-    data = write_geopackage(name.replace("-", "_"), body, rows, columns)
-    headers = {"Content-Disposition": f'attachment; filename="{name}.gpkg"'}
-    return Response(data, media_type=GEOPACKAGE, headers=headers)
+    if form == "parquet":
+        data = write_features(body, rows, PROPERTIES)
+    else:
+        columns = {n: _SQL_TYPES[kind] for n, kind in PROPERTIES.items()}
+        data = write_geopackage(name.replace("-", "_"), body, rows, columns)
+    headers = {"Content-Disposition": f'attachment; filename="{name}.{form}"'}
+    return Response(data, media_type=_EXPORTS[form], headers=headers)
 
 
 def _all(context: Context) -> list[Collection]:
@@ -479,7 +491,10 @@ def _described(collection: Collection, base: str, crs: CrsList | None) -> OgcCol
         *(
             []
             if collection.id == TRACKS
-            else [Link(href=f"{url}/items?f=gpkg", rel="enclosure", type=GEOPACKAGE)]
+            else [
+                Link(href=f"{url}/items?f={form}", rel="enclosure", type=media_type)
+                for form, media_type in _EXPORTS.items()
+            ]
         ),
     ]
     extent: Json = {"temporal": {"interval": [collection.interval]}}

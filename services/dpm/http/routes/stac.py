@@ -10,10 +10,13 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from cdff_common.contract.limits import MAX_PAGE
 from cdff_common.errors import InputError
 from dpm_store.history.events import ROLES
 from services.dpm.http.context import Context, Ctx
 from services.dpm.http.cql2.queryables import STAC, schema
+from services.dpm.http.geoparquet import MEDIA_TYPE as GEOPARQUET
+from services.dpm.http.geoparquet import MOST_EXPORTED, check_support, write_items
 from services.dpm.http.html_pages import NegotiatedRoute
 from services.dpm.http.middleware.roles import allowed
 from services.dpm.http.models import (
@@ -37,7 +40,7 @@ from services.dpm.http.models import (
     geojson_response,
     schema_response,
 )
-from services.dpm.http.stac.catalogue import Catalogue, numbers_of, selected_collections
+from services.dpm.http.stac.catalogue import Catalogue, OutlinedProduct, numbers_of, selected_collections
 from services.dpm.http.stac.items import VERSION, ItemWriter
 from services.dpm.http.stac.searches import (
     ItemsParameters,
@@ -76,6 +79,12 @@ _CONFORMS = [
     "https://api.stacspec.org/v1.0.0-rc.1/collection-search#free-text",
     "http://www.opengis.net/spec/ogcapi-common-2/1.0/conf/simple-query",
 ]
+ITEMS_BODY: dict[int | str, Json] = {
+    200: {
+        "content": {GEOJSON: {}, "text/html": {}, GEOPARQUET: {}},
+        "description": "GeoJSON, or the form of f",
+    }
+}
 Name = Annotated[str, Path(max_length=64)]
 
 
@@ -224,7 +233,7 @@ def collection_queryables(context: Ctx, request: Request, collection: Name) -> R
     return schema_response(schema(STAC, url, title))
 
 
-@router.get("/collections/{collection}/items", response_model=ItemCollection, responses=GEOJSON_BODY)
+@router.get("/collections/{collection}/items", response_model=ItemCollection, responses=ITEMS_BODY)
 def items(
     context: Ctx, request: Request, collection: Name, parameters: Annotated[ItemsParameters, Query()]
 ) -> Response:
@@ -235,6 +244,8 @@ def items(
             f"collections={parameters.collections[:80]!r}: expected {collection!r}, as in the path"
         )
     body = search_body(parameters, collections=[collection])
+    if parameters.f == "parquet":
+        return _geoparquet(context, request, body, collection)
     url = f"{stac_url(request)}/collections/{collection}/items"
     return _answer(context, request, body, url, parameters.model_dump(by_alias=True, exclude_none=True))
 
@@ -248,7 +259,7 @@ def item(context: Ctx, request: Request, collection: Name, item: Name) -> Respon
     return geojson_response(item_data)
 
 
-@router.get("/search", response_model=ItemCollection, responses=GEOJSON_BODY)
+@router.get("/search", response_model=ItemCollection, responses=ITEMS_BODY)
 def search(context: Ctx, request: Request, parameters: Annotated[SearchParameters, Query()]) -> Response:
     """Search the items of all collections."""
     body = search_body(
@@ -257,6 +268,8 @@ def search(context: Ctx, request: Request, parameters: Annotated[SearchParameter
         ids=names_in(parameters.ids),
         intersects=None if parameters.intersects is None else json_in(parameters.intersects),
     )
+    if parameters.f == "parquet":
+        return _geoparquet(context, request, body, "items")
     query = parameters.model_dump(by_alias=True, exclude_none=True)
     return _answer(context, request, body, f"{stac_url(request)}/search", query)
 
@@ -302,3 +315,39 @@ def _answer(
         page["numberMatched"] = result.count
     page["numberReturned"] = len(features)
     return geojson_response(page, headers)
+
+
+def _geoparquet(context: Context, request: Request, search: SearchBody, name: str) -> Response:
+    """Return the items of all pages of a search as one file.
+
+    Raises
+    ------
+    InputError
+        If the items are too many or on several bodies, or if fields are selected.
+    """
+    check_support()
+    if search.fields is not None:
+        raise InputError("f=parquet: the file has the fields of items in lists; expected no fields")
+    catalogue = Catalogue(context)
+    products: list[OutlinedProduct] = []
+    search = search.model_copy(update={"limit": MAX_PAGE})
+    while True:
+        page = find(catalogue, search)
+        products += page.items
+        if len(products) > MOST_EXPORTED:
+            raise InputError(f"f=parquet: more than {MOST_EXPORTED} items; restrict them by bbox or datetime")
+        if page.cursor is None:
+            break
+        search = search.model_copy(update={"token": page.cursor})
+    bodies = {p.body.name: p.body for p in products if p.body is not None}
+    if len(bodies) > 1:
+        raise InputError(
+            f"f=parquet: items on {', '.join(sorted(bodies))}: a file has one CRS; restrict them by bbox or filter"
+        )
+    writer = ItemWriter(str(request.base_url), catalogue.places)
+    collections = {
+        i: writer.collection(catalogue.collection(i)) for i in {p.record.product for p in products}
+    }
+    data = write_items(next(iter(bodies.values()), None), writer.items(products), collections)
+    headers = {"Content-Disposition": f'attachment; filename="{name}.parquet"'}
+    return Response(data, media_type=GEOPARQUET, headers=headers)

@@ -16,7 +16,7 @@ from dpm_store.search.filters import Call
 from dpm_store.search.filters import Field as Column
 from services.dpm.http.cql2.expressions import LANGUAGES, MAX_TEXT, parse_filter
 from services.dpm.http.cql2.queryables import STAC, Queryable, queryable
-from services.dpm.http.models import Form, Json
+from services.dpm.http.models import Json
 from services.dpm.http.search_places import both, geometry_of, touching_place
 from services.dpm.http.stac.catalogue import Catalogue, FeaturePage, numbers_of, page_size, span_of
 from services.dpm.http.stac.fields import Fields
@@ -30,6 +30,10 @@ Text = Annotated[str, Field(max_length=_MOST_LETTERS)] | None
 Limit = Annotated[int, Field(ge=1, le=2**31)]
 FilterText = Annotated[str, Field(max_length=MAX_TEXT)] | None
 Language = Annotated[str, Field(max_length=40)] | None
+ItemsForm = Annotated[
+    Literal["json", "html", "parquet"] | None,
+    Field(description="GeoJSON, HTML, or GeoParquet with the items of all pages; default: as Accept prefers"),
+]
 
 
 class PageParameters(BaseModel):
@@ -46,7 +50,7 @@ class PageParameters(BaseModel):
     filter_crs: Text = Field(None, alias="filter-crs", description=f"{_LONGITUDE_FIRST}, the only one")
     sortby: Text = Field(None, description="Properties with commas, - before one descends")
     fields: Text = Field(None, description="Fields to add with commas, - before one removes it")
-    f: Form = None
+    f: ItemsForm = None
 
 
 class ItemsParameters(PageParameters):

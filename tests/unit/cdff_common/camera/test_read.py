@@ -88,7 +88,7 @@ def test_a_calibration_written_by_opencv_is_read(tmp_path: Path) -> None:
 @pytest.mark.req("CDFF-CORE-094")
 def test_a_kalibr_chain_is_read(file: Callable[[str], Path]) -> None:
     stereo = read_stereo(file(KALIBR))
-    assert (stereo.left.fisheye, stereo.right.fisheye) == (False, True)
+    assert (stereo.left.lens, stereo.right.lens) == ("pinhole", "fisheye")
     assert stereo.T_right_left[:3, 3] == pytest.approx([-0.11, 0.0, 0.0])
     assert (stereo.left.cols, stereo.left.rows, stereo.right.cx) == (752, 480, 379.9)
 
@@ -127,7 +127,8 @@ def test_rectified_kitti_cameras_are_read_with_and_without_the_raw_ones(file: Ca
         ("just words", "expected"),
         ("a: &a [1]\nb: *a", "aliases"),
         ("camera_model: x", "none of"),
-        (KALIBR.replace("pinhole", "omni", 1), "omni"),
+        (KALIBR.replace("pinhole", "omni", 1), "4 intrinsics of omni"),
+        (KALIBR.replace("pinhole", "eucm", 1), "eucm with radtan"),
         (KALIBR.replace("[458.6, ", "["), "ValueError"),
         (KITTI_RAW.replace("K_01: 9.895267e+02", "K_01: nan"), "finite"),
         ("camera_matrix: !!python/object:os.system {}", "not YAML"),
@@ -147,7 +148,7 @@ def test_a_missing_camera_and_a_camera_without_pose_are_named_in_the_error(
     with pytest.raises(InputError, match="cam7"):
         read_camera(file(KALIBR), "cam7")
     unlinked = file(KALIBR.replace("  T_cn_cnm1:", "  T_unknown:"))
-    assert read_camera(unlinked, "cam1").fisheye
+    assert read_camera(unlinked, "cam1").lens == "fisheye"
     with pytest.raises(InputError, match="no pose of camera 'cam1'"):
         read_stereo(unlinked)
 
@@ -167,7 +168,7 @@ def chain(*links: bool) -> str:
 def test_cameras_after_a_missing_link_of_a_kalibr_chain_have_no_pose(file: Callable[[str], Path]) -> None:
     assert read_stereo(file(chain(True, True)), "cam0", "cam2").baseline_m == pytest.approx(0.22)
     broken = file(chain(False, True))
-    assert read_camera(broken, "cam2").fisheye
+    assert read_camera(broken, "cam2").lens == "fisheye"
     for right in ("cam1", "cam2"):
         with pytest.raises(InputError, match=f"no pose of camera '{right}'.*cam0$"):
             read_stereo(broken, "cam0", right)

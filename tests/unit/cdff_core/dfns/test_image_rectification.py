@@ -15,7 +15,7 @@ import pytest
 from cdff_common.camera import CameraModel, StereoCalibration, read_stereo
 from cdff_common.errors import InputError
 from cdff_common.geometry import UncertainTransform, se3
-from cdff_common.types import Frame, FrameCameraModelT, FramePair
+from cdff_common.types import Frame, FramePair
 from cdff_core.dfns.image_undistortion.interface import ImageUndistortionInputs
 from cdff_core.dfns.image_undistortion.lens_map import LensMap as Undistortion
 from cdff_core.dfns.stereo_rectification.interface import StereoRectificationInputs
@@ -24,7 +24,7 @@ from cdff_core.imaging import rectification
 
 LEFT = CameraModel(300, 400, 260.0, 262.0, 205.0, 148.0, (-0.25, 0.07, 5e-4, -3e-4))
 RIGHT = CameraModel(300, 400, 258.0, 259.0, 196.0, 153.0, (-0.24, 0.06, -4e-4, 2e-4))
-FISHEYE = CameraModel(300, 400, 220.0, 220.0, 200.0, 150.0, (-0.01, 0.02, -0.003, 0.0005), fisheye=True)
+FISHEYE = CameraModel(300, 400, 220.0, 220.0, 200.0, 150.0, (-0.01, 0.02, -0.003, 0.0005), lens="fisheye")
 R = se3.exp_so3([0.02, -0.03, 0.015])
 STEREO = StereoCalibration.from_parts(LEFT, RIGHT, R, [-0.25, 0.004, -0.003])
 
@@ -53,16 +53,15 @@ def dots(image: np.ndarray) -> np.ndarray:
 def frame(
     camera: CameraModel, image: np.ndarray, T_base_camera: np.ndarray, name: str = "mana/left"
 ) -> Frame:
-    result = Frame.from_image(
+    return Frame.from_image(
         image,
         stamp_ns=7000,
         camera_matrix=camera.matrix,
-        dist_coeffs=camera.distortion,
+        dist_coeffs=camera.message_coefficients,
+        camera_model=camera.message_model,
         sensor=name,
         T_robot_sensor=UncertainTransform(T_base_camera, np.eye(6) * 1e-6),
     )
-    model = FrameCameraModelT.CAM_FISHEYE if camera.fisheye else FrameCameraModelT.CAM_PINHOLE
-    return replace(result, intrinsic=replace(result.intrinsic, camera_model=model))
 
 
 def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
@@ -70,7 +69,17 @@ def wall(z_m: float = 3.0, half_m: float = 1.4, n: int = 9) -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, z_m)])
 
 
-@pytest.mark.parametrize("camera", [LEFT, FISHEYE])
+LENSES = [
+    LEFT,
+    FISHEYE,
+    CameraModel(300, 400, 260.0, 262.0, 205.0, 148.0, (0.5, -0.2, 1e-4, 2e-4, 0.03, 0.6, -0.15, 0.02)),
+    CameraModel(300, 400, 420.0, 421.0, 203.0, 149.0, (0.9, -0.1, 0.02, 1e-4, -2e-4), "omnidirectional"),
+    CameraModel(300, 400, 230.0, 231.0, 203.0, 149.0, (0.9,), "fov"),
+    CameraModel(300, 400, 250.0, 251.0, 203.0, 149.0, (-0.2,), "division"),
+]
+
+
+@pytest.mark.parametrize("camera", LENSES, ids=lambda camera: camera.lens)
 def test_an_undistorted_image_matches_its_new_camera(camera: CameraModel) -> None:
     node = Undistortion()
     node.configure({"keep": 0.0})
@@ -199,3 +208,34 @@ def test_pairs_that_cannot_be_rectified_are_refused_with_the_reason() -> None:
     wide = replace(FISHEYE, fx=60.0, fy=60.0)
     with pytest.raises(InputError, match="field of view is too wide"):
         undistortion.process(ImageUndistortionInputs(image=frame(wide, image, np.eye(4))))
+
+
+@pytest.mark.parametrize("camera", LENSES, ids=lambda camera: camera.lens)
+def test_a_pair_of_each_lens_has_common_rows(camera: CameraModel) -> None:
+    ideal_left, ideal_right, baseline_m = rectification.rectified(
+        StereoCalibration(camera, camera, STEREO.T_right_left), 0.0
+    )
+    points = wall()
+    right = points @ STEREO.T_right_left[:3, :3].T + STEREO.T_right_left[:3, 3]
+    left_px = ideal_left.camera.project(points @ ideal_left.R.T)
+    right_px = ideal_right.camera.project(right @ ideal_right.R.T)
+    assert left_px[:, 1] == pytest.approx(right_px[:, 1], abs=1e-9)
+    depths_m = (points @ ideal_left.R.T)[:, 2]
+    disparities_px = ideal_left.camera.fx * baseline_m / depths_m
+    assert left_px[:, 0] - right_px[:, 0] == pytest.approx(disparities_px, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        CameraModel(300, 300, 95.0, 95.0, 150.0, 150.0, lens="fisheye"),
+        CameraModel(300, 300, 200.0, 200.0, 150.0, 150.0, (1.1,), "omnidirectional"),
+    ],
+    ids=lambda camera: camera.lens,
+)
+def test_a_view_of_180_degrees_is_refused_unless_it_is_cropped(camera: CameraModel) -> None:
+    with pytest.raises(InputError, match="max_angle_deg"):
+        rectification.undistorted(camera, 0.0)
+    ideal = rectification.undistorted(camera, 0.0, 60.0).camera
+    corner = np.abs(ideal.rays([[0.0, 150.0], [299.0, 299.0]]))
+    assert np.rad2deg(np.arccos(corner[:, 2])).max() == pytest.approx(60.0, abs=2.0)

@@ -115,7 +115,7 @@ def _mutated(data: bytes, rng: np.random.Generator) -> bytes:
 def test_each_damaged_message_is_a_sample_or_counted(
     version: int, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("services.gateways.inputs.Sensor", Samples)
+    monkeypatch.setattr("services.gateways.sample_link.Sensor", Samples)
     types = _TYPES[version]
     message, frames = _messages(types)[name]
     entry = InputTopic.model_validate(

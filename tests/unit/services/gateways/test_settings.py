@@ -7,13 +7,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 from rosbags.typesys import get_types_from_msg
 
 from cdff_common.errors import ConfigurationError
+from services.gateway_ros1.settings import Ros1Settings
 from services.gateway_ros2.settings import Ros2Settings
 from services.gateways.counters import RateLimit
 from services.gateways.request_types import ACTIONS, REQUEST_ACTION, REQUEST_SERVICE, SERVICES
-from services.gateways.settings import load_settings
+from services.gateways.stream_settings import load_settings
 from services.ros_messages.message_types import BITSTREAM, RosTypes
 
 _IMU = "{topic: /imu/data, type: sensor_msgs/msg/Imu, stream: imu/sample, frame: mana/imu}"
@@ -109,3 +111,14 @@ def test_the_package_of_ros_for_the_robot_has_the_definitions_of_the_gateway() -
     text = (folder / "infuse_msgs" / "msg" / "Asn1Bitstream.msg").read_text(encoding="utf-8")
     types = get_types_from_msg(text, BITSTREAM)
     assert types[BITSTREAM] == RosTypes(2).store.fielddefs[BITSTREAM]
+
+
+def test_messages_that_ros_1_lacks_are_refused_by_its_gateway() -> None:
+    output = {
+        "product": "target_detection/detections",
+        "topic": "/objects",
+        "type": "vision_msgs/msg/Detection3DArray",
+    }
+    Ros2Settings.model_validate({"robot": "mana", "outputs": [output]})
+    with pytest.raises(ValidationError, match="exists in ROS 2 only"):
+        Ros1Settings.model_validate({"robot": "mana", "outputs": [output]})

@@ -101,7 +101,7 @@ def test_delays_and_refusals_depend_on_the_seed_and_are_marked_as_simulated() ->
         assert icu.modes("mana")["simulated"] is True
         outcomes: list[object] = []
         for i in range(40):
-            machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "client")
+            machine = icu.demand("mana", "lidar", "nominal" if i % 2 else "off", "client").machine
             outcomes.append(round(machine.steps[-1][1] - now_s[0], 6) if machine.steps else 0.0)
             now_s[0] += 10.0
             icu.modes("mana")

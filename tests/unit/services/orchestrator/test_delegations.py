@@ -23,6 +23,7 @@ from cdff_common.errors import (
 from cdff_common.interfaces.profile import load_profile
 from cdff_common.loops import Loops
 from cdff_core.orchestration.acquisition import Acquisition, AcquisitionParameters
+from cdff_core.orchestration.lifecycle import FINAL_STATES
 from cdff_core.orchestration.planner import Plan
 from cdff_core.orchestration.request import parse_request
 from cdff_core.orchestration.world import ProviderId, SensorId
@@ -57,8 +58,9 @@ class Ground:
 
     def answer(self, call: Call) -> dict[str, Any] | CdffError | None:
         if call.verb == "jobs":
-            JobsParameters.parse({name: str(value) for name, value in call.parameters.items()})
-            return {"jobs": self.jobs_elsewhere}
+            p = JobsParameters.parse({name: str(value) for name, value in call.parameters.items()})
+            open_jobs = [job for job in self.jobs_elsewhere if job["state"] not in FINAL_STATES]
+            return {"jobs": open_jobs if p.state == "open" else self.jobs_elsewhere}
         if call.verb == "cancel":
             return self.cancel_fault or {"job": call.parameters["job"]}
         return None

@@ -128,6 +128,17 @@ def test_excess_jobs_are_refused_with_a_time_to_retry(journal: Journal) -> None:
     registry.open(request("c"))
 
 
+def test_open_jobs_are_listed_without_ended_ones(journal: Journal) -> None:
+    registry = JobRegistry(journal, capacity=3)
+    ended, first, second = (registry.open(request(name)) for name in ("a", "b", "c"))
+    registry.move(ended, JobState.FAILED, "because")
+    registry.add_ended([{"job": "past", "request": {"request": "old", "robot": "mana"}}])
+    assert [j["job"] for j in registry.listed({"mana"}, 9)] == [second.id, first.id, ended.id, "past"]
+    assert [j["job"] for j in registry.listed({"mana"}, 9, only_open=True)] == [second.id, first.id]
+    assert [j["job"] for j in registry.listed({"mana"}, 1, only_open=True)] == [second.id]
+    assert registry.listed({"minnie"}, 9, only_open=True) == []
+
+
 @pytest.mark.req("CDFF-SUP-072")
 def test_the_last_job_of_lowest_priority_is_evicted_for_a_higher_one(journal: Journal) -> None:
     registry = JobRegistry(journal, capacity=3)

@@ -19,6 +19,7 @@ from cdff_core.orchestration.reconciliation import Deactivate, SetMode
 from cdff_core.orchestration.world import ProviderId, SensorId
 from services.orchestrator.state import HEALTHY_S, REFUSAL_S, SystemState
 from services.orchestrator.timing import Timing
+from services.orchestrator.worlds import Worlds
 
 PROFILE = load_profile(Path(__file__).parents[4] / "deploy" / "profiles" / "rover_traverse.yaml")
 DEM, VO = ProviderId("mana", "digital_elevation_mapping"), ProviderId("mana", "visual_odometry_sparse")
@@ -242,7 +243,7 @@ def test_equal_requests_share_a_world_until_a_change_of_their_robot(timing: SetT
     state.set_alive(DEM, alive=True)
     changed = state.world(robots=robots)
     assert changed is not world
-    timing.time_s += 0.6
+    timing.time_s += Worlds.LONGEST_S + 0.1
     assert state.world(robots=robots) is not changed
 
 

@@ -168,7 +168,7 @@ def test_images_have_the_calibration_of_their_camera(
     value, _, _ = frame(message, topic, STAMP_NS)
     assert value.camera_matrix[0, 0] == focal_px
     assert len(value.intrinsic.dist_coeffs) == distortion
-    camera.distortion_model = "equidistant"
+    camera.distortion_model = "double_sphere"
     if distortion:
-        with pytest.raises(InputError, match="equidistant"):
+        with pytest.raises(InputError, match="double_sphere"):
             frame(message, topic, STAMP_NS)

@@ -7,8 +7,8 @@ Compounds are dictionaries or structured scalars, see ``decoding``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -36,16 +36,25 @@ class Source:
         Stamp of the sample.
     order : str
         Byte order of the computer that wrote it: ``<`` or ``>``.
+    robot : str
+        Robot id of the frames.
+    frames : mapping
+        Frames of CDFF by their names in ROCK.
+    sensor : str
+        Frame of the sensor; by default the task.
     """
 
     task: str
     stamp_ns: int
     order: str = "<"
+    robot: str = ROBOT
+    frames: Mapping[str, str] = field(default_factory=dict)
+    sensor: str = ""
 
     @property
     def sensor_frame(self) -> str:
         """Frame of the sensor."""
-        return f"{ROBOT}/{self.task}"
+        return self.sensor or f"{self.robot}/{self.task}"
 
     @property
     def time(self) -> Time:
@@ -53,8 +62,8 @@ class Source:
         return Time.from_ns(self.stamp_ns)
 
     def frame(self, name: str) -> str:
-        """Return the frame name of CDFF, ``robot/NAME``, for a frame name of ROCK."""
-        return frame_name(ROBOT, name)
+        """Return the frame of CDFF, by default ``{robot}/NAME``, for a frame of ROCK."""
+        return self.frames.get(name) or frame_name(self.robot, name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +90,11 @@ class Conversion:
     fields: tuple[str, ...] = ()
     optional: tuple[str, ...] = ("time",)
     suffix: str = ""
+
+    @property
+    def has_time(self) -> bool:
+        """True if values can state the time of their capture."""
+        return "time" in self.optional
 
 
 def names_of(value: Any) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.types import DistanceImage, LidarScan, Pointcloud
-from cdff_dev.logs.formats.pocolog.values import (
+from services.rock_types.values import (
     Conversion,
     Converted,
     FloatArray,

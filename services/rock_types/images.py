@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdff_common.errors import InputError
 from cdff_common.types import Frame, FrameAttribT, FrameMetadataT, FrameModeT, FramePair, FrameStatusT, Time
-from cdff_dev.logs.formats.pocolog.values import Conversion, Converted, Source, stamp_ns
+from services.rock_types.values import Conversion, Converted, Source, stamp_ns
 
 #: Channels and mode of images without compression. The fourth channel of RGB32 is unused.
 _PLAIN = {

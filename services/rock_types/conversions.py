@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
 
+from cdff_common.errors import InputError
 from cdff_common.types import (
     Angle,
     AngleSegment,
@@ -40,10 +41,10 @@ from cdff_common.types import (
     Wrench,
     Wrenches,
 )
-from cdff_dev.logs.formats.pocolog.images import IMAGES
-from cdff_dev.logs.formats.pocolog.poses import POSES
-from cdff_dev.logs.formats.pocolog.ranges import RANGES
-from cdff_dev.logs.formats.pocolog.values import (
+from services.rock_types.images import IMAGES
+from services.rock_types.poses import POSES
+from services.rock_types.ranges import RANGES
+from services.rock_types.values import (
     Conversion,
     Converted,
     Source,
@@ -197,3 +198,23 @@ NO_CONVERSION = {
     "/base/samples/SonarBeam": "the CDFF type holds at most 60 values",
     "/base/samples/SonarScan": "the CDFF type holds at most 60 values",
 }
+
+
+def conversion_of(type_name: str, names: Collection[str]) -> Conversion:
+    """Return the first conversion of a type to which values with some fields fit.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    base = type_name.removesuffix("_m")
+    known = CONVERSIONS.get(base)
+    if known is None:
+        reason = NO_CONVERSION.get(base, "no CDFF type has its content")
+        raise InputError(f"type {type_name[:80]!r}: {reason}; expected one of {', '.join(CONVERSIONS)}")
+    for conversion in known:
+        if set(conversion.fields) <= set(names):
+            return conversion
+    missing = ", ".join(sorted(set(known[0].fields) - set(names)))
+    raise InputError(f"value of the type {type_name}: without the fields {missing}")

@@ -27,7 +27,7 @@ from cdff_common.types import (
     TwistWithCovarianceData,
     TwistWithCovarianceMetadata,
 )
-from cdff_dev.logs.formats.pocolog.values import (
+from services.rock_types.values import (
     Conversion,
     Converted,
     FloatArray,

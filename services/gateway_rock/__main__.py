@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gateway to a robot with ROCK: ports of its tasks become samples, products are written to other ports.
+
+python -m services.gateway_rock --settings FILE [--names HOST[:PORT]]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import threading
+
+from cdff_common.errors import ConfigurationError
+from cdff_common.heartbeat import add_check
+from cdff_common.process import cap_threads, run_service
+from services.corba.naming import DEFAULT_PORT
+from services.gateways.program import add_gateway_options, gateway_connections
+
+
+def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
+    """Return the options; an empty variable of the environment is as none."""
+    parser = argparse.ArgumentParser(prog="gateway_rock", description=__doc__)
+    add_gateway_options(parser)
+    parser.add_argument(
+        "--names",
+        default=os.environ.get("CDFF_ROCK_NAMES") or "127.0.0.1",
+        help=f"HOST[:PORT] of the name service; default: CDFF_ROCK_NAMES, else 127.0.0.1:{DEFAULT_PORT}",
+    )
+    return parser.parse_args(argv)
+
+
+def address_of(text: str, default_port: int) -> tuple[str, int]:
+    """Return host and port of ``HOST[:PORT]``; raises ConfigurationError if the port is no number."""
+    host, _, port = text.partition(":")
+    if port and not (port.isdigit() and 0 < int(port) < 1 << 16):
+        raise ConfigurationError(f"{text!r}: expected HOST or HOST:PORT, with a port up to 65535")
+    return host, int(port) if port else default_port
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run until SIGTERM."""
+    args = parse_arguments(argv)
+    cap_threads(1)
+
+    def body(stop: threading.Event) -> None:
+        from services.gateway_rock.gateway import SERVICE, Gateway
+        from services.gateway_rock.settings import RockSettings
+        from services.gateways.stream_settings import load_settings
+
+        settings = load_settings(args.settings, RockSettings, args.robot)
+        with gateway_connections(args.connect, SERVICE, stop) as (bus, _):
+            gateway = Gateway(settings, bus, *address_of(args.names, DEFAULT_PORT))
+            add_check(gateway.problem)
+            bus.declare_alive(settings.robot, SERVICE)
+            gateway.run(stop)
+
+    return run_service("gateway_rock", body)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

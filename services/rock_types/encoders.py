@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of ROCK for poses and clouds of CDFF, as dictionaries; ``poses`` and ``ranges`` read them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from cdff_common.errors import InputError
+from cdff_common.geometry import se3
+from cdff_common.types import LidarScan, TransformWithCovariance
+
+#: Returns the name of a frame in ROCK.
+FrameName = Callable[[str], str]
+_US_PER_NS = 1000
+_UNKNOWN = np.nan
+
+
+def _matrix(rows: Any) -> dict[str, Any]:
+    """Return a matrix of Eigen, which stores its elements column by column."""
+    return {"data": np.asarray(rows, np.float64).T.ravel()}
+
+
+def rigid_body_state(value: TransformWithCovariance, frame: FrameName, stamp_ns: int) -> dict[str, Any]:
+    """Return ``/base/samples/RigidBodyState`` of a pose, whose velocities are not known.
+
+    ROCK has the covariance of the orientation in the body, and none between position and orientation.
+    """
+    q_xyzw, cov = value.data.orientation, np.asarray(value.data.cov, np.float64)
+    R = se3.matrix_from_quaternion_xyzw(q_xyzw / np.linalg.norm(q_xyzw))
+    unknown, zero = _matrix(np.full((3, 3), _UNKNOWN)), {"data": np.full(3, _UNKNOWN)}
+    return {
+        "time": {"microseconds": stamp_ns // _US_PER_NS},
+        "sourceFrame": frame(value.child_frame),
+        "targetFrame": frame(value.parent_frame),
+        "position": {"data": np.asarray(value.data.translation, np.float64)},
+        "cov_position": _matrix(cov[:3, :3]),
+        "orientation": {"im": np.asarray(q_xyzw[:3], np.float64), "re": float(q_xyzw[3])},
+        "cov_orientation": _matrix(R.T @ cov[3:, 3:] @ R),
+        "velocity": zero,
+        "cov_velocity": unknown,
+        "angular_velocity": zero,
+        "cov_angular_velocity": unknown,
+    }
+
+
+def point_cloud(value: LidarScan, _: FrameName, stamp_ns: int) -> dict[str, Any]:
+    """Return ``/base/samples/Pointcloud`` of a sweep, which has no frame and no times of points."""
+    points = [{"data": row} for row in np.asarray(value.points_m, np.float64)]
+    return {"time": {"microseconds": stamp_ns // _US_PER_NS}, "points": points, "colors": []}
+
+
+_ENCODERS: dict[str, tuple[str, Callable[[Any, FrameName, int], dict[str, Any]]]] = {
+    "TransformWithCovariance": ("/base/samples/RigidBodyState", rigid_body_state),
+    "LidarScan": ("/base/samples/Pointcloud", point_cloud),
+}
+
+
+def encoded(value: Any, type_name: str, frame: FrameName, stamp_ns: int) -> dict[str, Any]:
+    """Return a value for a port of a type.
+
+    Raises
+    ------
+    InputError
+        If there is no conversion to this type.
+    """
+    name, encode = _ENCODERS.get(type(value).ASN1_NAME, ("", None))
+    if encode is None or type_name.removesuffix("_m") != name:
+        known = ", ".join(f"{cdff} as {rock}" for cdff, (rock, _) in _ENCODERS.items())
+        raise InputError(f"a {type(value).ASN1_NAME} as {type_name[:80]}: expected {known}")
+    return encode(value, frame, stamp_ns)

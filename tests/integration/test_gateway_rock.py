@@ -1,0 +1,306 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""The gateway to ROCK with omniNames and a task of this project by omniORB, which sends recorded values."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cdff_common.bus import Bus, Message, keys
+from cdff_common.clock import wall_ns
+from cdff_common.codecs import encode_payload
+from cdff_common.geometry import UncertainTransform, se3
+from cdff_common.interfaces.product import Header, product_id
+from cdff_common.types import TransformWithCovariance
+from cdff_dev.logs import open_log
+from cdff_dev.logs.formats.pocolog.blocks import read_blocks
+from cdff_dev.logs.formats.pocolog.decoding import decode_sample
+from cdff_dev.logs.formats.pocolog.registry import Registry
+from cdff_dev.ports import free_port
+from services.dfpc_host.inputs import decode_sample as decode_bus_sample
+from services.gateway_rock.gateway import Gateway
+from services.gateway_rock.settings import RockSettings
+from services.rock_types.values import plain
+from tests.integration.conftest import ROOT, wait_until
+
+PEERS = ROOT / "build" / "rock-peers" / "bin"
+IDL = Path(__file__).parent / "rock"
+RECORDED = Path(os.environ.get("CDFF_DATA", "../shared/data")) / "pocolog"
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(not (PEERS / "omniNames").is_file(), reason="no omniORB; make peers installs it"),
+]
+
+_STATE, _SCAN = "/base/samples/RigidBodyState", "/base/samples/LaserScan"
+_POSE = {
+    "task": "sensor_task",
+    "port": "pose",
+    "type": _STATE,
+    "stream": "wheels/pose",
+    "frame": "mana/odom",
+    "child": "mana/base",
+}
+_FRAMES = {"body": "mana/base", "map": "mana/odom"}
+
+
+def _state(stamp_us: int, x_m: float = 1.0) -> dict[str, Any]:
+    """A pose as plain data; its covariances differ in their columns."""
+    matrix = {"data": [1.0, 0.1, 0.0, 0.2, 2.0, 0.0, 0.0, 0.0, 3.0]}
+    return {
+        "time": {"microseconds": stamp_us},
+        "sourceFrame": "body",
+        "targetFrame": "map",
+        "position": {"data": [x_m, 2.0, 3.0]},
+        "cov_position": matrix,
+        "orientation": {"im": [0.0, 0.0, 1.0], "re": 0.0},
+        "cov_orientation": {"data": list(np.eye(3).ravel())},
+        "velocity": {"data": [0.0] * 3},
+        "cov_velocity": matrix,
+        "angular_velocity": {"data": [0.0] * 3},
+        "cov_angular_velocity": matrix,
+    }
+
+
+@contextmanager
+def name_service(folder: Path) -> Iterator[int]:
+    """Yield the port of a name service."""
+    port = free_port()
+    folder.mkdir()
+    command = [
+        PEERS / "omniNames",
+        "-start",
+        str(port),
+        "-logdir",
+        folder,
+        "-ORBendPoint",
+        f"giop:tcp:127.0.0.1:{port}",
+    ]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield port
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def running_task(folder: Path, names_port: int, ports: dict[str, Any]) -> Iterator[Path]:
+    """Yield the file of the samples that a task receives, while it runs with samples for its output ports."""
+    values, received = folder / "values.json", folder / "received.json"
+    values.write_text(json.dumps(ports))
+    received.touch()
+    command = [PEERS / "python", IDL.parent / "rock_servant.py", IDL, str(names_port), values, received]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == b"ready\n"
+        yield received
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@contextmanager
+def running_gateway(settings: dict[str, Any], endpoint: str, names_port: int) -> Iterator[Gateway]:
+    """Yield a gateway that runs in a thread."""
+    stop = threading.Event()
+    with Bus.open(endpoint, name="gateway", wait_s=20.0) as bus:
+        model = RockSettings.model_validate({"robot": "mana", "frames": _FRAMES, **settings})
+        gateway = Gateway(model, bus, "127.0.0.1", names_port)
+        thread = threading.Thread(target=gateway.run, args=(stop,))
+        thread.start()
+        try:
+            yield gateway
+            assert gateway.problem() == ""
+        finally:
+            stop.set()
+            thread.join()
+
+
+@pytest.fixture
+def bus(router: object, endpoint: str) -> Iterator[Bus]:
+    with Bus.open(endpoint, name="test", wait_s=20.0) as bus:
+        yield bus
+
+
+def _collect(bus: Bus, stream: str, type_name: str) -> list[Any]:
+    samples: list[Any] = []
+
+    def on_sample(message: Message) -> None:
+        samples.append(decode_bus_sample(message, stream, type_name).value)
+
+    bus.subscribe(keys.sensor("mana", *stream.split("/")), on_sample)
+    return samples
+
+
+def _recorded(name: str, stamp_us: int) -> dict[str, Any]:
+    """The first recorded value of a file as plain data with a stamp, as the file has none."""
+    path = RECORDED / name
+    messages = next(s for s in read_blocks(path).streams if s.name.endswith(".messages"))
+    kind = Registry(messages.registry, "<").build(messages.type_name)
+    data = path.read_bytes()[messages.starts[0] : messages.starts[0] + messages.sizes[0]]
+    value = plain(decode_sample(kind, data, "<"))
+    lists = {name: item.tolist() if isinstance(item, np.ndarray) else item for name, item in value.items()}
+    return {**lists, "time": {"microseconds": stamp_us}}
+
+
+def _publish(bus: Bus, pose: TransformWithCovariance, stamp_ns: int) -> None:
+    header = Header(
+        id=product_id("mana", "position_manager", "pose", stamp_ns, 1, ""),
+        seq=1,
+        t0_ns=stamp_ns,
+        t1_ns=stamp_ns,
+        frame="mana/odom",
+        child="mana/base",
+        producer="position_manager",
+    )
+    payload, encoding = encode_payload(pose)
+    key = keys.product("mana", "position_manager", "pose")
+    bus.publish(key, payload, encoding=encoding, attachment=header.to_attachment())
+
+
+def test_a_pose_and_its_covariance_arrive_in_the_frames_of_the_settings(
+    bus: Bus, endpoint: str, tmp_path: Path
+) -> None:
+    samples = _collect(bus, "wheels/pose", "TransformWithCovariance")
+    stamp_us = wall_ns() // 1000
+    ports = {"pose": {"type": _STATE, "idl": "RigidBodyState", "values": [_state(stamp_us)]}}
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_task(tmp_path, names_port, ports),
+        running_gateway({"inputs": [_POSE]}, endpoint, names_port) as gateway,
+    ):
+        wait_until(lambda: samples, 20.0, "a sample")
+        (value,) = samples
+        assert (value.parent_frame, value.child_frame, value.stamp_ns) == (
+            "mana/odom",
+            "mana/base",
+            1000 * stamp_us,
+        )
+        np.testing.assert_array_equal(value.data.translation, [1.0, 2.0, 3.0])
+        np.testing.assert_array_equal(value.data.orientation, [0.0, 0.0, 1.0, 0.0])
+        expected = [[1.0, 0.2, 0.0], [0.1, 2.0, 0.0], [0.0, 0.0, 3.0]]  # Eigen stores columns
+        np.testing.assert_array_equal(value.data.cov[:3, :3], expected)
+        counters = gateway.status()["inputs"]["sensor_task.pose"]
+        assert counters["connected"]
+        assert (counters["received"], counters["forwarded"], counters["dropped"]) == (1, 1, {})
+
+
+def test_a_product_is_written_to_a_port_with_the_type_that_the_robot_states(
+    bus: Bus, endpoint: str, tmp_path: Path
+) -> None:
+    ports = {"pose": {"type": _STATE, "idl": "RigidBodyState", "values": [_state(1)], "repeat": True}}
+    output = {
+        "product": "position_manager/pose",
+        "task": "sensor_task",
+        "port": "pose_samples",
+        "type": _STATE,
+        "type_of": "sensor_task.pose",
+    }
+    stamp_ns = wall_ns() // 1000 * 1000
+    covariance = np.diag([1.0, 2.0, 3.0, 0.1, 0.2, 0.3])
+    T = se3.transform(se3.exp_so3([0.0, 0.0, np.pi / 2]), [1.0, 2.0, 3.0])
+    pose = TransformWithCovariance.from_transform(
+        UncertainTransform(T, covariance), parent="mana/odom", child="mana/base", stamp_ns=stamp_ns
+    )
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_task(tmp_path, names_port, ports) as received,
+        running_gateway({"outputs": [output]}, endpoint, names_port) as gateway,
+    ):
+        wait_until(lambda: gateway.status()["outputs"][0]["connected"], 20.0, "the connection")
+
+        def is_received() -> bool:
+            _publish(bus, pose, stamp_ns)
+            return bool(received.read_text())
+
+        wait_until(is_received, 10.0, "the pose at the task")
+        value = json.loads(received.read_text().splitlines()[0])
+    assert (value["sourceFrame"], value["targetFrame"]) == ("body", "map")
+    assert value["time"]["microseconds"] == stamp_ns // 1000
+    np.testing.assert_allclose(value["position"]["data"], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(value["cov_position"]["data"], np.diag([1.0, 2.0, 3.0]).ravel())
+    # A rotation by 90 degrees about z: the axes x and y of the body are y and -x of the parent.
+    np.testing.assert_allclose(value["cov_orientation"]["data"], np.diag([0.2, 0.1, 0.3]).ravel(), atol=1e-12)
+    assert np.isnan(value["velocity"]["data"]).all()
+
+
+def test_a_restart_of_the_task_is_survived(bus: Bus, endpoint: str, tmp_path: Path) -> None:
+    samples = _collect(bus, "wheels/pose", "TransformWithCovariance")
+    stamp_us = wall_ns() // 1000
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_gateway({"inputs": [{**_POSE, "on_clock_fault": "report"}]}, endpoint, names_port) as gateway,
+    ):
+        for i in range(2):
+            value = _state(stamp_us + i, float(i))
+            ports = {"pose": {"type": _STATE, "idl": "RigidBodyState", "values": [value]}}
+            with running_task(tmp_path, names_port, ports):
+                wait_until(lambda i=i: len(samples) == i + 1, 20.0, "a sample")
+            wait_until(
+                lambda: not gateway.status()["inputs"]["sensor_task.pose"]["connected"],
+                10.0,
+                "the end of the task",
+            )
+    assert [float(s.data.translation[0]) for s in samples] == [0.0, 1.0]
+
+
+def test_a_port_of_another_type_and_a_missing_port_are_named(bus: Bus, endpoint: str, tmp_path: Path) -> None:
+    scan = {**_POSE, "type": _SCAN, "stream": "lidar/scan", "frame": "mana/lidar", "child": None}
+    missing = {**scan, "port": "scans", "stream": "lidar/other"}
+    ports = {"pose": {"type": _STATE, "idl": "RigidBodyState", "values": []}}
+
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_task(tmp_path, names_port, ports),
+        running_gateway({"inputs": [scan, missing]}, endpoint, names_port) as gateway,
+    ):
+
+        def errors() -> list[str]:
+            return [entry["last_error"] for entry in gateway.status()["inputs"].values()]
+
+        wait_until(lambda: all(errors()), 20.0, "both are refused")
+        assert errors() == [
+            f"sensor_task.pose: type {_STATE}, expected {_SCAN}",
+            "sensor_task: no port 'scans'; expected one of pose, pose_samples",
+        ]
+
+
+@pytest.mark.skipif(not RECORDED.is_dir(), reason=f"no shared data at {RECORDED}")
+def test_recorded_values_become_the_same_samples_as_in_their_log(
+    bus: Bus, endpoint: str, tmp_path: Path
+) -> None:
+    samples = _collect(bus, "lidar/scan", "LidarScan")
+    with closing(open_log(RECORDED / "laser_scan.0.log")) as log:
+        expected = next(log.samples()).value
+    stamp_us = wall_ns() // 1000
+    ports = {
+        "scans": {"type": _SCAN, "idl": "LaserScan", "values": [_recorded("laser_scan.0.log", stamp_us)]}
+    }
+    entry = {
+        "task": "sensor_task",
+        "port": "scans",
+        "type": _SCAN,
+        "stream": "lidar/scan",
+        "frame": "mana/lidar",
+        "on_clock_fault": "report",  # the recorded mirror turns in 31 s
+    }
+    with (
+        name_service(tmp_path / "names") as names_port,
+        running_task(tmp_path, names_port, ports),
+        running_gateway({"inputs": [entry]}, endpoint, names_port),
+    ):
+        wait_until(lambda: samples, 20.0, "a sample")
+    np.testing.assert_array_equal(samples[0].points_m, expected.points_m)
+    np.testing.assert_array_equal(samples[0].time_offset_us, expected.time_offset_us)
+    assert samples[0].t0_ns == 1000 * stamp_us
