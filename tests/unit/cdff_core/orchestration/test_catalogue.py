@@ -11,6 +11,7 @@ import pytest
 
 from cdff_common.errors import InputError
 from cdff_common.interfaces.profile import Profile
+from cdff_core.orchestration.accuracy import Accuracy
 from cdff_core.orchestration.catalogue import ResourceUsage, provider_of, world_of
 from cdff_core.orchestration.leases import Leases
 from cdff_core.orchestration.reconciliation import ObservedState
@@ -79,6 +80,45 @@ def test_running_dfpcs_use_the_declared_or_measured_cpu() -> None:
     assert idle.cpu == pytest.approx(0.2), "the measured time per sample precedes the declared one"
     with pytest.raises(InputError, match="status of a DFPC"):
         ResourceUsage.of({"samples": "many"}, None, 1.0)
+
+
+def test_a_provider_without_a_stated_cost_counts_as_one_core_in_plans_and_as_none_in_budgets() -> None:
+    result = provider_of(describe(A) | {"cost": {}}, alive=True, active=False)
+    assert (result.cost, result.cpu, result.memory_mb) == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("performance", "expected"),
+    [
+        ({"sigma_m": 0.1}, Accuracy(0.1, None)),
+        ({"sigma_deg": 2.0}, Accuracy(None, 2.0)),
+        ({"sigma_m": 0.1, "sigma_deg": 2.0}, Accuracy(0.1, 2.0)),
+        ({}, None),
+    ],
+)
+def test_the_accuracy_of_a_provider_is_that_of_its_implementation(
+    performance: dict[str, float], expected: Accuracy | None
+) -> None:
+    described = describe(A)
+    name = described["implementation"]
+    described["implementations"] = [
+        {"name": f"not_{name}", "performance": {"sigma_m": 9.0}},
+        {"name": name, "performance": performance},
+    ]
+    assert provider_of(described, alive=True, active=False).accuracy == expected
+
+
+def test_the_measured_data_volume_of_an_active_dfpc_replaces_the_declared_one() -> None:
+    described = describe(A) | {"data_mb_h": 5.0}
+    status = {"samples": 10, "mean_step_cpu_s": 0.01}
+    first = ResourceUsage.of(status, None, 1.0)
+    storing = ResourceUsage.of({**status, "samples": 20, "stored_bytes": 2_000_000}, first, 3600.0)
+    silent = ResourceUsage.of({**status, "samples": 20}, first, 3600.0)
+    volumes_mb_h = [
+        provider_of(described, alive=True, active=active, measured=measured).data_mb_h
+        for active, measured in ((True, storing), (True, silent), (False, storing), (True, None))
+    ]
+    assert volumes_mb_h == pytest.approx([2.0, 5.0, 5.0, 5.0])
 
 
 def test_the_cost_is_that_of_the_active_implementation() -> None:

@@ -88,6 +88,11 @@ def test_a_mode_is_confirmed_only_after_the_switch() -> None:
     assert (event["state"], event["reason"]) == ("steady", "")
 
 
+def test_a_sensor_begins_in_its_last_confirmed_mode_or_in_its_initial_mode() -> None:
+    assert ModeMachine("navcam", NAVCAM).mode == NAVCAM.initial_mode == "off"
+    assert ModeMachine("navcam", NAVCAM, mode="nominal").mode == "nominal"
+
+
 def test_requesting_the_current_mode_changes_nothing() -> None:
     machine = ModeMachine("navcam", NAVCAM)
     assert not machine.demand("off", "", 0.0)

@@ -45,6 +45,13 @@ def test_an_invalid_journal_appends_nothing(store: Store, bad: list[Event]) -> N
     assert store.events.append_from("orchestrator", [entry(1)]) == 1
 
 
+def test_an_event_with_a_body_above_64_kilobytes_is_refused(store: Store) -> None:
+    store.events.append("mana", "job", {"text": "x" * (2**16 - 100)})
+    with pytest.raises(InputError, match=r"event job: body of 65[0-9]{3} bytes, expected at most 65536"):
+        store.events.append("mana", "job", {"text": "x" * 2**16})
+    assert store.events.last_ordinal() == 1
+
+
 def test_the_history_is_filtered_by_kind_and_scope(store: Store) -> None:
     store.events.append("mana", "job", {})
     store.events.append("minnie", "job", {})

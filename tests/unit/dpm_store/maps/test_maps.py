@@ -241,6 +241,14 @@ def test_a_long_profile_agrees_with_the_window(store: Store, rng: np.random.Gene
     )
 
 
+def test_a_repeated_corner_of_a_profile_is_one_sample(store: Store, rng: np.random.Generator) -> None:
+    put_patch(store, rng, (0.0, 0.0, 4.0, 2.0), 1)
+    path = np.array([[0.5, 0.5], [1.5, 0.5], [1.5, 0.5], [1.5, 1.0]])
+    result = elevation_profile(store.maps, WindowQuery(), path, 0.5)
+    np.testing.assert_allclose(result.distance_m, [0.0, 0.5, 1.0, 1.5])
+    np.testing.assert_allclose(result.points_m, [[0.5, 0.5], [1.0, 0.5], [1.5, 0.5], [1.5, 1.0]])
+
+
 def test_profiles_without_length_or_end_are_refused(store: Store, rng: np.random.Generator) -> None:
     put_patch(store, rng, (0.0, 0.0, 1.0, 1.0), 1)
     with pytest.raises(InputError, match="no length"):

@@ -179,7 +179,9 @@ def test_idle_blocks_are_dropped(
     store.maps.drop_idle_blocks()
     store.maps.elevation_window(near)
     assert sum(read_counts) == 6  # the blocks of the second window are kept
-    now_s[0] += pooled_blocks.IDLE_S + 1.0
+    now_s[0] += pooled_blocks.IDLE_S
+    assert not store.maps.drop_idle_blocks()
+    now_s[0] += 1.0
     assert store.maps.drop_idle_blocks()
     assert not store.maps.drop_idle_blocks()
     assert_equal(store.maps.elevation_window(WindowQuery(REGION)), expected)

@@ -155,7 +155,10 @@ def test_a_window_is_coarser_on_request_and_never_finer_than_its_patches(dpm: Dp
 def test_a_window_by_reference_is_stored_and_not_used_as_a_patch(dpm: Dpm) -> None:
     dpm.writer.put(*put_arguments(elevation(0.0, 1.0), "dem", 1, resolution_m=0.1))
     request = WindowParameters.parse({"region": "bbox:0,0,2,2"})
+    received: list[Event] = []
+    dpm.events.listen(received.append)
     first = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
+    assert [(event.kind, event.body["id"]) for event in received] == [("inserted", first.reference)]
     repeated = dpm.retrieval.window(request, DeliveryParameters(deliver="reference"))
     assert first.reference == repeated.reference is not None
     stored = decode("ElevationMap", dpm.retrieval.product(str(first.reference)).body.data, "uper")

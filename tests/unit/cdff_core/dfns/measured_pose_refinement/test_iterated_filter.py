@@ -105,7 +105,13 @@ def test_points_without_image_edges_are_refused(rng: np.random.Generator) -> Non
     ports["offsets"][5:] = np.nan
     with pytest.raises(RefusedError) as error:
         refine(ports)
-    assert error.value.reasons[0].startswith("few_edges:")
+    assert error.value.reasons[0] == "few_edges:5<6"
+
+
+def test_six_points_are_enough(rng: np.random.Generator) -> None:
+    ports = measured(rng)
+    ports["offsets"][:6], ports["offsets"][6:] = 0.0, np.nan
+    np.testing.assert_allclose(refine(ports).correction, 0.0, atol=1e-9)
 
 
 def test_a_state_without_the_errors_of_a_pose_is_refused(rng: np.random.Generator) -> None:

@@ -48,6 +48,13 @@ def test_points_outside_the_view_are_removed(implementation: str) -> None:
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
+def test_the_radius_of_the_view_is_a_distance_from_its_centre(implementation: str) -> None:
+    first = [[10.0, 2.9, 0], [10.0, 3.1, 0], [0.0, 0, 0]]
+    result = assemble(implementation, first, [[10.0, 0, -0.1]], ([10.0, 0, 0], 3.0))
+    np.testing.assert_allclose(np.sort(result, axis=0), np.sort([[10.0, 2.9, 0], [10.0, 0, -0.1]], axis=0))
+
+
+@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
 def test_one_cloud_may_be_empty_and_a_malformed_one_is_refused_with_its_name(implementation: str) -> None:
     np.testing.assert_allclose(assemble(implementation, np.zeros((0, 3)), [[1.0, 2, 3]]), [[1.0, 2, 3]])
     with pytest.raises(InputError, match="second_points"):

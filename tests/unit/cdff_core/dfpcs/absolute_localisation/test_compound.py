@@ -14,6 +14,7 @@ from cdff_common.interfaces.dfpc import DfpcContext, Output, Sample
 from cdff_common.interfaces.product import CovarianceKind, Status
 from cdff_common.types import ElevationMap, TransformWithCovariance
 from cdff_core.dfpcs.absolute_localisation.compound import AbsoluteLocalisation
+from cdff_core.dfpcs.absolute_localisation.hypotheses import Hypothesis
 from evaluation.scenes.orbital import Ground, PatchRun, patch
 
 DATUM_M, PATH_LENGTH_M = 40.0, 75.0
@@ -241,6 +242,13 @@ def test_patches_in_another_frame_than_the_poses_are_refused(
     outputs = run(localisation(), iter([pose, Sample("dem", 1000, 0, elsewhere)]), orbital)
     assert outputs[0].quality.status is Status.FAILED
     assert "elsewhere" in outputs[0].quality.reasons[0]
+
+
+@pytest.mark.parametrize(("cell_m", "limit_m"), [(0.5, 60.0), (1.0, 60.0), (2.0, 120.0)])
+def test_the_largest_search_is_sixty_cells_and_at_least_sixty_metres(cell_m: float, limit_m: float) -> None:
+    uncertain = Hypothesis(np.eye(4), np.diag([1e8, 1e8, 1.0, 1e-6]), np.zeros(3))
+    range_m, _ = localisation()._search_range((uncertain,), cell_m)
+    assert range_m == limit_m
 
 
 def test_with_non_default_parameters_the_covariance_is_formal(

@@ -10,9 +10,11 @@ import pytest
 from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.interfaces.dfpc import DfpcContext, Sample
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Mesh, TransformWithCovariance, Vector3d
+from cdff_common.types import Mesh, ObjectTrackStatusT, TransformWithCovariance, Vector3d
 from tests.support.satellite import satellite
 from tests.support.star_scene import CAMERA, SATELLITE_SUN, T0_NS, StarScene, satellite_light
+
+TRACK_CONFIRMED = ObjectTrackStatusT.TRACK_CONFIRMED
 
 
 @pytest.mark.slow
@@ -27,7 +29,7 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
     )
     R = se3.exp_so3([0.3, -0.5, 0.2])
     size = float(np.ptp(vertices, axis=0).max())
-    states, squares = [], []
+    states, squares, sigmas_px = [], [], []
     for k in range(30):
         stamp_ns = T0_NS + k * 10**9
         range_m = CAMERA.fx * size / 50.0 - 0.2 * k
@@ -41,6 +43,8 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
         )
         far.step(Sample("body_attitude", stamp_ns, k, attitude))
         for output in far.step(scene.sample(scene.light(k) + satellite_light(T), k)):
+            if output.port == "track" and output.value.metadata.status == TRACK_CONFIRMED:
+                sigmas_px.append(output.value.data.bearings[0, 2:4] * CAMERA.fx)
             if output.port == "position":
                 single = output.value.transform
                 error = single.matrix[:3, 3] - T[:3, 3]
@@ -56,5 +60,7 @@ def test_the_position_of_a_resolved_target_starts_target_tracking() -> None:
     estimate = state.value.transform
     assert estimate.matrix[:3, 3] == pytest.approx(T[:3, 3], rel=0.03, abs=0.02 * T[2, 3])
     assert np.linalg.norm(se3.log_so3(estimate.matrix[:3, :3].T @ T[:3, :3])) < 0.03
+    # The direction of a partly shadowed body of 50 pixels is known to a part of its extent.
+    assert 5.0 < np.median(sigmas_px) < 10.0
     # The errors of the images are alike: only a single position has the stated covariance.
     assert np.median(squares) < 12.0

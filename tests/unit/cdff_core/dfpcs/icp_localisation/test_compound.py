@@ -50,6 +50,26 @@ def model_of(points: surfaces.Points) -> surfaces.Points:
     return se3.transform_points(se3.inverse(T_TRUE), points)
 
 
+@pytest.mark.parametrize(("implementation", "level"), [("PointToPlane", 1), ("Gicp", 2)])
+def test_the_alignment_is_assessed_on_the_level_of_the_implementation(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, implementation: str, level: int
+) -> None:
+    dfpc: Any = make_configured_dfpc(implementation, confirmations=0)
+    sizes, process = [], dfpc._assess.process
+
+    def record_size(inputs: Any) -> Any:
+        sizes.append((len(inputs.source), len(inputs.target)))
+        return process(inputs)
+
+    monkeypatch.setattr(dfpc._assess, "process", record_size)
+    model = cloud("model", model_of(surfaces.terrain(rng, 12_000)))
+    scene = cloud("scene", surfaces.terrain(rng, 12_000))
+    localise(dfpc, model, scene)
+    levels = [dfpc._prepare(sample).levels for sample in (model, scene)]
+    assert sizes == [tuple(len(cloud_levels[level].points_m) for cloud_levels in levels)]
+    assert len(levels[0][1].points_m) < len(levels[0][2].points_m)
+
+
 @pytest.mark.parametrize("implementation", ["PointToPlane", "Gicp", "Accurate", "Fast", "Quick"])
 def test_a_model_is_localised_with_covariance_and_provenance(
     rng: np.random.Generator, implementation: str

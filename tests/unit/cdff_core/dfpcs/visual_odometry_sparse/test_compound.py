@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from cdff_common.codecs import encode
-from cdff_common.errors import ConfigurationError
+from cdff_common.errors import ConfigurationError, RefusedError
 from cdff_common.geometry import covariance as cov
 from cdff_common.geometry import se3
 from cdff_common.interfaces.dfpc import Dfpc, DfpcContext, Output, Sample
@@ -203,6 +203,26 @@ def test_a_change_of_brightness_does_not_change_the_motion(pairs: list[FramePair
     assert [o.quality.status for o in outputs] == [Status.OK] * len(pairs)
     for T, output in zip(TRUE_POSES, outputs, strict=True):
         assert np.linalg.norm(cov.pose_error(T, output.value.transform.matrix)[:3]) < 0.006
+
+
+def test_a_pair_is_searched_at_the_predicted_motion_since_the_keyframe(
+    pairs: list[FramePair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dfpc: Any = make_configured_dfpc(keyframe_survival=0.9)
+    run(dfpc, pairs[:6])
+    predicted = se3.exp_se3([0.5, -0.1, 0.2, 0.1, -0.2, 0.3])
+    starts = []
+
+    def refuse(view: Any, keyframe: Any, T_current_keyframe: NDArray[np.float64], *_: Any, **__: Any) -> None:
+        starts.append((keyframe.pose.matrix, T_current_keyframe))
+        raise RefusedError("no match", ["few_inliers:0<1"])
+
+    monkeypatch.setattr(dfpc._path, "predict", lambda stamp_ns: predicted)
+    monkeypatch.setattr(dfpc._tracker, "locate", refuse)
+    assert step(dfpc, pairs[6], 6).quality.status is Status.FAILED
+    ((T_start_keyframe, T_current_keyframe),) = starts
+    assert np.linalg.norm(T_start_keyframe[:3, 3]) > 0.05
+    np.testing.assert_allclose(predicted @ T_current_keyframe, T_start_keyframe, atol=1e-12)
 
 
 @pytest.mark.slow
