@@ -210,8 +210,8 @@ def real_rows(figures: dict[str, Any]) -> list[RealRow]:
         RealRow(
             "Husky, NEES of triangles against GPS (3 expected), with IMU / wheels alone",
             "",
-            _both_nees(figures, "triangle_nees")
-            + f"; with the square of GPS's dilution as its variance {_both_nees(figures, 'triangle_nees_stated')}",
+            f"{_both_nees(figures, 'triangle_nees')}; with the square of GPS's dilution as its variance "
+            f"{_both_nees(figures, 'triangle_nees_stated')}",
             "GPS measures up to {fastest_by_gps_m_s} m/s, wheels {fastest_by_wheels_m_s} m/s".format(
                 **figures["husky"]
             ),

@@ -1,0 +1,68 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every evaluation record names the code that it was made with: a commit in the history, without changes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORDS = sorted((ROOT / "docs" / "evaluation").glob("*.json"))
+#: Records of earlier code whose tree had changes, or whose commit was rebased, see docs/evaluation/index.md.
+_OF_UNKNOWN_CODE = (
+    "feature_matching",
+    "lidar_localisation",
+    "lidar_localisation_maps",
+    "lidar_localisation_searches",
+    "lidar_slam",
+    "lidar_slam_laps",
+    "lidar_slam_peer",
+    "position_manager",
+    "visual_odometry_sparse",
+)
+
+
+def _parameter(record: Path) -> Any:
+    """Return a record as parameter of a test; those of unknown code are expected to fail until repeated."""
+    marks = [pytest.mark.xfail(strict=True, reason="not repeated yet")]
+    return pytest.param(record, id=record.stem, marks=marks if record.stem in _OF_UNKNOWN_CODE else ())
+
+
+@pytest.mark.parametrize("record", [_parameter(record) for record in RECORDS])
+def test_a_record_names_a_commit_in_the_history_and_a_clean_tree(record: Path) -> None:
+    for part, origin in _origins(json.loads(record.read_text(encoding="utf-8"))["provenance"]):
+        assert not origin["tree_differs"], f"{record.name}{part}: recorded with uncommitted changes"
+        assert origin["commit"] in _history(), (
+            f"{record.name}{part}: {origin['commit']} is not in the history"
+        )
+
+
+def _origins(provenance: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    yield "", provenance
+    for part, origin in provenance.get("parts", {}).items():
+        yield f", part {part}", origin
+
+
+@cache
+def _history() -> frozenset[str]:
+    """Return the commits that HEAD descends from; skips the test in a tree without the whole history."""
+    try:
+        shallow = _git("rev-parse", "--is-shallow-repository")
+        commits = _git("rev-list", "HEAD")
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("not a git repository")
+    if shallow.strip() != "false":
+        pytest.skip("the clone does not contain the whole history")
+    return frozenset(commits.split())
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
