@@ -27,17 +27,22 @@ class BodyDetection(Dfpc):
         self._waiting: Sample | None = None
         self._last: ObjectDetections | None = None
         self._model_ids: dict[str, str] = {}
+        self._stated_symmetries: dict[str, int] = {}
         self.store.offer("last_detections", lambda: self._last)
 
     def clear_models(self) -> None:
         """Remove all models."""
         self._models.clear()
         self._model_ids.clear()
+        self._stated_symmetries.clear()
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
         """Prepare and store the model; examine the sample that waited for one."""
         name = self._models.add(sample.value)
         self._model_ids[name] = sample.id
+        self._stated_symmetries.pop(name, None)
+        if "symmetries" in sample.quality.metrics:
+            self._stated_symmetries[name] = int(sample.quality.metrics["symmetries"])
         waiting, self._waiting = self._waiting, None
         return () if waiting is None else self.detect(waiting)
 
@@ -51,7 +56,8 @@ class BodyDetection(Dfpc):
         hypotheses: list[Hypothesis] = []
         try:
             hypotheses, reasons = self._hypotheses(sample, metrics)
-            quality = detections_quality(hypotheses, models, reasons, metrics)
+            faults = [*self._limits(sample), *self._symmetry_faults({h.name for h in hypotheses})]
+            quality = detections_quality(hypotheses, models, reasons, metrics, faults)
         except (InputError, RefusedError) as error:
             quality = Quality.from_error(error, metrics)
         if not hypotheses:
@@ -65,6 +71,19 @@ class BodyDetection(Dfpc):
         """Return FAILED no_model for a sample that still waits."""
         waiting, self._waiting = self._waiting, None
         return () if waiting is None else [self._output(waiting, None, Quality.failed("no_model"))]
+
+    def _limits(self, sample: Sample) -> list[str]:
+        """Return the reasons why all poses of a sample are DEGRADED."""
+        return []
+
+    def _symmetry_faults(self, names: Iterable[str]) -> list[str]:
+        """Return how the symmetries stated with the meshes of some bodies differ from those of the meshes."""
+        return [
+            f"symmetries_of_{name}:{stated} stated, {found} found"
+            for name in sorted(names)
+            if (stated := self._stated_symmetries.get(name)) is not None
+            and stated != (found := len(self._models.by_name[name].symmetries))
+        ]
 
     @abstractmethod
     def _hypotheses(self, sample: Sample, metrics: dict[str, float]) -> tuple[list[Hypothesis], list[str]]:

@@ -276,6 +276,7 @@ class DepthDetector:
         centre_m = hypothesis.T[:3, :3] @ model.centre_m + hypothesis.T[:3, 3]
         depth_centre_m, radius_m = centre_m @ self._R, _REACH * model.diameter_m
         near_m = points_near(scene.image, depth_centre_m, radius_m, _CHECKED_POINTS)[0] @ self._R.T
+        assert hypothesis.covariance is not None  # of a detection by depths
         outputs = self._register.process(
             ModelRegistrationInputs(
                 scan=np.ascontiguousarray(near_m),

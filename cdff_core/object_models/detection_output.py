@@ -58,11 +58,12 @@ def detections_quality(
     models: Mapping[str, ModelPreparationOutputs],
     reasons: Sequence[str],
     metrics: Mapping[str, float],
+    faults: Sequence[str] = (),
 ) -> Quality:
     """Return FAILED ``not_found`` with reasons, or the quality of hypotheses.
 
     DEGRADED ``ambiguous:n`` if n of them are alternatives, ``symmetric_model:n`` if a model has n equivalent
-    poses.
+    poses, and for each of ``faults``.
     """
     if not hypotheses:
         return Quality.failed("not_found", *reasons, metrics=metrics)
@@ -70,5 +71,8 @@ def detections_quality(
     equivalent = max(len(models[hypothesis.name].symmetries) for hypothesis in hypotheses)
     degraded = [f"ambiguous:{alternatives}"] if alternatives else []
     degraded += [f"symmetric_model:{equivalent}"] if equivalent > 1 else []
+    degraded += faults
     all_metrics = {**metrics, "detections": float(len(hypotheses) - alternatives)}
-    return Quality.from_reasons(degraded, CovarianceKind.FORMAL, all_metrics)
+    is_known = all(hypothesis.covariance is not None for hypothesis in hypotheses)
+    kind = CovarianceKind.FORMAL if is_known else CovarianceKind.NONE
+    return Quality.from_reasons(degraded, kind, all_metrics)

@@ -18,12 +18,14 @@ if TYPE_CHECKING:
     from cdff_common.interfaces.dfn import Dfn
     from cdff_common.types import Mesh
 
-#: Number of prepared meshes that are kept.
+#: Number of prepared meshes that the process keeps, and the meshes by content and parameters: compounds of a
+#: process share them, and one that is configured again does not prepare its meshes again.
 _CACHED = 16
+_PREPARED: dict[tuple[str, str], ModelPreparationOutputs] = {}
 
 
 class PreparedModels:
-    """Models by name, prepared by a DFN; the cache is by the content of the mesh.
+    """Models by name, prepared by a DFN.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ class PreparedModels:
     def __init__(self, prepare: Dfn[Any, Any, Any], unit: str) -> None:
         self._prepare, self._scale = prepare, UNITS[unit]
         self._by_name: dict[str, ModelPreparationOutputs] = {}
-        self._by_content: dict[str, ModelPreparationOutputs] = {}
+        self._parameters = f"{type(prepare).__module__} {getattr(prepare, 'config', '')!r}"
 
     @property
     def by_name(self) -> Mapping[str, ModelPreparationOutputs]:
@@ -58,14 +60,14 @@ class PreparedModels:
         triangles = np.asarray(mesh.data.triangles, np.int64)
         if not len(triangles):
             raise InputError(f"model {name}: {len(vertices_m)} vertices and no triangle, expected a mesh")
-        key = content_hash(vertices_m, triangles)
-        if key not in self._by_content:
-            if len(self._by_content) >= _CACHED:
-                del self._by_content[next(iter(self._by_content))]
-            self._by_content[key] = self._prepare.process(
-                ModelPreparationInputs(vertices=vertices_m, triangles=triangles)
-            )
-        self._by_name[name] = self._by_content[key]
+        key = content_hash(vertices_m, triangles), self._parameters
+        model = _PREPARED.get(key)
+        if model is None:
+            model = self._prepare.process(ModelPreparationInputs(vertices=vertices_m, triangles=triangles))
+            while len(_PREPARED) >= _CACHED:
+                _PREPARED.pop(next(iter(_PREPARED)), None)
+            _PREPARED[key] = model
+        self._by_name[name] = model
         return name
 
     def clear(self) -> None:

@@ -39,8 +39,8 @@ class Hypothesis:
     ----------
     name : str
     T : ndarray, shape (4, 4)
-    covariance : ndarray, shape (6, 6)
-        [x y z rx ry rz] in the sensor's frame.
+    covariance : ndarray, shape (6, 6), or None
+        [x y z rx ry rz] in the sensor's frame; None if unknown.
     score : float
         Fraction of the rays that agree with the model.
     is_alternative : bool
@@ -49,7 +49,7 @@ class Hypothesis:
 
     name: str
     T: FloatArray
-    covariance: FloatArray
+    covariance: FloatArray | None
     score: float
     is_alternative: bool
 

@@ -57,6 +57,8 @@ def assess_answer(
     age_s = (now_ns - header.t1_ns) * 1e-9
     if age_s > request.max_age_s:
         yield f"{age_s:.1f} s old, expected at most {request.max_age_s:g} s"
+    if request.provider is not None and header.producer.partition("/")[0] != request.provider:
+        yield f"made by {header.producer}, expected {request.provider}"
     if isinstance(value, (TransformWithCovariance, RigidBodyState)):
         yield from _pose_faults(request, value)
     elif isinstance(value, PoseTrajectory):
@@ -79,9 +81,13 @@ def assess_answer(
 
 
 def _track_faults(request: TimedRequest, value: ObjectTrack) -> Iterator[str]:
-    """Yield the faults of a track: its frame, its bearing, and whether the range is known as expected."""
+    """Yield the faults of a track: frame, pose or bearing, and whether the range is known as expected."""
     if value.metadata.frame_id != request.frame:
         yield f"a track in {value.metadata.frame_id}, expected {request.frame}"
+    if not len(value.data.bearings):
+        if not np.isfinite(value.data.poses[-1]).all():
+            yield f"pose {value.data.poses[-1].tolist()}, expected finite values"
+        return
     bearing, range_m = value.data.bearings[-1, :4], float(value.data.bearings[-1, 4])
     if not (np.isfinite(bearing).all() and (bearing[2:] > 0.0).all()):
         yield f"bearing {bearing.tolist()}, expected finite angles with standard deviations"
@@ -95,8 +101,9 @@ def _pose_faults(request: TimedRequest, value: TransformWithCovariance | RigidBo
         parent, child, position = value.target_frame, value.source_frame, np.asarray(value.pos)
     else:
         parent, child, position = value.parent_frame, value.child_frame, value.transform.matrix[:3, 3]
-    if (parent, child) != (request.frame, f"{request.robot}/base"):
-        yield f"pose of {child} in {parent}, expected {request.robot}/base in {request.frame}"
+    expected_child = request.child or f"{request.robot}/base"
+    if (parent, child) != (request.frame, expected_child):
+        yield f"pose of {child} in {parent}, expected {expected_child} in {request.frame}"
     if not np.all(np.isfinite(position)):
         yield f"position {position} is not finite"
 

@@ -15,6 +15,7 @@ from cdff_common.mission_clock import MissionClock
 from cdff_common.progress import progress_of
 from cdff_common.resources import resolve
 from cdff_dev.missions.map_sharing import assess_shared_map
+from cdff_dev.missions.models import upload_model
 from cdff_dev.missions.report import Report, elevation_around, resource_usage, write_report
 from cdff_dev.missions.requests import Outcome, counts_over_http, run_requests, wait_for_clock
 from cdff_dev.missions.script import Script, load_script
@@ -67,7 +68,7 @@ def _send_requests(
 ) -> list[Outcome]:
     """Send the requests, print each outcome on arrival, and return all."""
     return run_requests(
-        script.requests, clock, start_ns, connect, http, lambda outcome: print_line(str(outcome))
+        script.requests, clock, start_ns, connect, http, lambda outcome: print_line(outcome.text)
     )
 
 
@@ -75,6 +76,11 @@ def demonstrate(
     name: str, script: Script, log: Path, stage: Stage, bus: Bus, report: Path | None, print_line: PrintLine
 ) -> bool:
     """Play a log on a system that is ready; return True if every answer satisfies its request."""
+    for name, mesh in script.models.items():
+        model = upload_model(stage.http, name, mesh)
+        print_line(
+            f"mesh of {name}: {model['triangles']} triangles in {model['frame']}, product {model['id']}"
+        )
     stage.play(str(log), script.rate)
     clock, start_ns = wait_for_clock(bus, stage.check_running)
     start_s = time.monotonic()

@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from cdff_common.bus import Bus, Message, keys
 from cdff_common.bus.message import unpack
 from cdff_common.client import Answer, Client
@@ -22,6 +24,7 @@ from cdff_common.geometry.region import Region, parse_region
 from cdff_common.interfaces.product import Quality
 from cdff_common.mission_clock import MissionClock
 from cdff_common.types import ObjectTrack
+from cdff_core.orchestration.accuracy import sigmas_of
 from cdff_dev.missions.answer_assessment import assess_answer
 from cdff_dev.missions.script import TimedRequest
 from cdff_dev.missions.tracks import http_json
@@ -33,12 +36,21 @@ CLOCK_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Outcome of a request; it has no faults if the answer satisfies the request."""
+    """Outcome of a request; it has no faults if the answer satisfies the request.
+
+    ``explanation`` is that of the orchestrator before the request, one item a line.
+    """
 
     request: TimedRequest
     faults: tuple[str, ...]
     duration_s: float
     summary: str = ""
+    explanation: tuple[str, ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The explanation of the plan, if there is one, and the outcome."""
+        return "\n".join([*self.explanation, str(self)])
 
     def __str__(self) -> str:
         mark = "FAIL" if self.faults else "ok  "
@@ -108,18 +120,40 @@ def run_requests(
 def _send(request: TimedRequest, clock: MissionClock, connect: str, http: str) -> Outcome:
     """Send a request and return its outcome with the faults of the answer."""
     start_s = time.monotonic()
+    explanation: tuple[str, ...] = ()
     try:
         with Client(connect) as client:
+            if request.explain:
+                explanation = tuple(plan_lines(client.explain(request.type, **request.parameters)))
+                start_s = time.monotonic()
             answer = client.request(request.type, **request.parameters)
             now_ns, duration_s = clock.now_ns(), time.monotonic() - start_s
             value = read_map(answer.data) if answer.value is None else answer.value
             region = _region(request, answer, client)
             faults = list(assess_answer(request, value, answer.header, now_ns, region))
     except CdffError as error:
-        return Outcome(request, (f"{type(error).__name__}: {error}",), time.monotonic() - start_s)
+        faults = [f"{type(error).__name__}: {error}"]
+        return Outcome(request, tuple(faults), time.monotonic() - start_s, explanation=explanation)
     if not any(_is_available(http, id_) for id_ in (answer.header.id, *answer.header.inputs[:20])):
         faults.append(f"neither product {answer.header.id} nor its inputs is available over HTTP")
-    return Outcome(request, tuple(faults), duration_s, _summary(answer, value))
+    return Outcome(request, tuple(faults), duration_s, _summary(answer, value), explanation)
+
+
+def plan_lines(explanation: dict[str, Any]) -> list[str]:
+    """Return an explanation of the orchestrator as lines: the plan, its sources and sensor modes."""
+    plan, lines = explanation["plan"], []
+    if plan is None:
+        return [f"     no plan: {'; '.join(explanation['why_not'])}"]
+    sources = plan["sources"]
+    for part in plan["order"]:
+        ports = ", ".join(f"{port} from {source}" for port, source in sorted(sources.get(part, {}).items()))
+        lines.append(f"     plan: {part}{f' ({ports})' if ports else ''}")
+    changes = [f"{sensor} {old} -> {new}" for sensor, (old, new) in sorted(plan["changes"].items())]
+    lines += [f"     sensor modes: {', '.join(changes)}"] if changes else []
+    for item in explanation.get("accuracy", ()):
+        unmet = f": {'; '.join(item['unmet'])}" if item["unmet"] else ": meets the bounds"
+        lines.append(f"     newest product of {item['provider']}{unmet}")
+    return lines
 
 
 def _region(request: TimedRequest, answer: Answer, client: Client) -> Region | None:
@@ -165,7 +199,8 @@ def _summary(answer: Answer, value: Any) -> str:
     if hasattr(value, "points_m"):
         parts.append(f"{len(value.points_m)} points")
     if isinstance(value, ObjectTrack):
-        parts.append(_bearing_text(value, answer.header.quality))
+        has_bearings = len(value.data.bearings) > 0
+        parts.append(_bearing_text(value, answer.header.quality) if has_bearings else _pose_text(value))
     elif hasattr(value, "stamps_ns"):
         parts.append(f"{len(value.stamps_ns)} poses")
     if delivered.get("coverage") is not None:
@@ -175,6 +210,19 @@ def _summary(answer: Answer, value: Any) -> str:
     if delivered.get("source"):
         parts.append(f"from {delivered['source']}")
     return ", ".join(parts)
+
+
+def _pose_text(track: ObjectTrack) -> str:
+    """Return the distance and the angular rate of a tracked body, with standard deviations if known."""
+    distance_m = float(np.linalg.norm(track.data.poses[-1, :3]))
+    sigma_m, sigma_deg = sigmas_of(track)
+    text = f"{track.metadata.label} at {distance_m:.2f} m"
+    if sigma_m is not None and sigma_deg is not None:
+        text += f" ± {1000.0 * sigma_m:.0f} mm, attitude ± {sigma_deg:.2f}°"
+    if len(track.data.velocities):
+        rate_deg_s = math.degrees(float(np.linalg.norm(track.data.velocities[-1, 3:])))
+        text += f", rotating at {rate_deg_s:.2f} °/s"
+    return text
 
 
 def _bearing_text(track: ObjectTrack, quality: Quality) -> str:

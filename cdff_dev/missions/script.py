@@ -25,6 +25,8 @@ class TimedRequest(StrictModel):
     """One request of OG2; all fields but ``at_s`` and ``observable`` are sent to the orchestrator unchanged.
 
     ``observable`` is the expected state of a track: the range is not known yet (``bearing``), or it is.
+    ``provider`` is the DFPC whose product the answer is expected to be. With ``explain`` the plan of the
+    orchestrator is printed before the request is sent.
     """
 
     at_s: NotNegative
@@ -39,12 +41,18 @@ class TimedRequest(StrictModel):
     format: str | None = None
     deadline_ms: Annotated[int, Field(gt=0)]
     observable: Literal["bearing", "range"] | None = None
+    child: str | None = None
+    max_sigma_m: Positive | None = None
+    max_sigma_deg: Positive | None = None
+    provider: str | None = None
+    explain: bool = False
 
     @property
     def parameters(self) -> dict[str, Any]:
         """Keyword arguments of ``Client.request`` except the type."""
         options = self.model_dump(
-            exclude={"at_s", "type", "as_", "deadline_ms", "observable"}, exclude_none=True
+            exclude={"at_s", "type", "as_", "deadline_ms", "observable", "provider", "explain"},
+            exclude_none=True,
         )
         options |= {} if self.as_ is None else {"as_type": self.as_}
         return {**options, "deadline_s": self.deadline_ms / 1000}
@@ -204,12 +212,14 @@ class Mission(StrictModel):
 class Script(StrictModel):
     """Contents of the file of a demonstration: the requests that are sent while a log is played.
 
-    ``scenario`` is the simulated scenario, by default that of the name of the file.
+    ``scenario`` is the simulated scenario, by default that of the name of the file. ``models`` are the meshes
+    of objects, built-in ones of the simulator or files, which are uploaded to the DPM before the start.
     """
 
     profile: str
     scenario: str | None = None
     rate: Speed = 1.0
+    models: dict[str, str] = {}
     requests: Annotated[tuple[TimedRequest, ...], Field(min_length=1)]
     sharing: SharedMapLimits | None = None
 

@@ -65,6 +65,18 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         """Clear the track; the body is detected in the next scan."""
         super().restart()
         self._sigma_m = self.config.sigma_m
+        self._received: tuple[int, list[Hypothesis]] | None = None
+
+    def on_detections(self, sample: Sample) -> Iterable[Output]:
+        """Store the detections of the body; the next scan without a track uses them."""
+        hypotheses = [
+            Hypothesis(d.label, d.pose.transform.matrix, None, d.score, is_alternative=False)
+            for d in sample.value.detections
+            if d.label == self._name
+        ]
+        if hypotheses:
+            self._received = sample.stamp_ns, hypotheses
+        return ()
 
     def on_cloud(self, sample: Sample) -> Iterable[Output]:
         """Track the body in a scan whose points were all measured at the same time."""
@@ -174,13 +186,16 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
     ) -> Iterable[Output]:
         """Detect the body in a scan: correct the track, or start one."""
         try:
-            hypotheses = self._detect(model, points_m)
+            if self.config.search_scans:
+                # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
+                stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
+                hypotheses = self._detect(model, points_m)
+            else:
+                stamp_ns, hypotheses = self._take_received(sample.stamp_ns)
         except RefusedError as error:
             if self._state is None:
                 return self._outputs(sample, None, Quality.failed("not_found", *error.reasons))
             return self._published(sample, ["coasting", *reasons, *error.reasons], self._metrics(None))
-        # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
-        stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
         names = [*self._use_detection(model, hypotheses, stamp_ns), *reasons]
         assert self._state is not None
         predicted_state = self._filter.predicted(self._state, sample.stamp_ns)
@@ -207,6 +222,21 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
                 "no body of the scan is the model", refusals or no_body_reasons(points_m, model.diameter_m)
             )
         return max(accepted, key=lambda hypotheses: hypotheses[0].score)
+
+    def _take_received(self, stamp_ns: int) -> tuple[int, list[Hypothesis]]:
+        """Return time and hypotheses of the newest detections; RefusedError without recent ones."""
+        received, self._received = self._received, None
+        if received is None:
+            raise RefusedError("no detections", ["no_detections"])
+        age_s = 1e-9 * (stamp_ns - received[0])
+        if not 0.0 <= age_s <= self.config.lost_after_s:
+            limit_s = self.config.lost_after_s
+            raise RefusedError("old detections", [f"detections_old:{age_s:.3g}s>{limit_s:g}s"])
+        if self._state is not None:
+            if received[0] < self._state.stamp_ns:
+                raise RefusedError("detections before the state", ["no_new_detections"])
+            self._state = self._filter.predicted(self._state, received[0])
+        return received
 
     def _metrics(self, fit: ScanFit | None) -> dict[str, float]:
         """Return the metrics of the quality."""

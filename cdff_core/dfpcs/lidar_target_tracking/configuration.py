@@ -30,6 +30,10 @@ class LidarTargetTrackingConfig(BodyTrackingConfig):
     detect_after: int = Field(
         3, ge=1, le=1000, description="Consecutive scans without use after which the body is detected"
     )
+    search_scans: bool = Field(
+        True,
+        description="Search for the body in scans without a track; False: use the detections of the input",
+    )
     min_score: float = Field(
         0.7, gt=0, le=1, description="Fraction of the rays that must agree with the model in a detection"
     )

@@ -18,7 +18,7 @@ class LidarTargetTrackingInterface(Dfpc):
     """
 
     name = "lidar_target_tracking"
-    INPUT_PORTS = ("model", "scan", "cloud", "guess")
+    INPUT_PORTS = ("model", "scan", "cloud", "guess", "detections")
 
     @abstractmethod
     def on_model(self, sample: Sample) -> Iterable[Output]:
@@ -40,6 +40,12 @@ class LidarTargetTrackingInterface(Dfpc):
     def on_guess(self, sample: Sample) -> Iterable[Output]:
         """Process an input of type TransformWithCovariance. T_sensor_body at the first scan after the
         guess; without a guess the body is detected.
+        """
+
+    @abstractmethod
+    def on_detections(self, sample: Sample) -> Iterable[Output]:
+        """Process an input of type ObjectDetections. Detections of the body in the frame of the scans;
+        they replace the own search if search_scans is false.
         """
 
     @abstractmethod

@@ -41,3 +41,9 @@ class TargetDetectionConfig(DfpcConfig):
         le=1000,
         description="Difference of -2 log likelihood up to which another pose is an alternative: DEGRADED",
     )
+    position_max_age_s: float = Field(
+        10.0, gt=0, le=1e4, description="Age of an expected position above which it is not used"
+    )
+    relative_speed_mps: float = Field(
+        2.0, ge=0, le=100, description="Largest speed of a body relative to its expected position"
+    )

@@ -27,6 +27,7 @@ from services.dpm.http.routes import (
     frames,
     layers,
     maps,
+    meshes,
     ogc,
     ogc_maps,
     page,
@@ -47,6 +48,7 @@ from services.dpm.operations.refusals import RefusalLog
 #: Modules with routes; the last one is the operators' page, which is not in the OpenAPI document.
 MODULES = (
     products,
+    meshes,
     product_types,
     tracks,
     transactions,

@@ -114,6 +114,18 @@ class Inserted(BaseModel):
     result: Literal["inserted", "already"]
 
 
+class StoredMesh(Inserted):
+    """Outcome of the upload of a mesh, and content of the file."""
+
+    frame: str
+    unit: str
+    vertices: int
+    triangles: int
+    extent_m: Annotated[list[float], Field(min_length=3, max_length=3, description="Along x, y, z, metres")]
+    symmetries: int | None
+    sha256: Annotated[str, Field(description="SHA-256 of the file")]
+
+
 class Deleted(BaseModel):
     """Outcome of a deletion; ``deleted`` is false if it was already deleted."""
 

@@ -18,6 +18,6 @@ def test_an_unknown_scenario_is_refused_before_the_simulation(
     assert main(["demo", "--scenario", "nope", "--data-dir", str(tmp_path / "data"), *options]) == 1
     out, err = capsys.readouterr()
     assert out == ""
-    shipped = "distant_rovers, kitti, orbit_approach, rover_traverse"
+    shipped = "close_approach, distant_rovers, kitti, orbit_approach, rover_traverse"
     assert f"demonstration 'nope': no such file; shipped are {shipped}" in err
     assert not (tmp_path / "data").exists()

@@ -14,7 +14,15 @@ from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
 from cdff_common.interfaces.product import Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import LidarScan, Mesh, Pointcloud, TransformWithCovariance
+from cdff_common.types import (
+    LidarScan,
+    Mesh,
+    ObjectDetection,
+    ObjectDetections,
+    Pointcloud,
+    Time,
+    TransformWithCovariance,
+)
 from tests.support import satellite
 
 PREPARE = {"points": 8000, "views": 60, "view_pixels": 128, "grid_cells": 64}
@@ -226,3 +234,41 @@ def test_a_model_with_the_wrong_unit_is_refused(rng: np.random.Generator, scale:
     pose, _ = step(dfpc, cloud(0.0, points_at(0.0, rng)))
     assert pose.quality.status is Status.FAILED
     assert "wrong_unit" in pose.quality.reasons
+
+
+def detections(t_s: float, T: np.ndarray, label: str = "client") -> Sample:
+    stamp_ns = round(1e9 * t_s)
+    pose = TransformWithCovariance.from_transform(
+        UncertainTransform(T), parent="servicer/lidar", child=f"{label}/body", stamp_ns=stamp_ns
+    )
+    value = ObjectDetections(
+        time_stamp=Time.from_ns(stamp_ns),
+        frame_id="servicer/lidar",
+        detections=(ObjectDetection.from_pose(label, 0.9, pose, size_m=np.ones(3)),),
+    )
+    return Sample("detections", stamp_ns, 0, value)
+
+
+@pytest.mark.slow
+def test_without_its_own_search_it_starts_from_the_detections_of_the_body(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(search_scans=False)
+    pose, _ = step(dfpc, cloud(0.0, points_at(0.0, rng)))
+    assert pose.quality.reasons == ("not_found", "no_detections")
+    list(dfpc.step(detections(0.0, truth(0.0), label="other")))
+    pose, _ = step(dfpc, cloud(1.0, points_at(1.0, rng)))
+    assert pose.quality.reasons == ("not_found", "no_detections")
+    list(dfpc.step(detections(1.0, truth(1.0))))
+    for k in range(2, 8):
+        pose, _ = step(dfpc, cloud(float(k), points_at(float(k), rng)))
+        assert pose.quality.status is not Status.FAILED
+    angle_deg, distance_m = errors(pose, 7.0)
+    assert angle_deg < 1.0
+    assert distance_m < 0.02
+
+
+@pytest.mark.slow
+def test_detections_from_a_long_time_ago_are_not_used(rng: np.random.Generator) -> None:
+    dfpc = make_dfpc(search_scans=False, lost_after_s=5.0)
+    list(dfpc.step(detections(0.0, truth(0.0))))
+    pose, _ = step(dfpc, cloud(30.0, points_at(30.0, rng)))
+    assert pose.quality.reasons == ("not_found", "detections_old:30s>5s")

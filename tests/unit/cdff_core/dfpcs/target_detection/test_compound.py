@@ -4,18 +4,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cdff_common.errors import ConfigurationError, InputError
-from cdff_common.geometry import se3
+from cdff_common.geometry import UncertainTransform, se3
 from cdff_common.geometry.covariance import pose_error
 from cdff_common.interfaces.dfpc import Dfpc, Output, Sample
-from cdff_common.interfaces.product import CovarianceKind, Status
+from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from cdff_common.interfaces.registry import Registry
-from cdff_common.types import Mesh, ObjectDetection, Pointcloud
+from cdff_common.types import Frame, Mesh, ObjectDetection, Pointcloud, TransformWithCovariance
 from tests.support import satellite
 from tests.support.kernels import compiled_signatures
 
@@ -233,3 +234,56 @@ def test_wrong_parameters_and_meshes_are_refused() -> None:
         make_dfpc(unit="inch")
     with pytest.raises(InputError, match="no triangle"):
         list(make_dfpc().step(model((np.zeros((3, 3)), np.zeros((0, 3), np.int64)))))
+
+
+def position(xyz_m: tuple[float, float, float], sigma_m: float, frame: str = "servicer/lidar") -> Sample:
+    covariance = np.diag([sigma_m**2] * 3 + [10.0] * 3)
+    value = TransformWithCovariance.from_transform(
+        UncertainTransform(se3.transform(np.eye(3), xyz_m), covariance),
+        parent=frame,
+        child="client/body",
+        stamp_ns=0,
+    )
+    return Sample("position", 0, 0, value)
+
+
+@pytest.mark.slow
+def test_bodies_far_from_the_expected_position_are_not_examined() -> None:
+    dfpc = make_dfpc()
+    list(dfpc.step(model(satellite.satellite())))
+    T = se3.transform(np.eye(3), [0, 0, 8])
+    points = satellite.scan(satellite.satellite(), T, rng=np.random.default_rng(1), **NEAR)
+    list(dfpc.step(position((0.0, 0.0, 30.0), 1.0)))
+    output = detect(dfpc, points)
+    assert output.value is None
+    assert "away_from_position:1" in output.quality.reasons
+    list(dfpc.step(position((0.0, 0.0, 10.0), 1.0)))
+    assert detect(dfpc, points).value is not None
+    # An expected position in a frame without a known mount is not used.
+    list(dfpc.step(position((0.0, 0.0, 30.0), 1.0, frame="other/camera")))
+    assert detect(dfpc, points).value is not None
+
+
+@pytest.mark.slow
+def test_stated_symmetries_that_the_mesh_does_not_have_are_reported() -> None:
+    dfpc = make_dfpc()
+    stated = replace(model(satellite.satellite()), quality=Quality(metrics={"symmetries": 4.0}))
+    list(dfpc.step(stated))
+    T = se3.transform(np.eye(3), [0, 0, 8])
+    output = detect(dfpc, satellite.scan(satellite.satellite(), T, rng=np.random.default_rng(1), **NEAR))
+    assert output.quality.status is Status.DEGRADED
+    assert "symmetries_of_client:4 stated, 1 found" in output.quality.reasons
+
+
+def test_an_image_without_a_camera_and_a_dark_one_are_refused(client: Dfpc) -> None:
+    for camera, reason in ((None, "camera"), (np.diag([700.0, 700.0, 1.0]), "no_light")):
+        frame = Frame.from_image(
+            np.full((240, 320), 8, np.uint8),
+            stamp_ns=1000,
+            mode="GRAY",
+            sensor="camera",
+            camera_matrix=camera,
+        )
+        (output,) = client.step(Sample("image", 1000, 0, frame, id="image"))
+        assert output.quality.status is Status.FAILED
+        assert any(reason in text for text in output.quality.reasons)
