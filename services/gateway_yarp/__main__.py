@@ -29,7 +29,7 @@ def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument(
         "--host",
         default=os.environ.get("CDFF_YARP_HOST") or "127.0.0.1",
-        help="address of this machine for the robot, and to listen on; default: CDFF_YARP_HOST, else loopback",
+        help="address of this machine for the robot, and to listen on; default: CDFF_YARP_HOST, loopback",
     )
     return parser.parse_args(argv)
 

@@ -62,7 +62,7 @@ def _image(received: Received, entry: InputPort, stamp_ns: int) -> Frame:
 
 
 def _imu(values: Any, _: InputPort, stamp_ns: int) -> IMUSensors:
-    """Return acceleration (m/s²) and angular velocity (degrees per second) of the port of an inertial unit."""
+    """Return acceleration and angular velocity (stated in degrees per second) of an inertial unit."""
     numbers = _numbers(values, 12, "sample of an IMU")
     return IMUSensors(Time.from_ns(stamp_ns), numbers[3:6], np.deg2rad(numbers[6:9]), np.zeros(3))
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Values of YARP in binary and as text (https://yarp.it/latest/data_rep.html).
 
-A list is a Python list, a vocabulary a ``Vocab``, a blob ``bytes``; a list of numbers of one type is an array.
+A list is a Python list, a vocabulary a ``Vocab``, a blob ``bytes``; numbers of one type are an array.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""A name server and ports of YARP, written from the documentation of the protocol without code of the gateway."""
+"""A name server and ports of YARP from the documentation of its protocol, without code of the gateway."""
 
 from __future__ import annotations
 
