@@ -287,10 +287,10 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         _kernels.supports(maps, 1.0, 0, one, np.zeros(1), np.eye(4)[None], np.zeros((1, 6)), 1.0)
 
 
-def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
+def _outputs_without_points(T_map_sensor: FloatArray, sweep: FloatArray) -> Outputs:
     """Return the guess as the pose of a sweep without points, with unknown covariance."""
     return Outputs(
-        transform=T,
+        transform=T_map_sensor,
         sweep=sweep,
         covariance=np.full((6, 6), np.nan),
         residual_covariance=np.zeros((6, 6)),
