@@ -56,7 +56,7 @@ class Prior:
     root, offset, scale : ndarray, shape (r, 6k), (r,), (6k,)
         The number of residuals r is the rank of the prior's matrix; ``scale`` holds the scales of its
         columns.
-    unknown : ndarray, shape (f, 7)
+    unconstrained : ndarray, shape (f, 7)
         Motions of the whole problem that the prior does not constrain.
     centre, unit : ndarray, shape (3,), and float
         Mean position of the cameras at the linearisation, and the largest distance from it, metres.

@@ -45,7 +45,7 @@ class IteratedFilterConfig(DfnConfig):
 class IteratedFilter(Interface[IteratedFilterConfig]):
     """Each step is one of an iterated Kalman filter (Bell and Cathey 1993, doi:10.1109/9.250476) whose
     measurements are the residuals along the normals with Tukey's weights; the limit of the residuals shrinks
-    from ``limitPx`` to that of the noise.
+    from ``limit_px`` to that of the noise.
     """
 
     def process(self, inputs: Inputs) -> Outputs:

@@ -118,7 +118,7 @@ def normal_equations(
     kernel: float,
     noise: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Gauss-Newton system of pose and motion during the sweep.
+    """Return the Gauss-Newton system of pose and motion during the sweep.
 
     The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the
     map, and the change of the translation and rotation during the sweep, in axes of the sensor. The weights

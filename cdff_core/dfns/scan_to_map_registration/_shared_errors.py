@@ -32,7 +32,7 @@ class CalibrationErrors:
     Errors of different rings are independent (Glennie, Lichti 2010, doi:10.3390/rs2061610).
     """
 
-    range_m: float  # of all rings in common
+    range_m: float  # standard deviation of the error that all rings share
     ring_range_m: float
     ring_elevation_rad: float
 

@@ -326,8 +326,7 @@ def _adjust(directions: FloatArray, match: _Match, catalogue: StarCatalogue | No
     if len(b) < _MIN_SCALE_STARS:
         return _Match(match.sources, match.stars, R, match.scale, match.radial)
     # In the camera frame, tangents of the stars are those of the sources times (1 / scale + radial r^2),
-    # moved by a
-    # small rotation.
+    # moved by a small rotation.
     sky = r @ R
     target = sky[:, :2] / sky[:, 2:]
     xy = b[:, :2] / b[:, 2:]

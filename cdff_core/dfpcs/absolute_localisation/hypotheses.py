@@ -34,7 +34,7 @@ class Hypothesis:
     log_weight: float = 0.0
     matches: int = 0  # number of segments that agree with it
     explained: float = 0.0  # fraction of the relief that the last segment's match explains; 0 without a match
-    correlation: float = 0.0  # of the gradients at the last segment's match; 0 without a match
+    correlation: float = 0.0  # correlation of the gradients at the last segment's match; 0 without a match
 
     @property
     def position(self) -> FloatArray:
