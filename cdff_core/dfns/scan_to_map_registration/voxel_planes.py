@@ -165,7 +165,8 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             ]
         )
         step = 1 + len(points) // _SEARCH_POINTS
-        sampled_points, sampled_times = points[::step], point_times[::step]
+        # Contiguous copies: for a strided array the kernels would be compiled a second time.
+        sampled_points, sampled_times = points[::step].copy(), point_times[::step].copy()
         schedule, results = self._schedule(inputs.guess_covariance), []
         for i in best_guesses(self._map, points, point_times, poses, motions):
             prior_of_guess = replace(prior, T_guess=poses[i], motion_guess=motions[i])
