@@ -434,7 +434,8 @@ class Client:
         """Raise ProductNotFoundError if an orchestrator runs, but none for this robot."""
         if robot == "any":
             return
-        services = ("orchestrator", "orchestrator_ground")  # the second stands in for that of a robot
+        # orchestrator_ground: the ground's orchestrator, in the scope of a robot that should have its own.
+        services = ("orchestrator", "orchestrator_ground")
         scopes = {key.split("/")[2] for s in services for key in self._bus.alive(keys.alive("*", s))}
         if keys.GROUND in scopes and robot not in scopes:
             robots = ", ".join(sorted(scopes - {keys.GROUND}))

@@ -310,6 +310,8 @@ class Sensor:
             raise InputError(
                 f"{self.name}/{self.stream}: no stamp; expected stamp_ns=, or a value with a time"
             )
+        if not hasattr(value, "stamp_ns"):  # its type has no time; the header of the sample has it
+            return value, end_ns, end_ns
         if own_ns == 0:
             return _with_time(value, end_ns), end_ns, end_ns
         if own_ns != end_ns:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Location of a frame: anchored on a body, fixed to one without a surface, or unknown."""
+"""Location of a frame: anchored on a body, fixed to a body without a surface, or unknown."""
 
 from __future__ import annotations
 

@@ -204,7 +204,7 @@ class Robot(StrictModel):
     power_w_per_core: NonNegativeFloat = 0.0
     dfpcs: tuple[DfpcEntry, ...] = ()
     urdf: str = ""
-    gateways: dict[Literal["gateway_ros1", "gateway_ros2", "gateway_rock"], str] = {}
+    gateways: dict[Literal["gateway_ros1", "gateway_ros2", "gateway_rock", "gateway_yarp"], str] = {}
 
     @model_validator(mode="after")
     def _names_are_wired(self, info: ValidationInfo) -> Robot:

@@ -169,21 +169,21 @@ def target_cell(
     row: int,
     z: float,
     fine: float,
-    T: Float,
+    T_window_patch: Float,
     covariance: Float,
     coarse: float,
     left: int,
     top: int,
 ) -> tuple[int, int, float, float]:  # pragma: no cover - compiled
     """Return row and column of the window's cell at a quarter of a patch's cell, the height of the quarter,
-    and the variance that ``T`` adds.
+    and the variance that ``T_window_patch`` adds.
 
     ``col`` and ``row`` count the patch's cells from the origin of its frame, to the right and up to the upper
     edge of the cell.
     """
     x = (col + 0.25 + 0.5 * (quarter % 2)) * fine
     y = (row - 0.25 - 0.5 * (quarter // 2)) * fine
-    rx, ry, rz = rotated(T, x, y, z)
+    rx, ry, rz = rotated(T_window_patch, x, y, z)
     # A rotation error (wx, wy, wz) of the frame raises the point by wx ry - wy rx.
     variance = (
         covariance[2, 2]
@@ -192,9 +192,9 @@ def target_cell(
         + 2.0 * (ry * covariance[2, 3] - rx * covariance[2, 4] - rx * ry * covariance[3, 4])
     )
     return (
-        top - 1 - math.floor((ry + T[1, 3]) / coarse),
-        math.floor((rx + T[0, 3]) / coarse) - left,
-        rz + T[2, 3],
+        top - 1 - math.floor((ry + T_window_patch[1, 3]) / coarse),
+        math.floor((rx + T_window_patch[0, 3]) / coarse) - left,
+        rz + T_window_patch[2, 3],
         max(variance, 0.0),
     )
 
@@ -206,7 +206,7 @@ def pool_resampled(
     fine: float,
     left: int,
     top: int,
-    T: Float,
+    T_window_patch: Float,
     covariance: Float,
     coarse: float,
     window_left: int,
@@ -217,10 +217,10 @@ def pool_resampled(
     """Pool a patch in another frame, or with cells that do not fit those of the window, as ``pool_layers``.
 
     Each cell is divided into 2 x 2 parts with a quarter of its heights each; a part is added to the cell of
-    the window that contains its centre, transformed by ``T``. Cells no larger than the window's leave no
-    holes: the centres are at most 0.36 of a cell from any point, less than half a cell. ``covariance`` (6,
-    6) of ``T``, in the window's frame, adds to the variance of each height, and to that of the poses: it is
-    an error common to all heights too.
+    the window that contains the transformed centre of the part. Cells no larger than the window's leave no
+    holes: the centres are at most 0.36 of a cell from any point, less than half a cell. The ``covariance``
+    (6, 6) of ``T_window_patch``, in the window's frame, is added to the variance of each height. It is also
+    added to the variance due to the poses, since it is an error common to all heights.
     """
     means, variances, lows, highs, counts, ages, poses, intensities, first_ages, overhangs = layers
     rows, cols = cells[0].shape
@@ -231,7 +231,7 @@ def pool_resampled(
                 continue
             age = np.float64(ages[r, c])
             stamp = t1 - math.floor(age * 1e9 + 0.5) if math.isfinite(age) else t1
-            vertical_scale = T[2, 2]
+            vertical_scale = T_window_patch[2, 2]
             variance = np.float64(variances[r, c]) * vertical_scale * vertical_scale
             low, high = (
                 (np.float64(lows[r, c]) - z) * vertical_scale,
@@ -239,7 +239,16 @@ def pool_resampled(
             )
             for quarter in range(4):
                 row, col, height, pose_variance = target_cell(
-                    quarter, left + c, top - r, z, fine, T, covariance, coarse, window_left, window_top
+                    quarter,
+                    left + c,
+                    top - r,
+                    z,
+                    fine,
+                    T_window_patch,
+                    covariance,
+                    coarse,
+                    window_left,
+                    window_top,
                 )
                 if 0 <= row < rows and 0 <= col < cols:
                     m2 = 0.25 * n * (variance + pose_variance)

@@ -226,11 +226,13 @@ def _checks(name: str) -> tuple[tuple[str, str, Check], ...]:
 
 def box_around(positions: Any) -> Box | None:
     """Return the box around finite positions, given as in ``POSITIONS``; None without any."""
-    if not isinstance(positions, np.ndarray):
+    if isinstance(positions, np.ndarray):
+        points = np.atleast_2d(positions)[:, :3]
+    else:
         messages = positions if isinstance(positions, tuple) else (positions,)
         boxes = [box for message in messages if (box := message.extent_m()) is not None]
-        positions = np.array(boxes).reshape(-1, 3)
-    points = np.atleast_2d(positions)[:, :3]
+        corners = np.array(boxes).reshape(-1, 3)
+        points = corners
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return None

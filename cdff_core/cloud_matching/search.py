@@ -92,11 +92,11 @@ class AlignmentSearch:
             # The other matches may agree on a different alignment.
             pairs = pairs[0][~solution.inliers], pairs[1][~solution.inliers]
 
-    def _refine(self, T: Float, metrics: dict[str, float]) -> AssessedRegistration | None:
+    def _refine(self, T_target_source: Float, metrics: dict[str, float]) -> AssessedRegistration | None:
         """Refine on the coarse clouds, then on the fine clouds; None if either fails the gates."""
         try:
             for source, target in (self._coarse, self._fine):
-                registration = self._matcher.refine(source, target, T, metrics)
+                registration = self._matcher.refine(source, target, T_target_source, metrics)
                 quality = self._quality_of(registration)
                 failures = quality.reasons if quality.status is Status.FAILED else ()
                 if source is self._coarse[0]:
@@ -104,7 +104,7 @@ class AlignmentSearch:
                 if failures:
                     self._record_refusal(failures)
                     return None
-                T = registration.T_target_source
+                T_target_source = registration.T_target_source
         except RefusedError as error:
             self._record_refusal(tuple(error.reasons))
             return None

@@ -57,7 +57,9 @@ def centroid_angles(image: ByteArray, points: FloatArray, radius_px: int = 10) -
     Rosin (1999), doi:10.1006/cviu.1998.0719; beyond the border, the edge pixels are repeated.
     """
     pixels = np.rint(points).astype(np.int64)
-    x, y = _moments(np.ascontiguousarray(image), pixels, radius_px).T
+    read_only = np.ascontiguousarray(image).view()
+    read_only.flags.writeable = False  # the kernel is compiled for one type of array only
+    x, y = _moments(read_only, pixels, radius_px).T
     return np.asarray(np.degrees(np.arctan2(y, x)) % 360.0)
 
 

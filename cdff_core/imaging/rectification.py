@@ -173,7 +173,9 @@ def _common_rotations(T_right_left: FloatArray) -> tuple[FloatArray, FloatArray]
     return R @ half, R @ half.T
 
 
-def _bounds(camera: CameraModel, R: FloatArray, max_angle_deg: float | None) -> tuple[FloatArray, FloatArray]:
+def _bounds(
+    camera: CameraModel, R_ideal_real: FloatArray, max_angle_deg: float | None
+) -> tuple[FloatArray, FloatArray]:
     """Return the inner and the outer box of a camera's view on the plane z = 1 of the rotated camera."""
     if not camera.rows or not camera.cols:
         raise InputError("camera without an image size: the calibration has none")
@@ -186,8 +188,8 @@ def _bounds(camera: CameraModel, R: FloatArray, max_angle_deg: float | None) -> 
         np.column_stack([u, np.full_like(u, camera.rows - 1.0)]),
     ):
         if max_angle_deg is not None:
-            pixels = _within_angle(camera, R, pixels, max_angle_deg)
-        rays = camera.rays(pixels) @ R.T
+            pixels = _within_angle(camera, R_ideal_real, pixels, max_angle_deg)
+        rays = camera.rays(pixels) @ R_ideal_real.T
         if not (rays[:, 2] > 0.1).all():
             raise InputError(
                 "the field of view is too wide for a flat image: expected at most 84 degrees from the "
@@ -234,11 +236,11 @@ def _ideal_cameras(
     return [replace(i, cx=cx) for i in ideal]
 
 
-def _with_maps(camera: CameraModel, R: FloatArray, ideal: CameraModel) -> Rectified:
-    """Return an ideal camera, rotated by ``R`` (3, 3) from a real camera, with its maps."""
+def _with_maps(camera: CameraModel, R_ideal_real: FloatArray, ideal: CameraModel) -> Rectified:
+    """Return an ideal camera, rotated from a real camera, with its maps."""
     cols, rows = np.meshgrid(np.arange(ideal.cols, dtype=np.float64), np.arange(ideal.rows, dtype=np.float64))
     x, y = (cols.ravel() - ideal.cx) / ideal.fx, (rows.ravel() - ideal.cy) / ideal.fy
     rays = np.column_stack([x, y, np.ones(cols.size)])
-    pixels = np.nan_to_num(camera.project(rays @ R), nan=-1e4).reshape(*cols.shape, 2)
+    pixels = np.nan_to_num(camera.project(rays @ R_ideal_real), nan=-1e4).reshape(*cols.shape, 2)
     maps = cv2.convertMaps(pixels[..., 0].astype(np.float32), pixels[..., 1].astype(np.float32), cv2.CV_16SC2)
-    return Rectified(ideal, R, (maps[0], maps[1]))
+    return Rectified(ideal, R_ideal_real, (maps[0], maps[1]))

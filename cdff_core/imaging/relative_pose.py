@@ -38,12 +38,12 @@ def angles(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def depths(
-    R: FloatArray, t: FloatArray, source: FloatArray, sink: FloatArray
+    R_sink_source: FloatArray, t_sink_source: FloatArray, source: FloatArray, sink: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return depths ``(n,)`` of closest approach along both rays, in units of the translation."""
-    a, b = source @ R.T, sink
+    a, b = source @ R_sink_source.T, sink
     aa, bb, ab = (np.einsum("ij,ij->i", u, v) for u, v in ((a, a), (b, b), (a, b)))
-    at, bt = a @ t, b @ t
+    at, bt = a @ t_sink_source, b @ t_sink_source
     determinant = np.maximum(aa * bb - ab**2, 1e-300)
     return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
 

@@ -224,10 +224,10 @@ class KeyframeGraph(Generic[K]):
             self.root = new_ids[int(fixed[0] if len(fixed) else vertices.ids[0])]
         return new_ids
 
-    def _add(self, keyframe: K, T: Float, covariance: Float) -> int:
+    def _add(self, keyframe: K, T_map_keyframe: Float, covariance: Float) -> int:
         key, self._next_id = self._next_id, self._next_id + 1
         self.keyframes[key] = keyframe
-        self.poses[key], self.covariances[key] = se3.normalise_transform(T), covariance
+        self.poses[key], self.covariances[key] = se3.normalise_transform(T_map_keyframe), covariance
         self._distances = None
         return key
 

@@ -18,10 +18,13 @@ from cdff_core.object_models.scan_detection import Hypothesis
 
 
 class BodyDetection(Dfpc):
-    """Compound that detects bodies in each sample of a sensor; a subclass examines the sample."""
+    """Compound that detects bodies in each sample of a sensor; a subclass processes the sample."""
 
     def setup_models(self, unit: str) -> None:
-        """Create the DFN of the models, whose vertices have a unit; clear the state, offer the store item."""
+        """Create the DFN that prepares the models; ``unit`` is the length unit of their vertices.
+
+        The state is cleared, and the store item is offered.
+        """
         self._models = PreparedModels(self.dfn("prepare"), unit)
         compile_kernels()
         self._waiting: Sample | None = None
@@ -37,7 +40,7 @@ class BodyDetection(Dfpc):
         self._stated_symmetries.clear()
 
     def on_model(self, sample: Sample) -> Iterable[Output]:
-        """Prepare and store the model; examine the sample that waited for one."""
+        """Prepare and store the model; process the sample that waited for a model."""
         name = self._models.add(sample.value)
         self._model_ids[name] = sample.id
         self._stated_symmetries.pop(name, None)

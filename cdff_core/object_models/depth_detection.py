@@ -145,14 +145,18 @@ class _Scene:
     on_planes: BoolArray
 
     def comparison(
-        self, model: ModelPreparationOutputs, T: FloatArray, R_camera_depth: FloatArray, limit_m: float
+        self,
+        model: ModelPreparationOutputs,
+        T_camera_model: FloatArray,
+        R_camera_depth: FloatArray,
+        limit_m: float,
     ) -> _Comparison:
-        """Return the comparison of a model at T_camera_model (4, 4) with the depths, up to ``limit_m``."""
+        """Return the comparison of a model with the depths, up to ``limit_m``."""
         rows, columns = self.on_planes.shape
         step = -(-self.image.width // columns)
         fx, fy = 1.0 / (self.image.scale_x * step), 1.0 / (self.image.scale_y * step)
         camera = Window(fx, fy, -self.image.center_x * fx, -self.image.center_y * fy, rows, columns)
-        T_depth_model = se3.transform(R_camera_depth.T, np.zeros(3)) @ T
+        T_depth_model = se3.transform(R_camera_depth.T, np.zeros(3)) @ T_camera_model
         row, column, window = body_window(model.drawn_vertices, T_depth_model, camera)
         rendered_m = render(model.drawn_vertices, model.drawn_triangles, T_depth_model, window).depth_m
         part = np.s_[row : row + window.rows, column : column + window.columns]

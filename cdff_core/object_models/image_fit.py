@@ -129,7 +129,7 @@ class ImageFitter:
 
 def search_range_px(
     model: ModelPreparationOutputs,
-    T: FloatArray,
+    T_camera_body: FloatArray,
     covariance: FloatArray,
     camera_matrix: FloatArray,
     largest_px: float,
@@ -140,8 +140,7 @@ def search_range_px(
     ----------
     model : ModelPreparationOutputs
         Mesh of the body, of which the centre and the diameter are used, metres.
-    T : ndarray, shape (4, 4)
-        T_camera_body.
+    T_camera_body : ndarray, shape (4, 4)
     covariance : ndarray, shape (6, 6)
         Of the position (m2) and of the rotation (rad2) in the axes of the camera, in this order.
     camera_matrix : ndarray, shape (3, 3)
@@ -154,7 +153,7 @@ def search_range_px(
     RefusedError
         ``behind_camera``.
     """
-    depth_m = float(T[2, :3] @ model.centre_m + T[2, 3])
+    depth_m = float(T_camera_body[2, :3] @ model.centre_m + T_camera_body[2, 3])
     if depth_m <= 0.0:
         raise RefusedError("the body is behind the camera", ["behind_camera"])
     variances = np.diag(covariance)

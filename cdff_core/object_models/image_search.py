@@ -122,14 +122,13 @@ def body_light(image: NDArray[np.uint8], config: ImageSearchConfig) -> BodyLight
     noise = 1.4826 * float(np.median(np.abs(small - background)))
     mask = (small > background + max(6.0 * noise, 6.0)).astype(np.uint8)
     border = float(np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean())
-    if noise > 6.0 or border > config.max_border:
+    if background > _BRIGHT or noise > _VARYING:
         raise RefusedError(
-            f"light on {border:.0%} of the border, background varies by {noise:.0f} grey levels",
-            [
-                f"bright_background:{border:.2f}>{config.max_border:g}"
-                if noise <= 6.0
-                else "bright_background"
-            ],
+            f"background of {background:.0f} grey levels that varies by {noise:.0f}", ["bright_background"]
+        )
+    if border > config.max_border:
+        raise RefusedError(
+            f"light on {border:.0%} of the border", [f"bright_background:{border:.2f}>{config.max_border:g}"]
         )
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((15, 15), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(closed)

@@ -68,13 +68,13 @@ def range_residuals(
 
 @njit(cache=True)
 def _residuals(
-    T: FloatArray, vertices: FloatArray, triangles: IntArray, view: ScanView, residuals: FloatArray
+    T_view_model: FloatArray, vertices: FloatArray, triangles: IntArray, view: ScanView, residuals: FloatArray
 ) -> None:  # pragma: no cover - compiled
     """Write the difference of each measured depth from the drawn model; NaN where the model is not drawn."""
     inverse_depth = np.zeros((view.window.rows, view.window.columns))
     face = np.full((view.window.rows, view.window.columns), -1)
     scratch = np.empty((len(vertices), 3))
-    draw(vertices, triangles, T, view.window, inverse_depth, face, scratch)
+    draw(vertices, triangles, T_view_model, view.window, inverse_depth, face, scratch)
     for i in range(len(view.points_m)):
         residuals[i] = _residual(view, i, inverse_depth, face, scratch, triangles)
 

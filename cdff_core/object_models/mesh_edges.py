@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import inverse_translation, transformed
 from cdff_core.object_models.rendering import Window
 
 #: Vertices closer than this, relative to the extent of the mesh, are the same vertex.
@@ -61,15 +62,15 @@ def mesh_edges(vertices_m: FloatArray, triangles: IntArray, crease_rad: float) -
 
 
 def control_points(
-    edges: MeshEdges, T: FloatArray, window: Window, inverse_depth: FloatArray, spacing_px: float
+    edges: MeshEdges, T_camera_model: FloatArray, window: Window, inverse_depth: FloatArray, spacing_px: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the visible control points.
 
     Parameters
     ----------
     edges : MeshEdges
-    T : ndarray, shape (4, 4)
-        T_camera_model.
+    T_camera_model : ndarray, shape (4, 4)
+        Pose of the mesh in the camera.
     window : Window
         That of ``inverse_depth``, the rendering of the mesh: 0 where there is no face.
     spacing_px : float
@@ -84,11 +85,11 @@ def control_points(
     normals : ndarray, shape (n, 2)
         Unit normals of the edges in the image.
     """
-    rows = _drawn_edges(edges, np.ascontiguousarray(T, np.float64))
+    rows = _drawn_edges(edges, np.ascontiguousarray(T_camera_model, np.float64))
     if not len(rows):
         return np.zeros((0, 3)), np.zeros((0, 2)), np.zeros((0, 2))
     ends_m = edges.ends_m[rows]
-    ends = ends_m @ T[:3, :3].T + T[:3, 3]
+    ends = ends_m @ T_camera_model[:3, :3].T + T_camera_model[:3, 3]
     scale, middle = np.array([window.fx, window.fy]), np.array([window.cx, window.cy])
     image = ends[..., :2] / ends[..., 2:] * scale + middle
     along = image[:, 1] - image[:, 0]
@@ -112,32 +113,29 @@ def control_points(
 
 
 @njit(cache=True)
-def _drawn_edges(edges: MeshEdges, T: FloatArray) -> IntArray:  # pragma: no cover - compiled
+def _drawn_edges(edges: MeshEdges, T_camera_model: FloatArray) -> IntArray:  # pragma: no cover - compiled
     """Return the rows (m,) of the edges in front of the camera that are sharp or on the outline."""
     largest = 0.0
     for i in range(len(edges.ends_m)):
         for k in range(2):
             p = edges.ends_m[i, k]
-            largest = max(largest, T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3])
+            largest = max(largest, transformed(T_camera_model, p[0], p[1], p[2])[2])
     near_depth = 1e-3 * largest
     rows = np.empty(len(edges.ends_m), np.int64)
     count = 0
     if near_depth <= 0.0:
         return rows[:0]
-    # Position of the camera in the frame of the model.
-    x = -(T[0, 0] * T[0, 3] + T[1, 0] * T[1, 3] + T[2, 0] * T[2, 3])
-    y = -(T[0, 1] * T[0, 3] + T[1, 1] * T[1, 3] + T[2, 1] * T[2, 3])
-    z = -(T[0, 2] * T[0, 3] + T[1, 2] * T[1, 3] + T[2, 2] * T[2, 3])
+    camera_x, camera_y, camera_z = inverse_translation(T_camera_model)  # in the frame of the model
     for i in range(len(edges.ends_m)):
         p, q = edges.ends_m[i, 0], edges.ends_m[i, 1]
         if not edges.is_sharp[i]:
             n, m = edges.normals[i, 0], edges.normals[i, 1]
-            first = n[0] * (p[0] - x) + n[1] * (p[1] - y) + n[2] * (p[2] - z) < 0.0
-            second = m[0] * (p[0] - x) + m[1] * (p[1] - y) + m[2] * (p[2] - z) < 0.0
+            first = n[0] * (p[0] - camera_x) + n[1] * (p[1] - camera_y) + n[2] * (p[2] - camera_z) < 0.0
+            second = m[0] * (p[0] - camera_x) + m[1] * (p[1] - camera_y) + m[2] * (p[2] - camera_z) < 0.0
             if first == second:
                 continue
-        depth = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
-        other = T[2, 0] * q[0] + T[2, 1] * q[1] + T[2, 2] * q[2] + T[2, 3]
+        depth = transformed(T_camera_model, p[0], p[1], p[2])[2]
+        other = transformed(T_camera_model, q[0], q[1], q[2])[2]
         if depth > near_depth and other > near_depth:
             rows[count] = i
             count += 1

@@ -61,14 +61,14 @@ def outline(
     edges: MeshEdges,
     vertices: FloatArray,
     triangles: IntArray,
-    T: FloatArray,
+    T_camera_model: FloatArray,
     camera: Window,
     *,
     spacing_px: float,
     reach_px: float,
 ) -> Outline:
-    """Return points on the outline of a mesh at T_camera_model (4, 4), ``spacing_px`` apart."""
-    row, column, window = body_window(vertices, T, camera)
+    """Return points on the outline of a mesh, ``spacing_px`` apart."""
+    row, column, window = body_window(vertices, T_camera_model, camera)
     if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
         nothing, none = np.zeros((0, 2)), np.zeros(0)
         return Outline(np.zeros((0, 3)), nothing, nothing, none, none)
@@ -78,13 +78,13 @@ def outline(
     draw(
         vertices,
         np.ascontiguousarray(triangles, np.int64),
-        np.ascontiguousarray(T, np.float64),
+        np.ascontiguousarray(T_camera_model, np.float64),
         window,
         inverse_depth,
         face,
         np.empty((len(vertices), 3)),
     )
-    points, pixels, normals = control_points(edges, T, window, inverse_depth, spacing_px)
+    points, pixels, normals = control_points(edges, T_camera_model, window, inverse_depth, spacing_px)
     inside, outside = _distances(inverse_depth, pixels, normals, reach_px)
     is_outline = (inside > 0.0) & (outside > 0.0)
     return Outline(

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
-from cdff_common.geometry.small_vectors import cross, rotated
+from cdff_common.geometry.small_vectors import cross, inverse_transformed, rotated
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_row
 from cdff_core.object_models.rendering import Window, draw
 
@@ -26,13 +26,12 @@ _EDGE = 0.1
 
 @njit(cache=True)
 def nearest_distances(
-    T: FloatArray, points: FloatArray, surface: FloatArray, grid: NearestGrid
+    T_sensor_model: FloatArray, points: FloatArray, surface: FloatArray, grid: NearestGrid
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the distances (n,) of points (n, 3) from the nearest points of the surface at a pose (4, 4)."""
+    """Return the distances (n,) of points (n, 3) from the nearest points of the surface."""
     out = np.empty(len(points))
     for i in range(len(points)):
-        px, py, pz = points[i, 0] - T[0, 3], points[i, 1] - T[1, 3], points[i, 2] - T[2, 3]
-        x, y, z = rotated(T.T, px, py, pz)
+        x, y, z = inverse_transformed(T_sensor_model, points[i, 0], points[i, 1], points[i, 2])
         q = surface[nearest_row(grid, x, y, z)]
         out[i] = np.sqrt((x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2)
     return out
@@ -40,7 +39,7 @@ def nearest_distances(
 
 @njit(cache=True)
 def nearest_equations(
-    T: FloatArray,
+    T_sensor_model: FloatArray,
     points: FloatArray,
     times: FloatArray,
     surface: FloatArray,
@@ -59,11 +58,13 @@ def nearest_equations(
     J = np.empty(6)
     total, limit2 = 0.0, scale * scale
     for i in range(len(points)):
-        px, py, pz = points[i, 0] - T[0, 3], points[i, 1] - T[1, 3], points[i, 2] - T[2, 3]
-        x, y, z = rotated(T.T, px, py, pz)
+        px = points[i, 0] - T_sensor_model[0, 3]
+        py = points[i, 1] - T_sensor_model[1, 3]
+        pz = points[i, 2] - T_sensor_model[2, 3]
+        x, y, z = rotated(T_sensor_model.T, px, py, pz)
         row = nearest_row(grid, x, y, z)
         n, q = normals[row], surface[row]
-        nx, ny, nz = rotated(T, n[0], n[1], n[2])
+        nx, ny, nz = rotated(T_sensor_model, n[0], n[1], n[2])
         if nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2] >= 0.0:
             continue
         ex, ey, ez = x - q[0], y - q[1], z - q[2]
@@ -81,7 +82,7 @@ def nearest_equations(
 
 @njit(cache=True)
 def rendered_equations(
-    T: FloatArray,
+    T_view_model: FloatArray,
     points: FloatArray,
     times: FloatArray,
     vertices: FloatArray,
@@ -101,8 +102,8 @@ def rendered_equations(
     ----------
     miss : float
         Weight of the distance of a ray from the outline that it misses, relative to a range; 0: none.
-    T : ndarray, shape (4, 4)
-        T_view_model; points are in the view, whose third axis is the optical one.
+    T_view_model : ndarray, shape (4, 4)
+        Pose of the model in the view, whose third axis is the optical one; the points are in the view.
     limit : float
         Difference from which a ray has no weight, metres.
     residuals : ndarray, shape (n,)
@@ -116,7 +117,7 @@ def rendered_equations(
     inverse_depth = np.zeros((window.rows, window.columns))
     face = np.full((window.rows, window.columns), -1)
     scratch = np.empty((len(vertices), 3))
-    draw(vertices, triangles, T, window, inverse_depth, face, scratch)
+    draw(vertices, triangles, T_view_model, window, inverse_depth, face, scratch)
     A[:] = 0.0
     b[:] = 0.0
     J = np.empty(6)
@@ -132,7 +133,7 @@ def rendered_equations(
             continue
         if face[row, column] < 0:
             if miss > 0.0:
-                total += _add_miss(T, points[i], times[i], surface, grid, limit, miss, A, b)
+                total += _add_miss(T_view_model, points[i], times[i], surface, grid, limit, miss, A, b)
             continue
         corners = triangles[face[row, column]]
         a, p, q = scratch[corners[0]], scratch[corners[1]], scratch[corners[2]]
@@ -154,7 +155,7 @@ def rendered_equations(
         w = (1.0 - (r / limit) ** 2) ** 2
         # The range of a plane along a ray d changes by n . (x + phi x (q - t)) / (n . d).
         s = slope / along
-        x, y, z = u * depth - T[0, 3], v * depth - T[1, 3], depth - T[2, 3]
+        x, y, z = u * depth - T_view_model[0, 3], v * depth - T_view_model[1, 3], depth - T_view_model[2, 3]
         nx, ny, nz = nx * s, ny * s, nz * s
         J[0], J[1], J[2] = nx, ny, nz
         J[3], J[4], J[5] = cross(x, y, z, nx, ny, nz)
@@ -166,7 +167,7 @@ def rendered_equations(
 
 @njit(cache=True)
 def _add_miss(
-    T: FloatArray,
+    T_view_model: FloatArray,
     point: FloatArray,
     t: float,
     surface: FloatArray,
@@ -177,11 +178,11 @@ def _add_miss(
     b: FloatArray,
 ) -> float:  # pragma: no cover - compiled
     """Add the distance of a ray that misses the model from its outline; return the weight."""
-    p = point - T[:3, 3]
-    x, y, z = rotated(T.T, p[0], p[1], p[2])
-    q = surface[nearest_row(grid, x, y, z)]
-    x, y, z = rotated(T, q[0], q[1], q[2])
-    e = np.array([x, y, z]) + T[:3, 3] - point
+    p = point - T_view_model[:3, 3]
+    model_x, model_y, model_z = rotated(T_view_model.T, p[0], p[1], p[2])
+    q = surface[nearest_row(grid, model_x, model_y, model_z)]
+    x, y, z = rotated(T_view_model, q[0], q[1], q[2])
+    e = np.array([x, y, z]) + T_view_model[:3, 3] - point
     # Only the part across the ray: a ray that misses has no range to compare.
     ray = point / np.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
     e -= (e[0] * ray[0] + e[1] * ray[1] + e[2] * ray[2]) * ray

@@ -151,13 +151,13 @@ class PoseRefiner:
             self._sigma_m = min(self._sigma_m, max(median_sigma(residuals), least_m))
         return self._sigma_m
 
-    def registered(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the registered pose near T (4, 4) and its covariance (6, 6) as in ``Refined``."""
+    def registered(self, T_view_model: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the registered pose near a pose (4, 4) and its covariance (6, 6) as in ``Refined``."""
         s, diameter_m = self._surface, self._surface.diameter_m
         scale_m = max(_SIGMAS * self._sigma_m, _MIN_SCALE * diameter_m)
         points_m = self._view.points_m
         poses, _ = register(
-            T[None], points_m, s.points_m, s.normals, s.grid, np.full(_REGISTRATION_STEPS, scale_m)
+            T_view_model[None], points_m, s.points_m, s.normals, s.grid, np.full(_REGISTRATION_STEPS, scale_m)
         )
         A, b = np.empty((6, 6)), np.empty(6)
         normal_equations(poses[0], points_m, s.points_m, s.normals, s.grid, 1.3 * scale_m, True, A, b)
@@ -189,10 +189,10 @@ class PoseRefiner:
         covariance = share * refined.covariance + (1.0 - share) * change.covariance(spread)
         return Refined(T[0], covariance, float(final.cost[0]), final.rays[0])
 
-    def _search(self, T: FloatArray) -> Refined:
-        """Return the best pose of an evolutionary search around the registered pose ``T`` (4, 4)."""
-        T, covariance = self.registered(T)
-        change = PoseChange(T, self._centre_m, covariance)
+    def _search(self, T_view_model: FloatArray) -> Refined:
+        """Return the best pose of an evolutionary search around the registered pose."""
+        T_view_model, covariance = self.registered(T_view_model)
+        change = PoseChange(T_view_model, self._centre_m, covariance)
         mean, _, _ = minimise(
             lambda vectors: self._costs(change, vectors),
             np.zeros(6),
@@ -211,18 +211,17 @@ class PoseRefiner:
 
 
 def registration_covariance(
-    T: FloatArray, A: FloatArray, centre_m: FloatArray, sigma_m: float, diameter_m: float
+    T_sensor_model: FloatArray, A: FloatArray, centre_m: FloatArray, sigma_m: float, diameter_m: float
 ) -> FloatArray:
     """Return the covariance (6, 6), [x y z rx ry rz], of a registration in the sensor's axes about a point.
 
     Parameters
     ----------
-    T : ndarray, shape (4, 4)
-        T_sensor_model.
+    T_sensor_model : ndarray, shape (4, 4)
     A : ndarray, shape (6, 6)
         Normal equations of ``registration.normal_equations``.
     """
-    R, about_centre = T[:3, :3], np.eye(6)
+    R, about_centre = T_sensor_model[:3, :3], np.eye(6)
     about_centre[3:, :3] = se3.skew(centre_m)
     to_sensor = np.zeros((6, 6))
     to_sensor[:3, 3:] = to_sensor[3:, :3] = R

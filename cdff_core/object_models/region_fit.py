@@ -73,13 +73,19 @@ class RegionFitter:
         self._colours: RegionColourLearningOutputs | None = None
 
     def learn(
-        self, model: ModelPreparationOutputs, T: FloatArray, image: ByteArray, camera_matrix: FloatArray
+        self,
+        model: ModelPreparationOutputs,
+        T_camera_body: FloatArray,
+        image: ByteArray,
+        camera_matrix: FloatArray,
     ) -> None:
-        """Learn the colours of an image at T_camera_body; without pixels on both sides they stay the same.
+        """Learn the colours of body and background from an image.
+
+        Without pixels of both, the colours stay the same.
 
         Parameters
         ----------
-        T : ndarray, shape (4, 4)
+        T_camera_body : ndarray, shape (4, 4)
         image : ndarray of uint8, shape (r, c, d)
         camera_matrix : ndarray, shape (3, 3)
             Pixels; (0, 0) is the centre of the first pixel.
@@ -89,7 +95,7 @@ class RegionFitter:
             RegionColourLearningInputs(
                 image=image,
                 camera_matrix=camera_matrix,
-                pose=T,
+                pose=T_camera_body,
                 vertices=model.drawn_vertices,
                 triangles=model.drawn_triangles,
                 body_colours=None if previous_colours is None else previous_colours.body_colours,

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray
-from cdff_common.geometry.small_vectors import cross, rotated
+from cdff_common.geometry.small_vectors import cross, inverse_transformed, inverse_translation
 from cdff_core.object_models.nearest_grid import NearestGrid, nearest_row
 
 #: Weight of the distance along the surface relative to the distance across it: it keeps poses from moving
@@ -82,9 +82,9 @@ def _register(
     """Refine each pose by Gauss-Newton steps from wide to narrow scales; write the final costs."""
     A, b = np.empty((6, 6)), np.empty(6)
     for k in range(len(poses)):
-        T = poses[k]
+        T_sensor_model = poses[k]
         for scale in scales:
-            normal_equations(T, scan, points, normals, grid, scale, one_sided, A, b)
+            normal_equations(T_sensor_model, scan, points, normals, grid, scale, one_sided, A, b)
             trace = 0.0
             for i in range(6):
                 trace += A[i, i]
@@ -94,13 +94,13 @@ def _register(
                 A[i, i] += _DAMPING * trace / 6.0 + 1e-300
             if not solve6(A, b):
                 break
-            update(T, b)
-        costs[k] = _cost(T, scan, points, normals, grid, scales[-1], one_sided)
+            update(T_sensor_model, b)
+        costs[k] = _cost(T_sensor_model, scan, points, normals, grid, scales[-1], one_sided)
 
 
 @njit(cache=True)
 def normal_equations(
-    T: FloatArray,
+    T_sensor_model: FloatArray,
     scan: FloatArray,
     points: FloatArray,
     normals: FloatArray,
@@ -115,14 +115,16 @@ def normal_equations(
     b[:] = 0.0
     J = np.empty(6)
     limit2, used_points = scale * scale, 0
-    sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
+    sensor_x, sensor_y, sensor_z = inverse_translation(T_sensor_model)
     for i in range(len(scan)):
-        px, py, pz = scan[i, 0] - T[0, 3], scan[i, 1] - T[1, 3], scan[i, 2] - T[2, 3]
-        x, y, z = rotated(T.T, px, py, pz)
+        x, y, z = inverse_transformed(T_sensor_model, scan[i, 0], scan[i, 1], scan[i, 2])
         row = nearest_row(grid, x, y, z)
         n = normals[row]
         q = points[row]
-        if one_sided and n[0] * (sx - q[0]) + n[1] * (sy - q[1]) + n[2] * (sz - q[2]) <= 0.0:
+        if (
+            one_sided
+            and n[0] * (sensor_x - q[0]) + n[1] * (sensor_y - q[1]) + n[2] * (sensor_z - q[2]) <= 0.0
+        ):
             continue
         ex, ey, ez = x - q[0], y - q[1], z - q[2]
         distance2 = ex * ex + ey * ey + ez * ez
@@ -198,7 +200,7 @@ def solve6(A: FloatArray, b: FloatArray) -> bool:  # pragma: no cover - compiled
 
 
 @njit(cache=True)
-def update(T: FloatArray, step: FloatArray) -> None:  # pragma: no cover - compiled
+def update(T_sensor_model: FloatArray, step: FloatArray) -> None:  # pragma: no cover - compiled
     """Apply a step that moves the scan by [rx ry rz x y z] in the frame of the model: T <- T Exp(step)^-1."""
     angle = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     E = np.eye(3)
@@ -212,17 +214,21 @@ def update(T: FloatArray, step: FloatArray) -> None:  # pragma: no cover - compi
     R = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            R[i, j] = T[i, 0] * E[j, 0] + T[i, 1] * E[j, 1] + T[i, 2] * E[j, 2]
+            R[i, j] = (
+                T_sensor_model[i, 0] * E[j, 0]
+                + T_sensor_model[i, 1] * E[j, 1]
+                + T_sensor_model[i, 2] * E[j, 2]
+            )
     for i in range(3):
         for j in range(3):
-            T[i, j] = R[i, j]
+            T_sensor_model[i, j] = R[i, j]
     for i in range(3):
-        T[i, 3] -= R[i, 0] * step[3] + R[i, 1] * step[4] + R[i, 2] * step[5]
+        T_sensor_model[i, 3] -= R[i, 0] * step[3] + R[i, 1] * step[4] + R[i, 2] * step[5]
 
 
 @njit(cache=True)
 def _cost(
-    T: FloatArray,
+    T_sensor_model: FloatArray,
     scan: FloatArray,
     points: FloatArray,
     normals: FloatArray,
@@ -234,13 +240,15 @@ def _cost(
     square.
     """
     total, limit2 = 0.0, scale * scale
-    sx, sy, sz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
+    sensor_x, sensor_y, sensor_z = inverse_translation(T_sensor_model)
     for i in range(len(scan)):
-        px, py, pz = scan[i, 0] - T[0, 3], scan[i, 1] - T[1, 3], scan[i, 2] - T[2, 3]
-        x, y, z = rotated(T.T, px, py, pz)
+        x, y, z = inverse_transformed(T_sensor_model, scan[i, 0], scan[i, 1], scan[i, 2])
         row = nearest_row(grid, x, y, z)
         q, n = points[row], normals[row]
-        if one_sided and n[0] * (sx - q[0]) + n[1] * (sy - q[1]) + n[2] * (sz - q[2]) <= 0.0:
+        if (
+            one_sided
+            and n[0] * (sensor_x - q[0]) + n[1] * (sensor_y - q[1]) + n[2] * (sensor_z - q[2]) <= 0.0
+        ):
             total += limit2
             continue
         distance2 = (x - q[0]) ** 2 + (y - q[1]) ** 2 + (z - q[2]) ** 2

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
+from cdff_common.geometry.small_vectors import transformed
 
 #: Face index of a pixel without a face.
 NO_FACE = -1
@@ -101,19 +102,21 @@ def camera_normals(
     return np.where(face[..., None] >= 0, n[face], np.nan)
 
 
-def body_window(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[int, int, Window]:
+def body_window(
+    vertices_m: FloatArray, T_camera_model: FloatArray, camera: Window
+) -> tuple[int, int, Window]:
     """Return the part of the image that contains a body: its first row and column, and its camera.
 
     Parameters
     ----------
     vertices_m : NDArray[np.float64], shape (n, 3)
         Vertices of the body in its own frame, metres.
-    T : NDArray[np.float64], shape (4, 4)
-        ``T_camera_model``, metres.
+    T_camera_model : NDArray[np.float64], shape (4, 4)
+        Pose of the body in the camera, metres.
     camera : Window
         Camera of the whole image, pixels.
     """
-    points = vertices_m @ T[:3, :3].T + T[:3, 3]
+    points = vertices_m @ T_camera_model[:3, :3].T + T_camera_model[:3, 3]
     z = points[:, 2]
     if (z <= 1e-3 * max(float(z.max()), 0.0)).any():
         # A part is next to or behind the camera: the body may be anywhere in the image.
@@ -125,17 +128,17 @@ def body_window(vertices_m: FloatArray, T: FloatArray, camera: Window) -> tuple[
 
 
 def silhouette_pixels(
-    vertices_m: FloatArray, triangles: IntArray, T: FloatArray, camera: Window, largest: int = 64
+    vertices_m: FloatArray, triangles: IntArray, T_camera_model: FloatArray, camera: Window, largest: int = 64
 ) -> float:
-    """Return the area of a mesh at T_camera_model in an image, px, from a rendering of ``largest`` pixels."""
-    _, _, window = body_window(vertices_m, T, camera)
+    """Return the area of a mesh in an image, px, from a rendering of ``largest`` pixels."""
+    _, _, window = body_window(vertices_m, T_camera_model, camera)
     scale = max(1.0, max(window.rows, window.columns) / largest)
     rows, columns = int(camera.rows / scale), int(camera.columns / scale)
     small = Window(camera.fx / scale, camera.fy / scale, camera.cx / scale, camera.cy / scale, rows, columns)
-    _, _, window = body_window(vertices_m, T, small)
+    _, _, window = body_window(vertices_m, T_camera_model, small)
     if window.rows < 1 or window.columns < 1:
         return 0.0
-    face = render(vertices_m, triangles, T, window).face
+    face = render(vertices_m, triangles, T_camera_model, window).face
     return scale**2 * float(np.count_nonzero(face != NO_FACE))
 
 
@@ -143,7 +146,7 @@ def silhouette_pixels(
 def draw(
     vertices: FloatArray,
     triangles: IntArray,
-    T: FloatArray,
+    T_camera_model: FloatArray,
     w: Window,
     inverse_depth: FloatArray,
     face: IntArray,
@@ -152,9 +155,8 @@ def draw(
     """Draw a mesh into ``inverse_depth`` (0: nothing) and ``face``; ``scratch`` is (n, 3)."""
     largest = 0.0
     for i in range(len(vertices)):
-        p, q, r = vertices[i, 0], vertices[i, 1], vertices[i, 2]
-        for k in range(3):
-            scratch[i, k] = T[k, 0] * p + T[k, 1] * q + T[k, 2] * r + T[k, 3]
+        x, y, z = transformed(T_camera_model, vertices[i, 0], vertices[i, 1], vertices[i, 2])
+        scratch[i, 0], scratch[i, 1], scratch[i, 2] = x, y, z
         largest = max(largest, scratch[i, 2])
     near_depth = _NEAR * largest
     if near_depth <= 0.0:

@@ -170,11 +170,11 @@ def surface_ports(model: ModelPreparationOutputs) -> dict[str, Any]:
 
 
 def on_surface(
-    model: ModelPreparationOutputs, T: FloatArray, points_m: FloatArray, limit_m: float
+    model: ModelPreparationOutputs, T_sensor_model: FloatArray, points_m: FloatArray, limit_m: float
 ) -> BoolArray:
-    """Return the mask (n,) of points (n, 3) up to ``limit_m`` from the surface of a model at T."""
+    """Return the mask (n,) of points (n, 3) up to ``limit_m`` from the surface of a model."""
     grid = NearestGrid(model.grid_index, model.grid_low, model.grid_cell_m)
-    distances_m = nearest_distances(T, np.ascontiguousarray(points_m), model.points, grid)
+    distances_m = nearest_distances(T_sensor_model, np.ascontiguousarray(points_m), model.points, grid)
     return np.asarray(distances_m < limit_m)
 
 

@@ -140,7 +140,7 @@ class ShadingFitter:
         return rendered
 
     def _features(
-        self, rendered: LitBodyRenderingOutputs, T: FloatArray, camera_matrix: FloatArray
+        self, rendered: LitBodyRenderingOutputs, T_camera_model: FloatArray, camera_matrix: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return features (n, 2) of the rendering and their points (n, 3) in the frame of the model."""
         is_body = np.isfinite(rendered.depth)
@@ -160,7 +160,7 @@ class ShadingFitter:
         K = camera_matrix
         x, y = (features - [K[0, 2], K[1, 2]]).T
         in_camera = np.stack([x / K[0, 0] * z, y / K[1, 1] * z, z], axis=1)
-        return features, se3.transform_points(se3.inverse(T), in_camera)
+        return features, se3.transform_points(se3.inverse(T_camera_model), in_camera)
 
     def _matches(
         self, rendering: ByteArray, image: ByteArray, features: FloatArray

@@ -92,7 +92,7 @@ class StateFilter:
             centre_of_mass_sigma_m,
         )
 
-    def start(self, stamp_ns: int, T: FloatArray, pose_covariance: FloatArray) -> TrackedState:
+    def start(self, stamp_ns: int, T_sensor_body: FloatArray, pose_covariance: FloatArray) -> TrackedState:
         """Return the state of a measured pose without knowledge of its motion."""
         covariance = np.zeros((STATE_ERROR_DIM, STATE_ERROR_DIM))
         covariance[:6, :6] = pose_covariance
@@ -102,7 +102,7 @@ class StateFilter:
         covariance[15:, 15:] = self._config.inertia_sigma**2 * np.eye(5)
         rate = np.array(self._config.initial_rate_radps)
         inertia = inertia_of(self._config.inertia_ratios)
-        return TrackedState(stamp_ns, T, np.zeros(3), rate, self._centre_m, inertia, covariance)
+        return TrackedState(stamp_ns, T_sensor_body, np.zeros(3), rate, self._centre_m, inertia, covariance)
 
     def predicted(self, state: TrackedState, stamp_ns: int) -> TrackedState:
         """Return the state at a later time."""

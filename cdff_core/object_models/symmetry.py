@@ -106,7 +106,10 @@ class _SurfaceTest:
         self._tolerance_m = tolerance_m
 
     def holds(self, T: FloatArray) -> bool:
-        """Return whether nearly all points are on the surface after T, across it within the tolerance."""
+        """Return whether a transform (4, 4) of the model in its own frame is a symmetry.
+
+        Nearly all moved points must lie on the surface, across it within the tolerance.
+        """
         moved_points = se3.transform_points(T, self._points)
         distance, rows = nearest(self._tree, moved_points)
         normals = self._surface.normals[rows]

@@ -153,12 +153,12 @@ class ViewLocaliser:
         self,
         source: _Surface,
         target: _Surface,
-        T: FloatArray,
+        T_scene_model: FloatArray,
         covariance: FloatArray,
         model: ViewModel,
         metrics: Mapping[str, float],
     ) -> Registration:
-        """Return the assessed pose ``T_view_model`` (4, 4) of the search.
+        """Return the assessed pose (4, 4) of the search.
 
         ``covariance`` (6, 6) is that of the search, about the centre of the model; it is added to that of the
         assessment, which assumes a registered pose.
@@ -169,14 +169,14 @@ class ViewLocaliser:
                 source_normals=source.normals,
                 target=target.points_m,
                 target_normals=target.normals,
-                transform=T,
+                transform=T_scene_model,
             )
         )
         to_centre, from_centre = (se3.transform(np.eye(3), c) for c in (model.centre_m, -model.centre_m))
-        of_search = compose_covariance(T @ to_centre, covariance, from_centre, np.zeros((6, 6)))
+        of_search = compose_covariance(T_scene_model @ to_centre, covariance, from_centre, np.zeros((6, 6)))
         return Registration(
             Registration3DOutputs(
-                transform=T, residual_scale_m=assessment.rms_m, iterations=0, converged=False
+                transform=T_scene_model, residual_scale_m=assessment.rms_m, iterations=0, converged=False
             ),
             replace(assessment, covariance=assessment.covariance + of_search),
             0.0,

@@ -18,7 +18,7 @@ _NEAR_PX, _FAR_PX = 2.0, 3.5
 
 
 def outline_steps(
-    image: RangeImage, surface: ModelSurface, T: FloatArray, spacing_m: float, tolerance_m: float
+    image: RangeImage, surface: ModelSurface, T_view_model: FloatArray, spacing_m: float, tolerance_m: float
 ) -> float:
     """Return the fraction of the outline behind which the scene is deeper than the model.
 
@@ -31,7 +31,7 @@ def outline_steps(
     image : RangeImage
     surface : ModelSurface
         Closed surface.
-    T : ndarray, shape (4, 4)
+    T_view_model : ndarray, shape (4, 4)
         Pose of the surface in the frame of the view, metres.
     spacing_m : float
         Distance between points of the surface, metres.
@@ -40,8 +40,8 @@ def outline_steps(
     """
     from scipy.ndimage import binary_closing, distance_transform_edt
 
-    visible = surface.visible_from(-T[:3, :3].T @ T[:3, 3])
-    points = se3.transform_points(T, surface.points_m[visible])
+    visible = surface.visible_from(-T_view_model[:3, :3].T @ T_view_model[:3, 3])
+    points = se3.transform_points(T_view_model, surface.points_m[visible])
     points = points[points[:, 2] > 0.0]
     if not len(points):
         return 0.0

@@ -130,7 +130,13 @@ def _aligning_rotation(n: FloatArray) -> FloatArray:  # pragma: no cover - compi
 
 @njit(cache=True)
 def _pair(
-    p: FloatArray, n: FloatArray, R: FloatArray, q: FloatArray, m: FloatArray, step: float, bins: int
+    p: FloatArray,
+    n: FloatArray,
+    R_aligned_point: FloatArray,
+    q: FloatArray,
+    m: FloatArray,
+    step: float,
+    bins: int,
 ) -> tuple[int, float]:  # pragma: no cover - compiled
     """Return the feature of a pair, -1 if it is not in the table, and the angle of the second point."""
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -141,8 +147,8 @@ def _pair(
     a = _angle_bin((x * n[0] + y * n[1] + z * n[2]) / d)
     b = _angle_bin((x * m[0] + y * m[1] + z * m[2]) / d)
     c = _angle_bin(n[0] * m[0] + n[1] * m[1] + n[2] * m[2])
-    v = R[1, 0] * x + R[1, 1] * y + R[1, 2] * z
-    w = R[2, 0] * x + R[2, 1] * y + R[2, 2] * z
+    v = R_aligned_point[1, 0] * x + R_aligned_point[1, 1] * y + R_aligned_point[1, 2] * z
+    w = R_aligned_point[2, 0] * x + R_aligned_point[2, 1] * y + R_aligned_point[2, 2] * z
     return ((k * ANGLES + a) * ANGLES + b) * ANGLES + c, math.atan2(w, v)
 
 
@@ -155,11 +161,11 @@ def _model_pairs(
     key, first, rotation = np.empty(n * n, np.int64), np.empty(n * n, np.int64), np.empty(n * n)
     count = 0
     for i in range(n):
-        R = _aligning_rotation(normals[i])
+        R_aligned_point = _aligning_rotation(normals[i])
         for j in range(n):
             if i == j:
                 continue
-            k, angle = _pair(points[i], normals[i], R, points[j], normals[j], step, bins)
+            k, angle = _pair(points[i], normals[i], R_aligned_point, points[j], normals[j], step, bins)
             if k >= 0:
                 key[count], first[count], rotation[count] = k, i, angle
                 count += 1
@@ -190,11 +196,11 @@ def _vote(
     for r in range(len(references)):
         i = references[r]
         votes[:] = 0.0
-        R = _aligning_rotation(normals[i])
+        R_aligned_scan = _aligning_rotation(normals[i])
         for j in index[start[r] : start[r + 1]]:
             if j == i:
                 continue
-            k, angle = _pair(points[i], normals[i], R, points[j], normals[j], step, bins)
+            k, angle = _pair(points[i], normals[i], R_aligned_scan, points[j], normals[j], step, bins)
             if k < 0:
                 continue
             low, high = table_start[k], table_start[k + 1]
@@ -214,17 +220,21 @@ def _vote(
             m, b = highest_bin // ROTATIONS, highest_bin % ROTATIONS
             row = r * peaks + peak
             angle = b * 2.0 * math.pi / ROTATIONS
-            # R_scene^T Rx(angle) R_model
-            A = _aligning_rotation(model_normals[m])
+            # Rotation of the pose: R_aligned_scan^T Rx(angle) R_aligned_model
+            R_aligned_model = _aligning_rotation(model_normals[m])
             c, s = math.cos(angle), math.sin(angle)
-            B = np.empty((3, 3))
+            R_rotated_model = np.empty((3, 3))
             for col in range(3):
-                B[0, col] = A[0, col]
-                B[1, col] = c * A[1, col] - s * A[2, col]
-                B[2, col] = s * A[1, col] + c * A[2, col]
+                R_rotated_model[0, col] = R_aligned_model[0, col]
+                R_rotated_model[1, col] = c * R_aligned_model[1, col] - s * R_aligned_model[2, col]
+                R_rotated_model[2, col] = s * R_aligned_model[1, col] + c * R_aligned_model[2, col]
             for x in range(3):
                 for y in range(3):
-                    poses[row, x, y] = R[0, x] * B[0, y] + R[1, x] * B[1, y] + R[2, x] * B[2, y]
+                    poses[row, x, y] = (
+                        R_aligned_scan[0, x] * R_rotated_model[0, y]
+                        + R_aligned_scan[1, x] * R_rotated_model[1, y]
+                        + R_aligned_scan[2, x] * R_rotated_model[2, y]
+                    )
             for x in range(3):
                 poses[row, x, 3] = points[i, x] - (
                     poses[row, x, 0] * model[m, 0]

@@ -13,7 +13,7 @@ from numba import njit
 
 from cdff_common.arrays import BoolArray, FloatArray, IntArray
 from cdff_common.geometry import se3
-from cdff_common.geometry.small_vectors import rotated
+from cdff_common.geometry.small_vectors import inverse_translation, transformed
 from cdff_core.partial_views.model_surface import ModelSurface
 from cdff_core.partial_views.range_image import RangeImage
 
@@ -81,21 +81,23 @@ class ViewComparison:
         scores = counts @ _WEIGHTS / np.maximum(visible, 1)
         return np.where(visible >= _MIN_VISIBLE * len(self.surface.points_m), scores, -1.0)
 
-    def refine(self, T: FloatArray, perturbations: Perturbations, seed: int) -> tuple[FloatArray, float]:
-        """Return the best pose (4, 4) near ``T`` and its score.
+    def refine(
+        self, T_view_model: FloatArray, perturbations: Perturbations, seed: int
+    ) -> tuple[FloatArray, float]:
+        """Return the best pose (4, 4) near ``T_view_model`` and its score.
 
         Each round tries random perturbations, smaller from round to round, since the score is a count and has
         no derivative.
         """
         score = -1.0
         for rotations, translations_m in _draws(perturbations, seed):
-            poses = np.repeat(T[None], perturbations.trials, axis=0)
-            poses[1:, :3, :3] = rotations @ T[:3, :3]
+            poses = np.repeat(T_view_model[None], perturbations.trials, axis=0)
+            poses[1:, :3, :3] = rotations @ T_view_model[:3, :3]
             poses[1:, :3, 3] += translations_m
             scores = self.scores(poses)
             best = int(np.argmax(scores))
-            T, score = poses[best], float(scores[best])
-        return T, score
+            T_view_model, score = poses[best], float(scores[best])
+        return T_view_model, score
 
 
 @lru_cache(maxsize=16)
@@ -132,9 +134,9 @@ def _counts(
     out = np.zeros((len(poses), 4), np.int64)
     rows, columns = depth.shape
     for k in range(len(poses)):
-        T = poses[k]
+        T_view_model = poses[k]
         # Direction from the origin of the model to the sensor, in the frame of the model.
-        dx, dy, dz = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
+        dx, dy, dz = inverse_translation(T_view_model)
         view, largest = 0, -np.inf
         for i in range(len(directions)):
             dot = directions[i, 0] * dx + directions[i, 1] * dy + directions[i, 2] * dz
@@ -143,8 +145,7 @@ def _counts(
         for i in range(len(points)):
             if not visible[view, i]:
                 continue
-            x, y, z = rotated(T, points[i, 0], points[i, 1], points[i, 2])
-            x, y, z = x + T[0, 3], y + T[1, 3], z + T[2, 3]
+            x, y, z = transformed(T_view_model, points[i, 0], points[i, 1], points[i, 2])
             if z <= 0.0:
                 out[k, 3] += 1
                 continue

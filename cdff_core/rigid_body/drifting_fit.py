@@ -146,3 +146,19 @@ class DriftingProblem:
         span_s = max(float(self.t_s[-1] - self.t_s[0]), 1e-3)
         size = float(np.abs(self.residuals).max()) + float(np.abs(self.derivatives).max()) + 1.0
         return np.asarray(_DIFFUSE * np.diag(np.repeat([size, size / span_s], 3)) ** 2)
+
+
+def compile_kernel() -> None:
+    """Compile the kernel of ``DriftingProblem``, so that the first fit takes no longer than the others."""
+    covariance = np.eye(3)
+    whiten(
+        columns=np.zeros((1, 3, 1)),
+        covariances=np.eye(3)[None],
+        intervals_s=np.zeros(1),
+        initial=np.eye(3),
+        intensity=0.0,
+        order=1,
+        out=np.zeros((1, 3, 1)),
+        state=np.zeros((3, 1)),
+        covariance=covariance,
+    )

@@ -44,7 +44,7 @@ def export_stream(log: LogSource, stream: str, out: Path) -> int:
     stream : str
     out : Path
         ``NAME.tum`` for poses, ``NAME.csv`` for numbers of any type. A folder for clouds (``FOLDER.ply`` or
-        ``FOLDER.pcd`` by its suffix, PLY by default) and images, one file a sample with its number as name,
+        ``FOLDER.pcd`` by its suffix, PLY by default) and images, one file per sample with its number as name,
         and ``times.txt`` with their stamps in seconds.
 
     Raises

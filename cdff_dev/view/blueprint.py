@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layout of the Rerun viewer: one tab a robot, with space, images, quality, timing and messages."""
+"""Layout of the Rerun viewer: one tab per robot, with 3D scenes, images, quality, timing and messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from cdff_dev.view.feed import Contents
-from cdff_dev.view.panels import OVERLAY_OPACITY, ImagePanel, Panels, Space, panels_of
+from cdff_dev.view.panels import OVERLAY_OPACITY, ImagePanel, Panels, Scene3D, panels_of
 
 
 def blueprint(contents: Contents) -> rrb.Blueprint:
@@ -20,7 +20,7 @@ def blueprint(contents: Contents) -> rrb.Blueprint:
 
 def _robot_tab(panels: Panels) -> Any:
     """Return the tab of a robot: 3D views, images, plots and messages."""
-    spaces = [_space(space) for space in panels.spaces]
+    scenes = [_scene(scene) for scene in panels.scenes]
     images = [_image(image) for image in panels.images]
     plots = [
         rrb.TimeSeriesView(origin="/", contents=list(names), name=title)
@@ -36,7 +36,7 @@ def _robot_tab(panels: Panels) -> Any:
         side.append(
             rrb.TextLogView(origin="/", contents=list(panels.notes), name="Messages", columns=columns)
         )
-    main = rrb.Tabs(*spaces) if len(spaces) > 1 else (spaces[0] if spaces else None)
+    main = rrb.Tabs(*scenes) if len(scenes) > 1 else (scenes[0] if scenes else None)
     parts = [part for part in (main, rrb.Vertical(*side) if side else None) if part is not None]
     shares = None if len(parts) < 2 else [1, 1] if images else [2, 1]
     return rrb.Horizontal(*parts, column_shares=shares, name=panels.robot)
@@ -53,13 +53,13 @@ def _image(image: ImagePanel) -> rrb.Spatial2DView:
     )
 
 
-def _space(space: Space) -> rrb.Spatial3DView:
-    """Return the view of everything below a root."""
+def _scene(scene: Scene3D) -> rrb.Spatial3DView:
+    """Return the 3D view of everything below a root frame."""
     return rrb.Spatial3DView(
         origin="/",
-        contents=list(space.layers),
-        name=space.root,
-        line_grid=not space.is_camera,  # the grid is the plane of x and y
-        spatial_information=rrb.SpatialInformation(target_frame=space.root),
-        eye_controls=rrb.EyeControls3D(eye_up=(0, -1, 0) if space.is_camera else (0, 0, 1)),
+        contents=list(scene.layers),
+        name=scene.root,
+        line_grid=not scene.is_camera,  # the grid is the plane of x and y
+        spatial_information=rrb.SpatialInformation(target_frame=scene.root),
+        eye_controls=rrb.EyeControls3D(eye_up=(0, -1, 0) if scene.is_camera else (0, 0, 1)),
     )

@@ -151,7 +151,7 @@ class Feed:
         self._last_ns[sample.stream] = sample.stamp_ns
 
     def add_layer(self, stamp_ns: int, layer: Layer) -> None:
-        """Add a layer, over the image of its camera if it is one of an image."""
+        """Add a layer; a layer in an image is drawn over the image of its camera."""
         for placed_ns, placed in self._overlays.place(stamp_ns, layer):
             self._put(placed_ns, placed)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layout of Foxglove: one tab a robot, with space, images, quality, timing and messages."""
+"""Layout of Foxglove: one tab per robot, with 3D scenes, images, quality, timing and messages."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from foxglove import layouts as fl
 
 from cdff_dev.view.feed import Contents
-from cdff_dev.view.panels import OVERLAY_OPACITY, ImagePanel, Panels, Space, panels_of
+from cdff_dev.view.panels import OVERLAY_OPACITY, ImagePanel, Panels, Scene3D, panels_of
 
 
 def layout_of(contents: Contents) -> fl.Layout:
@@ -21,7 +21,7 @@ def layout_of(contents: Contents) -> fl.Layout:
 
 def _robot(panels: Panels) -> fl.SplitContainer:
     """Return the panels of a robot."""
-    spaces = [fl.TabItem(title=space.root, content=_space(space)) for space in panels.spaces]
+    scenes = [fl.TabItem(title=scene.root, content=_scene(scene)) for scene in panels.scenes]
     side = (
         [fl.TabItem(title=image.title, content=_image(image)) for image in panels.images],
         [fl.TabItem(title=title, content=_plot(names)) for title, names in panels.plots.items()],
@@ -30,19 +30,19 @@ def _robot(panels: Panels) -> fl.SplitContainer:
     rows = [fl.SplitItem(content=fl.TabContainer(tabs=tabs)) for tabs in side if tabs]
     share = 1 if panels.images else 2
     columns: list[Any] = []
-    if spaces:
-        columns.append(fl.SplitItem(proportion=share, content=fl.TabContainer(tabs=spaces)))
+    if scenes:
+        columns.append(fl.SplitItem(proportion=share, content=fl.TabContainer(tabs=scenes)))
     if rows:
         columns.append(fl.SplitItem(content=fl.SplitContainer(direction="column", items=rows)))
     return fl.SplitContainer(items=columns)
 
 
-def _space(space: Space) -> fl.ThreeDeePanel:
-    """Return the panel of everything below a root."""
+def _scene(scene: Scene3D) -> fl.ThreeDeePanel:
+    """Return the 3D panel of everything below a root frame."""
     topics: dict[str, Any] = {
-        name: fl.BaseRendererSceneUpdateTopicSettings(visible=True) for name in space.layers
+        name: fl.BaseRendererSceneUpdateTopicSettings(visible=True) for name in scene.layers
     }
-    config = fl.ThreeDeeConfig(fixed_frame=space.root, follow_tf=space.root, topics=topics)
+    config = fl.ThreeDeeConfig(fixed_frame=scene.root, follow_tf=scene.root, topics=topics)
     return fl.ThreeDeePanel(config=config)
 
 

@@ -65,7 +65,7 @@ def server_scene(host: str, port: int) -> FoxgloveScene:
 
 
 class FoxgloveScene:
-    """Writes layers to the channels of a context: one topic a layer, transforms together."""
+    """Writes layers to the channels of a context: one topic per layer; all transforms share a topic."""
 
     def __init__(self, context: foxglove.Context, close: Callable[[], Any]) -> None:
         self._context = context

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Layers of each type of value: one function a type, for every viewer."""
+"""Layers of each type of value: one function per type, for every viewer."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Panels of each robot, the same for every viewer: spaces, images, plots and messages."""
+"""Panels of each robot, the same for every viewer: 3D scenes, images, plots and messages."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ class ImagePanel:
 
 
 @dataclass(frozen=True, slots=True)
-class Space:
-    """Everything below a root of the frame tree.
+class Scene3D:
+    """A 3D view of everything below a root of the frame tree.
 
     Attributes
     ----------
     root : str
     layers : tuple of str
-        Layers in space and cameras, those of true poses and other robots too.
+        Spatial layers and cameras; layers of true poses and of other robots are included.
     is_camera : bool
         Whether the root has the axes of a camera, y down.
     """
@@ -60,7 +60,7 @@ class Panels:
     Attributes
     ----------
     robot : str
-    spaces : tuple of Space
+    scenes : tuple of Scene3D
     images : tuple of ImagePanel
     plots : mapping of str to tuple of str
         Layers with numbers by the title of their plot.
@@ -69,7 +69,7 @@ class Panels:
     """
 
     robot: str
-    spaces: tuple[Space, ...]
+    scenes: tuple[Scene3D, ...]
     images: tuple[ImagePanel, ...]
     plots: dict[str, tuple[str, ...]]
     notes: tuple[str, ...]
@@ -85,14 +85,14 @@ def _panels(contents: Contents, robot: str, prefix: str) -> Panels:
     own_roots = {contents.root_of(f) for n, f in contents.spatial.items() if n.startswith(prefix) and f}
     return Panels(
         robot,
-        tuple(_space(contents, root) for root in contents.roots() if root in own_roots),
+        tuple(_scene(contents, root) for root in contents.roots() if root in own_roots),
         tuple(_image(contents, name, prefix) for name in _images(contents, prefix)[:_MAX_IMAGES]),
         _plots(contents, prefix),
         tuple(sorted(name for name in contents.notes if name.startswith(prefix))),
     )
 
 
-def _space(contents: Contents, root: str) -> Space:
+def _scene(contents: Contents, root: str) -> Scene3D:
     """Return the 3D view of all contents whose frames are connected with ``root``."""
     inside = [name for name, frame in contents.spatial.items() if contents.root_of(frame) == root]
     cameras = [
@@ -102,7 +102,7 @@ def _space(contents: Contents, root: str) -> Space:
     ]
     frames = set(contents.pictures.values())
     is_camera = root in frames or any(contents.parent_of.get(frame) == root for frame in frames)
-    return Space(root, tuple(sorted([*inside, *cameras])), is_camera)
+    return Scene3D(root, tuple(sorted([*inside, *cameras])), is_camera)
 
 
 def _images(contents: Contents, prefix: str) -> list[str]:

@@ -101,7 +101,7 @@ class _Buffer:
 
 
 def _primitives(buffer: _Buffer, drawing: object) -> list[dict[str, Any]]:
-    """Return the primitives of a drawing, empty for one without a counterpart in glTF."""
+    """Return the primitives of a drawing, empty for a drawing without a counterpart in glTF."""
     match drawing:
         case Points(points_m, colours) if len(points_m):
             attributes = {"POSITION": buffer.positions(points_m), "COLOR_0": buffer.colours(colours)}

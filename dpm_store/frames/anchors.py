@@ -78,7 +78,7 @@ class AnchorTable:
             return _stored_bodies(connection, view)
 
     def revision(self) -> int:
-        """Return the number of definitions of bodies, which no change leaves equal."""
+        """Return the number of definitions of bodies, which grows with every change."""
         with self._database.read() as connection:
             ((count,),) = dialect_of(connection).fetch(connection, _DEFINITIONS)
             return int(count)

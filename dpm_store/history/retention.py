@@ -209,7 +209,7 @@ def _insert_inputs_of_kept(connection: Connection, since: int) -> None:
         return
     p, v, insert = schema.products.c, schema.provenance.c, dialect_of(connection).insert_or_ignore
     is_related = v.input_id.in_(select(_related.c.id))
-    if since:  # there are few: their inputs are read, and not all that is derived from related products
+    if since:  # few products are newer: only their inputs are read
         first = select(p.id).where(p.ordinal > since, exists().where(v.product_id == p.id, is_related))
     else:
         first = select(v.product_id.label("id")).where(is_related)

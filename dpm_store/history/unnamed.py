@@ -30,7 +30,8 @@ class UnnamedPayloads:
     files, pack_bytes : int
         Payload files without a row, and bytes of packs without one, in whole blocks.
     named_files, named_pack_bytes : int
-        The same with a row, or of a deleted product whose payload was collected.
+        Payload files with a row, and bytes of packs with one. Payloads of deleted products that were
+        collected are included.
     """
 
     files: int

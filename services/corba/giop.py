@@ -91,7 +91,7 @@ class GiopConnection:
         self._last_id = 0
 
     def close(self) -> None:
-        """Close the connection for good; a call that waits for its reply fails."""
+        """Close the connection permanently; a call that waits for its reply fails."""
         self._is_closed = True
         self._disconnect()
 

@@ -11,11 +11,10 @@ import argparse
 import os
 import threading
 
-from cdff_common.errors import ConfigurationError
 from cdff_common.heartbeat import add_check
 from cdff_common.process import cap_threads, run_service
 from services.corba.naming import DEFAULT_PORT
-from services.gateways.program import add_gateway_options, gateway_connections
+from services.gateways.program import add_gateway_options, address_of, gateway_connections
 
 
 def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
@@ -28,14 +27,6 @@ def parse_arguments(argv: list[str] | None = None) -> argparse.Namespace:
         help=f"HOST[:PORT] of the name service; default: CDFF_ROCK_NAMES, else 127.0.0.1:{DEFAULT_PORT}",
     )
     return parser.parse_args(argv)
-
-
-def address_of(text: str, default_port: int) -> tuple[str, int]:
-    """Return host and port of ``HOST[:PORT]``; raises ConfigurationError if the port is no number."""
-    host, _, port = text.partition(":")
-    if port and not (port.isdigit() and 0 < int(port) < 1 << 16):
-        raise ConfigurationError(f"{text!r}: expected HOST or HOST:PORT, with a port up to 65535")
-    return host, int(port) if port else default_port
 
 
 def main(argv: list[str] | None = None) -> int:

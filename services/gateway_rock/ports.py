@@ -116,7 +116,7 @@ class RockInput(_Worker):
                 self.on_value(found[1], found[2])
 
     def on_value(self, value: Any, size: int) -> None:
-        """Convert a value and send it as a sample; one with a fault is counted and dropped."""
+        """Convert a value and send it as a sample; a faulty value is counted and dropped."""
         start_s = monotonic_s()
         if not self.link.admits(size, start_s):
             return

@@ -111,7 +111,7 @@ class InputLink(SampleLink):
         return value, (frame, child), stamp_ns
 
     def _decoded(self, data: bytes, type_name: str) -> Any:
-        """Return a message; count one with a fault, and return None."""
+        """Return a message; a faulty message is counted, and None returned."""
         if not self.fits(len(data)):
             return None
         try:

@@ -31,7 +31,7 @@ class ProductLink:
         self._rate, self._max_hz = RateLimit(entry.max_hz), entry.max_hz
 
     def on_message(self, message: Message) -> None:
-        """Convert a product and send it to the robot; one with a fault is counted and dropped."""
+        """Convert a product and send it to the robot; a faulty product is counted and dropped."""
         start_s = monotonic_s()
         self.counters.receive(len(message.payload))
         if not self._rate.admits(start_s):

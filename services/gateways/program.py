@@ -12,6 +12,7 @@ from threading import Event
 from cdff_common.bus import Bus
 from cdff_common.cli import add_connect_option
 from cdff_common.client import Client
+from cdff_common.errors import ConfigurationError
 from cdff_common.heartbeat import add_check
 
 
@@ -20,6 +21,14 @@ def add_gateway_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--settings", required=True, help="YAML file of the topics that may pass")
     parser.add_argument("--robot", help="robot that the settings must name")
     add_connect_option(parser)
+
+
+def address_of(text: str, default_port: int) -> tuple[str, int]:
+    """Return host and port of ``HOST[:PORT]``; raises ConfigurationError if the port is no number."""
+    host, _, port = text.partition(":")
+    if port and not (port.isdigit() and 0 < int(port) < 1 << 16):
+        raise ConfigurationError(f"{text!r}: expected HOST or HOST:PORT, with a port up to 65535")
+    return host, int(port) if port else default_port
 
 
 @contextmanager

@@ -14,8 +14,9 @@ from cdff_common import types
 from cdff_common.bus import Bus
 from cdff_common.client import Sensor
 from cdff_common.clock import monotonic_s, wall_ns
+from cdff_common.codecs.bitstream import unwrap
 from cdff_common.errors import InputError
-from cdff_common.types import TransformWithCovariance
+from cdff_common.types import Asn1Bitstream, TransformWithCovariance
 from services.gateways.counters import RateLimit, TopicCounters
 from services.gateways.stream_settings import InputStream
 
@@ -51,10 +52,10 @@ class SampleLink:
     def __init__(self, entry: InputStream, name: str, type_name: str, robot: str, bus: Bus) -> None:
         self.name, self.counters = name, TopicCounters()
         self._rate, self._max_hz, self._max_bytes = RateLimit(entry.max_hz), entry.max_hz, entry.max_bytes
-        self._frames = entry.frame, entry.child
+        self._frames, self._holds = (entry.frame, entry.child), entry.holds
         self.sensor = Sensor(
             entry.stream,
-            getattr(types, type_name),
+            getattr(types, entry.holds or type_name),
             frame=entry.frame,
             child=entry.child,
             robot=robot,
@@ -88,8 +89,14 @@ class SampleLink:
         Raises
         ------
         InputError
-            If a pose is not finite, or the frames are not those of the entry.
+            If a pose is not finite, the frames are not those of the entry, or a bitstream has another type
+            than the entry.
+        CodecError
+            If the content of a bitstream is malformed.
         """
+        if self._holds is not None:
+            value = self._content(value)
+            stamp_ns = getattr(value, "stamp_ns", 0) or stamp_ns
         if isinstance(value, TransformWithCovariance):
             numbers = (value.data.translation, value.data.orientation)
             if not all(np.isfinite(part).all() for part in numbers):
@@ -108,6 +115,13 @@ class SampleLink:
             fault = self.sensor.status.last_fault
             is_off = not self.sensor.mode.on
             self.drop("sensor_off" if is_off else "clock", "sensor is off" if is_off else str(fault))
+
+    def _content(self, value: Any) -> Any:
+        """Return the content of a bitstream."""
+        content = unwrap(value) if isinstance(value, Asn1Bitstream) else value
+        if not isinstance(content, getattr(types, self._holds or "")):
+            raise InputError(f"a {type(content).__name__}: expected a bitstream that holds {self._holds}")
+        return content
 
     def drop(self, reason: str, detail: str) -> None:
         """Count a message that does not become a sample, and log the first with a reason."""

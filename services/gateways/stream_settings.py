@@ -9,11 +9,13 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
+from cdff_common import types
 from cdff_common.errors import ConfigurationError
 from cdff_common.interfaces.dfn import StrictModel
 from cdff_common.interfaces.profile import RobotId
 from cdff_common.interfaces.sensor_profile import FrameId
 from cdff_common.interfaces.yaml_file import read_mapping
+from cdff_common.types.schema_table import MESSAGES
 
 Pair = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[a-z][a-z0-9_]*$")]
 
@@ -36,6 +38,9 @@ class InputStream(StrictModel):
         not sent, or it is sent with quality DEGRADED.
     codec : "uper" or "msgpack"
         Encoding of the samples; MessagePack takes less time for clouds and images.
+    holds : str or None
+        ASN.1 type in messages that are bitstreams: the samples are of this type. Without it they are the
+        bitstreams.
     """
 
     stream: Pair
@@ -45,6 +50,14 @@ class InputStream(StrictModel):
     max_hz: PositiveFloat = 1000.0
     on_clock_fault: Literal["refuse", "report"] = "refuse"
     codec: Literal["uper", "msgpack"] = "uper"
+    holds: str | None = None
+
+    @model_validator(mode="after")
+    def _holds_a_type(self) -> InputStream:
+        known = {name for name in MESSAGES if hasattr(types, name)}
+        if self.holds is not None and self.holds not in known:
+            raise ValueError(f"holds {self.holds!r}: expected an ASN.1 type such as LidarScan")
+        return self
 
 
 class OutputStream(StrictModel):

@@ -23,6 +23,7 @@ SERVICES = (
     "gateway_ros2",
     "gateway_rock",
     "gateway_yarp",
+    "gateway_yarp",
 )
 
 

@@ -23,6 +23,13 @@ Spawn = Callable[..., subprocess.Popen[bytes]]
 Eventually = Callable[..., None]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark tests with a router, so that they run one after the other and at normal priority."""
+    for item in items:
+        if item.path.parent == Path(__file__).parent and "endpoint" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.integration)
+
+
 def wait_until(condition: Callable[[], object], timeout_s: float = 10.0, what: str = "the condition") -> None:
     """Wait until the condition holds; fail after ``timeout_s``."""
     deadline_s = time.monotonic() + timeout_s

@@ -84,6 +84,7 @@ def test_every_command_of_the_page_succeeds_and_every_sample_is_used(
     assert (tmp_path / "frames.svg").read_text().startswith("<svg")
 
 
+@pytest.mark.integration
 @pytest.mark.slow
 def test_the_live_part_of_the_page_works_with_the_templates_of_the_drivers(
     real_data: Callable[[str], Path], tmp_path: Path

@@ -27,7 +27,7 @@ POINTS_M = np.arange(30.0).reshape(-1, 3)
 
 
 def fill(system: System) -> None:
-    """A rover that drives 1 m a second along x, a cloud of its lidar at 1 s and 3 s, and a map at 2 s."""
+    """A rover that drives 1 m per second along x, a cloud of its lidar at 1 s and 3 s, and a map at 2 s."""
     for second in (1, 2, 3):
         T = UncertainTransform(se3.transform(np.eye(3), [second, 0.0, 0.0]), np.eye(6) * 0.01)
         pose = TransformWithCovariance.from_transform(

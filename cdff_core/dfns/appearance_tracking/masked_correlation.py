@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Template matching by weighted normalised correlation with sub-pixel place.
+"""Template matching by weighted normalised correlation with sub-pixel position.
 
 References
 ----------
@@ -34,7 +34,7 @@ class MaskedCorrelationConfig(DfnConfig):
         le=1.0,
         description="Increase of the correlation for which another scale than the first is taken",
     )
-    floor_px: float = Field(0.05, ge=0.0, le=2.0, description="Least standard deviation of a place, px")
+    floor_px: float = Field(0.05, ge=0.0, le=2.0, description="Least standard deviation of a position, px")
 
 
 class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
@@ -102,7 +102,7 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
         at: np.ndarray,
         noise: float,
     ) -> FloatArray:
-        """Return the covariance of the place from residual and gradients [2]_."""
+        """Return the covariance of the position from residual and gradients [2]_."""
         h, w = template.shape
         patch = window[at[1] : at[1] + h, at[0] : at[0] + w]
         a, b = np.average(patch, weights=weights), np.average(template, weights=weights)
@@ -120,7 +120,7 @@ class MaskedCorrelation(Interface[MaskedCorrelationConfig]):
 
 
 def _correlation(window: Float32Array, template: Float32Array, weights: Float32Array) -> Float32Array:
-    """Return the weighted normalised correlation at each place of the template in the window."""
+    """Return the weighted normalised correlation at each position of the template in the window."""
     total = float(weights.sum())
     centred = template - float((weights * template).sum()) / total
     norm = float((weights * centred**2).sum())

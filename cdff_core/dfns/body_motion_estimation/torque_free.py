@@ -18,6 +18,7 @@ from cdff_common.geometry import se3
 from cdff_common.interfaces.dfn import DfnConfig
 from cdff_core.dfns.body_motion_estimation.interface import Inputs, Interface, Outputs
 from cdff_core.rigid_body.centre_fit import CentreFit, fit_centre
+from cdff_core.rigid_body.drifting_fit import compile_kernel
 from cdff_core.rigid_body.motion_models import Tumble, value_derivatives
 from cdff_core.rigid_body.rotation_fit import RotationFit, fit_rotation, is_at_middle_axis
 
@@ -47,7 +48,8 @@ class TorqueFree(Interface[TorqueFreeConfig]):
     """Motion without torque. A fit starts from the previous one if its poses are later ones."""
 
     def setup(self) -> None:
-        """Clear the previous fit."""
+        """Compile the kernel of the fits; clear the previous fit."""
+        compile_kernel()
         self._rotation: RotationFit | None = None
         self._centre: CentreFit | None = None
 

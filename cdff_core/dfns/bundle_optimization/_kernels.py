@@ -7,7 +7,7 @@ Arguments of the loops, for m observations ordered by point, n cameras and p poi
 - ``cam, pt``: row of the camera and of the point of each observation, ``(m,)``;
 - ``pixels``: column, row and right-image column of each observation, ``(m, 3)``; NaN for a single image;
 - ``lens``: row of the lens of each camera, ``(n,)``;
-- ``R, c``: rotations from frame to camera ``(n, 3, 3)`` and positions of the cameras ``(n, 3)``;
+- ``R_camera_frame, c``: rotations ``(n, 3, 3)`` and positions of the cameras in the frame ``(n, 3)``;
 - ``V, X``: rows of ``BundleLenses.values`` and positions of the points ``(p, 3)``;
 - ``start``: first observation of each point, and the total number, ``(p + 1,)``;
 - ``columns (n, WIDTH, 2)``, ``count (n,)``: columns of the Jacobian that are adjusted for each camera: its
@@ -34,13 +34,13 @@ NO_LOSS, HUBER, CAUCHY = 0, 1, 2
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _project(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray) -> tuple[float, ...]:
+def _project(R_camera_frame: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray) -> tuple[float, ...]:
     """Return depth z, coordinates a, b on the plane z = 1, a^2 + b^2, radial factor, distorted a, b.
 
-    R: rotation from frame to camera; c: position of the camera; v: row of ``BundleLenses.values`` (fx fy cx
-    cy k1 k2 p1 p2 k3 baseline); X: the point.
+    ``R_camera_frame`` and c: rotation (3, 3) and position of the camera; v: row of ``BundleLenses.values``
+    (fx fy cx cy k1 k2 p1 p2 k3 baseline); X: the point.
     """
-    x, y, z = rotated(R, X[0] - c[0], X[1] - c[1], X[2] - c[2])
+    x, y, z = rotated(R_camera_frame, X[0] - c[0], X[1] - c[1], X[2] - c[2])
     a, b = x / z, y / z
     r2 = a * a + b * b
     s = 1.0 + r2 * (v[4] + r2 * (v[5] + r2 * v[8]))
@@ -50,9 +50,11 @@ def _project(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray) -> tupl
 
 
 @njit(cache=True, inline="always", error_model="numpy")
-def _predict_pixels(R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, out: FloatArray) -> float:
+def _predict_pixels(
+    R_camera_frame: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, out: FloatArray
+) -> float:
     """Write column, row and right-image column of the projection of X to ``out``; return its depth."""
-    z, _, _, _, _, u, w = _project(R, c, v, X)
+    z, _, _, _, _, u, w = _project(R_camera_frame, c, v, X)
     out[0], out[1] = v[0] * u + v[2], v[1] * w + v[3]
     out[2] = out[0] - v[0] * v[9] / z
     return z
@@ -76,7 +78,7 @@ def residuals(
     pt: IntArray,
     pixels: FloatArray,
     lens: IntArray,
-    R: FloatArray,
+    R_camera_frame: FloatArray,
     c: FloatArray,
     V: FloatArray,
     X: FloatArray,
@@ -90,7 +92,7 @@ def residuals(
     r, weights, out = np.zeros((m, 3)), np.ones(m), np.zeros(3)
     robust, plain, behind = 0.0, 0.0, 0
     for k in range(m):
-        z = _predict_pixels(R[cam[k]], c[cam[k]], V[lens[cam[k]]], X[pt[k]], out)
+        z = _predict_pixels(R_camera_frame[cam[k]], c[cam[k]], V[lens[cam[k]]], X[pt[k]], out)
         behind += z <= 0.0
         s = 0.0
         for i in range(3):
@@ -105,7 +107,13 @@ def residuals(
 
 @njit(cache=True, inline="always", error_model="numpy")
 def _derivatives(
-    R: FloatArray, c: FloatArray, v: FloatArray, X: FloatArray, stereo: bool, J: FloatArray, A: FloatArray
+    R_camera_frame: FloatArray,
+    c: FloatArray,
+    v: FloatArray,
+    X: FloatArray,
+    stereo: bool,
+    J: FloatArray,
+    A: FloatArray,
 ) -> None:
     """Write the derivatives of the prediction with respect to pose and lens to J, and to the point to A
     ``(3, 3)``.
@@ -113,7 +121,7 @@ def _derivatives(
     J has the shape (3, WIDTH); its rows are column, row and right-image column.
     """
     d0, d1, d2 = X[0] - c[0], X[1] - c[1], X[2] - c[2]
-    z, a, b, r2, s, u, w = _project(R, c, v, X)
+    z, a, b, r2, s, u, w = _project(R_camera_frame, c, v, X)
     iz = 1.0 / z
     ds = v[4] + r2 * (2.0 * v[5] + 3.0 * r2 * v[8])  # derivative of s by r2
     # Derivatives of the distorted coordinates u, w with respect to a, b; du/db equals dw/da.
@@ -121,10 +129,13 @@ def _derivatives(
     uw = 2.0 * a * b * ds + 2.0 * v[6] * a + 2.0 * v[7] * b
     ww = s + 2.0 * b * b * ds + 6.0 * v[6] * b + 2.0 * v[7] * a
     for j in range(3):
-        da, db = (R[0, j] - a * R[2, j]) * iz, (R[1, j] - b * R[2, j]) * iz
+        da, db = (
+            (R_camera_frame[0, j] - a * R_camera_frame[2, j]) * iz,
+            (R_camera_frame[1, j] - b * R_camera_frame[2, j]) * iz,
+        )
         A[0, j] = v[0] * (uu * da + uw * db)
         A[1, j] = v[1] * (uw * da + ww * db)
-        A[2, j] = A[0, j] + v[0] * v[9] * iz * iz * R[2, j]
+        A[2, j] = A[0, j] + v[0] * v[9] * iz * iz * R_camera_frame[2, j]
     ratio = v[1] / v[0]
     J[0, 6], J[1, 6], J[2, 6] = u, w * ratio, u - v[9] * iz
     J[0, 7], J[1, 7], J[2, 7] = 1.0, 0.0, 1.0
@@ -150,7 +161,7 @@ def linearise(
     pt: IntArray,
     pixels: FloatArray,
     lens: IntArray,
-    R: FloatArray,
+    R_camera_frame: FloatArray,
     c: FloatArray,
     V: FloatArray,
     X: FloatArray,
@@ -173,7 +184,7 @@ def linearise(
         i, p = cam[k], pt[k]
         stereo = not np.isnan(pixels[k, 2])
         rows = 3 if stereo else 2
-        _derivatives(R[i], c[i], V[lens[i]], X[p], stereo, J, A)
+        _derivatives(R_camera_frame[i], c[i], V[lens[i]], X[p], stereo, J, A)
         w = weights[k]
         for row in range(rows):
             e = w * r[k, row]

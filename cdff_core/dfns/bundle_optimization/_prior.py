@@ -56,7 +56,7 @@ class Prior:
     root, offset, scale : ndarray, shape (r, 6k), (r,), (6k,)
         The number of residuals r is the rank of the prior's matrix; ``scale`` holds the scales of its
         columns.
-    unknown : ndarray, shape (f, 7)
+    unconstrained : ndarray, shape (f, 7)
         Motions of the whole problem that the prior does not constrain.
     centre, unit : ndarray, shape (3,), and float
         Mean position of the cameras at the linearisation, and the largest distance from it, metres.
@@ -120,15 +120,18 @@ class Prior:
             raise InputError("problem: the poses are too far from those of its prior")
         return result
 
-    def residuals(self, R: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def residuals(self, R_camera_frame: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the residuals ``(r,)`` and their derivatives ``(r, 6k)`` with respect to the poses.
 
-        R, c are the rotations and positions of all cameras of the problem, as in ``Estimate``. The residuals
-        are infinite if a camera is too far from the others.
+        ``R_camera_frame`` and ``c`` are the rotations and positions of all cameras of the problem, as in
+        ``Estimate``. The residuals are infinite if a camera is too far from the others.
         """
         if not len(self.cameras):
             return self.offset, self.root
-        rotations, offsets = np.swapaxes(R[self.cameras], 1, 2), (c[self.cameras] - self.centre) / self.unit
+        rotations, offsets = (
+            np.swapaxes(R_camera_frame[self.cameras], 1, 2),
+            (c[self.cameras] - self.centre) / self.unit,
+        )
         similarity = np.eye(4)
         if self._is_too_far(offsets):
             # An infinite cost makes the minimiser reject the step.
@@ -160,7 +163,9 @@ class Prior:
         """Return whether offsets are too far from their mean, or NaN."""
         return not np.abs(offsets - offsets.mean(axis=0)).max() < _MAX_DISTANCE_UNITS
 
-    def constraint_rows(self, R: FloatArray, c: FloatArray, centre: FloatArray, unit: float) -> FloatArray:
+    def constraint_rows(
+        self, R_camera_frame: FloatArray, c: FloatArray, centre: FloatArray, unit: float
+    ) -> FloatArray:
         """Return rows ``(r, 7)`` whose product with a motion is 0 if the prior does not constrain the motion.
 
         The motions are about ``centre``, with lengths in units of ``unit``.
@@ -170,7 +175,9 @@ class Prior:
             * np.tile([unit] * 3 + [1.0] * 3, len(self.T))[:, None]
         )
         weights = self.scale / np.tile([self.unit] * 3 + [1.0] * 3, len(self.T))
-        return np.asarray(self.residuals(R, c)[1] @ motions / np.linalg.norm(weights[:, None] * motions))
+        return np.asarray(
+            self.residuals(R_camera_frame, c)[1] @ motions / np.linalg.norm(weights[:, None] * motions)
+        )
 
 
 def scales(H: FloatArray) -> FloatArray:

@@ -112,7 +112,9 @@ def _edge_ratio(source: FloatArray, target: FloatArray, noise_m: float) -> float
     return float(degree.sum()) / (len(source) * (len(source) - 1.0))
 
 
-def _edge_ratio_by_chance(T: FloatArray, source: FloatArray, target: FloatArray, noise_m: float) -> float:
+def _edge_ratio_by_chance(
+    T_target_source: FloatArray, source: FloatArray, target: FloatArray, noise_m: float
+) -> float:
     """Return the ratio of edges that the graph would have without a common transform.
 
     Correct pairs are consistent with each other, so that the ratio of the whole graph approaches 1 if most
@@ -121,7 +123,7 @@ def _edge_ratio_by_chance(T: FloatArray, source: FloatArray, target: FloatArray,
     """
     shuffled = target[np.random.default_rng(0).permutation(len(target))]
     ratio = _edge_ratio(source, shuffled, noise_m)
-    error_m = np.linalg.norm(se3.transform_points(T, source) - target, axis=1)
+    error_m = np.linalg.norm(se3.transform_points(T_target_source, source) - target, axis=1)
     others = error_m > _NEIGHBOUR_NOISES * noise_m
     if np.count_nonzero(others) < _MIN_PAIRS:
         return ratio
@@ -129,17 +131,21 @@ def _edge_ratio_by_chance(T: FloatArray, source: FloatArray, target: FloatArray,
 
 
 def _refit(
-    T: FloatArray, source: FloatArray, target: FloatArray, noise_m: float
+    T_target_source: FloatArray, source: FloatArray, target: FloatArray, noise_m: float
 ) -> tuple[FloatArray, BoolArray]:
     """Refit the transform to all pairs within the noise until they are constant; return both."""
     inliers = np.zeros(len(source), np.bool_)
     for _ in range(_MAX_REFITS):
-        is_inlier = np.sum((se3.transform_points(T, source) - target) ** 2, axis=1) <= noise_m**2
+        is_inlier = (
+            np.sum((se3.transform_points(T_target_source, source) - target) ** 2, axis=1) <= noise_m**2
+        )
         if np.array_equal(is_inlier, inliers) or np.count_nonzero(is_inlier) < 3:
             break
         inliers = is_inlier
-        T = rigid_fit(source[is_inlier], target[is_inlier], np.ones(np.count_nonzero(is_inlier)))
-    return T, inliers
+        T_target_source = rigid_fit(
+            source[is_inlier], target[is_inlier], np.ones(np.count_nonzero(is_inlier))
+        )
+    return T_target_source, inliers
 
 
 def _expected_cliques(n: int, size: int, edge_ratio: float) -> float:

@@ -119,7 +119,7 @@ class HeightContext(Interface[HeightContextConfig]):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the largest correlation with each place, and the rotation of the query about z, radians."""
         cfg = self.config
-        area = (np.arange(cfg.rings) + 0.5)[:, None] / cfg.rings  # of a cell grows with its range
+        area = (np.arange(cfg.rings) + 0.5)[:, None] / cfg.rings  # area of a cell, which grows with its range
         query_mask, place_mask = np.isfinite(query), np.isfinite(places)
         q, p = np.where(query_mask, query, 0.0), np.where(place_mask, places, 0.0)
         fq, fq2, fm = (np.fft.rfft(x * area) for x in (q, q * q, query_mask.astype(np.float64)))

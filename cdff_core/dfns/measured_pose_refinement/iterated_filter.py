@@ -45,7 +45,7 @@ class IteratedFilterConfig(DfnConfig):
 class IteratedFilter(Interface[IteratedFilterConfig]):
     """Each step is one of an iterated Kalman filter (Bell and Cathey 1993, doi:10.1109/9.250476) whose
     measurements are the residuals along the normals with Tukey's weights; the limit of the residuals shrinks
-    from ``limitPx`` to that of the noise.
+    from ``limit_px`` to that of the noise.
     """
 
     def process(self, inputs: Inputs) -> Outputs:
@@ -97,15 +97,17 @@ class IteratedFilter(Interface[IteratedFilterConfig]):
         )
 
 
-def residuals_and_jacobian(inputs: Inputs, T: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+def residuals_and_jacobian(
+    inputs: Inputs, T_camera_body: FloatArray, scale: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the smallest residual (n,) of each point, NaN without one, and its derivative (n, 6).
 
     A residual is the measured minus the predicted offset, times ``scale`` (n,); the derivative is that of the
     predicted one.
     """
     K = inputs.camera_matrix
-    arms = inputs.points @ T[:3, :3].T
-    x, y, z = (arms + T[:3, 3]).T
+    arms = inputs.points @ T_camera_body[:3, :3].T
+    x, y, z = (arms + T_camera_body[:3, 3]).T
     # Points that a step moves behind the camera have no residual.
     z = np.where(z > 0.0, z, np.nan)
     u, v = K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]

@@ -47,10 +47,10 @@ class NormalSearch(Interface[NormalSearchConfig]):
         if not len(inputs.triangles):
             raise InputError(f"{len(inputs.vertices)} vertices and no triangle, expected a mesh")
         edges = self._edges_of(inputs)
-        K, T = inputs.camera_matrix, np.ascontiguousarray(inputs.pose, np.float64)
+        K, T_camera_model = inputs.camera_matrix, np.ascontiguousarray(inputs.pose, np.float64)
         rows, columns = inputs.image.shape
         camera = Window(K[0, 0], K[1, 1], K[0, 2], K[1, 2], rows, columns)
-        row, column, window = body_window(inputs.vertices, T, camera)
+        row, column, window = body_window(inputs.vertices, T_camera_model, camera)
         cfg = self.config
         if window.rows < _MIN_WINDOW or window.columns < _MIN_WINDOW:
             nothing = np.zeros((0, 2))
@@ -64,8 +64,8 @@ class NormalSearch(Interface[NormalSearchConfig]):
         face = np.full((window.rows, window.columns), -1, np.int64)
         vertices = np.ascontiguousarray(inputs.vertices, np.float64)
         triangles = np.ascontiguousarray(inputs.triangles, np.int64)
-        draw(vertices, triangles, T, window, inverse_depth, face, np.empty((len(vertices), 3)))
-        points, pixels, normals = control_points(edges, T, window, inverse_depth, cfg.spacing_px)
+        draw(vertices, triangles, T_camera_model, window, inverse_depth, face, np.empty((len(vertices), 3)))
+        points, pixels, normals = control_points(edges, T_camera_model, window, inverse_depth, cfg.spacing_px)
         step = -(-len(points) // cfg.max_points) if len(points) else 1
         points, normals = points[::step], normals[::step]
         pixels = pixels[::step] + np.array([column, row])

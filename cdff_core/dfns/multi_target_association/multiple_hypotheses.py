@@ -203,7 +203,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         density = max(float(inputs.can_start[candidates.indices].sum()), _MIN_FALSE) / inputs.solid_angle
         missed = np.full(len(predicted), np.log(1.0 - self.config.detection_probability))
         is_confirmed = self._is_confirmed(predicted)
-        # A confirmed object that is dark or hidden is not less likely for it.
+        # The score of a confirmed object does not decrease while it is dark or hidden.
         hidden = is_confirmed | inputs.is_dark
         if len(obstacles) and len(predicted):
             position, _ = across(predicted.states)
@@ -245,7 +245,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         is_confirmed = self._is_confirmed(h)
         candidates = np.flatnonzero(is_confirmed | (h.hits >= 3))
         removed = np.zeros(len(best), bool)
-        # A coasting object is no repetition of a new one: that may continue it, see _continue_coasting.
+        # A coasting object is not removed: a new object may continue it, see _continue_coasting.
         for i in np.flatnonzero(is_confirmed & (h.misses <= self.config.max_misses)):
             nearby_hypotheses = candidates[
                 np.linalg.norm(h.states.directions[candidates] - h.states.directions[i], axis=1) < 0.01
@@ -279,7 +279,7 @@ class MultipleHypotheses(Interface[MultipleHypothesesConfig]):
         h = self._hypotheses.selected(best)
         significance = motion_significance(h.states) if len(h) else np.zeros(0)
         pixel_path = np.linalg.norm(h.high_px - h.low_px, axis=1)
-        # An object at rest in the sensor could be a defect of it; only its shape excludes that.
+        # An object at rest in the image could be a defect of the sensor; only its shape excludes a defect.
         is_point = (pixel_path > 1.0) | (h.evidence < _NO_DEFECT)
         # The centroid of a star in front of others moves by parts of their distance.
         path = np.linalg.norm(h.states.directions - h.starts, axis=1)

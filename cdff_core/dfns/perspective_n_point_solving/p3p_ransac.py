@@ -107,9 +107,13 @@ class P3pRansac(Interface[P3pRansacConfig]):
         inliers = self._inliers(stacked, points, pixels, K)
         yield from zip(np.split(stacked, split_rows), np.split(inliers, split_rows), strict=True)
 
-    def _inliers(self, T: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray) -> BoolArray:
+    def _inliers(
+        self, T_camera_points: FloatArray, points: FloatArray, pixels: FloatArray, K: FloatArray
+    ) -> BoolArray:
         """Return which points are in front of the camera and project near their pixels, shape (..., n)."""
-        points_camera = points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
+        points_camera = (
+            points @ np.swapaxes(T_camera_points[..., :3, :3], -1, -2) + T_camera_points[..., None, :3, 3]
+        )
         depth = points_camera[..., 2]
         projected = (points_camera / np.where(depth > 1e-6, depth, np.inf)[..., None]) @ K.T
         offsets = projected[..., :2] - pixels

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from cdff_common.arrays import FloatArray
-from cdff_common.geometry.small_vectors import rotated
+from cdff_common.geometry.small_vectors import transformed
 
 #: After this number of points, a pose is rejected if the mean difference exceeds this fraction of the
 #: cut-off.
@@ -34,7 +34,7 @@ def residuals(
     heights : ndarray, shape (rows, columns)
         Heights of the cells along x and y, the first at ``origin (2,)``; NaN if unknown.
     starts : ndarray, shape (s, 4, 4)
-        T_map_foot: poses of the ground below the robot.
+        ``T_map_foot``: poses of the ground below the robot.
     rotations : ndarray, shape (t, 2)
         Cosine and sine of rotations about the ground's normal.
     points : ndarray, shape (m, 3)
@@ -45,22 +45,22 @@ def residuals(
     rows, columns = heights.shape
     min_count = min_covered * len(points)
     for s in range(len(starts)):
-        T = starts[s]
+        T_map_foot = starts[s]
         for t in range(len(rotations)):
             cosine, sine = rotations[t, 0], rotations[t, 1]
             total, count = 0.0, 0
             for i in range(len(points)):
                 x = cosine * points[i, 0] - sine * points[i, 1]
                 y = sine * points[i, 0] + cosine * points[i, 1]
-                x, y, z = rotated(T, x, y, points[i, 2])
-                row = int(np.floor((x + T[0, 3] - origin[0]) / cell))
-                column = int(np.floor((y + T[1, 3] - origin[1]) / cell))
+                map_x, map_y, map_z = transformed(T_map_foot, x, y, points[i, 2])
+                row = int(np.floor((map_x - origin[0]) / cell))
+                column = int(np.floor((map_y - origin[1]) / cell))
                 if row < 0 or column < 0 or row >= rows or column >= columns:
                     continue
                 height = heights[row, column]
                 if np.isnan(height):
                     continue
-                difference = abs(z + T[2, 3] - height)
+                difference = abs(map_z - height)
                 total += min(difference, cutoff)
                 count += 1
                 if count == _EARLY_POINTS and total > _EARLY_LIMIT * cutoff * count:

@@ -18,15 +18,16 @@ def deskew(
     points: FloatArray,
     interval: IntArray,
     fraction: FloatArray,
-    R: FloatArray,
-    t: FloatArray,
-    phi: FloatArray,
+    R_fixed_sensor: FloatArray,
+    t_fixed_sensor: FloatArray,
+    rotations: FloatArray,
     cov: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:  # pragma: no cover - compiled
     """Return the points in the fixed frame (n, 3) and the variances of their z (n,).
 
     Point i is transformed by the pose at the fraction f = ``fraction[i]`` between pose k = ``interval[i]``
-    and pose k + 1. Its rotation is ``R_k Exp(f phi_k)`` (Rodrigues' formula); translation and covariance are
+    and pose k + 1. Its rotation is ``R_fixed_sensor[k] Exp(f rotations[k])`` (Rodrigues' formula), where
+    ``rotations`` are the rotation vectors from pose k to pose k + 1; translation and covariance are
     interpolated linearly. The variance of z is ``J C J^T`` with J = [0 0 1 y -x 0] for the lever arm (x, y)
     of the point in the fixed frame.
     """
@@ -34,7 +35,7 @@ def deskew(
     for i in range(len(points)):
         k, f = interval[i], fraction[i]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        wx, wy, wz = f * phi[k, 0], f * phi[k, 1], f * phi[k, 2]
+        wx, wy, wz = f * rotations[k, 0], f * rotations[k, 1], f * rotations[k, 2]
         a2 = wx * wx + wy * wy + wz * wz
         if a2 > 1e-16:
             a = math.sqrt(a2)
@@ -44,11 +45,11 @@ def deskew(
         cx, cy, cz = cross(wx, wy, wz, px, py, pz)
         dx, dy, dz = cross(wx, wy, wz, cx, cy, cz)
         qx, qy, qz = px + s * cx + c * dx, py + s * cy + c * dy, pz + s * cz + c * dz
-        ax, ay, az = rotated(R[k], qx, qy, qz)
+        ax, ay, az = rotated(R_fixed_sensor[k], qx, qy, qz)
         g = 1.0 - f
-        fixed[i, 0] = ax + g * t[k, 0] + f * t[k + 1, 0]
-        fixed[i, 1] = ay + g * t[k, 1] + f * t[k + 1, 1]
-        fixed[i, 2] = az + g * t[k, 2] + f * t[k + 1, 2]
+        fixed[i, 0] = ax + g * t_fixed_sensor[k, 0] + f * t_fixed_sensor[k + 1, 0]
+        fixed[i, 1] = ay + g * t_fixed_sensor[k, 1] + f * t_fixed_sensor[k + 1, 1]
+        fixed[i, 2] = az + g * t_fixed_sensor[k, 2] + f * t_fixed_sensor[k + 1, 2]
         czz = g * cov[k, 2, 2] + f * cov[k + 1, 2, 2]
         czr = g * cov[k, 2, 3] + f * cov[k + 1, 2, 3]
         czp = g * cov[k, 2, 4] + f * cov[k + 1, 2, 4]

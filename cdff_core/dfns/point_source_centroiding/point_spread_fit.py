@@ -131,9 +131,8 @@ class PointSpreadFit(Interface[PointSpreadFitConfig]):
         # The mean of k squared normal residuals has the standard deviation sqrt(2 / k).
         count = (2 * reach + 1) ** 2 - 3
         excess = np.maximum(fits[:, 3] / (1.0 + 3.0 * np.sqrt(2.0 / count)), 1.0)
-        # Second order of the bound: the error of the maximum-likelihood estimate exceeds it at low signal,
-        # here by
-        # the variance that simulated sources with ratios of 5 to 20 have.
+        # Second order of the bound: at low signal, the error of the maximum-likelihood estimate exceeds the
+        # bound. The excess is that of simulated sources with signal-to-noise ratios of 5 to 20.
         excess = excess * (1.0 + _SECOND_ORDER / np.maximum(snr, 1.0) ** 2)
         covariances *= excess[:, None, None]
         return np.asarray(covariances + self.config.floor_px**2 * np.eye(2))

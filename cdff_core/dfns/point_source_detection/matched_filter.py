@@ -98,8 +98,8 @@ class MatchedFilter(Interface[MatchedFilterConfig]):
             self._labels,
         )
         is_extended = self._is_extended(regions, snr, inputs.point_spread)
-        # A second source in the region of a point-like one is a source of its own, in that of an extended
-        # one not.
+        # A second maximum in the region of a point-like source is a source of its own. In the region of an
+        # extended source it is a part of this source.
         is_kept = (owner == np.arange(len(owner))) | ~is_extended[owner]
         points[is_extended] = regions[is_extended][:, [MEAN_U, MEAN_V]]
         is_trail = inputs.mask[pixels[:, 0], pixels[:, 1]] == _TRAIL

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compiled loops over the edges of a pose graph: errors, Jacobians and normal equations.
 
-The equations are those of ``cdff_common.geometry.se3``, numbered as in Sola et al. (2018), arXiv:1812.01537.
+``X_a`` is the pose ``T_frame_a`` of vertex a, and Z the measured ``T_a_b`` of an edge, or the ``T_frame_a``
+of a prior. The equations are those of ``cdff_common.geometry.se3``, numbered as in Sola et al. (2018),
+arXiv:1812.01537.
 """
 
 from __future__ import annotations

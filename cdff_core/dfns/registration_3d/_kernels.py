@@ -11,7 +11,7 @@ from numba import njit
 
 from cdff_common.arrays import FloatArray, IntArray
 from cdff_common.geometry.kdtree import KdTree, nearest_two, scratch
-from cdff_common.geometry.small_vectors import cross, rotated
+from cdff_common.geometry.small_vectors import cross, transformed
 
 #: Kernel numbers of ``weight_of`` by name.
 KERNELS = {"none": 0, "tukey": 1, "huber": 2, "cauchy": 3, "geman_mcclure": 4}
@@ -43,7 +43,7 @@ def no_pairs(count: int) -> Pairs:  # pragma: no cover - compiled
 
 @njit(cache=True)
 def pair(
-    tree: KdTree, source: FloatArray, T: FloatArray, gate: float, pairs: Pairs
+    tree: KdTree, source: FloatArray, T_target_source: FloatArray, gate: float, pairs: Pairs
 ) -> int:  # pragma: no cover
     """Transform the source, and pair each point with the nearest one of the target within a gate; return the
     number of pairs.
@@ -57,8 +57,7 @@ def pair(
     tree : KdTree
         Search tree of the target.
     source : ndarray, shape (n, 3)
-    T : ndarray, shape (4, 4)
-        T_target_source.
+    T_target_source : ndarray, shape (4, 4)
     gate : float
         Largest distance of a pair, metres.
     pairs : Pairs
@@ -68,8 +67,7 @@ def pair(
     row, moved, bound_m = pairs
     count = 0
     for i in range(len(source)):
-        x, y, z = rotated(T, source[i, 0], source[i, 1], source[i, 2])
-        x, y, z = x + T[0, 3], y + T[1, 3], z + T[2, 3]
+        x, y, z = transformed(T_target_source, source[i, 0], source[i, 1], source[i, 2])
         sx, sy, sz = x - moved[i, 0], y - moved[i, 1], z - moved[i, 2]
         moved[i, 0], moved[i, 1], moved[i, 2] = x, y, z
         others, j, d2 = bound_m[i] - np.sqrt(sx * sx + sy * sy + sz * sz), row[i], np.inf

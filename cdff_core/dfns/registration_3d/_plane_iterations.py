@@ -54,7 +54,7 @@ class Limits(NamedTuple):
 class Iterations(NamedTuple):
     """Result of the iterations; too few pairs within ``gate_m`` end them."""
 
-    T: FloatArray
+    T_target_source: FloatArray
     scale_m: float
     iterations: int
     converged: bool
@@ -64,18 +64,18 @@ class Iterations(NamedTuple):
 
 @njit(cache=True)
 def iterate(
-    tree: KdTree, normals: FloatArray, source: FloatArray, T: FloatArray, limits: Limits
+    tree: KdTree, normals: FloatArray, source: FloatArray, T_target_source: FloatArray, limits: Limits
 ) -> Iterations:  # pragma: no cover - compiled
-    """Alternate pairing and Gauss-Newton steps from ``T`` (T_target_source) until a step is below the
+    """Alternate pairing and Gauss-Newton steps from ``T_target_source`` until a step is below the
     tolerance; ``normals`` have the order of the tree.
     """
     pairs = _kernels.no_pairs(len(source))
     steps = np.empty((limits.max_iterations, 6))
     gate_m, scale_m, length, converged, k = limits.first_gate_m, 0.0, 1.0, False, 0
     while k < limits.max_iterations and not converged:
-        count = _kernels.pair(tree, source, T, gate_m, pairs)
+        count = _kernels.pair(tree, source, T_target_source, gate_m, pairs)
         if count < limits.min_pairs:
-            return Iterations(T, scale_m, k, False, count, gate_m)
+            return Iterations(T_target_source, scale_m, k, False, count, gate_m)
         distances_m = _kernels.plane_distances(tree.points, normals, pairs.row, pairs.moved)
         scale_m = max(1.4826 * np.median(np.abs(distances_m[:: max(1, count // _SCALE_SAMPLE)])), 1e-9)
         # The kernel is wide while the gate is wide: otherwise rings on the ground that match each other
@@ -89,7 +89,7 @@ def iterate(
         k += 1
         last_gate_m = max(limits.final_gate_m, _GATE_PER_SCALE * scale_m)
         length = _steps.step_length(steps[:k], length != 1.0) if gate_m <= _EQUAL_GATES * last_gate_m else 1.0
-        T = _steps.moved_by(T, length * steps[k - 1], centre, radius_m)
+        T_target_source = _steps.moved_by(T_target_source, length * steps[k - 1], centre, radius_m)
         converged = gate_m <= last_gate_m and _steps.has_converged(steps[:k], limits.tolerance_m)
         gate_m = max(last_gate_m, _ANNEALING * gate_m)
-    return Iterations(T, scale_m, k, converged, count, gate_m)
+    return Iterations(T_target_source, scale_m, k, converged, count, gate_m)

@@ -26,9 +26,12 @@ def newton_step(H: FloatArray, g: FloatArray) -> FloatArray:  # pragma: no cover
 
 @njit(cache=True)
 def moved_by(
-    T: FloatArray, step: FloatArray, centre: FloatArray, radius: float
+    T_target_source: FloatArray, step: FloatArray, centre: FloatArray, radius: float
 ) -> FloatArray:  # pragma: no cover - compiled
-    """Return the transform after a step (6,); rounding of the rotation is not corrected."""
+    """Return ``T_target_source`` after a step (6,) in axes of the target.
+
+    Rounding errors of the rotation are not corrected.
+    """
     phi = step[3:] / radius
     half = 0.5 * np.sqrt(np.sum(phi * phi)) + 1e-150
     K = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
@@ -36,7 +39,7 @@ def moved_by(
     motion = np.eye(4)
     motion[:3, :3] = R
     motion[:3, 3] = step[:3] + centre - R @ centre
-    return motion @ T
+    return motion @ T_target_source
 
 
 @njit(cache=True)

@@ -80,7 +80,13 @@ class Ndt(Interface[NdtConfig]):
         )
 
     def _register_at_cell_size(
-        self, T: FloatArray, source: FloatArray, target: FloatArray, cell_m: float, *, is_coarsest: bool
+        self,
+        T_target_source: FloatArray,
+        source: FloatArray,
+        target: FloatArray,
+        cell_m: float,
+        *,
+        is_coarsest: bool,
     ) -> tuple[FloatArray, float, int, bool]:
         """Return transform, residual scale, iterations and convergence for cells of one size."""
         cfg = self.config
@@ -95,14 +101,14 @@ class Ndt(Interface[NdtConfig]):
         tolerance_m = cfg.tolerance_m or cell_m / 2500.0
         gate_m = final_gate_m
         if is_coarsest:
-            moved_points = se3.transform_points(T, source)
+            moved_points = se3.transform_points(T_target_source, source)
             gate_m = max(gate_m, _surface.initial_gate_m(cells.tree, moved_points, 0.0))
         gate_m = min(gate_m, cfg.max_distance_m or gate_m)
         pairs = _kernels.no_pairs(len(source))
         steps = np.empty((cfg.max_iterations, 6))
         converged, iterations = False, 0
         while iterations < cfg.max_iterations and not converged:
-            count = _kernels.pair(cells.tree, source, T, gate_m, pairs)
+            count = _kernels.pair(cells.tree, source, T_target_source, gate_m, pairs)
             if count < _surface.MIN_PAIRS:
                 raise _surface.too_few_pairs_error(count, len(source), gate_m)
             centre, radius_m = _kernels.centre_and_radius(pairs.row, pairs.moved)
@@ -110,10 +116,10 @@ class Ndt(Interface[NdtConfig]):
                 cells.tree.points, cells.information, pairs.row, pairs.moved, centre, radius_m, cfg.width
             )
             steps[iterations] = _steps.newton_step(H, g)
-            T = _steps.moved_by(T, steps[iterations], centre, radius_m)
+            T_target_source = _steps.moved_by(T_target_source, steps[iterations], centre, radius_m)
             iterations += 1
             converged = gate_m <= final_gate_m and _steps.has_converged(steps[:iterations], tolerance_m)
             gate_m = max(final_gate_m, _ANNEALING * gate_m)
         distances_m = _kernels.plane_distances(cells.tree.points, cells.normals, pairs.row, pairs.moved)
-        T[:3, :3] = se3.normalise_rotation(T[:3, :3])
-        return T, max(median_sigma(distances_m), 1e-9), iterations, converged
+        T_target_source[:3, :3] = se3.normalise_rotation(T_target_source[:3, :3])
+        return T_target_source, max(median_sigma(distances_m), 1e-9), iterations, converged

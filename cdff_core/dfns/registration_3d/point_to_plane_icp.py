@@ -92,7 +92,8 @@ class PointToPlaneIcp(Interface[PointToPlaneIcpConfig]):
         result = iterate(tree, normals, source, T, limits)
         if result.pairs < limits.min_pairs:
             raise _surface.too_few_pairs_error(result.pairs, len(source), result.gate_m)
-        T[:3, :3], T[:3, 3] = se3.normalise_rotation(result.T[:3, :3]), result.T[:3, 3]
+        refined = result.T_target_source
+        T[:3, :3], T[:3, 3] = se3.normalise_rotation(refined[:3, :3]), refined[:3, 3]
         return Outputs(
             transform=T,
             residual_scale_m=result.scale_m,

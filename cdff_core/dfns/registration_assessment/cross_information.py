@@ -164,11 +164,13 @@ def _clustered_covariance(
     return np.asarray(H_inverse @ (by_cell.T @ by_cell) @ H_inverse)
 
 
-def _change(T_other: FloatArray, T: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
-    """Return the motion (6,) from T to another transform, metres: translation of the centre, and rotation
+def _change(
+    T_target_source_other: FloatArray, T_target_source: FloatArray, centre: FloatArray, radius_m: float
+) -> FloatArray:
+    """Return the motion (6,) from a transform to another one, metres: translation of the centre, and rotation
     about it times the radius.
     """
-    motion = T_other @ se3.inverse(T)
+    motion = T_target_source_other @ se3.inverse(T_target_source)
     translation_m = motion[:3, :3] @ centre + motion[:3, 3] - centre
     return np.concatenate([translation_m, radius_m * se3.log_so3(motion[:3, :3])])
 
@@ -182,7 +184,9 @@ def _resolution_covariance(change: FloatArray, constraint: FloatArray, direction
     return np.asarray((directions.T / constraint) @ directions * variance_m2)
 
 
-def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T: FloatArray) -> FloatArray:
+def _about_origin(
+    covariance: FloatArray, centre: FloatArray, radius_m: float, T_target_source: FloatArray
+) -> FloatArray:
     """Return the covariance of the transform, given that of a motion about the centre with rotations in
     radii.
 
@@ -190,6 +194,6 @@ def _about_origin(covariance: FloatArray, centre: FloatArray, radius_m: float, T
     """
     S = np.diag([1.0, 1.0, 1.0, 1.0 / radius_m, 1.0 / radius_m, 1.0 / radius_m])
     A = np.eye(6)
-    A[:3, 3:] = -se3.skew(T[:3, 3] - centre)
+    A[:3, 3:] = -se3.skew(T_target_source[:3, 3] - centre)
     about_origin = A @ S @ covariance @ S @ A.T
     return np.asarray(0.5 * (about_origin + about_origin.T))

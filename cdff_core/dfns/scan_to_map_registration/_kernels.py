@@ -111,14 +111,14 @@ def normal_equations(
     finest: int,
     points: FloatArray,
     point_times: FloatArray,
-    R: FloatArray,
-    t: FloatArray,
+    R_map_sensor: FloatArray,
+    t_map_sensor: FloatArray,
     theta: FloatArray,
     rho: FloatArray,
     kernel: float,
     noise: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # pragma: no cover - compiled
-    """Gauss-Newton system of pose and motion during the sweep.
+    """Return the Gauss-Newton system of pose and motion during the sweep.
 
     The 12 unknowns are the translation and rotation of the sensor at the end of the sweep, in axes of the
     map, and the change of the translation and rotation during the sweep, in axes of the sensor. The weights
@@ -138,8 +138,8 @@ def normal_equations(
     for p in range(len(points)):
         f = point_times[p]
         deskew_point(points[p], f, theta, rho, q)
-        ax, ay, az = rotated(R, q[0], q[1], q[2])
-        x, y, z = ax + t[0], ay + t[1], az + t[2]
+        ax, ay, az = rotated(R_map_sensor, q[0], q[1], q[2])
+        x, y, z = ax + t_map_sensor[0], ay + t_map_sensor[1], az + t_map_sensor[2]
         level, row = nearest_plane(tables, voxel, finest, x, y, z)
         if row < 0:
             continue
@@ -148,7 +148,7 @@ def normal_equations(
         r, w = weighted_distance(plane, x, y, z, kernel, noise[level], noise[0])
         J[0], J[1], J[2] = nx, ny, nz
         J[3], J[4], J[5] = cross(ax, ay, az, nx, ny, nz)
-        bx, by, bz = rotated(R.T, nx, ny, nz)
+        bx, by, bz = rotated(R_map_sensor.T, nx, ny, nz)
         J[6], J[7], J[8] = bx, by, bz
         J[9], J[10], J[11] = cross(q[0], q[1], q[2], bx, by, bz)
         for i in range(6, 12):
@@ -177,8 +177,8 @@ def common_information(
     tables: tuple[VoxelTable, ...],
     voxel: float,
     points: FloatArray,
-    R: FloatArray,
-    t: FloatArray,
+    R_map_sensor: FloatArray,
+    t_map_sensor: FloatArray,
     kernel: float,
     noise: FloatArray,
     radius: float,
@@ -191,8 +191,8 @@ def common_information(
     ----------
     points : ndarray, shape (n, 3)
         In the sensor's frame at the end of the sweep.
-    R, t : ndarray
-        Rotation (3, 3) and translation (3,) of T_map_sensor at the end of the sweep.
+    R_map_sensor, t_map_sensor : ndarray
+        Rotation (3, 3) and translation (3,) at the end of the sweep.
     min_plane_points : int
         Planes through fewer points are skipped.
 
@@ -206,8 +206,8 @@ def common_information(
     A, B = np.empty(6), np.empty(6)
     for p in range(len(points)):
         q = points[p]
-        ax, ay, az = rotated(R, q[0], q[1], q[2])
-        x, y, z = ax + t[0], ay + t[1], az + t[2]
+        ax, ay, az = rotated(R_map_sensor, q[0], q[1], q[2])
+        x, y, z = ax + t_map_sensor[0], ay + t_map_sensor[1], az + t_map_sensor[2]
         level, row = nearest_plane(tables, voxel, 0, x, y, z)
         if row < 0 or tables[level].counts[row, 0] + tables[level].counts[row, 1] < min_plane_points:
             continue
@@ -243,12 +243,12 @@ def supports(
     """
     result, q = np.zeros(len(poses)), np.empty(3)
     for m in range(len(poses)):
-        R, t = np.ascontiguousarray(poses[m, :3, :3]), poses[m, :3, 3]
+        R_map_sensor, t_map_sensor = np.ascontiguousarray(poses[m, :3, :3]), poses[m, :3, 3]
         theta, rho = motions[m, 3:], motions[m, :3]
         for p in range(len(points)):
             deskew_point(points[p], point_times[p], theta, rho, q)
-            ax, ay, az = rotated(R, q[0], q[1], q[2])
-            x, y, z = ax + t[0], ay + t[1], az + t[2]
+            ax, ay, az = rotated(R_map_sensor, q[0], q[1], q[2])
+            x, y, z = ax + t_map_sensor[0], ay + t_map_sensor[1], az + t_map_sensor[2]
             level, row = nearest_plane(tables, voxel, finest, x, y, z)
             if row < 0:
                 continue

@@ -61,14 +61,14 @@ class Prior:
             *previous_pose(inputs.previous_pose, inputs.sweep_fraction),
         )
 
-    def add_to(self, A: FloatArray, g: FloatArray, T: FloatArray, motion: FloatArray) -> None:
+    def add_to(self, A: FloatArray, g: FloatArray, T_map_sensor: FloatArray, motion: FloatArray) -> None:
         """Add information and gradient at an estimate to the normal equations (12, 12) and (12,)."""
         A[:6, :6] += self.pose_information
-        g[:6] += self.pose_information @ pose_error(T, self.T_guess)
+        g[:6] += self.pose_information @ pose_error(T_map_sensor, self.T_guess)
         expected, J = (
             (self.motion_guess, np.zeros((6, 6)))
             if self.T_previous is None
-            else fraction_of_motion(self.T_previous, T, self.sweep_fraction)
+            else fraction_of_motion(self.T_previous, T_map_sensor, self.sweep_fraction)
         )
         J_prior = np.hstack([-J, np.eye(6)])
         A += J_prior.T @ self.motion_information @ J_prior
@@ -92,15 +92,15 @@ def previous_pose(T_previous: FloatArray | None, fraction: float | None) -> tupl
 
 
 def fraction_of_motion(
-    T_previous: FloatArray, T: FloatArray, fraction: float
+    T_map_previous: FloatArray, T_map_sensor: FloatArray, fraction: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a fraction of the motion from the previous pose to ``T`` (6,), in sensor axes, and its
-    derivative (6, 6) with respect to a change of ``T`` in map axes.
+    """Return a fraction (6,) of the motion from the previous to the current pose, in sensor axes, and its
+    derivative (6, 6) with respect to a change of ``T_map_sensor`` in map axes.
     """
-    R = T[:3, :3]
+    R = T_map_sensor[:3, :3]
     J = fraction * rotation_blocks(R.T)
-    rotation = se3.log_so3(T_previous[:3, :3].T @ R)
-    return fraction * np.concatenate([R.T @ (T[:3, 3] - T_previous[:3, 3]), rotation]), J
+    rotation = se3.log_so3(T_map_previous[:3, :3].T @ R)
+    return fraction * np.concatenate([R.T @ (T_map_sensor[:3, 3] - T_map_previous[:3, 3]), rotation]), J
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +114,7 @@ class Fusion:
 
 def fuse_with_guess(
     prior: Prior,
-    T: FloatArray,
+    T_map_sensor: FloatArray,
     covariance: FloatArray,
     directions: FloatArray,
     sigma_m: FloatArray,
@@ -134,7 +134,7 @@ def fuse_with_guess(
     gains = variance / (variance + sigma_m**2)
     constrained = np.eye(6) - directions.T @ directions
     by_guess = (directions.T * (1.0 - gains)) @ directions
-    correction = (np.eye(6) - by_guess) @ (scale * pose_error(T, prior.T_guess))
+    correction = (np.eye(6) - by_guess) @ (scale * pose_error(T_map_sensor, prior.T_guess))
     R = se3.normalise_rotation(se3.exp_so3(correction[3:] / radius_m) @ prior.T_guess[:3, :3])
     mixed = constrained @ (covariance * np.outer(scale, scale)) @ constrained + by_guess @ P @ by_guess
     mixed += (directions.T * (gains * sigma_m) ** 2) @ directions

@@ -32,7 +32,7 @@ class CalibrationErrors:
     Errors of different rings are independent (Glennie, Lichti 2010, doi:10.3390/rs2061610).
     """
 
-    range_m: float  # of all rings in common
+    range_m: float  # standard deviation of the error that all rings share
     ring_range_m: float
     ring_elevation_rad: float
 
@@ -82,8 +82,8 @@ def shared_gradients(
     voxel: float,
     points: FloatArray,
     point_times: FloatArray,
-    R: FloatArray,
-    t: FloatArray,
+    R_map_sensor: FloatArray,
+    t_map_sensor: FloatArray,
     theta: FloatArray,
     rho: FloatArray,
     kernel: float,
@@ -109,16 +109,17 @@ def shared_gradients(
         f = point_times[p]
         px, py, pz = points[p]
         deskew_point(points[p], f, theta, rho, q)
-        ax, ay, az = rotated(R, q[0], q[1], q[2])
-        level, row = nearest_plane(tables, voxel, 0, ax + t[0], ay + t[1], az + t[2])
+        ax, ay, az = rotated(R_map_sensor, q[0], q[1], q[2])
+        x, y, z = ax + t_map_sensor[0], ay + t_map_sensor[1], az + t_map_sensor[2]
+        level, row = nearest_plane(tables, voxel, 0, x, y, z)
         if row < 0:
             continue
         plane = tables[level].planes[row]
         nx, ny, nz = plane[NORMAL], plane[NORMAL + 1], plane[NORMAL + 2]
-        r, w = weighted_distance(plane, ax + t[0], ay + t[1], az + t[2], kernel, noise[level], noise[0])
+        r, w = weighted_distance(plane, x, y, z, kernel, noise[level], noise[0])
         J[0], J[1], J[2] = nx, ny, nz
         J[3], J[4], J[5] = cross(ax, ay, az, nx, ny, nz)
-        bx, by, bz = rotated(R.T, nx, ny, nz)
+        bx, by, bz = rotated(R_map_sensor.T, nx, ny, nz)
         J[6], J[7], J[8] = bx, by, bz
         J[9], J[10], J[11] = cross(q[0], q[1], q[2], bx, by, bz)
         horizontal, range_m = math.hypot(px, py), math.sqrt(px * px + py * py + pz * pz)

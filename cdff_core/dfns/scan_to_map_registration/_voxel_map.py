@@ -72,5 +72,5 @@ class VoxelMap:
         self, table: VoxelTable, capacity: int, voxel_m: float, centre: FloatArray
     ) -> VoxelTable:
         target = _voxel_table.empty_table(capacity)
-        _voxel_table.copy_near(table, target, centre, self._radius_m, voxel_m)
+        _voxel_table.copy_near(table, target, np.ascontiguousarray(centre), self._radius_m, voxel_m)
         return target

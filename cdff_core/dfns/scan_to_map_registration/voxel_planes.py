@@ -165,7 +165,8 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
             ]
         )
         step = 1 + len(points) // _SEARCH_POINTS
-        sampled_points, sampled_times = points[::step], point_times[::step]
+        # Contiguous copies: for a strided array the kernels would be compiled a second time.
+        sampled_points, sampled_times = points[::step].copy(), point_times[::step].copy()
         schedule, results = self._schedule(inputs.guess_covariance), []
         for i in best_guesses(self._map, points, point_times, poses, motions):
             prior_of_guess = replace(prior, T_guess=poses[i], motion_guess=motions[i])
@@ -287,10 +288,10 @@ class VoxelPlanes(Interface[VoxelPlanesConfig]):
         _kernels.supports(maps, 1.0, 0, one, np.zeros(1), np.eye(4)[None], np.zeros((1, 6)), 1.0)
 
 
-def _outputs_without_points(T: FloatArray, sweep: FloatArray) -> Outputs:
+def _outputs_without_points(T_map_sensor: FloatArray, sweep: FloatArray) -> Outputs:
     """Return the guess as the pose of a sweep without points, with unknown covariance."""
     return Outputs(
-        transform=T,
+        transform=T_map_sensor,
         sweep=sweep,
         covariance=np.full((6, 6), np.nan),
         residual_covariance=np.zeros((6, 6)),

@@ -37,7 +37,7 @@ _LEAST_CORNER, _BORDER_PX = 1e-5, 4
 #: Distance between the nodes of the parallax, pixels; number of points that determine the parallax of a
 #: node, and their largest distance from it, pixels.
 _NODE_PX, _NEIGHBOURS, _REACH_PX = 32, 16, 110.0
-#: Least standard deviation of a place, pixels.
+#: Least standard deviation of a position, pixels.
 _FLOOR_PX = 0.05
 
 
@@ -61,7 +61,7 @@ class SparseFlow(Interface[SparseFlowConfig]):
     """
 
     def process(self, inputs: Inputs) -> Outputs:
-        """Return the places of the pixels in the previous image.
+        """Return the positions of the pixels in the previous image.
 
         Raises
         ------
@@ -164,7 +164,7 @@ def _is_at_rest(start: FloatArray, end: FloatArray, rows: int, cols: int) -> boo
 def _flow(
     first: np.ndarray, second: np.ndarray, start: np.ndarray, guess: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places (n, 2) of points in the second image, and which were found (n,)."""
+    """Return the positions (n, 2) of points in the second image, and which were found (n,)."""
     end, found, _ = cv2.calcOpticalFlowPyrLK(
         first,
         second,

@@ -153,14 +153,16 @@ class PairVerification(Interface[PairVerificationConfig]):
         if is_old:
             self._pairs = None
 
-    def _from_guess(self, directions: FloatArray, R: FloatArray, sigma_rad: float) -> _Match | None:
+    def _from_guess(
+        self, directions: FloatArray, R_sky_camera: FloatArray, sigma_rad: float
+    ) -> _Match | None:
         """Return the match near an approximate attitude: the rotation that most pairs of source and star
         agree on.
 
         Each pair of source and near star is an offset on the sky; the offset with most sources is refined.
         """
         reach = 4.0 * max(sigma_rad, 1e-9) + self.config.tolerance_rad
-        expected = directions @ R.T
+        expected = directions @ R_sky_camera.T
         neighbours = self._near(expected, reach)
         sources = np.repeat(np.arange(len(directions)), [len(n) for n in neighbours])
         if len(sources) == 0:
@@ -178,7 +180,7 @@ class PairVerification(Interface[PairVerificationConfig]):
             ],
             dtype=float,
         )
-        return self._refine_rotation(directions, first @ R)
+        return self._refine_rotation(directions, first @ R_sky_camera)
 
     def _from_pairs(self, directions: FloatArray) -> _Match | None:
         """Return the best match of the attitudes that pairs of bright sources suggest, or None."""
@@ -237,17 +239,19 @@ class PairVerification(Interface[PairVerificationConfig]):
         sky = _triads(v[pairs[:, 0]], v[pairs[:, 1]])
         return np.asarray(sky @ np.swapaxes(camera, 1, 2))
 
-    def _counts(self, directions: FloatArray, R: FloatArray) -> IntArray:
+    def _counts(self, directions: FloatArray, R_sky_camera: FloatArray) -> IntArray:
         """Return how many sources lie at a star for each rotation (m, 3, 3)."""
-        v = np.einsum("mij,nj->mni", R, directions).reshape(-1, 3)
+        v = np.einsum("mij,nj->mni", R_sky_camera, directions).reshape(-1, 3)
         reach = 2.0 * self.config.tolerance_rad + self.config.scale_error * 0.1
         distances, _ = self._tree.query(v, distance_upper_bound=reach)  # type: ignore[union-attr]
-        return np.asarray(np.isfinite(distances).reshape(len(R), -1).sum(axis=1))
+        return np.asarray(np.isfinite(distances).reshape(len(R_sky_camera), -1).sum(axis=1))
 
-    def _refine_rotation(self, directions: FloatArray, R: FloatArray) -> _Match | None:
+    def _refine_rotation(self, directions: FloatArray, R_sky_camera: FloatArray) -> _Match | None:
         """Return the match of a rotation, with the focal length adjusted, or None if it has too few stars."""
         reach = 3.0 * self.config.tolerance_rad + 0.1 * self.config.scale_error
-        match = self._match_sources(directions, _Match(np.zeros(0, np.intp), np.zeros(0, np.intp), R), reach)
+        match = self._match_sources(
+            directions, _Match(np.zeros(0, np.intp), np.zeros(0, np.intp), R_sky_camera), reach
+        )
         for reach in (2.0 * self.config.tolerance_rad, self.config.tolerance_rad, self.config.match_rad):
             if len(match.sources) < self.config.min_matches:
                 return None
@@ -322,8 +326,7 @@ def _adjust(directions: FloatArray, match: _Match, catalogue: StarCatalogue | No
     if len(b) < _MIN_SCALE_STARS:
         return _Match(match.sources, match.stars, R, match.scale, match.radial)
     # In the camera frame, tangents of the stars are those of the sources times (1 / scale + radial r^2),
-    # moved by a
-    # small rotation.
+    # moved by a small rotation.
     sky = r @ R
     target = sky[:, :2] / sky[:, 2:]
     xy = b[:, :2] / b[:, 2:]

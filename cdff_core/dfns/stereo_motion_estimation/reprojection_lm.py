@@ -178,21 +178,21 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
                 break
         return self._outputs(problem, T, theta, system)
 
-    def _linearise(self, problem: _Problem, T: FloatArray, theta: FloatArray) -> _System:
-        """Return the linearised problem at T_current_reference and the calibration parameters."""
+    def _linearise(self, problem: _Problem, T_current_reference: FloatArray, theta: FloatArray) -> _System:
+        """Return the linearised problem at a motion and calibration parameters ``theta``."""
         c, camera = self.config, problem.camera
         reference, current = problem.reference.copy(), problem.current.copy()
         reference[:, 2] = np.maximum(reference[:, 2] + problem.reference_basis @ theta, 0.05)
         current[:, 2] += problem.current_basis @ theta
-        rotated = camera.triangulate(reference) @ T[:3, :3].T
-        points_in_camera = rotated + T[:3, 3]
+        rotated = camera.triangulate(reference) @ T_current_reference[:3, :3].T
+        points_in_camera = rotated + T_current_reference[:3, 3]
         behind = points_in_camera[:, 2] < 0.05
         points_in_camera[behind, 2] = 0.05
         residuals = current - camera.project(points_in_camera)
         J_point = camera.projection_jacobian(points_in_camera)
         # Derivative of the prediction with respect to the reference disparity, through the depth of the
         # point.
-        J_reference = J_point @ T[:3, :3] @ camera.triangulation_jacobian(reference)
+        J_reference = J_point @ T_current_reference[:3, :3] @ camera.triangulation_jacobian(reference)
         J_depth = J_reference[:, :, 2]
         noise = np.diag([c.sigma_track_px**2, c.sigma_track_px**2, c.sigma_disparity_px**2])
         W = np.linalg.inv(noise + c.sigma_disparity_px**2 * J_depth[:, :, None] * J_depth[:, None, :])
@@ -213,11 +213,13 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
             residuals, squared, weights, normal, gradient, JW, J_reference, reference, current, cost
         )
 
-    def _outputs(self, problem: _Problem, T: FloatArray, theta: FloatArray, system: _System) -> Outputs:
+    def _outputs(
+        self, problem: _Problem, T_current_reference: FloatArray, theta: FloatArray, system: _System
+    ) -> Outputs:
         """Return motion and covariances of a solution; raises RefusedError or DegenerateGeometryError."""
         c = self.config
         inliers = system.squared < c.gate**2
-        if inliers.sum() < 4 or not np.all(np.isfinite(T)):
+        if inliers.sum() < 4 or not np.all(np.isfinite(T_current_reference)):
             raise RefusedError(
                 f"{inliers.sum()} points agree on a motion, expected at least 4",
                 [f"few_inliers:{inliers.sum()}<4"],
@@ -233,7 +235,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         information[6:, 6:] += (1.0 - 1.0 / scale) * problem.prior_information
         inverse = np.linalg.inv(information)
         inverse = 0.5 * (inverse + inverse.T)
-        J = cov.inverse_jacobian(T)  # from the estimated T_current_reference to the motion
+        J = cov.inverse_jacobian(T_current_reference)  # from the estimated T_current_reference to the motion
         tracking_sigmas = [
             c.sigma_common_px,
             c.sigma_common_px,
@@ -250,7 +252,7 @@ class ReprojectionLm(Interface[ReprojectionLmConfig]):
         noise = 0.5 * (noise + noise.T)
         systematic = by_calibration @ inverse[6:, 6:] @ by_calibration.T + common @ common.T
         return Outputs(
-            motion=se3.inverse(T),
+            motion=se3.inverse(T_current_reference),
             covariance=noise + 0.5 * (systematic + systematic.T),
             noise_covariance=noise,
             common_response=common,

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from cdff_common.arrays import ByteArray, Float32Array, FloatArray, IntArray
-from cdff_common.geometry.small_vectors import rotated
+from cdff_common.geometry.small_vectors import inverse_translation, transformed
 
 CountArray = NDArray[np.uint16]
 
@@ -25,7 +25,7 @@ def _project_measurement(
     position: tuple[float, float, float],
     truncation_m: float,
     min_cosine: float,
-    T: FloatArray,
+    T_camera_model: FloatArray,
     K: FloatArray,
     points: Float32Array,
     normals: Float32Array,
@@ -35,13 +35,11 @@ def _project_measurement(
     The row is -1 if the position is not observed, -2 if it is hidden behind the pixel's point.
     """
     x, y, z = position
-    cz = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
-    if not cz > 0.0:
+    camera_x, camera_y, camera_z = transformed(T_camera_model, x, y, z)
+    if not camera_z > 0.0:
         return -1, -1, 0.0, 0.0
-    cx = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-    cy = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-    column = math.floor(K[0, 0] * cx / cz + K[0, 2] + 0.5)
-    row = math.floor(K[1, 1] * cy / cz + K[1, 2] + 0.5)
+    column = math.floor(K[0, 0] * camera_x / camera_z + K[0, 2] + 0.5)
+    row = math.floor(K[1, 1] * camera_y / camera_z + K[1, 2] + 0.5)
     if not (0 <= column < points.shape[1] and 0 <= row < points.shape[0]):
         return -1, -1, 0.0, 0.0
     nx, ny, nz = normals[row, column, 0], normals[row, column, 1], normals[row, column, 2]
@@ -51,8 +49,9 @@ def _project_measurement(
     cosine = -(nx * px + ny * py + nz * pz) / math.sqrt(px * px + py * py + pz * pz)
     if cosine < min_cosine:
         return -1, -1, 0.0, 0.0
-    in_front = (pz - cz) * math.sqrt(cx * cx + cy * cy + cz * cz) / cz
-    distance = nx * (cx - px) + ny * (cy - py) + nz * (cz - pz)
+    range_m = math.sqrt(camera_x * camera_x + camera_y * camera_y + camera_z * camera_z)
+    in_front = (pz - camera_z) * range_m / camera_z
+    distance = nx * (camera_x - px) + ny * (camera_y - py) + nz * (camera_z - pz)
     if in_front > truncation_m / cosine or distance > truncation_m:
         distance = truncation_m
     elif in_front < -truncation_m / cosine or distance < -truncation_m:
@@ -67,7 +66,7 @@ def disagreement(
     voxel_m: float,
     truncation_m: float,
     min_cosine: float,
-    T: FloatArray,
+    T_camera_model: FloatArray,
     K: FloatArray,
     points: Float32Array,
     normals: Float32Array,
@@ -78,7 +77,7 @@ def disagreement(
 
     An image contradicts a voxel if it measures another distance, or hides a surface that faces the camera.
     """
-    center_x, center_y, center_z = rotated(T.T, -T[0, 3], -T[1, 3], -T[2, 3])
+    center_x, center_y, center_z = inverse_translation(T_camera_model)
     compared = contradicted = 0
     for b in range(len(slots)):
         slot = slots[b]
@@ -91,7 +90,7 @@ def disagreement(
                 (coordinates[b, 2] * 8 + (v & 7)) * voxel_m,
             )
             row, _, distance, _ = _project_measurement(
-                position, truncation_m, min_cosine, T, K, points, normals
+                position, truncation_m, min_cosine, T_camera_model, K, points, normals
             )
             if row >= 0:
                 compared += 1
@@ -119,7 +118,7 @@ def integrate(
     voxel_m: float,
     truncation_m: float,
     min_cosine: float,
-    T: FloatArray,
+    T_camera_model: FloatArray,
     K: FloatArray,
     points: Float32Array,
     normals: Float32Array,
@@ -133,7 +132,7 @@ def integrate(
 ) -> None:
     """Update the voxels of blocks with the plane of the pixel that each is projected to.
 
-    ``T`` transforms from the model to the camera. ``colors`` without rows adds no colour.
+    ``colors`` without rows adds no colour.
     """
     has_colors = colors.shape[0] > 0
     for b in range(len(slots)):
@@ -145,7 +144,7 @@ def integrate(
                 (coordinates[b, 2] * 8 + (v & 7)) * voxel_m,
             )
             row, column, distance, cosine = _project_measurement(
-                position, truncation_m, min_cosine, T, K, points, normals
+                position, truncation_m, min_cosine, T_camera_model, K, points, normals
             )
             if row < 0:
                 continue

@@ -72,12 +72,12 @@ class TorqueFree(Interface[TorqueFreeConfig]):
             transition=transition,
         )
 
-    def _noise(self, R: FloatArray, arm: FloatArray, dt: float, scales: FloatArray) -> FloatArray:
+    def _noise(self, R_sensor_body: FloatArray, arm: FloatArray, dt: float, scales: FloatArray) -> FloatArray:
         """Return the covariance (20, 20) that the noise of the accelerations adds to the state."""
         noise = np.zeros((20, 20))
         linear = (scales[0] * self.config.acceleration_noise) ** 2
         angular = (scales[1] * self.config.angular_acceleration_noise) ** 2
-        for (value, rate), density, axes in (((0, 6), linear, np.eye(3)), ((3, 9), angular, R)):
+        for (value, rate), density, axes in (((0, 6), linear, np.eye(3)), ((3, 9), angular, R_sensor_body)):
             noise[value : value + 3, value : value + 3] = density * dt**3 / 3.0 * np.eye(3)
             noise[value : value + 3, rate : rate + 3] = density * dt**2 / 2.0 * axes
             noise[rate : rate + 3, value : value + 3] = density * dt**2 / 2.0 * axes.T
@@ -118,11 +118,11 @@ class _Motion:
     rate_by: FloatArray
 
 
-def _integrate_midpoint(body: _Body, R: FloatArray, rate: FloatArray, dt: float) -> _Motion:
+def _integrate_midpoint(body: _Body, R_sensor_body: FloatArray, rate: FloatArray, dt: float) -> _Motion:
     """Return the motion after dt by the midpoint rule, second order in the step."""
     steps = min(max(1, math.ceil(float(np.linalg.norm(rate)) * dt / _STEP_RAD)), _MAX_STEPS)
     h = dt / steps
-    motion = _Motion(R, np.array(rate, np.float64), np.zeros((3, 8)), np.eye(3, 8))
+    motion = _Motion(R_sensor_body, np.array(rate, np.float64), np.zeros((3, 8)), np.eye(3, 8))
     direct = np.zeros((3, 8))
     for _ in range(steps):
         by_rate, direct[:, 3:] = body.jacobians(motion.rate)

@@ -35,7 +35,10 @@ class JointAssignmentConfig(DfnConfig):
 
 
 class JointAssignment(Interface[JointAssignmentConfig]):
-    """Place, logarithm of the size and appearance are compared; the sum over all pairs is least [1]_."""
+    """Assignment with the least sum of squared normalised differences over all pairs [1]_.
+
+    The differences are those of position, logarithm of the size, and appearance.
+    """
 
     def process(self, inputs: Inputs) -> Outputs:
         """Return the region of each object."""

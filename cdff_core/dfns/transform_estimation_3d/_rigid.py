@@ -84,10 +84,10 @@ class RigidEstimation(Interface[RigidConfigT]):
             )
 
 
-def _information(T: FloatArray, source: FloatArray, sigmas: FloatArray) -> FloatArray:
+def _information(T_sink_source: FloatArray, source: FloatArray, sigmas: FloatArray) -> FloatArray:
     """Return the information on the transform (6, 6), [x y z rx ry rz], perturbation in the sink frame."""
     J = np.zeros((len(source), 3, 6))
     J[:, :, :3] = np.eye(3)
-    J[:, :, 3:] = -se3.skew(source @ T[:3, :3].T)
+    J[:, :, 3:] = -se3.skew(source @ T_sink_source[:3, :3].T)
     J /= sigmas[:, None, None]
     return np.asarray(np.einsum("nki,nkj->ij", J, J))

@@ -242,7 +242,7 @@ class AbsoluteLocalisation(AbsoluteLocalisationInterface):
 
     def _set_correction(self, best: Hypothesis, stamp_ns: int) -> None:
         """Set ``T_orbital_map`` for the current frame of the robot's poses."""
-        assert self._orbital is not None  # a hypothesis needs a match with it
+        assert self._orbital is not None  # hypotheses result from matches with the orbital model
         covariance = self._with_tilt(best.at(np.zeros(3), np.zeros(4)).covariance)
         self._correction = TransformWithCovariance.from_transform(
             UncertainTransform(best.transform, covariance),

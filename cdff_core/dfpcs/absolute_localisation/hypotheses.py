@@ -34,7 +34,7 @@ class Hypothesis:
     log_weight: float = 0.0
     matches: int = 0  # number of segments that agree with it
     explained: float = 0.0  # fraction of the relief that the last segment's match explains; 0 without a match
-    correlation: float = 0.0  # of the gradients at the last segment's match; 0 without a match
+    correlation: float = 0.0  # correlation of the gradients at the last segment's match; 0 without a match
 
     @property
     def position(self) -> FloatArray:
@@ -72,8 +72,8 @@ class Hypothesis:
         innovation = np.append(candidate.position - self.position, yaw_rad)
         noise = candidates.covariances[index]
         S = self.covariance + noise
-        distance = float(innovation @ np.linalg.solve(S, innovation))
-        if distance > _CHI2_GATE:
+        squared_mahalanobis = float(innovation @ np.linalg.solve(S, innovation))
+        if squared_mahalanobis > _CHI2_GATE:
             return None
         gain = np.linalg.solve(S, self.covariance).T
         I_minus_gain = np.eye(4) - gain
@@ -84,7 +84,8 @@ class Hypothesis:
             self,
             transform=se3.transform(R, t),
             covariance=I_minus_gain @ self.covariance @ I_minus_gain.T + gain @ noise @ gain.T,
-            log_weight=self.log_weight + (float(candidates.log_likelihoods[index]) - 0.5 * distance),
+            log_weight=self.log_weight
+            + (float(candidates.log_likelihoods[index]) - 0.5 * squared_mahalanobis),
             matches=self.matches + 1,
             explained=float(candidates.explained[index]),
             correlation=float(candidates.correlations[index]),

@@ -38,7 +38,7 @@ class Segment:
         patch = with_statistics(sample.value)
         self.map = self._fusion.process(DemFusionInputs(patch=patch)).map
         if path_length_m is None and extent_m(patch) > extent_m(self.map):
-            self.map = patch  # a whole map, larger than the window of a segment
+            self.map = patch  # the patch is a whole map, larger than the window of a segment
         self.patch = sample
         self.inputs = (*self.inputs, sample.id)[-_MAX_INPUTS:] if sample.id else self.inputs
         self.t0_ns = min(self.t0_ns or sample.value.t0_ns, sample.value.t0_ns)
@@ -49,7 +49,7 @@ class Segment:
 
 
 def with_statistics(elevation: ElevationMap) -> ElevationMap:
-    """Return the map with the layers of cell statistics; without them each cell is one measurement."""
+    """Return the map with the layers of cell statistics; if they are missing, each cell is one measurement."""
     if set(ELEVATION_LAYERS) <= set(elevation.layer_names):
         return elevation
     z = elevation.layer("mean").astype(np.float32)
@@ -68,7 +68,8 @@ def shift_cells(
 ) -> tuple[float, float]:
     """Return columns and rows to add to the indices of the rover map's cells to reach the orbital map's.
 
-    With rotation or different cell sizes they are those of the cell at ``point`` (3,) of the rover map.
+    With a rotation or different cell sizes, these numbers are those of the cell at ``point`` (3,) of the
+    rover map.
     """
     orbital_x_m, orbital_y_m, _ = T_orbital_map[:3, :3] @ point + T_orbital_map[:3, 3]
     rover_x_m, rover_y_m, _ = point

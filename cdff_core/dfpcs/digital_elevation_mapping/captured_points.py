@@ -42,7 +42,7 @@ class SensorPoints:
     stamps_ns: Stamps  # (n,)
     sigma_m: Points  # (n,), standard deviation of the noise along the ray
     intensity: Points  # (n,)
-    scale_sigma: float = 0.0  # of the relative error that all distances have in common
+    scale_sigma: float = 0.0  # standard deviation of the relative error that all distances share
     notes: tuple[str, ...] = ()  # reasons for DEGRADED
 
 

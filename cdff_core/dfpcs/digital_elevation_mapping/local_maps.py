@@ -27,9 +27,9 @@ from cdff_core.elevation.map_cells import MapCells
 class LocalMapAligner:
     """Aligns captures with the local map by a DemRegistration.
 
-    The error of an aligned capture is that of the map. Its height variance has three parts: that of the first
-    pose in this frame (the anchor), which by the tilt grows with the distance; that of the alignment; and the
-    part that earlier alignments have added to the cells.
+    The error of an aligned capture is that of the map. Its height variance has three parts: the variance of
+    the first pose in this frame (the anchor), which due to the tilt grows with the distance from the anchor;
+    the variance of the alignment; and the variance that earlier alignments have added to the cells.
     """
 
     def __init__(self, registration: Dfn[Any, Any, Any]) -> None:
@@ -40,8 +40,8 @@ class LocalMapAligner:
     def align(self, capture: CapturePoints, local_map: ElevationMap | None) -> CapturePoints:
         """Return the capture aligned with the map, with the remaining variance of its pose.
 
-        It is unchanged without a map in its frame, without covariance of its pose, or without overlap; its
-        variance never grows.
+        The capture is unchanged without a map in its frame, without a covariance of its pose, or without
+        overlap. The variance never grows.
         """
         pose = capture.pose
         if pose is None or pose.covariance is None or not len(capture.points_m):

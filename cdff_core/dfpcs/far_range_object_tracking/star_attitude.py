@@ -93,7 +93,7 @@ class AttitudeEstimator:
         try:
             return LocalOrbitalAxes.of_state(state.pos, state.velocity, interval_s, *np.sqrt(variances))
         except DegenerateGeometryError:
-            return None  # a velocity alone, or none of an orbit
+            return None  # the state has no position, or does not belong to an orbit
 
     def _velocity_m_s(self, stamp_ns: int) -> FloatArray | None:
         """Return the velocity of the camera relative to the Sun, or None."""

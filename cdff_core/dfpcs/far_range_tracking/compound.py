@@ -378,8 +378,8 @@ class FarRangeTracking(FarRangeTrackingInterface):
 
 
 def _rotate_state(
-    R: FloatArray, direction: FloatArray, rate: FloatArray, covariance: FloatArray
+    R_new_old: FloatArray, direction: FloatArray, rate: FloatArray, covariance: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return direction, rate and covariance, rotated by ``R`` (3, 3) into other axes."""
-    block_rotation = np.kron(np.eye(2), R)
-    return R @ direction, R @ rate, block_rotation @ covariance @ block_rotation.T
+    """Return direction, rate and covariance, rotated into other axes by ``R_new_old`` (3, 3)."""
+    block_rotation = np.kron(np.eye(2), R_new_old)
+    return R_new_old @ direction, R_new_old @ rate, block_rotation @ covariance @ block_rotation.T

@@ -115,15 +115,15 @@ class ObjectTracks:
             mask[v0 : int(box[3]) + 4, u0 : int(box[1]) + 4] = True
         return mask
 
-    def rotate(self, R: FloatArray) -> None:
-        """Express all states in another frame; ``R`` (3, 3) rotates vectors of the old frame into the new
-        one.
-        """
-        R6 = np.kron(np.eye(2), R)  # of direction and rate
+    def rotate(self, R_new_old: FloatArray) -> None:
+        """Express all states in another frame, given the rotation (3, 3)."""
+        R6 = np.kron(np.eye(2), R_new_old)  # of direction and rate
         for o in self.objects:
             s = o.states
-            o.states = BearingStates(s.directions @ R.T, s.rates @ R.T, R6 @ s.covariances @ R6.T)
-            o.start = R @ o.start
+            o.states = BearingStates(
+                s.directions @ R_new_old.T, s.rates @ R_new_old.T, R6 @ s.covariances @ R6.T
+            )
+            o.start = R_new_old @ o.start
 
     def step(self, scene: Scene) -> list[TrackedObject]:
         """Update all objects with an image; return the objects that this image makes lost."""

@@ -31,7 +31,7 @@ class Scene:
         None if the image cannot be compared with the background.
     registration : SceneRegistrationOutputs or None
         Motion of the scene since the previous image; None without it.
-    turn : ndarray (3, 3) or None
+    rotation_homography : ndarray (3, 3) or None
         Homography from the previous image due to the rotation of the camera alone.
     noise : float
         Standard deviation of the noise of a pixel.
@@ -43,21 +43,21 @@ class Scene:
     observer: Observer
     regions: MovingRegionDetectionOutputs | None
     registration: SceneRegistrationOutputs | None
-    turn: FloatArray | None
+    rotation_homography: FloatArray | None
     noise: float
 
     def parallax_at(self, pixel: FloatArray) -> float:
         """Return the path since the previous image that the depth of a point at rest can explain, pixels.
 
-        It is the motion of the scene around the point due to the translation of the camera: an object at
-        rest in front of the scene moves less than twice as fast.
+        This path is the motion of the scene around the point due to the translation of the camera: an object
+        at rest in front of the scene moves less than twice as fast.
         """
-        if self.registration is None or self.registration.is_at_rest or self.turn is None:
+        if self.registration is None or self.registration.is_at_rest or self.rotation_homography is None:
             return 0.0
         rows, cols = self.registration.sigma.shape
         u, v = int(np.clip(pixel[0], 0, cols - 1)), int(np.clip(pixel[1], 0, rows - 1))
-        by_turn = np.linalg.solve(self.turn, np.array([u, v, 1.0]))
-        motion = self.registration.places[v, u] - by_turn[:2] / by_turn[2]
+        by_rotation = np.linalg.solve(self.rotation_homography, np.array([u, v, 1.0]))
+        motion = self.registration.places[v, u] - by_rotation[:2] / by_rotation[2]
         return float(np.linalg.norm(motion)) + _PARALLAX_SIGMAS * float(self.registration.sigma[v, u])
 
     @property

@@ -90,10 +90,12 @@ class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
             quality = Quality.failed("ambiguous", *quality.reasons, metrics=quality.metrics)
         return UncertainTransform(alignment.T_scene_model, alignment.assessment.covariance), quality
 
-    def _coarse_to_fine(self, scene: Pyramid, model: Pyramid, T: Float, levels: int = 3) -> Alignment:
-        """Register on the first ``levels`` levels from a start ``T_scene_model``, and assess the result."""
-        steps = self._register_levels(scene, model, T, levels)
-        T = steps[-1].transform
+    def _coarse_to_fine(
+        self, scene: Pyramid, model: Pyramid, T_scene_model: Float, levels: int = 3
+    ) -> Alignment:
+        """Register on the first ``levels`` levels from a start pose, and assess the result."""
+        steps = self._register_levels(scene, model, T_scene_model, levels)
+        T_scene_model = steps[-1].transform
         level = min(levels - 1, 1) if self.config.assessed_level == "medium" else levels - 1
         s, m = scene.levels[level], model.levels[level]
         is_complete = levels == len(scene.levels)
@@ -103,12 +105,12 @@ class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
                 source_normals=m.normals,
                 target=s.points_m,
                 target_normals=s.normals,
-                transform=T,
+                transform=T_scene_model,
                 coarser_transform=self._coarser(scene, model, steps) if is_complete else None,
             )
         )
         return Alignment(
-            T_scene_model=T,
+            T_scene_model=T_scene_model,
             assessment=assessment,
             residual_scale_m=steps[-1].residual_scale_m,
             iterations=sum(step.iterations for step in steps),
@@ -117,26 +119,26 @@ class IcpLocalisation(ModelLocalisation[Pyramid], IcpLocalisationInterface):
         )
 
     def _register_levels(
-        self, scene: Pyramid, model: Pyramid, T: Float, levels: int
+        self, scene: Pyramid, model: Pyramid, T_scene_model: Float, levels: int
     ) -> list[Registration3DOutputs]:
         """Return the registration on each of the first ``levels`` levels, each from the previous result."""
         steps: list[Registration3DOutputs] = []
         for index, (s, m) in enumerate(zip(scene.levels[:levels], model.levels[:levels], strict=True)):
             with_normals = index == 0 or self.config.normals_to_fine
-            steps.append(self._register_level(index, s, m, T, with_normals))
-            T = steps[-1].transform
+            steps.append(self._register_level(index, s, m, T_scene_model, with_normals))
+            T_scene_model = steps[-1].transform
         return steps
 
     def _register_level(
-        self, index: int, scene: Level, model: Level, T: Float, with_normals: bool
+        self, index: int, scene: Level, model: Level, T_scene_model: Float, with_normals: bool
     ) -> Registration3DOutputs:
-        """Register the model with the scene at one level, from the guess ``T`` (4, 4)."""
+        """Register the model with the scene at one level, from a guess (4, 4)."""
         step: Registration3DOutputs = self._register[index].process(
             Registration3DInputs(
                 source=model.points_m,
                 target=scene.points_m,
                 target_normals=scene.normals if with_normals else None,
-                guess=T,
+                guess=T_scene_model,
             )
         )
         return step

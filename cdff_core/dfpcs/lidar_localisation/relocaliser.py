@@ -83,14 +83,18 @@ class Relocaliser:
                 yield rough.T_target_source
 
     def _register(
-        self, sweep: Sweep, scan_map: TiledMap, T: se3.FloatArray, accepted: list[AssessedRegistration]
+        self,
+        sweep: Sweep,
+        scan_map: TiledMap,
+        T_map_base: se3.FloatArray,
+        accepted: list[AssessedRegistration],
     ) -> Match | None:
         """Return the match from a candidate pose; None if it leads to a pose that was already accepted."""
-        local = scan_map.local(T[:3, 3], _MIN_POINTS)
+        local = scan_map.local(T_map_base[:3, 3], _MIN_POINTS)
         if local is None:
             return Match(None, Quality.failed("map_too_thin"))
         try:
-            T_coarse = self._matcher.register_coarse(sweep, local, T)
+            T_coarse = self._matcher.register_coarse(sweep, local, T_map_base)
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
         if any(_is_same(registration, T_coarse) for registration, _ in accepted):
@@ -110,8 +114,8 @@ class Relocaliser:
         return Match(best, quality)
 
 
-def _is_same(registration: Registration, T: se3.FloatArray) -> bool:
+def _is_same(registration: Registration, T_map_base: se3.FloatArray) -> bool:
     """Return whether a pose differs from a registration by no more than its overlap gate."""
     a = registration.assessment
-    difference_m = displacement_m(registration.T_target_source, T, a.centre_m, a.radius_m)
+    difference_m = displacement_m(registration.T_target_source, T_map_base, a.centre_m, a.radius_m)
     return difference_m <= a.gate_m

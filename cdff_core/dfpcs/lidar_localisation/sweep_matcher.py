@@ -83,8 +83,10 @@ class SweepMatcher:
         points = self._thin.process(PointCloudDownsamplingInputs(points=points_m)).points
         return Sweep(points_m, Surface(points, self.normals), Surface(self.thin_coarse(points), self.normals))
 
-    def register(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool) -> Match:
-        """Run PointcloudMatcher.doICP from a nearly correct pose ``T_map_base``.
+    def register(
+        self, sweep: Sweep, local: LocalMap, T_map_base: se3.FloatArray, *, allow_degenerate: bool
+    ) -> Match:
+        """Run PointcloudMatcher.doICP from a nearly correct pose.
 
         With ``allow_degenerate``, degenerate directions are accepted, since a prediction constrains them.
         """
@@ -94,7 +96,7 @@ class SweepMatcher:
                 self._assess,
                 sweep.fine,
                 local,
-                T,
+                T_map_base,
                 metrics={},  # no features are matched
                 coarser=(sweep.fine.coarser, local.coarser),
             )
@@ -103,7 +105,7 @@ class SweepMatcher:
         limit_m = _MAX_ROUGHNESSES * self._roughness_m(sweep.fine, local)
         return Match(registration, self._quality(registration, limit_m, allow_degenerate=allow_degenerate))
 
-    def register_coarse(self, sweep: Sweep, local: LocalMap, T: se3.FloatArray) -> se3.FloatArray:
+    def register_coarse(self, sweep: Sweep, local: LocalMap, T_map_base: se3.FloatArray) -> se3.FloatArray:
         """Return the pose ``(4, 4)`` of the coarse registration from a pose metres and tens of degrees away.
 
         Raises RefusedError if sweep and map do not match in that pose.
@@ -113,7 +115,7 @@ class SweepMatcher:
                 source=sweep.coarse.points_m,
                 target=local.coarse.points_m,
                 target_normals=local.coarse.normals,
-                guess=T,
+                guess=T_map_base,
             )
         )
         limit_m = _MAX_COARSE_ROUGHNESSES * self._roughness_m(sweep.coarse, local.coarse)
@@ -124,11 +126,11 @@ class SweepMatcher:
         return T_coarse
 
     def register_coarse_to_fine(
-        self, sweep: Sweep, local: LocalMap, T: se3.FloatArray, *, allow_degenerate: bool
+        self, sweep: Sweep, local: LocalMap, T_map_base: se3.FloatArray, *, allow_degenerate: bool
     ) -> Match:
         """Run PointcloudMatcher.doICP from coarse to fine: ``register_coarse``, then ``register``."""
         try:
-            T_coarse = self.register_coarse(sweep, local, T)
+            T_coarse = self.register_coarse(sweep, local, T_map_base)
         except RefusedError as error:
             return Match(None, Quality.from_error(error))
         return self.register(sweep, local, T_coarse, allow_degenerate=allow_degenerate)

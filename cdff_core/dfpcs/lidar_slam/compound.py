@@ -82,14 +82,14 @@ class LidarSlam(LidarSlamInterface):
         is_relocalised = self._relocaliser.update(self._mapper)
         if is_relocalised and is_first_sweep:
             tracking = self._restart_on_map(key, sample.value) or tracking
-        is_keyframe_complete, is_graph_changed = self._mapper.is_keyframe_complete, False
+        is_keyframe_complete, is_loop_found = self._mapper.is_keyframe_complete, False
         if is_keyframe_complete:
-            is_graph_changed = self._mapper.complete_keyframe()  # detect, verify and optimise loops, merge
+            is_loop_found = self._mapper.complete_keyframe()  # detect, verify and optimise loops, merge
             self._mapper.start_keyframe(sample.stamp_ns)
         self._mapper.append_pose(sample.stamp_ns, tracking)
         self._update_checkpoint(is_keyframe_complete)
         yield from self._products.poses(sample.value, sample.id, tracking)
-        if is_relocalised or is_graph_changed or (is_keyframe_complete and self.config.report_keyframes):
+        if is_relocalised or is_loop_found or (is_keyframe_complete and self.config.report_keyframes):
             yield from self._products.reports(sample.stamp_ns)
 
     def on_map(self, sample: Sample) -> Iterable[Output]:

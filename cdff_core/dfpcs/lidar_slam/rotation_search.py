@@ -46,9 +46,9 @@ class SupportMonitor:
         return support > max(_SIGNIFICANT_RATIO * support_at_prediction, expected)
 
 
-def rotations_about_lidar_axis(T: Float) -> Float:
+def rotations_about_lidar_axis(T_odom_lidar: Float) -> Float:
     """Return a pose (4, 4) rotated about the z axis of the lidar by all multiples of the step (m, 4, 4)."""
     angles_rad = np.radians(np.arange(_STEP_DEG, 360.0, _STEP_DEG))
     rotations = np.tile(np.eye(4), (len(angles_rad), 1, 1))
     rotations[:, :3, :3] = se3.exp_so3(angles_rad[:, None] * np.array([0.0, 0.0, 1.0]))
-    return np.asarray(T @ rotations)
+    return np.asarray(T_odom_lidar @ rotations)

@@ -278,8 +278,8 @@ class ScanTracker:
         has moved.
 
         The calibration of the lidar adds its covariance to that of the pose, and once per
-        ``_CALIBRATION_RENEWAL_M`` to the drift: there the rings cross other ground, and the same error has
-        another effect.
+        ``_CALIBRATION_RENEWAL_M`` to the drift: after this path length, the rings cross other ground, so that
+        the same error has another effect.
 
         Along degenerate directions, the pose drifts by the part of the covariance of the prediction that the
         map does not reduce; prediction errors are correlated from sweep to sweep (``growth``).

@@ -39,8 +39,8 @@ _AMBIGUITY, _MAX_BODIES = 12.0, 4
 #: Standard deviation of the predicted attitude, rad, above which the body is searched at once if a scan does
 #: not fit.
 _UNCERTAIN_RAD = math.radians(10.0)
-#: If a scan agrees with the model, but only beyond the gate, up to this number of gates the stated
-#: covariance of the prediction was too small.
+#: A scan that agrees with the model beyond the gate, but within this number of gates, shows that the stated
+#: covariance of the prediction is too small.
 _NEAR_GATES = 10.0
 #: Weight of a new estimate of the noise.
 _NOISE_GAIN = 0.2

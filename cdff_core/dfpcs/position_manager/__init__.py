@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The DFN LaserFilter: the example of the paper (Fig. 3)."""
+"""The DFPC PositionManager."""

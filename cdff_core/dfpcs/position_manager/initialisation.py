@@ -124,7 +124,7 @@ def _level_pose(wheels: UncertainTransform, tilt: FloatArray, sigma_rad: float) 
     return UncertainTransform(se3.transform(R, wheels.matrix[:3, 3]), covariance)
 
 
-def _rotation_by_tilt(R: FloatArray) -> FloatArray:
+def _rotation_by_tilt(R_site_base: FloatArray) -> FloatArray:
     """Return the Jacobian (3, 3) of the rotation error with respect to a tilt error (x, y, unused) at fixed
     heading.
 
@@ -132,7 +132,7 @@ def _rotation_by_tilt(R: FloatArray) -> FloatArray:
     horizontal part also changes its heading; a rotation about z compensates this:
     ``w_z = a_z (w_x a_x + w_y a_y) / (a_x^2 + a_y^2)``.
     """
-    a = R[:, 0]
+    a = R_site_base[:, 0]
     response = np.diag([1.0, 1.0, 0.0])
     response[2, :2] = a[2] * a[:2] / float(a[:2] @ a[:2])
     return response
@@ -156,11 +156,11 @@ def _with_tilt_from_bias(estimate: Estimate, gravity_m_s2: float, sigma_m_s2: fl
     return replace(estimate, covariance=P, cross_covariance=P[:, TIMELINE_ERRORS].copy())
 
 
-def _rotation_by_mount(R: FloatArray) -> FloatArray:
+def _rotation_by_mount(R_site_base: FloatArray) -> FloatArray:
     """Return the Jacobian (3, 3) of the rotation error of a levelled pose with respect to that of the IMU's
     mount.
     """
-    return -_rotation_by_tilt(R) @ R
+    return -_rotation_by_tilt(R_site_base) @ R_site_base
 
 
 def _with_tilt_from_mount(estimate: Estimate, mount_covariance: FloatArray) -> Estimate:

@@ -59,7 +59,7 @@ class ShotLocalisation(ModelLocalisation[Cloud], ShotLocalisationInterface):
         return super().on_model(sample)
 
     def on_scene(self, sample: Sample) -> Iterable[Output]:
-        """Localise the model in the scene; the guess is that of one scene."""
+        """Localise the model in the scene; a guess is used for one scene only."""
         outputs = super().on_scene(sample)
         if sample is not self._model.waiting:
             self._guess = None
@@ -82,7 +82,7 @@ class ShotLocalisation(ModelLocalisation[Cloud], ShotLocalisationInterface):
                     return registration.transform, quality
         try:
             candidate, quality = self._search(model, scene)
-        except FewPointsError as error:  # of a small model, with the voxel size of a large scene
+        except FewPointsError as error:  # a small model at the voxel size of a large scene
             candidate, quality = None, Quality.failed("not_found", *Quality.from_error(error).reasons)
         if "not_found" in quality.reasons and self.config.view_search.enabled:
             candidate, view_quality = self._search_views(sample)

@@ -34,5 +34,5 @@ class Gaps:
         self.count, self.is_open, self._refused = self.count + 1, True, 0
 
     def close(self) -> None:
-        """End a gap, and forget refused pairs."""
+        """End a gap, and reset the count of refused pairs."""
         self.is_open, self._refused = False, 0

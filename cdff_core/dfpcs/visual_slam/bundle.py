@@ -130,10 +130,10 @@ def _pixels(positions: FloatArray, lenses: FloatArray) -> FloatArray:
 
 
 def _initial_points(
-    T: FloatArray, camera: IntArray, point: IntArray, positions: FloatArray, sigmas: FloatArray
+    T_map_camera: FloatArray, camera: IntArray, point: IntArray, positions: FloatArray, sigmas: FloatArray
 ) -> FloatArray:
     """Return the mean (p, 3) of the measured positions, weighted by their depths' information."""
-    in_map = np.einsum("nij,nj->ni", T[camera, :3, :3], positions) + T[camera, :3, 3]
+    in_map = np.einsum("nij,nj->ni", T_map_camera[camera, :3, :3], positions) + T_map_camera[camera, :3, 3]
     weights, count = sigmas**-2.0, int(point.max()) + 1
     total = np.bincount(point, weights, count)
     sums = np.column_stack([np.bincount(point, weights * in_map[:, i], count) for i in range(3)])

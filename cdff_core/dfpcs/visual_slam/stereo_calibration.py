@@ -94,7 +94,9 @@ class StereoCalibration:
                     calibration_covariance=self._estimate.covariance_px2,
                 )
             )
-        except RefusedError:  # the matches do not determine the motion: the one of the locator remains
+        except (
+            RefusedError
+        ):  # the matches do not determine the motion; the caller keeps the motion of the locator
             return None
         if int(refined_motion.inliers.sum()) < _MIN_INLIERS:
             return None

@@ -86,7 +86,7 @@ class ViewBuilder:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the image that waits for its depth image, or the reverse."""
+        """Remove the image that waits for its depth image, or the depth image that waits for its image."""
         self._waiting: Sample | None = None
 
     def of_pair(self, sample: Sample) -> CameraView:

@@ -15,12 +15,12 @@ Index = NDArray[np.intp]
 
 @njit(cache=True, nogil=True)
 def place_rays(
-    directions: Single, chosen: Index, of_pose: Index, R: Float, origins: Float, skipped: Float
+    directions: Single, chosen: Index, of_pose: Index, R_body_sensor: Float, origins: Float, skipped: Float
 ) -> Single:  # pragma: no cover - compiled
-    """Return rays (k, 6) of chosen directions (n, 3), rotated by R (p, 3, 3).
+    """Return rays (k, 6) of chosen directions (n, 3), rotated by ``R_body_sensor`` (p, 3, 3).
 
     They start at the origins (p, 3), advanced by ``skipped`` (p,) along the ray; ``of_pose`` (n,) holds the
-    index of R, origin and advance of each direction.
+    index of the rotation, origin and advance of each direction.
     """
     rays = np.empty((len(chosen), 6), np.float32)
     for k in range(len(chosen)):
@@ -28,7 +28,11 @@ def place_rays(
         pose = of_pose[i]
         x, y, z = np.float64(directions[i, 0]), np.float64(directions[i, 1]), np.float64(directions[i, 2])
         for axis in range(3):
-            d = R[pose, axis, 0] * x + R[pose, axis, 1] * y + R[pose, axis, 2] * z
+            d = (
+                R_body_sensor[pose, axis, 0] * x
+                + R_body_sensor[pose, axis, 1] * y
+                + R_body_sensor[pose, axis, 2] * z
+            )
             rays[k, 3 + axis] = np.float32(d)
             rays[k, axis] = np.float32(origins[pose, axis] + skipped[pose] * d)
     return rays
@@ -44,7 +48,7 @@ def visible_points(
 ) -> tuple[Index, Single, Single, Single, Single, Index]:  # pragma: no cover - compiled
     """Return index, distance, point, normal, direction to the eye, and material of the rays (n, 6) that hit.
 
-    Normals are on the side of the eye.
+    The normals are flipped where necessary, so that they face the eye.
     """
     count = 0
     for i in range(len(distance)):
@@ -53,7 +57,7 @@ def visible_points(
     index = np.empty(count, np.intp)
     length = np.empty(count, np.float32)
     points = np.empty((count, 3), np.float32)
-    outward = np.empty((count, 3), np.float32)
+    facing_normals = np.empty((count, 3), np.float32)
     to_eye = np.empty((count, 3), np.float32)
     material = np.empty(count, np.intp)
     k = 0
@@ -66,8 +70,8 @@ def visible_points(
         side = np.float32(-1.0) if along > 0.0 else np.float32(1.0)
         for axis in range(3):
             points[k, axis] = rays[i, axis] + distance[i] * rays[i, 3 + axis]
-            outward[k, axis] = side * normals[i, axis]
+            facing_normals[k, axis] = side * normals[i, axis]
             to_eye[k, axis] = -rays[i, 3 + axis]
         index[k], length[k], material[k] = i, distance[i], material_of[primitive[i]]
         k += 1
-    return index, length, points, outward, to_eye, material
+    return index, length, points, facing_normals, to_eye, material

@@ -261,13 +261,18 @@ class CameraSimulator:
         )
 
     def _add_sun(
-        self, electrons: Float32Array, view: View, R: FloatArray, light: Light, exposure_s: float
+        self,
+        electrons: Float32Array,
+        view: View,
+        R_inertial_camera: FloatArray,
+        light: Light,
+        exposure_s: float,
     ) -> None:
         """Add the disc of the Sun, and its light scattered in the lens."""
         model = self.model
         if light.sunlit == 0.0:
             return
-        sun = R.T @ light.to_sun
+        sun = R_inertial_camera.T @ light.to_sun
         angle = off_axis_rad(np.array([0.0, 0.0, 1.0]), sun)
         signal = self._sun_e_s * light.irradiance * light.sunlit * exposure_s
         if model.stray > 0.0 and angle < math.radians(model.hood_deg):

@@ -18,7 +18,7 @@ Box = Annotated[
 
 
 class Items(OpenModel, Generic[Item]):
-    """All of a kind, in their order."""
+    """All objects of one kind, in their order."""
 
     items: list[Item]
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from cdff_common.cli import EXIT_REFUSED, main
+from cdff_common.formats.ply import read_ply
 from cdff_dev.logs import open_log
 from cdff_dev.logs.conversion import TimeSpan, convert_log
 from evaluation.log_conversion import RECORDINGS, Recording, compare_formats, table
@@ -33,6 +34,10 @@ def test_each_format_of_a_recording_gives_the_trajectory_of_the_compound_on_its_
         assert row["statuses"] == {"OK": row["poses"]}
         assert row["largest_difference_m"] == row["largest_difference_deg"] == 0.0
         assert row["path_length_m"] > 0.1
+    assert len({(row["rmse_m"], row["rmse_deg"]) for row in rows.values()}) == 1
+    maps = [read_ply(path).points_m for path in tmp_path.glob(f"{recording.folder}_*/map.ply")]
+    assert len(maps) == len(rows)
+    assert len({len(points_m) for points_m in maps}) == 1
     text = table(dict.fromkeys((r.folder for r in RECORDINGS), rows))
     assert text.count("| none |") == 2 * len(rows)
 

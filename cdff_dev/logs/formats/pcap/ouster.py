@@ -52,7 +52,7 @@ class _Sweeps:
     empty: int = 0
 
     def add(self, datagram: Datagram, layout: PacketLayout) -> None:
-        """Add a lidar packet; one without a valid column is counted."""
+        """Add a lidar packet; a packet without a valid column is counted."""
         stamps_ns = layout.columns(datagram.data)["stamp_ns"]
         stamps_ns = stamps_ns[(stamps_ns > 0) & (stamps_ns < _LAST_DATE_NS)]
         if not len(stamps_ns):

@@ -33,7 +33,7 @@ def pose_format(source: Source) -> str | None:
     """Return the format of a file of poses by its first lines; None for another file.
 
     ``csv``: named columns with times (EuRoC). ``images``: named columns with images instead of times.
-    ``tum``: 8 numbers a line. ``kitti``: 12 numbers a line, rows of ``T (3, 4)``.
+    ``tum``: 8 numbers per line. ``kitti``: 12 numbers per line, rows of ``T (3, 4)``.
     """
     if is_pose_csv(source):
         return "csv"
@@ -98,7 +98,7 @@ def poses_log(path: Path) -> IndexedLog:
 
 
 def _of_images(source: Source) -> _Poses:
-    """Return the poses of a table with one image a row; stamps come from the names of the images."""
+    """Return the poses of a table with one image per row; stamps come from the names of the images."""
     rows = list(csv.DictReader(source.data.decode("utf-8", "replace").splitlines()))
     try:
         names = [Path(row.get("image") or row["frame"]) for row in rows]

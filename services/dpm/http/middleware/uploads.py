@@ -79,7 +79,7 @@ class Uploads:
         await refusal(scope, receive, send)
 
     async def _body(self, receive: Receive) -> bytes:
-        """Return a complete body; the request is charged for a large one."""
+        """Return the complete body of a request; a large body is charged to the work budget."""
         reserved = size = 0
         try:
             with tempfile.SpooledTemporaryFile(MEMORY_BYTES, dir=str(self._store.directory)) as file:

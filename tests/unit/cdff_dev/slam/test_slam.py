@@ -243,42 +243,6 @@ def test_scans_in_other_units_are_refused_with_their_ranges(
     assert "only those from 0.5 to 60 m are used: expected metres" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("target", ["drive.bag", "drive.mcap"])
-def test_a_converted_stereo_drive_gives_the_same_trajectory(drive: Path, tmp_path: Path, target: str) -> None:
-    converted = tmp_path / "converted" / target
-    assert main(["log", "convert", str(drive), str(converted)]) == 0
-    runs = []
-    for log, out in ((drive, tmp_path / "original"), (converted, tmp_path / "out")):
-        assert main(["vo", str(log), "--out", str(out)]) == 0
-        runs.append(out)
-    np.testing.assert_allclose(*(read_tum(out / "trajectory.tum")[1] for out in runs), atol=1e-6)
-    errors = [json.loads((out / "run.json").read_text(encoding="utf-8"))["truth"]["ate"] for out in runs]
-    assert errors[0]["translation_m"]["rmse"] == pytest.approx(errors[1]["translation_m"]["rmse"], abs=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", ["scans.bag", "scans.mcap", "scans.ply"])
-def test_converted_scans_give_the_same_trajectory_and_map(
-    real_data: Callable[[str], Path], tmp_path: Path, target: str
-) -> None:
-    scans, converted = tmp_path / "scans", tmp_path / "converted" / target
-    scans.mkdir()
-    for n in range(2):
-        shutil.copy(real_data(f"kitti_velodyne/{n:06d}.bin"), scans)
-    if target == "scans.ply":
-        words = ["export", str(scans), "/robot/lidar.scan", "--out", str(converted)]
-    else:
-        words = ["convert", str(scans), str(converted)]
-    assert main(["log", *words]) == 0
-    for log, out in ((scans, "original"), (converted, "out")):
-        assert main(["slam", str(log), "--out", str(tmp_path / out)]) == 0
-    T = [read_tum(tmp_path / out / "trajectory.tum")[1] for out in ("original", "out")]
-    np.testing.assert_allclose(*T, atol=1e-6)
-    counts = [len(read_ply(tmp_path / out / "map.ply").points_m) for out in ("original", "out")]
-    assert counts[0] == counts[1]
-
-
 def test_a_missing_viewer_is_reported_before_the_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

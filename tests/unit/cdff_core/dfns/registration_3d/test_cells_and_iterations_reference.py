@@ -88,7 +88,9 @@ def test_one_iteration_is_the_gauss_newton_step_of_the_pairs_within_the_gate() -
     T = se3.exp_se3([0.03, -0.02, 0.04, 0.01, 0.02, -0.01])
     source = planes(rng)[0]
     result = iterate(tree, normals[tree.order], source, T, limits(0.4, 1))
-    np.testing.assert_allclose(result.T, reference_step(target, normals, source, T, 0.4), atol=1e-9)
+    np.testing.assert_allclose(
+        result.T_target_source, reference_step(target, normals, source, T, 0.4), atol=1e-9
+    )
     moved_points = source @ T[:3, :3].T + T[:3, 3]
     distance = np.linalg.norm(moved_points[:, None] - target, axis=2)
     row, is_near = distance.argmin(axis=1), distance.min(axis=1) < 0.4
@@ -120,6 +122,6 @@ def test_iterations_converge_to_the_transform_and_the_gate_to_its_last_value() -
     source = se3.transform_points(se3.inverse(T_true), target)
     result = iterate(tree, normals[tree.order], source, np.eye(4), limits(1.0, 40))
     assert result.converged
-    np.testing.assert_allclose(result.T, T_true, atol=1e-5)
+    np.testing.assert_allclose(result.T_target_source, T_true, atol=1e-5)
     assert result.gate_m >= 0.2
     assert 2 <= result.iterations < 40

@@ -21,7 +21,7 @@ from cdff_core.runtime.runner import Runner
 from tests.support.star_scene import CAMERA, T0_NS, StarScene
 
 CONFIRMED, COASTING = ObjectTrackStatusT.TRACK_CONFIRMED, ObjectTrackStatusT.TRACK_COASTING
-#: Rate of the object, inertial axes, rad/s: 1.3 pixels an image.
+#: Rate of the object, inertial axes, rad/s: 1.3 pixels per image.
 RATE = np.array([2e-4, 4e-4, -1e-4])
 
 

@@ -26,7 +26,7 @@ BRACKET = satellite.merged(
 
 
 def truth(k: int) -> np.ndarray:
-    """Return T_camera_body at the k-th image; ten images a second."""
+    """Return T_camera_body at the k-th image; ten images per second."""
     R = se3.exp_so3([0.0, 0.0, 0.5 + 0.05 * k])
     return T_CAMERA_TABLE @ se3.transform(R, np.array([-0.1 + 0.01 * k, 0.0, 0.0]))
 
