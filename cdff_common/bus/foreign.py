@@ -147,6 +147,7 @@ class ForeignServer:
         self._key, self._handler, self._limit, self._max_bytes = key, handler, limit, max_bytes
         self._lock = threading.Lock()
         self._open: set[ForeignCall] = set()
+        self._is_closed = False
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix=f"call {key}")
         # The threads of Zenoh, in which calls arrive, must not send.
         self._refusals = ThreadPoolExecutor(1, thread_name_prefix=f"refuse {key}")
@@ -157,6 +158,7 @@ class ForeignServer:
 
     def close(self) -> None:
         """Stop answering; open calls are refused."""
+        self._is_closed = True
         self._queryable.undeclare()
         with self._lock:
             unanswered = list(self._open)
@@ -183,8 +185,9 @@ class ForeignServer:
             else:
                 query.drop()
         except RuntimeError as error:  # the server is closed, or the process has too many threads
+            # Without a thread the pool keeps the call for a later one, so that it still counts as open.
             logger.debug("%s: %s", self._key, error)
-            if call is not None:
+            if call is not None and self._is_closed:
                 self._end(call)
 
     def _send_refusal(self, query: zenoh.Query, reason: str) -> None:

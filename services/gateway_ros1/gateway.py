@@ -63,6 +63,8 @@ class Gateway:
         parameters = DfpcParameters(settings.robot, settings.parameters, bus)
         self._parameters = ServerParameters(self._node, settings.robot, parameters, bus)
         self._use_sim_time: Any = None
+        self._threads: list[threading.Thread] = []
+        self._stop = threading.Event()
         self._node.watch_parameter("/use_sim_time", self._on_sim_time)
         if settings.clock:
             self._node.declare_publisher("/clock", _CLOCK, latched=False)
@@ -74,11 +76,14 @@ class Gateway:
             for link in self._inputs:
                 stack.callback(link.close)
             self._node.start()
-            threading.Thread(
-                target=self._parameters.retry, args=(stop,), name="parameters", daemon=True
-            ).start()
+            works = {"parameters": self._parameters.retry}
             if self._settings.clock:
-                threading.Thread(target=self._publish_clock, args=(stop,), name="clock", daemon=True).start()
+                works["clock"] = self._publish_clock
+            for name, work in works.items():
+                thread = threading.Thread(target=work, args=(stop,), name=name, daemon=True)
+                self._threads.append(thread)
+                thread.start()
+            self._stop = stop
             while True:
                 key = keys.gateway_status(self._settings.robot, SERVICE)
                 self._bus.publish_latched(key, self.status())
@@ -86,8 +91,10 @@ class Gateway:
                     return
 
     def problem(self) -> str:
-        """Return the problem of a thread of the node, or an empty text."""
-        return self._node.problem()
+        """Return the problem of a thread of the gateway or of its node, or an empty text."""
+        is_running = not self._stop.is_set()
+        ended = [thread.name for thread in self._threads if is_running and not thread.is_alive()]
+        return f"the thread {ended[0]!r} of the gateway has ended" if ended else self._node.problem()
 
     def status(self) -> dict[str, Any]:
         """Return the message of the status key: the counters of each topic."""

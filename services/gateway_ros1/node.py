@@ -8,7 +8,7 @@ import ipaddress
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
@@ -89,6 +89,9 @@ class Ros1Node:
         """Return which thread of a node that is started and not closed has ended, or an empty text."""
         is_running = not self._stop.is_set()
         threads = [*self._threads, self._slave.thread]
+        with self._lock:
+            subscriptions = list(self._subscriptions.values())
+        threads += [thread for subscription in subscriptions for thread in subscription.threads()]
         ended = [t.name for t in threads if is_running and t.ident and not t.is_alive()]
         return f"the thread {ended[0]!r} of the node {self.name} has ended" if ended else ""
 
@@ -172,11 +175,19 @@ class Ros1Node:
         """Return topics and types."""
         return [[s.topic, s.type_name] for s in self._subscriptions.values()]
 
-    def dropped(self, topic: str) -> int:
-        """Return the number of messages of a topic, and of topics below it, that slow subscribers missed."""
+    def dropped(self, topic: str, others: Collection[str] = ()) -> int:
+        """Return the number of messages of a topic that slow subscribers missed.
+
+        Topics below it, such as those of images, count too, but for those at or below one of ``others``.
+        """
         with self._lock:
             publications = list(self._publications.values())
-        return sum(p.dropped for p in publications if f"{p.topic}/".startswith(f"{topic}/"))
+        inner = [other for other in others if _is_below(other, topic) and other != topic]
+        return sum(
+            p.dropped
+            for p in publications
+            if _is_below(p.topic, topic) and not any(_is_below(p.topic, other) for other in inner)
+        )
 
     def connections(self) -> list[list[Any]]:
         """Return the connections as ``rosnode info`` shows them."""
@@ -301,6 +312,11 @@ class Ros1Node:
             connection.close()
             with self._lock:
                 self._open.discard(connection)
+
+
+def _is_below(topic: str, parent: str) -> bool:
+    """Return whether a topic is another one, or below it."""
+    return f"{topic}/".startswith(f"{parent}/")
 
 
 def _listen(host: str, master_uri: str) -> socket.socket:

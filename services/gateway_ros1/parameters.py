@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any
 
 from cdff_common.bus import Bus, keys
+from cdff_common.clock import monotonic_s
 from cdff_common.errors import CdffError, UnavailableError
 from services.gateway_ros1.node import Ros1Node
 from services.gateways.counters import TopicCounters
@@ -19,6 +20,8 @@ logger = logging.getLogger(__name__)
 
 #: Interval of the attempts to set parameters whose DFPC was not available, seconds.
 _RETRY_S = 1.0
+#: Interval of the comparison of all values with those of their DFPCs, which ``configure`` resets, seconds.
+_CHECK_S = 5.0
 
 
 class ServerParameters:
@@ -58,10 +61,14 @@ class ServerParameters:
 
     def retry(self, stop: threading.Event) -> None:
         """Set new and waiting values whenever their DFPC is available, until ``stop`` is set."""
+        check_s = monotonic_s() + _CHECK_S
         while not stop.is_set():
             self._changed.wait(_RETRY_S)
             self._changed.clear()
+            is_due = monotonic_s() >= check_s
+            check_s = monotonic_s() + _CHECK_S if is_due else check_s
             with self._lock:
+                self._pending |= set(self._values) if is_due else set()
                 ready = sorted(name for name in self._pending if self._dfpcs[name] in self._available)
             for name in ready:
                 self._apply(name)
@@ -95,7 +102,7 @@ class ServerParameters:
             self._pending.discard(name)
             value = self._values[name]
         try:
-            if self._parameters.value(name) != value:
+            if not _is_equal(self._parameters.value(name), value):
                 self._parameters.set({name: value})
                 self.counters.forward(0.0)
             self._reported.pop(name, None)
@@ -134,3 +141,8 @@ class ServerParameters:
         self._reported[name] = (reason, repr(value))
         if self.counters.drop(reason, f"{name}: {error}"):
             logger.warning("%s: %s: %s", self._key(name), reason, error)
+
+
+def _is_equal(first: Any, second: Any) -> bool:
+    """Return whether two values are equal, other than True and 1."""
+    return isinstance(first, bool) == isinstance(second, bool) and bool(first == second)

@@ -82,7 +82,8 @@ class Publication:
             subscribers = list(self._subscribers)
         for subscriber in subscribers:
             if subscriber.append(data):
-                self.dropped += 1
+                with self._lock:
+                    self.dropped += 1
                 if subscriber.dropped == 1:
                     logger.warning(
                         "%s: %s is too slow: more than %d messages wait, the oldest are dropped",

@@ -57,6 +57,11 @@ class Ros1Subscription:
         with self._lock:
             return list(self._links)
 
+    def threads(self) -> list[threading.Thread]:
+        """Return the threads of the connections."""
+        with self._lock:
+            return [link.thread for link in self._links.values() if not link.stopped.is_set()]
+
     def update(self, uris: list[str]) -> None:
         """Connect to the publishers of a list, and end the connections to others."""
         uris = list(dict.fromkeys(uris))
@@ -88,7 +93,7 @@ class Ros1Subscription:
                         self._callback(data)
             except (CodecError, ConfigurationError) as error:
                 if not link.stopped.is_set():
-                    self._on_fault("size" if "message of" in str(error) else "type", f"{link.uri}: {error}")
+                    self._on_fault(_reason(error), f"{link.uri}: {error}")
             except DECODER_ERRORS as error:
                 self._on_fault("content", f"{link.uri}: {type(error).__name__}: {error}")
             except (OSError, EOFError, UnavailableError) as error:
@@ -100,7 +105,11 @@ class Ros1Subscription:
 
     def _connect(self, link: _Link) -> Connection:
         """Return a connection; raises ConfigurationError if the publisher has another type."""
-        protocol = RemoteApi(link.uri, self._node).call("requestTopic", self.topic, [["TCPROS"]])
+        try:
+            publisher = RemoteApi(link.uri, self._node)
+        except ConfigurationError as error:
+            raise _AddressError(str(error)) from error
+        protocol = publisher.call("requestTopic", self.topic, [["TCPROS"]])
         if not (isinstance(protocol, list) and len(protocol) == 3 and protocol[0] == "TCPROS"):
             raise ConfigurationError(f"{protocol!r}: expected TCPROS, host and port")
         connection = link.connected(_open(protocol[1], protocol[2]))
@@ -131,9 +140,20 @@ def _open(host: object, port: object) -> Connection:
             raise ValueError(f"port {number}")
         return Connection.open(str(host), number)
     except ValueError as error:  # also of names that cannot be encoded
-        raise ConfigurationError(
+        raise _AddressError(
             f"{str(host)[:80]!r}, {str(port)[:80]!r}: {error}; expected a host and a port"
         ) from error
+
+
+class _AddressError(ConfigurationError):
+    """An address that is no host and port."""
+
+
+def _reason(error: CodecError | ConfigurationError) -> str:
+    """Return the reason that is counted for an error of a connection."""
+    if isinstance(error, _AddressError):
+        return "address"
+    return "size" if "message of" in str(error) else "type"
 
 
 class _Link:
@@ -142,7 +162,8 @@ class _Link:
     def __init__(self, uri: str, run: Callable[[_Link], None]) -> None:
         self.uri, self.stopped = uri, threading.Event()
         self._connection: Connection | None = None
-        threading.Thread(target=run, args=(self,), name=f"from {uri}", daemon=True).start()
+        self.thread = threading.Thread(target=run, args=(self,), name=f"from {uri}", daemon=True)
+        self.thread.start()
 
     def connected(self, connection: Connection) -> Connection:
         """Keep a connection, to close it from another thread."""

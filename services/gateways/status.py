@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any
 
 from services.gateways.inputs import InputLink
@@ -17,7 +17,7 @@ def status_of(
     outputs: Iterable[OutputLink],
     requests: Iterable[ProductRequests],
     overflow: Callable[[InputLink], int] = lambda _: 0,
-    missed: Callable[[str], int] = lambda _: 0,
+    missed: Callable[[str, Collection[str]], int] = lambda _, __: 0,
 ) -> dict[str, Any]:
     """Return the counters of links.
 
@@ -26,7 +26,8 @@ def status_of(
     overflow : callable
         Number of messages of an input that a full queue has dropped.
     missed : callable
-        Number of messages of an output topic that slow subscribers have not received.
+        Number of messages of an output topic that slow subscribers have not received, without those of the
+        other output topics.
     """
     by_topic = {}
     for link in inputs:
@@ -36,10 +37,12 @@ def status_of(
         name = f"{entry.topic} {entry.stream}" if entry.is_frame_tree else entry.topic
         by_topic[name] = {"type": entry.type, "stream": entry.stream, **counters}
     products, topics = [], set()
+    outputs = list(outputs)
+    declared = {output.entry.topic for output in outputs}
     for output in outputs:
         counters, product = output.counters.to_map(), output.entry
         # Several products of a topic share its subscribers; the first has their count.
-        count = 0 if product.topic in topics else missed(product.topic)
+        count = 0 if product.topic in topics else missed(product.topic, declared)
         topics.add(product.topic)
         counters["dropped"] |= {"slow_subscriber": count} if count else {}
         products.append(

@@ -173,7 +173,7 @@ def test_a_publisher_that_states_no_address_is_counted_and_tried_again(
     master.values["requestTopic"] = ["TCPROS", *address]
     node.update_publishers("/chatter", [master.uri])
     _wait(lambda: len(faults) > 1)
-    assert {reason for reason, _ in faults} == {"type"}
+    assert {reason for reason, _ in faults} == {"address"}
     master.values["requestTopic"] = ["TCPROS", *publisher.address()]
     _wait(lambda: received == ["hello"])
     publisher.close()
@@ -310,6 +310,8 @@ def test_a_slow_subscriber_is_reported_and_its_connection_ends_when_it_takes_not
                 _say(node, "x" * (1 << 20))
         assert node.dropped("/chatter") > 0
         assert node.dropped("/chat") == 0
+        assert node.dropped("", ["", "/other"]) == node.dropped("/chatter")
+        assert node.dropped("", ["", "/chatter"]) == 0  # counted for the topic below
         (line,) = [r.getMessage() for r in caplog.records if "too slow" in r.getMessage()]
         assert line.startswith("/chatter: /slow is too slow")
         _wait(lambda: node._publications["/chatter"].peers() == [])
