@@ -389,6 +389,31 @@ def test_gdal_places_the_tiles_on_mars_by_the_name_of_their_crs(server: Server) 
 
 
 @pytest.mark.slow
+def test_gdal_reads_the_tiles_of_ogc_api(server: Server) -> None:
+    pytest.importorskip("pyogrio", reason="pyogrio, which contains a recent GDAL, is not installed")
+    (west, south), (east, north) = body_metres(1.0, 0.2), body_metres(2.6, 1.8)
+    box = [f"MINX={west}", f"MINY={south}", f"MAXX={east}", f"MAXY={north}"]
+    script = Path(__file__).parents[1] / "support" / "gdal_tiles.py"
+    collection = f"OGCAPI:{server.url}/ogc/collections/dem"
+    command = [sys.executable, str(script), collection, "API=TILES", "CACHE=NO", *box]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert answer.returncode == 0, answer.stderr
+    result = json.loads(answer.stdout)
+    assert "Mars (2015) - Sphere / Ocentric / Equirectangular" in result["crs"]
+    assert result["error"] == 0
+    assert result["observed"] > 0.9
+
+
+def test_gdal_3_6_reads_features_by_both_of_its_drivers(server: Server) -> None:
+    if shutil.which("ogrinfo") is None:
+        pytest.skip("ogrinfo is not installed; make peers installs it")
+    for driver, options in (("OAPIF", []), ("OGCAPI", ["-oo", "API=ITEMS"])):
+        command = ["ogrinfo", "-ro", "-al", "-so", f"{driver}:{server.url}/ogc/collections/dem", *options]
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert answer.returncode == 0, answer.stderr
+        assert f"Feature Count: {PATCHES + 2}" in answer.stdout
+
+
 def test_qgis_shows_the_tiles_files_and_features(server: Server) -> None:
     python = "/usr/bin/python3"
     has_qgis = [python, "-c", "import qgis.core"]

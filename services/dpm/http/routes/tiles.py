@@ -234,15 +234,18 @@ def required_grid(context: Context, frame: str) -> BodyGrid:
 
 
 def body_matrix_set(grid: BodyGrid) -> dict[str, Any]:
-    """Return a body's grid as an OGC TileMatrixSet (17-083r4)."""
+    """Return a body's grid as an OGC TileMatrixSet: 17-083r4, with the members of 17-083r2 for GDAL 3.6."""
     half = grid.half_side_m
+    corner = [-half, half]
     matrices = [
         {
             "id": str(z),
+            "identifier": str(z),
             "scaleDenominator": grid.cell_m(z) / 0.00028,
             "cellSize": grid.cell_m(z),
             "cornerOfOrigin": "topLeft",
-            "pointOfOrigin": [-half, half],
+            "pointOfOrigin": corner,
+            "topLeftCorner": corner,
             "tileWidth": TILE_CELLS,
             "tileHeight": TILE_CELLS,
             "matrixWidth": 1 << z,
@@ -250,7 +253,15 @@ def body_matrix_set(grid: BodyGrid) -> dict[str, Any]:
         }
         for z in range(LAST_BODY_LEVEL + 1)
     ]
-    return {"id": grid.name, "title": grid.name, "crs": grid.uri, "tileMatrices": matrices}
+    return {
+        "type": "TileMatrixSetType",
+        "id": grid.name,
+        "identifier": grid.name,
+        "title": grid.name,
+        "crs": grid.uri,
+        "supportedCRS": grid.urn,
+        "tileMatrices": matrices,
+    }
 
 
 def tile_response(context: Context, request: Request, tile_request: TileRequest) -> Response:
