@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compare searches and tiles of the DPM with stac-fastapi-pgstac and titiler, in one run on one machine.
 
-    scripts/peers --servers; python benchmarks/dpm_peers.py [--items 3000] [--requests 40] [--rounds 3] [--out FILE]
+    scripts/peers --servers
+    python benchmarks/dpm_peers.py [--items 3000] [--requests 40] [--rounds 3] [--out FILE]
 
 The peers know only the Earth, so that the site is anchored there. stac-fastapi-pgstac has the items that the
 DPM serves, in PostgreSQL with PostGIS and default settings; titiler renders tiles of the same map, which the
@@ -165,7 +166,8 @@ def searches(ids: Sequence[str], times: Sequence[str], count: int) -> dict[str, 
         return f"/search?{urlencode({'collections': COLLECTION, 'limit': '100', **parameters})}"
 
     def condition() -> str:
-        return f"gsd <= 0.2 AND platform = 'mana' AND datetime >= TIMESTAMP('{times[int(rng.integers(len(times)))]}')"
+        start = times[int(rng.integers(len(times)))]
+        return f"gsd <= 0.2 AND platform = 'mana' AND datetime >= TIMESTAMP('{start}')"
 
     makers = {
         "small box": lambda: search(bbox=box(SMALL_DEG)),
@@ -275,8 +277,12 @@ def run(folder: Path, python: Path, args: argparse.Namespace) -> Figures:
     try:
         postmaster = int((folder / "postgresql/data/postmaster.pid").read_text().splitlines()[0])
         environment = {
-            "PGUSER": "cdff", "PGPASSWORD": "-", "PGHOST": "127.0.0.1", "PGPORT": str(port), "PGDATABASE": "postgres",
-        }  # fmt: skip
+            "PGUSER": "cdff",
+            "PGPASSWORD": "-",
+            "PGHOST": "127.0.0.1",
+            "PGPORT": str(port),
+            "PGDATABASE": "postgres",
+        }
         with Services(folder) as services:
             ours = Server(services.http, [services.dpm.pid])
             dsn = f"postgresql://cdff@127.0.0.1:{port}/postgres"

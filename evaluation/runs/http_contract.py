@@ -86,7 +86,7 @@ def application(directory: Path) -> Iterator[Any]:
 
 def document_of(app: Any) -> Any:
     """Return the OpenAPI document of an application, read by schemathesis."""
-    return schemathesis.openapi.from_asgi("/openapi.json", app, headers=_HEADERS)
+    return schemathesis.openapi.from_asgi("/openapi.json", app, headers=_HEADERS, timeout=120)
 
 
 def operations() -> list[tuple[str, str]]:

@@ -67,7 +67,7 @@ def test_the_stac_browser_shows_the_catalog_a_collection_and_an_item(origin: str
 
 
 def _walk(browser: Browser, origin: str, api: str, product: str) -> None:
-    """Follow the links of the pages from the catalog to the item, and validate what they show."""
+    """Follow the links of the pages from the catalog to the item, and validate the text of each page."""
     address = f"{origin}/#/external/{api.replace('//', '/')}/stac"
     browser.send("Page.navigate", url=address)
     browser.eventually("document.title.includes('CDFF data products')", 60.0)

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Features and STAC items as GeoParquet 1.1 (https://geoparquet.org/releases/v1.1.0): one column for each property.
+"""Features and STAC items as GeoParquet 1.1 (https://geoparquet.org/releases/v1.1.0).
 
-Geometries are well-known binary in degrees on the body, longitude first whatever the axis order of the CRS, as
-GeoParquet requires. Times are timestamps with microseconds, UTC.
+Each property is a column. Geometries are well-known binary in degrees on the body, longitude first
+whatever the axis order of the CRS, as GeoParquet requires. Times are timestamps with microseconds, UTC.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def write_features(
 def write_items(
     body: Body | None, items: Sequence[Mapping[str, Any]], collections: Mapping[str, Mapping[str, Any]]
 ) -> bytes:
-    """Return STAC items as STAC GeoParquet (https://stac-utils.github.io/stac-geoparquet): properties are columns.
+    """Return STAC items as STAC GeoParquet (https://stac-utils.github.io/stac-geoparquet).
 
     Parameters
     ----------

@@ -342,7 +342,8 @@ def _geoparquet(context: Context, request: Request, search: SearchBody, name: st
     bodies = {p.body.name: p.body for p in products if p.body is not None}
     if len(bodies) > 1:
         raise InputError(
-            f"f=parquet: items on {', '.join(sorted(bodies))}: a file has one CRS; restrict them by bbox or filter"
+            f"f=parquet: items on {', '.join(sorted(bodies))}: a file has one CRS; "
+            "restrict the items by bbox or filter"
         )
     writer = ItemWriter(str(request.base_url), catalogue.places)
     collections = {
