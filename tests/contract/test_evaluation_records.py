@@ -23,7 +23,6 @@ _OF_UNKNOWN_CODE = (
     "lidar_localisation_searches",
     "lidar_slam",
     "lidar_slam_peer",
-    "position_manager",
     "visual_odometry_sparse",
 )
 
