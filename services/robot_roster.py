@@ -127,7 +127,9 @@ class RobotRoster:
             return
         try:
             call = self._bus.call(keys.supervisor_rpc(robot, "profile"), timeout_s=_CALL_S)
-        except UnavailableError as error:  # the token is there first, and links close for a moment
+        except (
+            UnavailableError
+        ) as error:  # the token appears before the profile can be read, and links can close for a moment
             logger.info("the profile of %s: %s", robot, error)
             with self._changed:
                 self._due_s.setdefault(robot, self._now_s() + _RETRY_S)

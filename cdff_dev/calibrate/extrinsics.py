@@ -118,7 +118,10 @@ class SensorResult:
             yield f"  clock: add {self.offset_s:+.2f} s to its stamps (resolution 0.02 s)"
 
     def _advice(self) -> str:
-        """Return what determines the missing directions; wheels do not determine the position of an IMU."""
+        """Return which motions determine the missing directions.
+
+        Wheels do not determine the position of an IMU.
+        """
         assert self.mount is not None
         if self.offset_s is None:
             return advice(self.mount.undetermined)

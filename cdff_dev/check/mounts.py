@@ -29,7 +29,7 @@ def mount_findings(log: LogSource, robot: Robot) -> Iterator[StreamFinding]:
             continue
         try:
             T_profile = profile.lookup(parent, child, 0).matrix
-        except FrameNotFoundError:  # of a frame that the profile does not have
+        except FrameNotFoundError:  # the profile does not have this frame
             continue
         D = se3.inverse(T_profile) @ log_mounts.lookup(parent, child, 0).matrix
         distance_m = float(np.linalg.norm(D[:3, 3]))

@@ -3,10 +3,10 @@
 """Requests that the orchestrators of robots execute for jobs of the orchestrator on the ground.
 
 A job on the ground leases the DFPCs of its plan as usual. For a robot that has an orchestrator of its own,
-the lease is a request to that one, with ``deliver=none``: the product appears in the DPM, where the job finds
-it. Equal jobs share a request, except for single acquisitions. It is repeated while a job needs it, and
-cancelled when the ground takes the robot over, so that every job has one final reply independent of the owner
-of the robot.
+the lease is a request to the orchestrator of the robot, with ``deliver=none``: the product appears in the
+DPM, where the job finds it. Equal jobs share a request, except for single acquisitions. The request is
+repeated while a job needs it, and cancelled when the ground takes over the control of the robot, so that
+every job has one final reply, whichever orchestrator controls the robot.
 """
 
 from __future__ import annotations
@@ -94,9 +94,10 @@ class Delegations:
         self._version, self._done_version, self._wait_s = 0, -1, 0.0
         self._is_closed = False
         self._count = 0
-        self._needs_of: dict[str, _Need] = {}  # by job
+        self._needs_of: dict[str, _Need] = {}  # by the id of the job
         self._delegations: dict[Hashable, _Delegation] = {}
-        #: Robots that may have requests without a job here, with the time of the next check.
+        #: Robots whose orchestrators may still execute requests that no job of this orchestrator needs, with the
+        #: time of the next check, monotonic seconds.
         self._unchecked: dict[str, float] = {}
         self._faults: dict[str, str] = {}  # last reported failure of each robot
 

@@ -31,8 +31,9 @@ class DueRobots:
         self._changed.update(robots)
 
     def take(self, robots: Iterable[str], times_s: Iterable[tuple[str, float]], now_s: float) -> set[str]:
-        """Return the due robots since the last call; of ``times_s`` (robot, monotonic seconds) those since
-        then count.
+        """Return the robots that have become due since the last call.
+
+        ``times_s`` are pairs of a robot and the time at which it becomes due, monotonic seconds.
         """
         if now_s >= self.complete_at_s:
             self._complete_s = now_s

@@ -37,7 +37,7 @@ class ModeAlarms:
         return isinstance(error, NoAnswerError) and self._timing.now_s() - self._started_s < START_S
 
     def report(self, sensor: SensorId, mode: str, error: CdffError) -> None:
-        """Begin the alarm of a failed demand; a lost sensor and other demands are none of the unit.
+        """Begin the alarm of a failed demand; a lost sensor or a conflicting demand is no fault of the unit.
 
         The services of a system start together: a demand to a unit that does not run yet is repeated.
         """

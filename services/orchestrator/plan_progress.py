@@ -33,7 +33,7 @@ class PlanProgress:
     failures : mapping of str to (int, str)
         Consecutive failures of providers and sensors, and the last reason.
     acquired_from_ns : int
-        Begin of the last single acquisition of the plan that has ended, mission time; 0 without any.
+        Start of the last single acquisition of the plan that has ended, mission time; 0 without any.
     """
 
     inactive: tuple[str, ...]

@@ -238,7 +238,7 @@ class RequestFlow:
                 product = f"{job.request.product} of {job.request.robot}"
                 ended = "".join(f"; {text}" for text in run.plan.abandoned_plan_reasons[-1:])
                 reason = f"no newer {product} can be made: {run.plan.impossible}{ended}"
-                if job.plan is None:  # it was never possible
+                if job.plan is None:  # no plan was ever possible
                     raise UnavailableError(reason)
                 if reason != job.reason:
                     job.reason = reason

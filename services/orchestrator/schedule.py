@@ -169,7 +169,7 @@ class Schedule:
             self._entries[request.id] = entry
         try:
             self._write(entry, "add", parameters=entry.parameters, scope=scope, start_ns=entry.start_ns)
-        except StorageError:  # it is not kept, and the client learns it
+        except StorageError:  # the request is not kept; the client gets this error
             with self._lock:
                 self._entries.pop(request.id, None)
             raise

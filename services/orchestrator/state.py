@@ -395,7 +395,7 @@ class SystemState:
                 settings=plan.settings,
             )
             self._acquisitions.set(holder, plan.acquisitions)
-            if plan.acquisitions:  # they are no effect of the leases
+            if plan.acquisitions:  # acquisitions are not part of the leases, whose change is signalled
                 self.notify(*{sensor.robot for sensor in plan.acquisitions})
 
     def release(self, holder: str) -> None:

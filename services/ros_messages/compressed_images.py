@@ -48,7 +48,7 @@ def _check_size(data: bytes, name: str) -> None:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about sizes, which are checked here
+            warnings.simplefilter("ignore")  # warnings about sizes, which are checked below
             image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
         raise CodecError(

@@ -117,7 +117,7 @@ class _Expiry:
         self._checked_s = -_EXPIRY_CHECK_S
 
     def check(self) -> None:
-        """Check the certificates if it is time to."""
+        """Check the certificates if the interval between checks has passed."""
         if monotonic_s() - self._checked_s >= _EXPIRY_CHECK_S:
             self._checked_s = monotonic_s()
             check_expiry(self._path, self._alarms)

@@ -175,7 +175,9 @@ def true_heights(
     """
     t, heights = truth.geometry, truth.layer("mean").astype(np.float64)
     dx, dy = (0.0, 0.0) if shift_m is None else (float(v) for v in shift_m)
-    cells_per_cell = max(1, round(geometry.resolution_m / t.resolution_m))  # true cells along one of the map
+    cells_per_cell = max(
+        1, round(geometry.resolution_m / t.resolution_m)
+    )  # true cells along the edge of a map cell
     if cells_per_cell > 1 and dx == dy == 0.0:
         return _mean_over_cells(geometry, truth)
     # The true heights are averaged over the size of a cell and interpolated, so that the result is a

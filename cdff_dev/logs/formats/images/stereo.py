@@ -31,7 +31,7 @@ def read_stereo_calibration(
     """Return the file that the user names, or else the only one with two cameras; None unless there is
     exactly one.
 
-    A file of one camera that the user names is none of a stereo camera either.
+    If the user names a file with only one camera, the result is None too.
     """
     calibrations = []
     for path in [named] if named else candidates:

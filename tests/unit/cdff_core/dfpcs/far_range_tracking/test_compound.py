@@ -270,7 +270,7 @@ def test_bad_input_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="expected the size of the previous one"):
         dfpc.step(Sample("image", T0_NS + 10**10, 9, small))
     without = Frame.from_image(scene.image(3), stamp_ns=T0_NS + 10**10)
-    with pytest.raises(InputError, match="expected a pinhole or fisheye camera"):
+    with pytest.raises(InputError, match="expected a pinhole, fisheye"):
         dfpc.step(Sample("image", T0_NS + 10**10, 9, without))
     deep = Frame.from_image(
         scene.image(3).astype(np.uint16), stamp_ns=T0_NS + 10**10, camera_matrix=CAMERA.matrix
