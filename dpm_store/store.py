@@ -14,10 +14,10 @@ from cdff_common.clock import Clock, WallClock
 from cdff_common.errors import StorageError
 from cdff_common.output import make_folder
 from cdff_common.process import lock_file
-from dpm_store.changes.change_recorder import ChangeRecorder
-from dpm_store.engine.database import Database, parse_url
-from dpm_store.engine.dialect import Dialect
+from dpm_store.changes.change_recorder import ChangeRecorder, ServerChanges
+from dpm_store.engine.database import Database
 from dpm_store.engine.disk_space import LOW_WATER_BYTES, DiskSpace
+from dpm_store.engine.location import StoreLocation, parse_url
 from dpm_store.engine.migrate import migrate, revision_of
 from dpm_store.engine.notes import read_note, write_note
 from dpm_store.frames.anchors import AnchorTable
@@ -59,7 +59,8 @@ def open_store(
     Parameters
     ----------
     url : str
-        ``sqlite:///directory``.
+        ``sqlite:///directory``, or ``postgresql+psycopg://user@host/database?directory=/path``, with
+        ``&payloads=s3://bucket/prefix`` for payloads that several processes share.
     clock : Clock, optional
         Mission clock of insertion times; the wall clock by default.
     low_water_bytes : int
@@ -72,14 +73,13 @@ def open_store(
     Raises
     ------
     ConfigurationError
-        If the URL has another scheme, or the store an incompatible version.
+        If the URL is of another form, the driver is missing, or the store has an incompatible version.
     UnavailableError
         If another process has it open.
     StorageError
         If the disk is full or fails, or the database is missing while there are payloads.
     """
-    dialect, directory = parse_url(url)
-    return Store(directory, dialect, clock or WallClock(), low_water_bytes, reserve_bytes, new=new)
+    return Store(parse_url(url), clock or WallClock(), low_water_bytes, reserve_bytes, new=new, url=url)
 
 
 class Store:
@@ -87,6 +87,9 @@ class Store:
 
     Attributes
     ----------
+    directory : Path
+    url : str
+        URL with which the store was opened.
     frames : FrameTable
         Revisioned fixed edges.
     anchors : AnchorTable
@@ -113,7 +116,7 @@ class Store:
     search, count, ordinals_in : callable
         ``Search.run``: a page of products by a ``Query``; the other two: the products on all pages.
     disk_space : DiskSpace
-    changes : ChangeRecorder
+    changes : ChangeRecorder or ServerChanges
         Records of all changes outside the database.
     transact : callable
         ``Transactions.run``: several changes, all or none.
@@ -121,16 +124,17 @@ class Store:
 
     def __init__(
         self,
-        directory: Path,
-        dialect: Dialect,
+        location: StoreLocation,
         clock: Clock,
         low_water_bytes: int,
         reserve_bytes: int,
         *,
         new: bool = False,
+        url: str = "",
     ) -> None:
+        directory, dialect = location.directory, location.dialect
         make_folder(directory)
-        self.directory = directory
+        self.directory, self.url = directory, url
         self.clock = clock
         with ExitStack() as exit_stack:
             lock = lock_file(directory / "store.lock", str(os.getpid()), partial(in_use, directory))
@@ -139,14 +143,16 @@ class Store:
             if must_exist and not (directory / dialect.FILE_NAME).exists():
                 raise StorageError(_without_database(directory))
             self.disk_space = disk_space = DiskSpace(directory, low_water_bytes, reserve_bytes)
-            self._database = database = Database(directory, disk_space, dialect)
+            self._database = database = Database(directory, disk_space, dialect, location.database)
             exit_stack.callback(database.close)
             if must_exist and revision_of(database) is None:
                 raise StorageError(_without_database(directory))
             migrate(database)
-            self._payloads = payloads = Payloads(directory, dialect)
+            self._payloads = payloads = Payloads(directory, dialect, location.payloads, location.cache_bytes)
             exit_stack.callback(payloads.packs.close)
-            self.changes = ChangeRecorder(directory, database, payloads)
+            self.changes: ChangeRecorder | ServerChanges = (
+                ServerChanges() if location.database else ChangeRecorder(directory, database, payloads)
+            )
             exit_stack.callback(self.changes.close)
             self._opened = exit_stack.pop_all()  # they stay open unless a step failed
         self.events = EventTable(database, clock)

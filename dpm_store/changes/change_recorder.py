@@ -101,8 +101,7 @@ class ChangeRecorder:
 
     def unrecorded(self, connection: Connection, limit: int = MAX_CHANGES) -> list[Change]:
         """Return the changes of an open transaction that are not recorded."""
-        events = dialect_of(connection).fetch(connection, _EVENTS, {"last": self._last, "limit": limit})
-        return [_with_row(connection, Change(*row)) for row in events]
+        return changes_after(connection, self._last, limit)
 
     def record(self, changes: Sequence[Change]) -> None:
         """Record committed changes; a failure of the disk is logged, and the next call tries again."""
@@ -165,6 +164,21 @@ class ChangeRecorder:
         self._note |= {"reason": reason, **fields}
         replace_file(self._folder / _LOST, json.dumps(self._note).encode(), sync=True)
         logger.error("%s", self.loss)
+
+
+def changes_after(connection: Connection, ordinal: int, limit: int) -> list[Change]:
+    """Return the changes after an ordinal, in order, with the rows that they added."""
+    events = dialect_of(connection).fetch(connection, _EVENTS, {"last": ordinal, "limit": limit})
+    return [_with_row(connection, Change(*row)) for row in events]
+
+
+class ServerChanges:
+    """Changes of a store whose server has a log of its own, from which it is restored."""
+
+    loss = ""
+
+    def close(self) -> None:
+        """Do nothing: the server keeps its log."""
 
 
 def _contains(connection: Connection, change: Change) -> bool:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Replay of recorded changes into a new database; payloads stay where they are."""
+"""Replay of changes into a database; payloads stay where they are, or are copied."""
 
 from __future__ import annotations
 
@@ -36,15 +36,16 @@ logger = logging.getLogger(__name__)
 _BATCH, _BATCH_BYTES = 1000, 1 << 28
 
 
-class Replay:
-    """Replay of the records of a store.
+class ChangeReplay:
+    """Replay of changes into a database.
 
     Parameters
     ----------
-    directory : Path
-        Directory of the store.
-    target : Path
-        Directory of the new database.
+    database : Database
+    payloads : Payloads
+        Payloads of the changes.
+    target : Payloads, optional
+        Payloads of the database, to which those of the changes are copied; the same ones by default.
 
     Attributes
     ----------
@@ -54,14 +55,13 @@ class Replay:
         Ids of products that were not deleted and whose payload is missing or corrupt.
     """
 
-    def __init__(self, directory: Path, target: Path) -> None:
+    def __init__(self, database: Database, payloads: Payloads, target: Payloads | None = None) -> None:
         self.changes = 0
         self.lost: set[str] = set()
-        self._records = ChangeFiles(directory / FOLDER)
-        self._database = Database(target)
-        self._payloads = Payloads(directory)
+        self._payloads = payloads
+        self._target = target
         clock = ManualClock()
-        self._inserter = Inserter(self._payloads, EventTable(self._database, clock), clock)
+        self._inserter = Inserter(target or payloads, EventTable(database, clock), clock)
         self._handlers: dict[str, Callable[[Connection, Change], bool]] = {
             "deleted": self._delete,
             "purged": self._purge,
@@ -71,17 +71,15 @@ class Replay:
             "robot_described": self._describe_robot,
         }
 
-    def run(self) -> None:
-        """Replay everything and close the database."""
-        try:
-            migrate(self._database)
-            for batch in _batches(map(Change.parse, self._records)):
-                with self._database.write() as connection:
-                    for kind, changes in groupby(batch, lambda change: change.kind):
-                        self._replay(connection, kind, list(changes))
-        finally:
-            self._payloads.packs.close()
-            self._database.close()
+    def apply(self, connection: Connection, batch: Sequence[Change]) -> None:
+        """Replay changes in a transaction; copied payloads are durable after ``flush``."""
+        for kind, changes in groupby(batch, lambda change: change.kind):
+            self._replay(connection, kind, list(changes))
+
+    def flush(self) -> None:
+        """Make copied payloads durable; raises StorageError."""
+        if self._target is not None:
+            self._target.packs.flush()
 
     def _replay(self, connection: Connection, kind: str, changes: Sequence[Change]) -> None:
         """Replay successive changes of one kind, and record the applied ones as events."""
@@ -107,12 +105,14 @@ class Replay:
             if connection.execute(select(p.id).where(p.id == change.fields["id"])).first() is not None:
                 known_ids.add(change.fields["id"])
         new_changes = {c.fields["id"]: c for c in changes if c.fields["id"] not in known_ids}
-        for change in new_changes.values():
-            item, inserted_ns = self._restore_payload(connection, change)
-            if item is None:
-                self._insert_tombstone(connection, change)
+        restored = [(c, *self._restore_payload(connection, c)) for c in new_changes.values()]
+        for (is_lost, inserted_ns), group in groupby(restored, lambda r: (r[1] is None, r[2])):
+            if is_lost:
+                for change, _, _ in group:
+                    self._insert_tombstone(connection, change)
             else:
-                self._inserter.insert_rows(connection, [item], inserted_ns)
+                items = [item for _, item, _ in group if item is not None]
+                self._inserter.insert_rows(connection, items, inserted_ns)
         return list(new_changes.values())
 
     def _restore_payload(self, connection: Connection, change: Change) -> tuple[PreparedProduct | None, int]:
@@ -126,13 +126,15 @@ class Replay:
             payload = self._read(sha256, size, sums, location)
         except StorageError:
             return None, inserted_ns
-        if size <= PACKED_BYTES:
+        if self._target is None and size <= PACKED_BYTES:
             _keep_location(connection, sha256, size, sums, location)
         try:
             item = prepare(replace(product, payload=payload))
         except CdffError as error:
             logger.warning("product %s is not restored: %s", product.header.id, error)
             return None, inserted_ns
+        if self._target is not None:
+            self._inserter.write_files([item])
         return replace(item, ring=ring), inserted_ns
 
     def _read(self, sha256: str, size: int, sums: bytes | None, location: int | None) -> bytes:
@@ -210,6 +212,34 @@ class Replay:
         changing = ("doc", "description", "updated_ns")
         dialect_of(connection).upsert_rows(connection, schema.robots, [row], replace=changing)
         return True
+
+
+class Replay(ChangeReplay):
+    """Replay of the records of a store into a new database.
+
+    Parameters
+    ----------
+    directory : Path
+        Directory of the store.
+    target : Path
+        Directory of the new database.
+    """
+
+    def __init__(self, directory: Path, target: Path) -> None:
+        self._records = ChangeFiles(directory / FOLDER)
+        self._database = Database(target)
+        super().__init__(self._database, Payloads(directory))
+
+    def run(self) -> None:
+        """Replay everything and close the database."""
+        try:
+            migrate(self._database)
+            for batch in _batches(map(Change.parse, self._records)):
+                with self._database.write() as connection:
+                    self.apply(connection, batch)
+        finally:
+            self._payloads.packs.close()
+            self._database.close()
 
 
 def _keep_event(connection: Connection, change: Change) -> bool:

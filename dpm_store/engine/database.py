@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import unquote
 
 from sqlalchemy import Connection, Table
 from sqlalchemy.exc import DatabaseError
@@ -22,10 +21,22 @@ from dpm_store.engine.disk_space import DiskSpace
 
 logger = logging.getLogger(__name__)
 
-#: Engines by the scheme of the store's URL, which is SQLAlchemy's name of the engine.
-DIALECTS: dict[str, Dialect] = {"sqlite": sqlite}
+
+class _Dialects(dict[str, Dialect]):
+    """Engines by SQLAlchemy's name; that of a server is imported when it is used."""
+
+    def __missing__(self, name: str) -> Dialect:
+        try:
+            from dpm_store.engine import postgresql
+        except ImportError as error:
+            raise ConfigurationError(f"store: {error}; install the extra `cdff[scale]`") from error
+        self[name] = postgresql
+        return postgresql
+
+
 #: Engine of stores in a directory.
-EMBEDDED: Dialect = sqlite
+EMBEDDED = sqlite
+DIALECTS: dict[str, Dialect] = _Dialects(sqlite=sqlite)
 
 
 def dialect_of(connection: Connection) -> Dialect:
@@ -52,20 +63,6 @@ def add_to_tallies(
     dialect_of(connection).upsert_rows(connection, table, rows, add=("live", "bytes"))
 
 
-def parse_url(url: str) -> tuple[Dialect, Path]:
-    """Return the engine and the directory of a ``sqlite:///dir`` URL (a fourth slash makes it absolute).
-
-    Raises
-    ------
-    ConfigurationError
-        If the URL names another engine.
-    """
-    scheme, separator, directory = url.partition(":///")
-    if scheme not in DIALECTS or not separator or not directory:
-        raise ConfigurationError(f"store {url!r}: expected {' or '.join(DIALECTS)}:///directory")
-    return DIALECTS[scheme], Path(unquote(directory))
-
-
 class WriteObserver(Protocol):
     """Observer of committed transactions."""
 
@@ -77,7 +74,7 @@ class WriteObserver(Protocol):
 
 
 class Database:
-    """The database of a store with its kinds of transaction.
+    """The database of a store, in its directory or at a URL, with its kinds of transaction.
 
     Attributes
     ----------
@@ -90,11 +87,15 @@ class Database:
     """
 
     def __init__(
-        self, directory: Path, disk_space: DiskSpace | None = None, dialect: Dialect = EMBEDDED
+        self,
+        directory: Path,
+        disk_space: DiskSpace | None = None,
+        dialect: Dialect = EMBEDDED,
+        url: str = "",
     ) -> None:
         self.dialect = dialect
         self.disk_space = disk_space or DiskSpace(directory)
-        self.engine = dialect.open_engine(directory / dialect.FILE_NAME)
+        self.engine = dialect.open_engine(url or directory / dialect.FILE_NAME)
         self.write_lock = threading.RLock()
         self.observer: WriteObserver | None = None
 

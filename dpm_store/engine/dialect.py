@@ -32,7 +32,11 @@ class Dialect(Protocol):
 
     @property
     def FILE_NAME(self) -> str:
-        """Name of the database file in the directory of a store."""
+        """Name of the database file in the directory of a store; empty for a database on a server."""
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several processes open one store."""
 
     @property
     def Error(self) -> type[Exception]:
@@ -42,11 +46,8 @@ class Dialect(Protocol):
     def INDEXES(self) -> tuple[str, str]:
         """Spatial index of the live products, then of the deleted ones."""
 
-    def open_engine(self, path: Path) -> Engine:
-        """Open or create the database; every commit is durable."""
-
-    def copied(self, source: Path, target: Path) -> AbstractContextManager[Connection]:
-        """Copy one committed state of a database that may be in use, and connect to the copy."""
+    def open_engine(self, location: Path | str) -> Engine:
+        """Open or create the database in a file, or connect to that of a URL; every commit is durable."""
 
     def checkpoint(self, engine: Engine) -> None:
         """Shorten the write-ahead log as far as readers allow; raises StorageError if the disk fails."""
@@ -62,8 +63,8 @@ class Dialect(Protocol):
         The statement is compiled once, so it must be a constant; ``values`` are those of its parameters.
         """
 
-    def elements(self, name: str) -> Select[Any]:
-        """Return a select of the elements of the list that is bound to a parameter by ``list_value``."""
+    def elements(self, name: str, of: type = str) -> Select[Any]:
+        """Return a select of the elements, of one type, of a list parameter with a ``list_value``."""
 
     def elements_of(self, values: Sequence[Any]) -> Select[Any]:
         """Return a select of several values that are bound as one parameter."""

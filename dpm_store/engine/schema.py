@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sqlalchemy import MetaData, create_engine
+from sqlalchemy import BigInteger, Integer, MetaData, create_engine
 
 _MIGRATIONS = Path(__file__).parent / "migrations" / "sqlite"
 #: Columns of the box of a product, in the order of ``Header.box_m``.
@@ -23,6 +23,9 @@ def _read_metadata() -> MetaData:
         # the spatial indexes are virtual tables, which the dialect of the engine accesses
         metadata.reflect(connection, only=lambda name, _: "_index" not in name)
     engine.dispose()
+    for column in (column for table in metadata.tables.values() for column in table.columns):
+        if isinstance(column.type, Integer):  # all integers of SQLite have 64 bits
+            column.type = BigInteger()
     return metadata
 
 

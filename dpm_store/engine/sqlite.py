@@ -44,6 +44,7 @@ from dpm_store.engine import schema
 from dpm_store.engine.dialect import WRITES, IndexBox, IndexEntry
 
 FILE_NAME = "store.sqlite"
+is_shared = False
 Error = sqlite3.Error
 INDEXES = ("product_index", "deleted_index")
 #: Page cache of a connection while it writes, and while it reads.
@@ -70,10 +71,10 @@ _STEPS, _RETRY_S = 50_000, 30.0
 _DIALECT = pysqlite(paramstyle="named")
 
 
-def open_engine(path: Path) -> Engine:
+def open_engine(location: Path | str) -> Engine:
     """Open or create the database file: WAL, every commit synced."""
     engine = create_engine(
-        f"sqlite:///{path}",
+        f"sqlite:///{location}",
         connect_args={"timeout": 10.0, "check_same_thread": False},
         pool_size=8,
         max_overflow=24,
@@ -162,7 +163,7 @@ def _compiled(statement: Select[Any]) -> tuple[str, dict[str, Any]]:
     return str(compiled), dict(compiled.params)
 
 
-def elements(name: str) -> Select[Any]:
+def elements(name: str, of: type = str) -> Select[Any]:
     """Return a select of the elements of a list parameter."""
     return select(literal_column("value")).select_from(text(f"json_each(:{name})"))
 

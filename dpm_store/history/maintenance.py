@@ -16,7 +16,7 @@ from sqlalchemy import Row, Select, bindparam, func, select, update
 
 from cdff_common.errors import InputError, StorageError
 from cdff_common.interfaces.product import Header
-from dpm_store.changes.change_recorder import ChangeRecorder
+from dpm_store.changes.change_recorder import ChangeRecorder, ServerChanges
 from dpm_store.engine import schema
 from dpm_store.engine.database import Database
 from dpm_store.history.unnamed import without_row
@@ -73,7 +73,9 @@ class Statistics:
         return sum(self.product_bytes.values())
 
 
-def verify(database: Database, payloads: Payloads, changes: ChangeRecorder) -> tuple[Problem, ...]:
+def verify(
+    database: Database, payloads: Payloads, changes: ChangeRecorder | ServerChanges
+) -> tuple[Problem, ...]:
     """Check the database, the index, the sums, the headers, and the SHA-256 of every payload.
 
     A database that is known to be damaged or replaced is a problem; see ``ChangeRecorder``.
@@ -158,7 +160,7 @@ def _header_problems(database: Database) -> Iterator[Problem]:
                 yield Problem(f"product {row.id}", "its row and its header differ")
 
 
-def collect(database: Database, payloads: Payloads, changes: ChangeRecorder) -> int:
+def collect(database: Database, payloads: Payloads, changes: ChangeRecorder | ServerChanges) -> int:
     """Remove payloads of tombstones only, and payloads without a row; return the bytes freed.
 
     Safe with concurrent writers: a payload is checked again in the transaction that removes it, and a product
@@ -176,6 +178,8 @@ def collect(database: Database, payloads: Payloads, changes: ChangeRecorder) -> 
     of_tombstones = select(p.sha256).where(p.deleted_ns.is_not(None), p.sha256.is_not(None)).distinct()
     for rows in _pages(database, of_tombstones, _WRITE_PAYLOADS):
         freed_bytes += _delete_unused(database, payloads, [row.sha256 for row in rows])
+    if database.dialect.is_shared:
+        payloads.mark_packs()
     payloads.reclaim(database)
     for digests in payloads.files.names():
         for start in range(0, len(digests), _WRITE_PAYLOADS):

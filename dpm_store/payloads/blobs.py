@@ -21,8 +21,9 @@ import threading
 import zlib
 from collections import OrderedDict
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from cdff_common.errors import CodecError, InputError, StorageError
 from dpm_store.payloads.seekable import compress, read_frames
@@ -78,14 +79,17 @@ class _State(NamedTuple):
 
 
 class BlobFiles:
-    """The payload files below ``directory``, in two levels to keep directories small."""
+    """The payload files below ``directory``, in two levels to keep directories small.
 
-    def __init__(self, directory: Path) -> None:
+    Files that a killed process did not complete are removed, unless another process writes.
+    """
+
+    def __init__(self, directory: Path, *, removes_parts: bool = True) -> None:
         self._directory = directory
         self._lock = threading.Lock()
         self._written: OrderedDict[str, _State] = OrderedDict()
         directory.mkdir(parents=True, exist_ok=True)
-        for leftover in directory.glob("*.part"):
+        for leftover in directory.glob("*.part") if removes_parts else ():
             leftover.unlink()
 
     def path(self, sha256: str) -> Path:
@@ -140,15 +144,21 @@ class BlobFiles:
         StorageError
             If the file is missing or short, or does not match the sums.
         """
-        first, last = chunk_range(offset, length)
-        start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
-            data = self._read_chunks(sha256, size, first, last, subject)
-            check_chunks(data, first, sums, subject)
+            return self._read_checked(sha256, size, sums, offset, length, subject)
         except StorageError:
             with self._lock:
                 self._written.pop(sha256, None)
             raise
+
+    def _read_checked(
+        self, sha256: str, size: int, sums: bytes, offset: int, length: int, subject: str
+    ) -> bytes:
+        """Return bytes of a payload after comparison of their chunks with the sums; raises StorageError."""
+        first, last = chunk_range(offset, length)
+        start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
+        data = self._read_chunks(sha256, size, first, last, subject)
+        check_chunks(data, first, sums, subject)
         return (
             data
             if (start, stop) == (offset, offset + length)
@@ -159,8 +169,8 @@ class BlobFiles:
         """Return the chunks ``first`` to ``last`` (exclusive) without a checksum; raises StorageError."""
         start, stop = first * CHUNK_BYTES, min(last * CHUNK_BYTES, size)
         try:
-            with self.path(sha256).open("rb") as file:
-                stored = os.fstat(file.fileno()).st_size
+            file, stored = self._open(sha256, subject)
+            with closing(file):
                 if stored < size:
                     return read_frames(file, stored, size, first, last)
                 file.seek(start)
@@ -176,6 +186,11 @@ class BlobFiles:
                 f"{subject}: payload file ends at byte {start + len(data)}, expected {size}; not served"
             )
         return data
+
+    def _open(self, sha256: str, subject: str) -> tuple[BinaryIO, int]:
+        """Return a stored payload as a file, and its size; raises OSError or StorageError."""
+        file = self.path(sha256).open("rb")
+        return file, os.fstat(file.fileno()).st_size
 
     def names(self) -> Iterator[list[str]]:
         """Yield the SHA-256 digests of the payload files, one list for each directory."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sqlalchemy import Connection, bindparam, select
 
@@ -18,9 +18,14 @@ from dpm_store.engine.dialect import Dialect
 from dpm_store.payloads.blobs import BlobFiles
 from dpm_store.payloads.packs import PackFiles, location_range, pack_of
 
+if TYPE_CHECKING:
+    from dpm_store.payloads.objects import ObjectPacks
+
 #: Larger payloads have a file each.
 PACKED_BYTES = 1 << 15
-BLOBS, PACKS = "blobs", "packs"
+BLOBS, PACKS, CACHE = "blobs", "packs", "cache"
+#: Quota of the local copies of objects.
+CACHE_BYTES = 1 << 30
 
 _b = schema.blobs.c
 _SPANS = (
@@ -44,7 +49,16 @@ class Content(NamedTuple):
 
 
 class Payloads:
-    """The payloads in the directory of a store.
+    """The payloads of a store, in its directory or in an object store.
+
+    Parameters
+    ----------
+    url : str
+        URL of the object store; empty for the directory.
+    cache_bytes : int
+        Quota of the local copies of objects.
+    is_read_only : bool
+        Another process writes to the directory: nothing is removed from it.
 
     Attributes
     ----------
@@ -52,11 +66,30 @@ class Payloads:
         Digests of payloads that could not be read, with the reason, until they are repaired or removed.
     """
 
-    def __init__(self, directory: Path, dialect: Dialect = EMBEDDED) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        dialect: Dialect = EMBEDDED,
+        url: str = "",
+        cache_bytes: int = CACHE_BYTES,
+        *,
+        is_read_only: bool = False,
+    ) -> None:
         self.damaged: dict[str, str] = {}
-        self.files = BlobFiles(directory / BLOBS)
-        self.packs = PackFiles(directory / PACKS)
-        self._reclaimable = set(self.packs.numbers())  # a crash may have left unreferenced ranges
+        self.files: BlobFiles
+        self.packs: PackFiles | ObjectPacks
+        self._reclaimable: set[int] = set()
+        if url:
+            from dpm_store.payloads.cache import ObjectCache
+            from dpm_store.payloads.object_store import ObjectStore
+            from dpm_store.payloads.objects import ObjectFiles, ObjectPacks
+
+            objects, cache = ObjectStore(url), ObjectCache(directory / CACHE, cache_bytes)
+            self.files, self.packs = ObjectFiles(objects, cache), ObjectPacks(objects, cache)
+        else:
+            self.files = BlobFiles(directory / BLOBS, removes_parts=not is_read_only)
+            self.packs = PackFiles(directory / PACKS)
+            self._reclaimable = set(self.packs.numbers())  # a crash may have left unreferenced ranges
         digests = dialect.elements("digests")
         self._locations = select(_b.sha256, _b.location).where(_b.sha256.in_(digests))
 
@@ -131,6 +164,10 @@ class Payloads:
         """Record that no row references a location any more."""
         if location is not None:
             self._reclaimable.add(pack_of(location))
+
+    def mark_packs(self) -> None:
+        """Record that any pack may have unreferenced ranges, which another process left."""
+        self._reclaimable.update(self.packs.numbers())
 
     def reclaim(self, database: Database) -> None:
         """Free the unreferenced ranges of packs; packs being copied are skipped until the next call."""

@@ -221,7 +221,9 @@ def _frame_rows(engine: str) -> Select[Any]:
 
 @cache
 def _bucket_rows(engine: str) -> Select[Any]:
-    return select(_i.frame, _i.product, _i.ordinal).where(_i.frame.in_(DIALECTS[engine].elements("frames")))
+    return select(_i.frame, _i.product, _i.ordinal).where(
+        _i.frame.in_(DIALECTS[engine].elements("frames", int))
+    )
 
 
 def _next_ordinal(connection: Connection) -> int:

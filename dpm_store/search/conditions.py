@@ -13,6 +13,7 @@ from sqlalchemy import ColumnElement, Connection, Select, Subquery, bindparam, e
 from sqlalchemy.sql.base import ReadOnlyColumnCollection
 
 from dpm_store.engine import schema
+from dpm_store.engine.dialect import Dialect
 from dpm_store.products.annotations import has_successor, has_tag
 from dpm_store.products.records import MetricBound, Order, Query, read_cursor
 from dpm_store.search.filters import condition
@@ -31,7 +32,7 @@ _BOUNDS = {
 Columns = ReadOnlyColumnCollection[str, Any]
 
 
-def conditions(query: Query, p: Columns = schema.products.c) -> list[ColumnElement[bool]]:
+def conditions(query: Query, dialect: Dialect, p: Columns = schema.products.c) -> list[ColumnElement[bool]]:
     """Return the conditions on ``products``, including the cursor except in the order ``nearest``."""
     clauses: list[Any] = [p.deleted_ns.is_(None)]
     if query.as_of_ns is not None:
@@ -43,7 +44,7 @@ def conditions(query: Query, p: Columns = schema.products.c) -> list[ColumnEleme
         clauses.append(is_superseded if query.superseded else ~is_superseded)
     clauses += [_within(bound, p.ordinal) for bound in query.metrics]
     if query.where is not None:
-        clauses.append(condition(query.where, p))
+        clauses.append(condition(query.where, p, dialect))
     return clauses + _comparisons(p, _values(query), query.types, query.order, _position(query))
 
 

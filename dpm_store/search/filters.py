@@ -17,6 +17,7 @@ from sqlalchemy.sql.base import ReadOnlyColumnCollection
 
 from dpm_store.engine import schema
 from dpm_store.engine.database import EMBEDDED
+from dpm_store.engine.dialect import Dialect
 
 Columns = ReadOnlyColumnCollection[str, Any]
 #: Columns of products that expressions and orders may use.
@@ -66,28 +67,30 @@ class Among:
     ordinals: frozenset[int]
 
 
-def condition(expression: Any, p: Columns = schema.products.c) -> ColumnElement[bool]:
+def condition(
+    expression: Any, p: Columns = schema.products.c, dialect: Dialect = EMBEDDED
+) -> ColumnElement[bool]:
     """Return the condition of an expression on ``products``."""
     if isinstance(expression, bool):
         return literal(expression)
     if isinstance(expression, Among):
-        is_among: ColumnElement[bool] = p.ordinal.in_(EMBEDDED.elements_of(sorted(expression.ordinals)))
+        is_among: ColumnElement[bool] = p.ordinal.in_(dialect.elements_of(sorted(expression.ordinals)))
         return is_among
     op, args = expression.op, expression.args
     if op in ("and", "or"):
         join = and_ if op == "and" else or_
-        return join(*(condition(argument, p) for argument in args))
+        return join(*(condition(argument, p, dialect) for argument in args))
     if op == "not":
-        return not_(condition(args[0], p))
+        return not_(condition(args[0], p, dialect))
     first = value_of(args[0], p)
     if op == "isNull":
         return first.is_(None)
     if op == "in":
-        return first.in_(EMBEDDED.elements_of(list(args[1]))) if args[1] else literal(False)
+        return first.in_(dialect.elements_of(list(args[1]))) if args[1] else literal(False)
     if op == "between":
         return first.between(value_of(args[1], p), value_of(args[2], p))
     if op == "like":
-        return EMBEDDED.matches(first, str(args[1]))
+        return dialect.matches(first, str(args[1]))
     result: ColumnElement[bool] = _COMPARISONS[op](first, value_of(args[1], p))
     return result
 

@@ -138,7 +138,7 @@ def _closed(occupied: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
 @cache
 def _rings(dialect_name: str) -> Select[Any]:
     f, dialect = schema.footprints.c, DIALECTS[dialect_name]
-    return select(f.ordinal, f.ring).where(f.ordinal.in_(dialect.elements("ordinals")))
+    return select(f.ordinal, f.ring).where(f.ordinal.in_(dialect.elements("ordinals", int)))
 
 
 def _of_map(value: Any) -> tuple[NDArray[np.bool_], float, float, float, float] | None:

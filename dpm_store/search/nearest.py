@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from sqlalchemy import Connection, select
 
 from dpm_store.engine import schema
+from dpm_store.engine.database import dialect_of
 from dpm_store.frames.frames import FrameTree
 from dpm_store.frames.resolved_frames import ResolvedFrame, resolve_frames
 from dpm_store.products.products import record_of
@@ -130,7 +131,8 @@ class _Squares:
         if where is None:
             return ()
         sides = [p[side] for side in schema.SIDES]
-        statement = select(p.ordinal, p.t1_ns, p.frame, *sides).where(*conditions(self._query), where)
+        matching = conditions(self._query, dialect_of(self._connection))
+        statement = select(p.ordinal, p.t1_ns, p.frame, *sides).where(*matching, where)
         return self._connection.execute(statement if limit is None else statement.limit(limit), values).all()
 
     def _within(self, rows: Sequence[Any], reach: float) -> list[Position]:

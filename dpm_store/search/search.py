@@ -103,7 +103,7 @@ class Search:
         source = schema.products.c
         with self._database.read() as connection, self._limited(connection, query):
             few = few_within(connection, query.metrics)
-            where = conditions(replace(query, cursor=None), source)
+            where = conditions(replace(query, cursor=None), self._dialect, source)
             if few is not None:
                 where.append(source.ordinal.in_(few))
             return int(connection.execute(select(func.count()).where(*where)).scalar_one())
@@ -222,7 +222,7 @@ class Search:
         values: dict[str, Any] = {}
         if few is not None:
             source, values = self._listed.c, {"ordinals": self._dialect.list_value(few)}
-        where = conditions(query, source)
+        where = conditions(query, self._dialect, source)
         if query.where is not None:  # the order of many products is found without their headers
             ordinal_query = (
                 select(source.ordinal).where(*where).order_by(*ordering(query.order, source)).limit(limit)
@@ -276,7 +276,9 @@ class Search:
         p = self._listed.c
         rows = select(*(p[name] for name in columns)).order_by(*ordering(query.order, p))
         rows = rows.where(
-            *conditions(query, p), p.t1_ns > candidates.after_ns, p.t1_ns <= candidates.until_ns
+            *conditions(query, self._dialect, p),
+            p.t1_ns > candidates.after_ns,
+            p.t1_ns <= candidates.until_ns,
         )
         return connection.execute(rows, ordinals).all()
 

@@ -14,6 +14,7 @@ from sqlalchemy import ColumnElement, Connection, and_, func, or_, select
 
 from cdff_common.errors import InputError
 from dpm_store.engine import schema
+from dpm_store.engine.database import dialect_of
 from dpm_store.products.products import RECORD_COLUMNS
 from dpm_store.products.records import Page, ProductRecord, Query
 from dpm_store.search.conditions import conditions
@@ -34,7 +35,7 @@ def sorted_page(connection: Connection, query: Query, frames_revision: int) -> P
     columns = [(_column(name), descending) for name, descending in query.sort]
     columns.append((schema.products.c.ordinal, columns[-1][1]))
     statement = select(*(schema.products.c[name] for name in RECORD_COLUMNS), *(c for c, _ in columns[:-1]))
-    statement = statement.where(*conditions(query))
+    statement = statement.where(*conditions(query, dialect_of(connection)))
     if query.cursor is not None:
         statement = statement.where(_after(columns, _read(query.cursor, query)))
     order = [column.desc() if descending else column for column, descending in columns]

@@ -51,6 +51,8 @@ class Settings:
         Path below which a proxy serves HTTP, in links.
     behind_proxy : bool
         Whether ``X-Forwarded-Prefix`` and ``X-Forwarded-Host`` are read.
+    store : str
+        URL of a database on a server; empty for the one in the data directory.
     """
 
     data_dir: Path
@@ -66,11 +68,16 @@ class Settings:
     cors_origins: tuple[str, ...] = ()
     root_path: str = ""
     behind_proxy: bool = False
+    store: str = ""
 
     @property
     def store_url(self) -> str:
-        """URL for ``dpm_store.open_store``."""
-        return f"sqlite:///{self.data_dir}"
+        """URL for ``dpm_store.open_store``; with a server the data directory has local files only."""
+        if not self.store:
+            return f"sqlite:///{self.data_dir}"
+        if "directory=" in self.store:
+            return self.store
+        return f"{self.store}{'&' if '?' in self.store else '?'}directory={self.data_dir}"
 
 
 def _is_loopback(host: str) -> bool:
@@ -93,6 +100,11 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         prog="dpm", description="Data Product Manager: store, Zenoh queries, HTTP."
     )
     parser.add_argument("--data-dir", help="CDFF_DATA_DIR, ~/.local/share/cdff")
+    parser.add_argument(
+        "--store",
+        default=environment.get("CDFF_STORE", ""),
+        help="CDFF_STORE, database on a server: postgresql+psycopg://user@host/db?payloads=s3://bucket",
+    )
     parser.add_argument("--http", default=environment.get("CDFF_HTTP", DEFAULT_HTTP), help="host:port")
     parser.add_argument(
         "--connect", default=None, help="router, as tcp/127.0.0.1:7447 (default: CDFF_CONNECT)"
@@ -163,4 +175,5 @@ def parse_settings(arguments: Sequence[str] | None, environment: Mapping[str, st
         tuple(args.cors_origin),
         args.root_path,
         args.behind_proxy,
+        args.store,
     )

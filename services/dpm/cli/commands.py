@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""``cdff dpm search|get|put|rm|withdraw|stat|retention|verify|rebuild|backup|restore|export|terrain``."""
+"""``cdff dpm``: search, get, put, rm, retention, verify, rebuild, backup, restore, migrate and others."""
 
 from __future__ import annotations
 
@@ -103,6 +103,16 @@ def register(nouns: Any) -> None:
     backup.add_argument("--data-dir", help="default: CDFF_DATA_DIR, ~/.local/share/cdff")
     backup.add_argument("--json", action="store_true")
     backup.set_defaults(run=run_backup)
+    migrate = verbs.add_parser(
+        "migrate",
+        help="copy a store, also while its DPM runs, with its history to an empty one, and verify it",
+    )
+    migrate.add_argument("source", help="data directory or URL; repeat the command to copy later changes")
+    migrate.add_argument(
+        "target", help="URL: postgresql+psycopg://user@host/database?directory=/path&payloads=s3://bucket"
+    )
+    migrate.add_argument("--json", action="store_true")
+    migrate.set_defaults(run=run_migrate)
     restore = verbs.add_parser("restore", help="restore a store from a backup and verify it")
     restore.add_argument("backup", type=Path)
     restore.add_argument("--data-dir", help="new or empty; default: CDFF_DATA_DIR, ~/.local/share/cdff")
@@ -327,6 +337,32 @@ def run_rebuild(args: argparse.Namespace) -> int:
             print(f"product {product_id}: its payload is missing or corrupt")
         print(f"{result.products} products; the old database is in {result.replaced}")
     return 1 if result.lost else 0
+
+
+def run_migrate(args: argparse.Namespace) -> int:
+    """Copy a store to an empty one and verify it; exit 1 if products are lost or the stores differ."""
+    from cdff_common.progress import elapsed
+    from dpm_store import open_store
+    from dpm_store.changes.migration import copy_store
+
+    with elapsed("migrate"), open_store(_store_url(args.target)) as target:
+        result = copy_store(_store_url(args.source), target)
+    if args.json:
+        counts = {"changes": result.changes, "products": result.products}
+        print(json.dumps({**counts, "lost": result.lost, "problems": result.problems}))
+    else:
+        for product_id in result.lost:
+            print(f"product {product_id}: its payload is missing or corrupt in {args.source}")
+        for problem in result.problems:
+            print(problem)
+        verified = "with problems" if result.problems else "verified"
+        print(f"{result.changes} changes copied; {result.products} products, {verified}")
+    return 1 if result.lost or result.problems else 0
+
+
+def _store_url(location: str) -> str:
+    """Return the URL of a store that is given by a URL or a directory."""
+    return location if "://" in location else f"sqlite:///{Path(location).absolute()}"
 
 
 def run_backup(args: argparse.Namespace) -> int:

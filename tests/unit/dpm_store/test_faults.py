@@ -13,15 +13,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import select, update
 
 from cdff_common.clock import ManualClock
 from cdff_common.errors import StorageError
 from dpm_store import Insertion, Query, Rule, Store, open_store
+from dpm_store.engine import schema
 from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, digest
 from dpm_store.payloads.packs import location_range, pack_of
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.kill_dpm import campaign
+from tests.support.postgresql import WITH_FILES
 from tests.support.store_products import header, put
+
+ENGINES = WITH_FILES
 
 ROOT = Path(__file__).resolve().parents[3]
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -162,9 +167,8 @@ def flip(store: Store, sha256: str, where: float) -> None:
         size = path.stat().st_size
     else:
         with store._database.read() as connection:
-            location, size = connection.exec_driver_sql(
-                "SELECT location, size FROM blobs WHERE sha256 = ?", (sha256,)
-            ).one()
+            b = schema.blobs.c
+            location, size = connection.execute(select(b.location, b.size).where(b.sha256 == sha256)).one()
         path = store._payloads.packs.path(pack_of(location))
         first = location - location_range(pack_of(location))[0]
     offset = first + int(where * (size - 1))
@@ -179,8 +183,9 @@ def test_a_changed_header_is_detected(store: Store) -> None:
     put(store, header(1))
     put(store, header(2))
     with store._database.write() as connection:
-        connection.exec_driver_sql("UPDATE products SET header = ? WHERE ordinal = 1", (b"\xc1",))
-        connection.exec_driver_sql("UPDATE products SET t1_ns = t1_ns + 1 WHERE ordinal = 2")
+        p = schema.products.c
+        connection.execute(update(schema.products).where(p.ordinal == 1).values(header=b"\xc1"))
+        connection.execute(update(schema.products).where(p.ordinal == 2).values(t1_ns=p.t1_ns + 1))
     assert [(p.where, p.what[:10]) for p in store.verify()] == [
         (f"product {header(1).id}", "header not"),
         (f"product {header(2).id}", "its row an"),

@@ -7,10 +7,13 @@ import threading
 from pathlib import Path
 
 import pytest
+from sqlalchemy import insert, select, update
 
 from cdff_common.errors import ConfigurationError, UnavailableError
 from dpm_store import Query, Store, open_store
+from dpm_store.engine import schema
 from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.postgresql import ONLY_EMBEDDED
 from tests.support.store_products import header, put
 
 
@@ -26,6 +29,7 @@ def test_other_urls_are_refused(url: str) -> None:
         open_store(url)
 
 
+@ONLY_EMBEDDED
 def test_the_database_is_in_wal_mode_and_syncs_every_commit(store: Store) -> None:
     with store._database.read() as connection:
         pragmas = {
@@ -36,18 +40,15 @@ def test_the_database_is_in_wal_mode_and_syncs_every_commit(store: Store) -> Non
 
 
 def test_read_modify_writes_of_many_threads_lose_nothing(store: Store) -> None:
+    counter = select(schema.meta.c.value).where(schema.meta.c.name == "counter")
     with store._database.write() as connection:
-        connection.exec_driver_sql("INSERT INTO meta VALUES ('counter', '0')")
+        connection.execute(insert(schema.meta), {"name": "counter", "value": "0"})
 
     def count() -> None:
         for _ in range(25):
             with store._database.write() as connection:
-                value = int(
-                    connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar()
-                )
-                connection.exec_driver_sql(
-                    "UPDATE meta SET value = ? WHERE name = 'counter'", (str(value + 1),)
-                )
+                value = int(connection.execute(counter).scalar_one())
+                connection.execute(update(schema.meta).values(value=str(value + 1)))
 
     threads = [threading.Thread(target=count) for _ in range(4)]
     for thread in threads:
@@ -55,7 +56,7 @@ def test_read_modify_writes_of_many_threads_lose_nothing(store: Store) -> None:
     for thread in threads:
         thread.join()
     with store._database.read() as connection:
-        assert connection.exec_driver_sql("SELECT value FROM meta WHERE name = 'counter'").scalar() == "100"
+        assert connection.execute(counter).scalar_one() == "100"
 
 
 def test_readers_do_not_wait_for_a_writer(store: Store) -> None:

@@ -5,24 +5,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from sqlalchemy import Connection, bindparam, func, select
 
 from dpm_store.engine import schema
-from dpm_store.engine.database import DIALECTS, Database, dialect_of
+from dpm_store.engine.database import Database, dialect_of
+from dpm_store.engine.location import parse_url
 from dpm_store.engine.migrate import migrate
+from tests.support.postgresql import ONLY_EMBEDDED
 
 BOX = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 LARGE = (-math.inf, 0.5, -math.inf, math.inf, 0.6, math.inf)
 
 
-@pytest.fixture(params=sorted(DIALECTS))
-def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Database]:
+@pytest.fixture
+def database(new_store: Callable[[Path], str], tmp_path: Path) -> Iterator[Database]:
     """An empty database of each engine."""
-    opened = Database(tmp_path, dialect=DIALECTS[request.param])
+    (tmp_path / "data").mkdir()
+    location = parse_url(new_store(tmp_path / "data"))
+    opened = Database(location.directory, dialect=location.dialect, url=location.database)
     migrate(opened)
     yield opened
     opened.close()
@@ -87,20 +91,13 @@ def test_a_deleted_product_moves_to_the_second_index(database: Database, connect
     assert result == [[], [1]]
 
 
-def test_a_copy_is_one_committed_state(database: Database, tmp_path: Path) -> None:
-    dialect = database.dialect
-    with database.write() as connection:
-        dialect.insert_rows(connection, schema.meta, [{"name": "a", "value": "1"}])
-    with dialect.copied(tmp_path / dialect.FILE_NAME, tmp_path / "copy") as copy:
-        assert copy.execute(select(schema.meta.c.value)).scalars().all() == ["1"]
-
-
 def test_a_new_database_has_no_defects(database: Database) -> None:
     database.dialect.checkpoint(database.engine)
     with database.read() as connection:
         assert database.dialect.check(connection) == []
 
 
+@ONLY_EMBEDDED
 def test_a_connection_that_writes_has_the_larger_page_cache(database: Database) -> None:
     """A reused connection changes its cache with its task."""
     sizes = []

@@ -17,6 +17,9 @@ from dpm_store.engine.migrate import HEAD, revision_of
 from dpm_store.engine.migrations.sqlite import r1_initial
 from tests.support.store_products import header, put
 
+#: The files are those of SQLite.
+ENGINES = ("sqlite",)
+
 pytestmark = pytest.mark.req("CDFF-SUP-032")
 MIGRATIONS = Path(migrate.__file__).parent / "migrations"
 NEXT = """

@@ -11,6 +11,9 @@ from dpm_store.history.backup import backup
 from dpm_store.payloads.payloads import PACKED_BYTES
 from tests.support.store_products import header, put
 
+#: The files are those of SQLite.
+ENGINES = ("sqlite",)
+
 
 def payload(seq: int) -> bytes:
     return seq.to_bytes(4, "big") * (10 if seq % 2 else PACKED_BYTES)

@@ -13,6 +13,7 @@ from dpm_store.history import maintenance
 from dpm_store.payloads import blobs
 from dpm_store.payloads.blobs import CHUNK_BYTES, BlobFiles, chunk_sums
 from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.postgresql import ONLY_FILES
 from tests.support.store_products import header, put
 
 SMALL, LARGE = b"s" * 100, np.random.default_rng(1).bytes(PACKED_BYTES + 1)
@@ -36,6 +37,7 @@ def test_the_same_content_is_stored_and_counted_once(store: Store) -> None:
     assert store.payload(header(5).id) == SMALL
 
 
+@ONLY_FILES
 def test_a_collection_in_steps_removes_exactly_the_unused_payloads(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,11 +80,12 @@ def test_a_collection_keeps_concurrent_insertions(store: Store) -> None:
     assert store.verify() == ()
 
 
-def test_wrong_sums_and_index_entries_are_detected(store: Store) -> None:
+def test_wrong_sums_and_index_entries_are_detected(store: Store, engine: str) -> None:
     put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
     with store._database.write() as connection:
         connection.exec_driver_sql("UPDATE tallies SET live = 2")
-        connection.exec_driver_sql("UPDATE product_index SET x0 = 0.5, x1 = 0.6")
+        moved = "x0 = 8, x1 = 9" if engine == "sqlite" else "shape = ST_Translate(shape, 8, 0, 0)"
+        connection.exec_driver_sql(f"UPDATE product_index SET {moved}")
     assert {p.what.split(":")[0] for p in store.verify()} == {"spatial index", "sums"}
 
 

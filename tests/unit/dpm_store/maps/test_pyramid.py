@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
@@ -265,9 +265,9 @@ def test_another_covariance_of_a_frame_changes_its_tiles(store: Store, rng: np.r
 
 @pytest.mark.slow
 def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
-    tmp_path: Path, rng: np.random.Generator
+    tmp_path: Path, new_store: Callable[[Path], str], rng: np.random.Generator
 ) -> None:
-    url = f"sqlite:///{tmp_path}/data"
+    url = new_store(tmp_path / "data")
     tile = Tile(0, 0, 0)
     with open_store(url, ManualClock(S)) as store:
         points = put_many_patches(store, rng)
@@ -287,8 +287,10 @@ def test_tile_files_are_reused_after_closing_and_discarded_after_a_crash(
 
 
 @pytest.mark.slow
-def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np.random.Generator) -> None:
-    url = f"sqlite:///{tmp_path}/data"
+def test_changes_after_closing_are_applied_to_tile_files(
+    tmp_path: Path, new_store: Callable[[Path], str], rng: np.random.Generator
+) -> None:
+    url = new_store(tmp_path / "data")
     with open_store(url, ManualClock(S)) as store:
         points = put_many_patches(store, rng)
         cells(store, Tile(0, 0, 0))
@@ -302,9 +304,9 @@ def test_changes_after_closing_are_applied_to_tile_files(tmp_path: Path, rng: np
 
 
 def test_a_map_inserted_during_the_last_synchronisation_is_added_after_closing(
-    tmp_path: Path, rng: np.random.Generator
+    tmp_path: Path, new_store: Callable[[Path], str], rng: np.random.Generator
 ) -> None:
-    url = f"sqlite:///{tmp_path}/data"
+    url = new_store(tmp_path / "data")
     points: list[np.ndarray] = []
     with open_store(url, ManualClock(S)) as store:
         points.append(put_many_patches(store, rng))

@@ -13,7 +13,10 @@ from dpm_store.payloads import packs
 from dpm_store.payloads.blobs import chunk_sums
 from dpm_store.payloads.packs import BLOCK_BYTES, PackFiles, merge_spans, pack_of
 from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.postgresql import WITH_FILES
 from tests.support.store_products import header, put
+
+ENGINES = WITH_FILES
 
 pytestmark = pytest.mark.req("CDFF-SUP-032")
 
@@ -113,7 +116,7 @@ def test_unreferenced_data_of_a_crash_are_reclaimed_after_the_next_start(
     pack = store.directory / "packs" / "00000001.pack"
     with pack.open("ab") as file:
         file.write(os.urandom(100_000))
-    with open_store(f"sqlite:///{store.directory}", clock) as reopened:
+    with open_store(store.url, clock) as reopened:
         put(reopened, header(1), content(1))
         assert reopened.payload(header(1).id) == content(1)
         reopened.collect()

@@ -14,6 +14,7 @@ from cdff_common.interfaces.product import CovarianceKind, Quality, Status
 from dpm_store import Insertion, Query, Store
 from dpm_store.payloads.blobs import CHUNK_BYTES
 from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support.postgresql import ONLY_FILES
 from tests.support.store_products import NAMES, header, put
 
 SIZES = [0, 1, PACKED_BYTES, PACKED_BYTES + 1, CHUNK_BYTES, 2 * CHUNK_BYTES + 17]
@@ -132,6 +133,7 @@ def test_unknown_ids_are_not_found(store: Store) -> None:
             read("../../etc/passwd")
 
 
+@ONLY_FILES
 def test_equal_payloads_are_stored_once(store: Store) -> None:
     payload = b"x" * (PACKED_BYTES + 1)
     put(store, header(0), payload)
@@ -154,6 +156,7 @@ def test_collecting_frees_payloads_of_tombstones_only(store: Store) -> None:
     assert store.payload(header(7).id) == large
 
 
+@ONLY_FILES
 def test_a_compressible_payload_needs_less_space_and_any_part_can_be_read(store: Store) -> None:
     heights = np.full((3, CHUNK_BYTES // 8), np.nan)
     heights[1, ::9] = np.arange(len(heights[1, ::9]))
@@ -172,6 +175,7 @@ def test_a_compressible_payload_needs_less_space_and_any_part_can_be_read(store:
     assert store.collect() < len(payload) / 5
 
 
+@ONLY_FILES
 @pytest.mark.parametrize("size", [100, PACKED_BYTES + 100, 3 * CHUNK_BYTES])
 @pytest.mark.parametrize("levels", [256, 4], ids=["stored", "compressed"])
 def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
@@ -192,6 +196,7 @@ def test_a_flipped_bit_is_detected_and_the_payload_is_never_returned(
         assert store.payload(header(0).id, 0, 100) == payload[:100]
 
 
+@ONLY_FILES
 def test_a_truncated_or_missing_file_is_reported(store: Store) -> None:
     put(store, header(0), b"y" * (PACKED_BYTES + 5))
     sha256 = store.get(header(0).id).sha256

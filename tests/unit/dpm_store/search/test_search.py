@@ -1,6 +1,7 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
 import itertools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -291,8 +292,8 @@ def test_a_region_near_a_frame_is_around_its_position(store: Store) -> None:
         sequence_numbers(store, region=parse_region("near:nowhere,3"))
 
 
-def test_the_index_survives_closing_and_opening(tmp_path: Path) -> None:
-    url = f"sqlite:///{tmp_path}"
+def test_the_index_survives_closing_and_opening(tmp_path: Path, new_store: Callable[[Path], str]) -> None:
+    url = new_store(tmp_path / "data")
     with open_store(url) as store:
         put(store, header(0, box_m=(0, 0, 0, 1, 1, 1)))
     with open_store(url) as store:

@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,12 +65,11 @@ def _yaw(x: float, y: float, deg: float, tilt_deg: float = 0.0, z: float = 0.0) 
 
 
 @pytest.fixture(scope="module")
-def world(tmp_path_factory: pytest.TempPathFactory, empty: Path) -> Iterator[World]:
+def world(tmp_path_factory: pytest.TempPathFactory, new_stores: Any, engine: str) -> Iterator[World]:
     rng = np.random.default_rng(SEED)
     directory = tmp_path_factory.mktemp("model") / "data"
-    shutil.copytree(empty, directory)
     clock = ManualClock(1000 * S)
-    with open_store(f"sqlite:///{directory}", clock) as store:
+    with open_store(new_stores.of(engine, directory), clock) as store:
         world = World(store)
 
         def edge(frame: str, parent: str, T: np.ndarray) -> None:

@@ -95,6 +95,19 @@ def test_a_backup_of_an_open_store_is_restored(
     assert json.loads(capsys.readouterr().out) == {"products": 1, "problems": [], "unnamed_files": 0}
 
 
+def test_an_open_store_is_migrated_and_later_changes_by_a_second_call(
+    dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dpm.writer.put(*put_arguments(cloud(5000), "pointcloud"))
+    target = f"sqlite:///{tmp_path}/migrated"
+    assert run("migrate", str(tmp_path), target, "--json") == 0
+    first = json.loads(capsys.readouterr().out)
+    assert (first["products"], first["lost"], first["problems"]) == (1, [], [])
+    dpm.writer.put(*put_arguments(cloud(4000), "pointcloud", seq=2))
+    assert run("migrate", str(tmp_path), target) == 0
+    assert capsys.readouterr().out.strip().endswith("1 changes copied; 2 products, verified")
+
+
 def test_a_store_without_its_database_is_an_error_until_it_is_rebuilt(
     dpm: Dpm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

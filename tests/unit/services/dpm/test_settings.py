@@ -26,3 +26,20 @@ def test_other_addresses_than_loopback_require_a_key_file(address: str, tmp_path
 def test_an_address_without_host_or_valid_port_is_refused(address: str) -> None:
     with pytest.raises(ConfigurationError, match="host:port"):
         parse_settings(["--http", address], {})
+
+
+@pytest.mark.parametrize(
+    ("store", "url"),
+    [
+        ("", "sqlite:////data"),
+        ("postgresql+psycopg://a@h/b", "postgresql+psycopg://a@h/b?directory=/data"),
+        (
+            "postgresql+psycopg://a@h/b?payloads=s3://c",
+            "postgresql+psycopg://a@h/b?payloads=s3://c&directory=/data",
+        ),
+        ("postgresql+psycopg://a@h/b?directory=/other", "postgresql+psycopg://a@h/b?directory=/other"),
+    ],
+)
+def test_a_database_on_a_server_uses_the_data_directory_for_local_files(store: str, url: str) -> None:
+    settings = parse_settings(["--data-dir", "/data"], {"CDFF_STORE": store})
+    assert settings.store_url == url

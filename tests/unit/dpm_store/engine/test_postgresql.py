@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 the CDFF contributors
+# SPDX-License-Identifier: BSD-3-Clause
+"""PostgreSQL: its tables, settings, several stores on one database, and ends of the servers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from sqlalchemy import inspect, text
+
+from cdff_common.clock import ManualClock
+from cdff_common.errors import ConfigurationError, StorageError
+from dpm_store import Query, Store, open_store
+from dpm_store.engine import schema
+from dpm_store.engine.location import parse_url
+from dpm_store.payloads.payloads import PACKED_BYTES
+from tests.support import postgresql, seaweedfs
+from tests.support.store_products import header, put
+
+ON_SERVER = pytest.mark.parametrize("engine", [pytest.param("postgresql", marks=pytest.mark.slow)])
+WITH_OBJECTS = pytest.mark.parametrize("engine", [pytest.param("postgresql+s3", marks=pytest.mark.slow)])
+
+
+@ON_SERVER
+def test_the_tables_and_columns_are_those_of_sqlite(store: Store, engine: str) -> None:
+    with store._database.read() as connection:
+        tables = inspect(connection)
+        for name, table in schema._tables.items():
+            columns = {column["name"]: column["nullable"] for column in tables.get_columns(name)}
+            assert columns == {column.name: column.nullable for column in table.columns}, name
+
+
+@ON_SERVER
+def test_commits_are_durable_and_readers_see_one_state(store: Store, engine: str) -> None:
+    with store._database.read() as connection:
+        assert connection.execute(text("SHOW synchronous_commit")).scalar_one() == "on"
+        before = connection.execute(text("SELECT count(*) FROM products")).scalar_one()
+        put(store, header(0))
+        assert connection.execute(text("SELECT count(*) FROM products")).scalar_one() == before
+
+
+def copy_of(url: str, directory: Path) -> str:
+    """Return the URL of a store with another directory."""
+    return url.replace(str(parse_url(url).directory), str(directory))
+
+
+@WITH_OBJECTS
+def test_several_stores_on_one_database_write_in_one_order_and_see_each_other(
+    engine: str, new_store: Callable[[Path], str], tmp_path: Path, clock: ManualClock
+) -> None:
+    url = new_store(tmp_path / "first")
+    with open_store(url, clock) as first, open_store(copy_of(url, tmp_path / "second"), clock) as second:
+
+        def write(store: Store, start: int) -> None:
+            for seq in range(start, start + 10):
+                put(store, header(seq), bytes([seq]) * (PACKED_BYTES + 1 if seq % 5 == 0 else 100))
+
+        threads = [threading.Thread(target=write, args=pair) for pair in ((first, 0), (second, 100))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert [event.ordinal for event in second.events.since()] == list(range(1, 21))
+        for seq in (*range(10), *range(100, 110)):
+            expected = bytes([seq]) * (PACKED_BYTES + 1 if seq % 5 == 0 else 100)
+            assert first.payload(header(seq).id) == second.payload(header(seq).id) == expected
+        second.delete(header(0).id)
+        second.delete(header(1).id)
+        second.collect()
+        assert len(first.search(Query(limit=100)).items) == 18
+        assert first.verify() == second.verify() == ()
+
+
+@pytest.fixture
+def durable(tmp_path: Path) -> Iterator[postgresql.Cluster]:
+    """A server that syncs its commits, with an empty database ``a``."""
+    if reason := postgresql.missing():
+        pytest.skip(reason)
+    with postgresql.cluster() as cluster:
+        cluster.execute("CREATE DATABASE a")
+        yield cluster
+
+
+@pytest.mark.slow
+def test_acknowledged_products_survive_the_end_of_the_database(
+    durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock
+) -> None:
+    acknowledged: list[int] = []
+    is_killed = threading.Event()
+
+    def write(store: Store) -> None:
+        for seq in range(100_000):
+            try:
+                put(store, header(seq), b"payload %d" % seq)
+            except StorageError:
+                is_killed.set()
+                return
+            acknowledged.append(seq)
+
+    with open_store(durable.url("a", tmp_path / "data"), clock) as store:
+        for _ in range(3):
+            acknowledged.clear()
+            writer = threading.Thread(target=write, args=(store,))
+            writer.start()
+            while len(acknowledged) < 20 and writer.is_alive():
+                pass
+            durable.kill()
+            writer.join()
+            assert is_killed.is_set()
+            durable.start()
+            for seq in acknowledged:
+                assert store.payload(header(seq).id) == b"payload %d" % seq
+            assert store.verify() == ()
+            for record in store.search(Query(limit=1000)).items:
+                assert record.header.seq <= len(acknowledged)
+
+
+@pytest.mark.slow
+def test_without_the_object_store_nothing_is_acknowledged_and_nothing_is_lost(
+    durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock
+) -> None:
+    if reason := seaweedfs.missing():
+        pytest.skip(reason)
+    with seaweedfs.object_server() as objects:
+        url = durable.url("a", tmp_path / "data", f"s3://{seaweedfs.BUCKET}/a")
+        with open_store(url, clock) as store:
+            for seq in range(20):
+                put(store, header(seq), bytes([seq]) * (PACKED_BYTES + 1 if seq % 2 else 100))
+            objects.kill()
+            for size in (100, PACKED_BYTES + 1):
+                with pytest.raises(StorageError, match=r"object s3://"):
+                    put(store, header(100), b"z" * size)
+            objects.start()
+            assert put(store, header(100), b"z")
+            for seq in range(20):
+                assert store.payload(header(seq).id)[:1] == bytes([seq])
+            assert store.verify() == ()
+
+
+@pytest.mark.slow
+def test_a_store_with_wrong_keys_is_refused(
+    durable: postgresql.Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if reason := seaweedfs.missing():
+        pytest.skip(reason)
+    with seaweedfs.object_server():
+        monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "wrong")
+        with pytest.raises(ConfigurationError, match="AWS_SECRET_ACCESS_KEY"):
+            open_store(durable.url("a", tmp_path / "data", f"s3://{seaweedfs.BUCKET}/a"))
+
+
+@pytest.mark.parametrize(
+    ("url", "message"),
+    [
+        ("postgresql://x/y", "expected sqlite:///"),
+        ("postgresql+psycopg://a:secret@x/y", "no directory"),
+        ("postgresql+psycopg://a:secret@x/y?directory=/d&cache_mb=many", "cache_mb"),
+    ],
+)
+def test_a_url_of_another_form_is_refused_without_its_password(url: str, message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message) as refused:
+        parse_url(url)
+    assert "secret" not in str(refused.value)
+
+
+def test_without_the_driver_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)
+    monkeypatch.delitem(sys.modules, "dpm_store.engine.postgresql", raising=False)
+    from dpm_store.engine.database import DIALECTS
+
+    monkeypatch.delitem(DIALECTS, "postgresql", raising=False)
+    with pytest.raises(ConfigurationError, match=r"cdff\[scale\]"):
+        parse_url("postgresql+psycopg://x/y?directory=/d")
+
+
+def test_the_embedded_store_imports_neither_driver() -> None:
+    code = (
+        "import sys, tempfile, dpm_store\n"
+        "with tempfile.TemporaryDirectory() as d: dpm_store.open_store(f'sqlite:///{d}').close()\n"
+        "names = ('psycopg', 'obstore', 'dpm_store.engine.postgresql')\n"
+        "print([name for name in names if name in sys.modules])"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
