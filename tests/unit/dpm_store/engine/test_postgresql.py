@@ -91,7 +91,7 @@ def test_acknowledged_products_survive_the_end_of_the_database(
     durable: postgresql.Cluster, tmp_path: Path, clock: ManualClock
 ) -> None:
     acknowledged: list[int] = []
-    is_killed = threading.Event()
+    is_killed, are_enough = threading.Event(), threading.Event()
 
     def write(store: Store) -> None:
         for seq in range(100_000):
@@ -101,14 +101,16 @@ def test_acknowledged_products_survive_the_end_of_the_database(
                 is_killed.set()
                 return
             acknowledged.append(seq)
+            if len(acknowledged) == 20:
+                are_enough.set()
 
     with open_store(durable.url("a", tmp_path / "data"), clock) as store:
         for _ in range(3):
             acknowledged.clear()
+            are_enough.clear()
             writer = threading.Thread(target=write, args=(store,))
             writer.start()
-            while len(acknowledged) < 20 and writer.is_alive():
-                pass
+            assert are_enough.wait(120.0)
             durable.kill()
             writer.join()
             assert is_killed.is_set()
