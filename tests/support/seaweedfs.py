@@ -73,6 +73,8 @@ class ObjectServer:
             "-volume.max=50",
             "-s3",
             f"-s3.config={self.folder / 's3.json'}",
+            "-s3.port.iceberg=0",
+            "-s3.port.lance=0",
             *ports,
             *grpc,
         ]
