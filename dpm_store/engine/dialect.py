@@ -36,7 +36,7 @@ class Dialect(Protocol):
 
     @property
     def is_shared(self) -> bool:
-        """Whether several processes open one store."""
+        """True if several processes open one store."""
 
     @property
     def Error(self) -> type[Exception]:

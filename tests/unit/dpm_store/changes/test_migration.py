@@ -69,7 +69,7 @@ def test_a_store_in_use_is_copied_with_its_history(
         assert state(copy, middle_ns) == state(source, middle_ns) != []
         assert copy.annotations.history(header(3).id) == source.annotations.history(header(3).id)
         assert copy.read_note("clock") == {"ns": 0}
-        # what was written since is copied by the next call
+        # later changes are copied by the next call
         fill(source, clock, 100)
         result = copy_store(source.url, copy)
         assert (result.problems, result.products) == ([], 34)
