@@ -3,8 +3,8 @@
 """Copy of a store, which may be in use, to an empty store of any engine, with its history.
 
 The changes of the source are replayed in their order, in transactions that also advance the position in the
-target: a copy that was interrupted continues there. Changes made meanwhile are copied until none is left. Then
-the rows of both stores are compared, and every payload of the target is read.
+target: a copy that was interrupted continues there. Changes made meanwhile are copied until none is left.
+Then the rows of both stores are compared, and every payload of the target is read.
 """
 
 from __future__ import annotations

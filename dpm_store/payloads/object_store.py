@@ -3,8 +3,8 @@
 """Access to an object store with the S3 protocol; its errors become those of the store.
 
 The endpoint and the credentials are the standard variables ``AWS_ENDPOINT_URL``, ``AWS_ACCESS_KEY_ID``,
-``AWS_SECRET_ACCESS_KEY`` and ``AWS_REGION``, so that no secret is in a URL. An object exists completely or not
-at all, and ``create`` never replaces one.
+``AWS_SECRET_ACCESS_KEY`` and ``AWS_REGION``, so that no secret is in a URL. An object exists completely or
+not at all, and ``create`` never replaces one.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 """Payloads in an object store, which several processes use: large ones by content, the others in packs.
 
 An object is complete before a row refers to it. A process that ends in between leaves an object without a
-row, which ``collect`` removes. The sums of a payload are compared with every object and local copy that is read.
+row, which ``collect`` removes. The sums of a payload are compared with every object and local copy at
+each reading.
 """
 
 from __future__ import annotations
