@@ -3,9 +3,9 @@
 """PostgreSQL with PostGIS: implementation of ``Dialect`` for several processes on one database.
 
 Writers take one advisory lock, so that ordinals are in the order of commits, as with SQLite, and read all
-earlier commits; readers see one snapshot and never wait. The spatial index is a GiST over the bucket (frame and
-type) and a line in four dimensions, from the lowest corner and the start of capture to the highest corner and
-its end. It compares float32, rounded outwards: its results are candidates that the caller compares exactly.
+earlier commits; readers see one snapshot and never wait. The spatial index is a GiST over the bucket (frame
+and type) and a line in four dimensions, from the lowest corner and the start of capture to the highest corner
+and its end. It compares float32, rounded outwards: its results are candidates that the caller compares exactly.
 """
 
 from __future__ import annotations
