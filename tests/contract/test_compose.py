@@ -140,6 +140,16 @@ def test_each_gateway_has_a_container_that_starts_with_its_profile_only() -> Non
     assert f" AS {GATEWAYS['gateway_ros1']['build']['target']}\n" in DOCKERFILE
 
 
+def test_each_secured_gateway_has_the_identity_of_its_robot() -> None:
+    file = ROOT / "docker-compose.gateways.secure.yml"
+    secured = yaml.safe_load(file.read_text(encoding="utf-8"))["services"]
+    assert set(secured) == set(GATEWAYS)
+    for name, service in secured.items():
+        plain = GATEWAYS[name]["environment"]["CDFF_CONNECT"]
+        assert service["environment"]["CDFF_CONNECT"] == plain.replace("tcp/", "tls/")
+        assert service["volumes"] == ["${CDFF_SECRETS:?}/${CDFF_ROBOT:-mana}:/run/identity:ro"]
+
+
 SECURED: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.secure.yml").read_text(encoding="utf-8"))
 
 

@@ -1,18 +1,20 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""The gateway to YARP with a name server and ports of this project, which share no code with it."""
+"""The gateway to YARP with a name server and ports of this project, without common code."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cdff_common.bus import Bus, Message, keys
+from cdff_common.bus.message import on_map
 from cdff_common.clock import wall_ns
 from cdff_common.codecs import encode_payload
 from cdff_common.codecs.bitstream import unwrap, wrap
@@ -26,6 +28,7 @@ from services.yarp.bottle import decode_bottle, encode_bottle
 from services.yarp.images import encode_yarp_image
 from services.yarp.names import NameServer
 from tests.integration.conftest import wait_until
+from tests.support.secured_mission import secured_mission
 from tests.support.yarp_peer import YarpInputPort, YarpNames, YarpOutputPort
 
 pytestmark = pytest.mark.integration
@@ -49,6 +52,34 @@ _HELD = {
     "holds": "TransformWithCovariance",
     "without_stamp": "arrival",
 }
+
+
+def test_a_gateway_with_the_identity_of_its_robot_passes_the_access_control(tmp_path: Path) -> None:
+    with secured_mission(tmp_path) as mission, closing(YarpNames()) as names:
+        samples: list[Message] = []
+        states: list[dict[str, Any]] = []
+        ground = mission.bus("ground")
+        ground.subscribe(keys.sensor("mana", "imu", "sample"), samples.append)
+        ground.subscribe(
+            keys.gateway_status("mana", "gateway_yarp"), on_map(lambda _, body: states.append(body))
+        )
+        model = YarpSettings.model_validate({"robot": "mana", "inputs": [_IMU]})
+        server = NameServer("127.0.0.1", names.port, "/cdff")
+        gateway, stop = Gateway(model, mission.bus("mana"), server, "127.0.0.1"), threading.Event()
+        thread = threading.Thread(target=gateway.run, args=(stop,))
+        with closing(YarpOutputPort(names, "/robot/imu:o")) as port:
+            thread.start()
+            wait_until(lambda: port.targets, 15.0, "the port is connected")
+
+            def is_received() -> bool:
+                stamp_us = wall_ns() // 1000
+                stamp = f"{stamp_us // 1_000_000}.{stamp_us % 1_000_000:06d}"
+                port.send(encode_bottle(np.ones(12)), stamp)
+                return bool(samples and states)
+
+            wait_until(is_received, 15.0, "a sample and the status")
+        stop.set()
+        thread.join()
 
 
 @pytest.fixture
