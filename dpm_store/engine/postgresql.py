@@ -5,7 +5,7 @@
 Writers take one advisory lock, so that ordinals are in the order of commits, as with SQLite, and read all
 earlier commits; readers see one snapshot and never wait. The spatial index is a GiST over the bucket (frame
 and type) and a line in four dimensions, from the lowest corner and the start of capture to the highest corner
-and its end. It compares float32, rounded outwards: its results are candidates that the caller compares exactly.
+and its end. It compares float32, rounded outwards: the caller compares its results exactly.
 """
 
 from __future__ import annotations
