@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -108,7 +109,9 @@ def main() -> None:
         task = [PEERS / "python", TESTS / "rock_servant.py", TESTS / "rock", str(names_port)]
         task += [folder / "values.json", folder / "received.json"]
         with (
-            subprocess.Popen([*server, "-ORBendPoint", endpoint], stderr=subprocess.DEVNULL) as name_service,
+            subprocess.Popen(
+                [*server, "-ORBendPoint", endpoint], stderr=subprocess.DEVNULL, start_new_session=True
+            ) as name_service,
             subprocess.Popen(task, stdout=subprocess.PIPE) as servant,
             Services(folder, with_dpm=False) as services,
         ):
@@ -121,8 +124,9 @@ def main() -> None:
                 try:
                     through = gateway_hz(services.endpoint, args.seconds)
                 finally:
-                    for process in (gateway, servant, name_service):
+                    for process in (gateway, servant):
                         process.terminate()
+                    os.killpg(name_service.pid, signal.SIGKILL)  # a script that starts the program
     report = {"raw_hz": round(raw), "gateway_hz": round(through), "load": round(os.getloadavg()[0], 1)}
     write_report({"seconds": args.seconds, **report}, args.out)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import threading
 from collections.abc import Iterator
@@ -85,11 +86,13 @@ def name_service(folder: Path) -> Iterator[int]:
         "-ORBendPoint",
         f"giop:tcp:127.0.0.1:{port}",
     ]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     try:
         yield port
     finally:
-        process.kill()
+        os.killpg(process.pid, signal.SIGKILL)  # the program is a script that starts another
         process.wait()
 
 
