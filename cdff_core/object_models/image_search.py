@@ -60,7 +60,7 @@ class ImageSearchConfig(StrictModel):
         20.0, gt=0, le=90, description="Smallest angle between two poses of the result"
     )
     max_border: float = Field(
-        0.25, ge=0, le=1, description="Part of the border of the image with light above which it is refused"
+        0.05, ge=0, le=1, description="Part of the border of the image with light above which it is refused"
     )
     min_light: float = Field(
         5e-4, gt=0, lt=1, description="Part of the image below which a region of light is not a body"
