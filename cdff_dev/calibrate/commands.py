@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cdff_common.cli import add_connect_option
 from cdff_common.command_table import SUMMARIES
+from cdff_dev.calibrate.board_commands import add_board_verbs
 
 if TYPE_CHECKING:
     from cdff_common.geometry import UncertainTransform
@@ -21,10 +22,11 @@ _CALL_S = 10.0
 
 
 def register(nouns: Any) -> None:
-    """Add ``cdff calibrate extrinsics``."""
+    """Add the verbs of ``cdff calibrate``."""
     verbs = nouns.add_parser("calibrate", help=SUMMARIES["calibrate"]).add_subparsers(
         metavar="VERB", required=True
     )
+    add_board_verbs(verbs)
     parser = verbs.add_parser(
         "extrinsics",
         help="mounts of IMUs, lidars and stereo cameras, and scales of the wheels, from one drive",
