@@ -21,9 +21,9 @@ from cdff_common.camera import CameraModel
 from cdff_common.errors import CdffError
 from cdff_common.geometry import se3
 from cdff_common.geometry.se3 import FloatArray
+from cdff_core.calibration.assessment import judged
 from cdff_core.calibration.boards import Board
 from cdff_core.calibration.rig import RigCalibration, View, calibrate_rig
-from cdff_core.calibration.verdict import judged
 from cdff_dev.simulate.board_images import board_image, board_poses
 
 BOARDS = {
@@ -60,8 +60,8 @@ def evaluate(_data: Path, progress: Callable[[str], None]) -> dict[str, Any]:
         figures["cameras"][f"{lens}, {name}"] = _camera_figures(lens, BOARDS[name])
     progress("camera calibration: stereo")
     figures["stereo"] = _stereo_figures(BOARDS["charuco"])
-    progress("camera calibration: verdicts")
-    figures["verdicts"] = _verdicts(BOARDS["charuco"])
+    progress("camera calibration: assessments")
+    figures["assessments"] = _assessments(BOARDS["charuco"])
     return figures
 
 
@@ -206,7 +206,7 @@ def _opencv_stereo(views: list[View], left: CameraModel) -> FloatArray:
     return se3.transform(np.asarray(result[5]), np.asarray(result[6]).ravel())
 
 
-def _verdicts(board: Board) -> dict[str, list[str]]:
+def _assessments(board: Board) -> dict[str, list[str]]:
     """Return the sentences for images that determine the camera badly."""
     camera = CAMERAS["pinhole"]
     size = [(camera.rows, camera.cols)]
@@ -247,8 +247,8 @@ def table(figures: dict[str, Any]) -> str:
         "",
         f"NEES of the relative pose per parameter: {s['nees']:.2f} (1 expected).",
         "",
-        "| images | verdict |",
+        "| images | assessment |",
         "|---|---|",
     ]
-    lines += [f"| {name} | {'; '.join(sentences)} |" for name, sentences in figures["verdicts"].items()]
+    lines += [f"| {name} | {'; '.join(sentences)} |" for name, sentences in figures["assessments"].items()]
     return "\n".join(lines)

@@ -143,7 +143,7 @@ def calibrate_rig(
         Size of the images of each camera.
     lens : str
     coefficients : int
-        Number of distortion coefficients of a pinhole; the other lenses have all of theirs.
+        Number of distortion coefficients of a pinhole; the other lenses have a fixed number.
 
     Raises
     ------

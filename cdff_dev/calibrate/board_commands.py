@@ -25,7 +25,7 @@ def add_board_verbs(verbs: Any) -> None:
             verb,
             help=summary,
             description="Detect a board in all images and adjust all parameters together. An initial "
-            "guess is not needed. The standard deviation of each parameter and a verdict are printed. Exit code "
+            "guess is not needed. Standard deviations and an assessment are printed. Exit code "
             "3 if the images do not determine the parameters.",
         )
         parser.add_argument("path", metavar="PATH", help="folder of images, or log")
@@ -53,9 +53,9 @@ def add_board_verbs(verbs: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the calibration and its verdict, and write it to the folder of ``--out``."""
+    """Print the calibration and its assessment, and write it to the folder of ``--out``."""
+    from cdff_core.calibration.assessment import judged
     from cdff_core.calibration.rig import calibrate_rig
-    from cdff_core.calibration.verdict import judged
     from cdff_dev.calibrate.board_files import read_board
     from cdff_dev.calibrate.board_report import document, lines, write_results
     from cdff_dev.calibrate.board_views import board_views
@@ -65,13 +65,13 @@ def run(args: argparse.Namespace) -> int:
     with opened(args.path) as log:
         found = board_views(log, board, args.cameras, args.stream)
     result = calibrate_rig(found.views, found.sizes, args.lens, args.coefficients)
-    verdict = judged(result)
+    assessment = judged(result)
     if args.out is not None:
-        write_results(args.out, result, verdict, found.images)
+        write_results(args.out, result, assessment, found.images)
     if args.json:
-        print(json.dumps(document(result, verdict, found.images), sort_keys=True))
+        print(json.dumps(document(result, assessment, found.images), sort_keys=True))
     else:
-        print("\n".join(lines(result, verdict, found.images)))
+        print("\n".join(lines(result, assessment, found.images)))
         if args.out is not None:
             print(f"wrote calibration.yaml, calibration.json and pictures to {args.out}")
-    return 3 if verdict.unobservable else 0
+    return 3 if assessment.unobservable else 0

@@ -15,14 +15,14 @@ import yaml
 
 from cdff_common.arrays import ByteArray
 from cdff_common.output import write_file
+from cdff_core.calibration.assessment import Assessment, coverage_map, stereo_words
 from cdff_core.calibration.rig import COEFFICIENT_NAMES, RigCalibration
-from cdff_core.calibration.verdict import Verdict, coverage_map, stereo_words
 
 #: Length of a drawn residual per pixel.
 _ARROW = 100.0
 
 
-def lines(result: RigCalibration, verdict: Verdict, images: int) -> Iterator[str]:
+def lines(result: RigCalibration, assessment: Assessment, images: int) -> Iterator[str]:
     """Yield the result in words."""
     sigma = result.sigma
     corners = sum(len(view.numbers) for view in result.views)
@@ -34,15 +34,15 @@ def lines(result: RigCalibration, verdict: Verdict, images: int) -> Iterator[str
         yield f"camera {number}: {camera.lens}, {camera.cols} x {camera.rows} pixels"
         for name, value in _values(result, number).items():
             digits = 2 if name in ("fx", "fy", "cx", "cy") else 5
-            mark = "  not observable" if f"{number}.{name}" in verdict.unobservable else ""
+            mark = "  not observable" if f"{number}.{name}" in assessment.unobservable else ""
             yield f"  {name:6} {value:11.{digits}f} ± {sigma[f'{number}.{name}']:.{digits}f}{mark}"
     if len(result.cameras) > 1:
         yield stereo_words(result)
-    for sentence in verdict.sentences:
-        yield f"verdict: {sentence}"
+    for sentence in assessment.sentences:
+        yield f"assessment: {sentence}"
 
 
-def document(result: RigCalibration, verdict: Verdict, images: int) -> dict[str, Any]:
+def document(result: RigCalibration, assessment: Assessment, images: int) -> dict[str, Any]:
     """Return all figures as plain data."""
     sigma = result.sigma
     return {
@@ -56,7 +56,7 @@ def document(result: RigCalibration, verdict: Verdict, images: int) -> dict[str,
                     for name, value in _values(result, number).items()
                 },
                 "T_camera_first": result.T_camera_first[number].tolist(),
-                "coverage": verdict.coverage[number],
+                "coverage": assessment.coverage[number],
             }
             for number, camera in enumerate(result.cameras)
         ],
@@ -67,10 +67,10 @@ def document(result: RigCalibration, verdict: Verdict, images: int) -> dict[str,
         "dropped": result.dropped,
         "rms_px": result.rms_px,
         "sigma_px": result.sigma_px,
-        "verdict": {
-            "good": verdict.is_good,
-            "sentences": list(verdict.sentences),
-            "unobservable": list(verdict.unobservable),
+        "assessment": {
+            "good": assessment.is_good,
+            "sentences": list(assessment.sentences),
+            "unobservable": list(assessment.unobservable),
         },
     }
 
@@ -93,11 +93,11 @@ def calibration_text(result: RigCalibration) -> str:
     return yaml.safe_dump(fields, sort_keys=False, default_flow_style=None)
 
 
-def write_results(folder: Path, result: RigCalibration, verdict: Verdict, images: int) -> None:
+def write_results(folder: Path, result: RigCalibration, assessment: Assessment, images: int) -> None:
     """Write ``calibration.yaml``, ``calibration.json``, and ``coverage_N.png`` and ``residuals_N.png``."""
     folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / "calibration.yaml", calibration_text(result).encode())
-    figures = json.dumps(document(result, verdict, images), indent=1, sort_keys=True)
+    figures = json.dumps(document(result, assessment, images), indent=1, sort_keys=True)
     write_file(folder / "calibration.json", (figures + "\n").encode())
     for number in range(len(result.cameras)):
         for name, picture in (("coverage", coverage_picture), ("residuals", residual_picture)):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calibration of cameras from views of a board: true parameters within the stated errors, and the verdict."""
+"""Calibration of cameras from views of a board: true parameters within stated errors, and the assessment."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pytest
 from cdff_common.camera import CameraModel
 from cdff_common.errors import InputError
 from cdff_common.geometry import se3
+from cdff_core.calibration.assessment import judged
 from cdff_core.calibration.boards import Board
 from cdff_core.calibration.rig import View, calibrate_rig
-from cdff_core.calibration.verdict import judged
 from cdff_dev.simulate.board_images import board_image, board_poses
 
 BOARD = Board("chessboard", 9, 7, 0.03)
@@ -95,7 +95,7 @@ def test_the_pose_of_the_second_camera_is_within_its_stated_errors(rng: np.rando
 
 
 @pytest.mark.slow
-def test_the_verdict_names_what_is_missing(rng: np.random.Generator) -> None:
+def test_the_assessment_names_what_is_missing(rng: np.random.Generator) -> None:
     size = [(480, 640)]
     flat = judged(calibrate_rig(exact_views(CAMERAS[0], rng, tilt_deg=2.0), size))
     assert not flat.is_good
@@ -115,9 +115,9 @@ def test_a_coefficient_that_the_images_do_not_determine_is_named(rng: np.random.
         if is_central.sum() >= 12:
             numbers = view.numbers[is_central]
             views.append(View(0, view.board, view.corners_m[is_central], view.pixels[is_central], numbers))
-    verdict = judged(calibrate_rig(views, [(480, 640)]))
-    assert "0.k3" in verdict.unobservable
-    assert "k3" in " ".join(verdict.sentences)
+    assessment = judged(calibrate_rig(views, [(480, 640)]))
+    assert "0.k3" in assessment.unobservable
+    assert "k3" in " ".join(assessment.sentences)
 
 
 def test_too_few_views_are_refused(rng: np.random.Generator) -> None:

@@ -43,7 +43,7 @@ def test_a_camera_is_calibrated_from_a_folder(
     command = ["calibrate", "camera", str(folder / "left"), "--board", TEXT, "--coefficients", "4"]
     main([*command, "--out", str(tmp_path)])
     output = capsys.readouterr().out
-    assert "verdict: " in output
+    assert "assessment: " in output
     figures = json.loads((tmp_path / "calibration.json").read_text())
     fx = figures["cameras"][0]["parameters"]["fx"]
     assert abs(fx["value"] - 260.0) < 5.0 * fx["sigma"] < 10.0
@@ -77,7 +77,8 @@ def test_boards_are_read_from_texts_and_target_files_of_kalibr(tmp_path: Path) -
     path.write_text("{target_type: aprilgrid, tagCols: 6, tagRows: 5, tagSize: 0.088, tagSpacing: 0.3}")
     assert read_board(str(path)) == Board("aprilgrid", 6, 5, 0.088, 0.3)
     path.write_text(
-        "{target_type: checkerboard, targetCols: 6, targetRows: 7, colSpacingMeters: 0.06, rowSpacingMeters: 0.06}"
+        "{target_type: checkerboard, targetCols: 6, targetRows: 7, "
+        "colSpacingMeters: 0.06, rowSpacingMeters: 0.06}"
     )
     assert read_board(str(path)) == Board("chessboard", 6, 7, 0.06)
 

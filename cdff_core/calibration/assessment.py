@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""Judgement of a camera calibration in words: what is well determined, and which images would improve it."""
+"""Assessment of a camera calibration in words, with the images that would improve it."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _EFFECT_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """Judgement.
+class Assessment:
+    """Assessment of a calibration.
 
     Attributes
     ----------
@@ -45,8 +45,8 @@ class Verdict:
     coverage: tuple[float, ...]
 
 
-def judged(result: RigCalibration) -> Verdict:
-    """Return the judgement of a calibration."""
+def judged(result: RigCalibration) -> Assessment:
+    """Return the assessment of a calibration."""
     sentences: list[str] = []
     unobservable: list[str] = []
     coverage = []
@@ -64,8 +64,8 @@ def judged(result: RigCalibration) -> Verdict:
         coverage.append(float((coverage_map(result, number) > 0).mean()))
     if not sentences:
         sentences = ["good: all parameters are determined"]
-        return Verdict(True, tuple(sentences), (), tuple(coverage))
-    return Verdict(False, tuple(sentences), tuple(unobservable), tuple(coverage))
+        return Assessment(True, tuple(sentences), (), tuple(coverage))
+    return Assessment(False, tuple(sentences), tuple(unobservable), tuple(coverage))
 
 
 def coverage_map(result: RigCalibration, camera: int) -> FloatArray:
@@ -132,7 +132,7 @@ def _unobservable(result: RigCalibration, number: int) -> list[str]:
     """Return the coefficients without which the distortion at the edge of the image is determined.
 
     Coefficients of high order are tried first: their errors compensate each other, so that a large standard
-    deviation of one coefficient alone says little.
+    deviation of one coefficient alone is no evidence.
     """
     camera = result.cameras[number]
     edge = np.array(
