@@ -96,8 +96,8 @@ class Delegations:
         self._count = 0
         self._needs_of: dict[str, _Need] = {}  # by the id of the job
         self._delegations: dict[Hashable, _Delegation] = {}
-        #: Robots whose orchestrators may still execute requests that no job of this orchestrator needs, with the
-        #: time of the next check, monotonic seconds.
+        #: Robots whose orchestrators may still execute requests that no job of this orchestrator needs, with
+        #: the time of the next check, monotonic seconds.
         self._unchecked: dict[str, float] = {}
         self._faults: dict[str, str] = {}  # last reported failure of each robot
 

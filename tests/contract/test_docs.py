@@ -45,7 +45,7 @@ def test_every_command_on_a_page_exists(page: Path) -> None:
 
 @pytest.mark.parametrize("page", sorted((ROOT / "docs" / "dfpcs").glob("*.md")), ids=lambda p: p.stem)
 def test_the_page_of_a_compound_has_at_most_600_words(page: Path) -> None:
-    """Tables count. Commands in code blocks, the list of references and tokens without a letter or digit do not."""
+    """Tables count; commands in code blocks, references and tokens without a letter or digit do not."""
     text = page.read_text(encoding="utf-8").split("\n## References\n")[0]
     text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
     words = [word for word in text.split() if re.search(r"\w", word)]

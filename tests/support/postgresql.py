@@ -21,8 +21,8 @@ import pytest
 #: Engines of the tests of the store; a module or a test that depends on files of SQLite uses only that.
 ENGINES = (
     "sqlite",
-    pytest.param("postgresql", marks=pytest.mark.slow),
-    pytest.param("postgresql+s3", marks=pytest.mark.slow),
+    pytest.param("postgresql", marks=pytest.mark.soak),
+    pytest.param("postgresql+s3", marks=pytest.mark.soak),
 )
 WITH_FILES = ENGINES[:2]
 ONLY_FILES = pytest.mark.parametrize("engine", WITH_FILES)

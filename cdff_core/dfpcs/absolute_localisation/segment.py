@@ -49,7 +49,7 @@ class Segment:
 
 
 def with_statistics(elevation: ElevationMap) -> ElevationMap:
-    """Return the map with the layers of cell statistics; if they are missing, each cell is one measurement."""
+    """Return the map with the layers of cell statistics; without them, each cell is one measurement."""
     if set(ELEVATION_LAYERS) <= set(elevation.layer_names):
         return elevation
     z = elevation.layer("mean").astype(np.float32)

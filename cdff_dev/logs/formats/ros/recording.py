@@ -143,7 +143,7 @@ class JoinedRecording(Recording):
 
 
 def kept(message: memoryview) -> Encoded:
-    """Return a message of a chunk; a small message is copied, so that it does not hold the memory of the chunk."""
+    """Return a message of a chunk; a small message is copied, so that it does not hold the chunk."""
     return bytes(message) if len(message) < _SMALL_BYTES else message
 
 
