@@ -24,7 +24,7 @@ _MAPPED_BYTES = 1 << 20
 _KEPT_BYTES = 8 << 20
 #: Least interval between two releases, seconds.
 _RELEASE_PERIOD_S = 1.0
-#: Numbers of allocations and of younger collections after which a collection of the three generations begins.
+#: Numbers of allocations and of younger collections after which a collection of each generation begins.
 _GC_THRESHOLDS = (20_000, 20, 20)
 #: Cache of raster blocks; by default a twentieth of the machine's memory.
 _GDAL_CACHE_MB = "32"
