@@ -38,8 +38,8 @@ def file_stamps(files: Sequence[Path], times: Path | None = None) -> NDArray[np.
     files : sequence of Path
     times : Path, optional
         A file with one time per line, in seconds. Without it, a name that is a time since 1970 in seconds
-        (also with decimals), milliseconds, microseconds or nanoseconds is the stamp, also before the number of a
-        camera (``1403715273262142976_0``), and so is a date and time in UTC such as ``20140805T200719``;
+        (also with decimals), milliseconds, microseconds or nanoseconds is the stamp, also before the number
+        of a camera (``1403715273262142976_0``), and so is a date and time in UTC such as ``20140805T200719``;
         other last numbers of the names, if they ascend, are numbers of periods of 100 ms; else the files are
         100 ms apart.
 

@@ -49,8 +49,8 @@ class _SharedQuery:
     waiting: list[Signal] = field(default_factory=list)
 
     def result_since(self, insertions: int, start_s: float) -> Result | UnavailableError | None:
-        """Return the last result if its query began at or after ``start_s`` (monotonic seconds) and after at least
-        ``insertions`` insertions; else None.
+        """Return the last result if its query began at or after ``start_s`` (monotonic seconds) and after at
+        least ``insertions`` insertions; else None.
         """
         return self.result if self.insertions >= insertions and self.start_s >= start_s else None
 

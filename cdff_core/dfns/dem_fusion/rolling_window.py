@@ -17,8 +17,8 @@ from cdff_core.elevation.map_cells import MapCells, bounds_of, middle_of, window
 class RollingWindow(Interface[WindowConfig]):
     """Pool each patch into a window of bounded size; cells outside the window are removed.
 
-    The pooled variance includes the disagreement between patches: two patches whose heights differ by 0.3 m give
-    a cell with a standard deviation of 0.15 m, even if their own variances are 0.
+    The pooled variance includes the disagreement between patches: two patches whose heights differ by 0.3 m
+    give a cell with a standard deviation of 0.15 m, even if their own variances are 0.
     """
 
     def setup(self) -> None:

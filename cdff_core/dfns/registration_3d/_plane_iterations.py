@@ -20,8 +20,8 @@ _ANNEALING = 0.8
 #: Least number of residuals from which the robust scale is computed.
 _SCALE_SAMPLE = 4000
 #: Ratio of a gate to that of the newest scale up to which steps are extrapolated. A gate that follows the
-#: scale of the residuals varies with it by a few percent, twice the sampling error of a scale of 4000 distances
-#: (Rousseeuw and Croux 1993, doi:10.2307/2291267).
+#: scale of the residuals varies with it by a few percent, twice the sampling error of a scale of 4000
+#: distances (Rousseeuw and Croux 1993, doi:10.2307/2291267).
 _EQUAL_GATES = 1.04
 
 
