@@ -187,9 +187,9 @@ class LidarTargetTracking(BodyTracking, LidarTargetTrackingInterface):
         """Detect the body in a scan: correct the track, or start one."""
         try:
             if self.config.search_scans:
+                hypotheses = self._detect(model, points_m)
                 # The pose is that of the middle of the scan. The scan then corrects it: it counts once.
                 stamp_ns = sample.stamp_ns + round(1e9 * float(np.median(times_s)))
-                hypotheses = self._detect(model, points_m)
             else:
                 stamp_ns, hypotheses = self._take_received(sample.stamp_ns)
         except RefusedError as error:

@@ -44,7 +44,8 @@ def test_messages_that_slow_subscribers_missed_are_counted_once_for_each_topic()
     outputs = [
         OutputLink(entry, names, types, publisher, FrameTree(), StaticTransforms()) for entry in entries
     ]
-    status = status_of([], outputs, [], missed={"/pose": 7, "/other": 0}.__getitem__)
+    counts = {"/pose": 7, "/other": 0}
+    status = status_of([], outputs, [], missed=lambda topic, _: counts[topic])
     assert [output["dropped"] for output in status["outputs"]] == [{"slow_subscriber": 7}, {}, {}]
 
 
