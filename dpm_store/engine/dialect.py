@@ -75,7 +75,7 @@ class Dialect(Protocol):
     def interruptible(
         self, connection: Connection, is_over: Callable[[], bool]
     ) -> AbstractContextManager[None]:
-        """Interrupt the statements of the block when the time is over; raises OverloadedError then."""
+        """Interrupt the statements of the block once ``is_over()`` is true; raises OverloadedError then."""
 
     def list_value(self, elements: Sequence[Any]) -> Any:
         """Return the value of a list parameter."""

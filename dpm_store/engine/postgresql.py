@@ -170,7 +170,7 @@ def matches(value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
 
 @contextmanager
 def interruptible(connection: Connection, is_over: Callable[[], bool]) -> Iterator[None]:
-    """Cancel the statements of the block when the time is over; see ``Dialect.interruptible``."""
+    """Cancel the statements of the block once ``is_over()`` is true; see ``Dialect.interruptible``."""
     driver, is_done = _driver(connection), threading.Event()
 
     def watch() -> None:

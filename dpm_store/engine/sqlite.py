@@ -191,7 +191,7 @@ def matches(value: ColumnElement[Any], pattern: str) -> ColumnElement[bool]:
 
 @contextmanager
 def interruptible(connection: Connection, is_over: Callable[[], bool]) -> Iterator[None]:
-    """Interrupt the statements of the block when the time is over; see ``Dialect.interruptible``."""
+    """Interrupt the statements of the block once ``is_over()`` is true; see ``Dialect.interruptible``."""
     driver = _driver(connection)
     driver.set_progress_handler(is_over, _STEPS)
     try:

@@ -21,7 +21,7 @@ class PointsConfig(DfnConfig):
     """Parameters of all descriptors."""
 
     upright: bool = Field(
-        False, description="Ignore the direction of the points, for cameras that do not roll"
+        False, description="Ignore the orientation of the keypoints; for cameras that do not roll"
     )
 
 

@@ -27,7 +27,7 @@ class FeaturesDescription2DInputs(DfnInputs):
     sizes : ndarray of float64, shape (n), optional
         Diameter of each point, pixels; if NaN or absent, the diameter of a corner is used.
     angles : ndarray of float64, shape (n), optional
-        Direction of each point, degrees clockwise from x; if NaN or absent, it is computed from the
+        Orientation of each keypoint, degrees clockwise from x; if NaN or absent, it is computed from the
         surrounding grey values.
     """
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 the CDFF contributors
 # SPDX-License-Identifier: BSD-3-Clause
-"""ORB descriptor: 256 comparisons of grey values in a patch rotated to the direction of the point."""
+"""ORB descriptor: 256 comparisons of grey values in a patch rotated to the orientation of the keypoint."""
 
 from __future__ import annotations
 

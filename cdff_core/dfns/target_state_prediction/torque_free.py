@@ -54,13 +54,13 @@ class TorqueFree(Interface[TorqueFreeConfig]):
         transition[:3, 3:6] = se3.skew(arm) - se3.skew(arm_start)
         transition[:3, 6:9] = dt * np.eye(3)
         transition[:3, 12:15] = R_start - R
-        for columns, rotation_by, rate_by in (
-            (slice(9, 12), motion.rotation_by[:, :3], motion.rate_by[:, :3]),
-            (slice(15, 20), motion.rotation_by[:, 3:], motion.rate_by[:, 3:]),
+        for columns, rotation_jacobian, rate_jacobian in (
+            (slice(9, 12), motion.rotation_jacobian[:, :3], motion.rate_jacobian[:, :3]),
+            (slice(15, 20), motion.rotation_jacobian[:, 3:], motion.rate_jacobian[:, 3:]),
         ):
-            transition[:3, columns] = se3.skew(arm) @ rotation_by
-            transition[3:6, columns] = rotation_by
-            transition[9:12, columns] = rate_by
+            transition[:3, columns] = se3.skew(arm) @ rotation_jacobian
+            transition[3:6, columns] = rotation_jacobian
+            transition[9:12, columns] = rate_jacobian
         scales = np.ones(2) if inputs.noise_scales is None else inputs.noise_scales
         noise = self._noise(R, arm, dt, scales)
         covariance = transition @ inputs.covariance @ transition.T + noise
@@ -114,8 +114,8 @@ class _Motion:
 
     R: FloatArray
     rate: FloatArray
-    rotation_by: FloatArray
-    rate_by: FloatArray
+    rotation_jacobian: FloatArray
+    rate_jacobian: FloatArray
 
 
 def _integrate_midpoint(body: _Body, R_sensor_body: FloatArray, rate: FloatArray, dt: float) -> _Motion:
@@ -127,10 +127,12 @@ def _integrate_midpoint(body: _Body, R_sensor_body: FloatArray, rate: FloatArray
     for _ in range(steps):
         by_rate, direct[:, 3:] = body.jacobians(motion.rate)
         middle = motion.rate + 0.5 * h * body.acceleration(motion.rate)
-        middle_by = motion.rate_by + 0.5 * h * (by_rate @ motion.rate_by + direct)
-        motion.rotation_by = motion.rotation_by + h * motion.R @ se3.left_jacobian_so3(h * middle) @ middle_by
+        middle_by = motion.rate_jacobian + 0.5 * h * (by_rate @ motion.rate_jacobian + direct)
+        motion.rotation_jacobian = (
+            motion.rotation_jacobian + h * motion.R @ se3.left_jacobian_so3(h * middle) @ middle_by
+        )
         by_rate, direct[:, 3:] = body.jacobians(middle)
-        motion.rate_by = motion.rate_by + h * (by_rate @ middle_by + direct)
+        motion.rate_jacobian = motion.rate_jacobian + h * (by_rate @ middle_by + direct)
         motion.R = motion.R @ se3.exp_so3(h * middle)
         motion.rate = motion.rate + h * body.acceleration(middle)
     return motion

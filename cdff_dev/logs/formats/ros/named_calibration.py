@@ -41,7 +41,7 @@ class NamedCalibration:
         camera = read_camera(path)
         try:
             return cls(camera, read_stereo(path))
-        except InputError:  # of a single camera
+        except InputError:  # the file has one camera, or no pose of the second one
             return cls(camera, None)
 
     def info(self, topic: str, images: Collection[str]) -> Any:
