@@ -15,6 +15,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = sorted((ROOT / "docs" / "evaluation").glob("*.json"))
+#: Commit of the oldest record, which a repository with the whole history contains.
+_FIRST_RECORDED = "4ca50e4caaf14ba5c03db59f1252a4e7f6945d49"
 #: Records of earlier code whose tree had changes, or whose commit was rebased, see docs/evaluation/index.md.
 _OF_UNKNOWN_CODE = (
     "feature_matching",
@@ -56,9 +58,10 @@ def _history() -> frozenset[str]:
         commits = _git("rev-list", "HEAD")
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("not a git repository")
-    if shallow.strip() != "false":
-        pytest.skip("the clone does not contain the whole history")
-    return frozenset(commits.split())
+    history = frozenset(commits.split())
+    if shallow.strip() != "false" or _FIRST_RECORDED not in history:
+        pytest.skip("the repository does not contain the whole history")
+    return history
 
 
 def _git(*arguments: str) -> str:
